@@ -1,0 +1,84 @@
+"""Optical relative navigation for rendezvous and docking.
+
+    import relnav
+    model = relnav.load_model("three_beacon_psd")
+    solution = relnav.filter_log("approach.csv", model)
+    relnav.write(solution, "track.csv")
+
+Public names are loaded when first used: `import relnav` alone imports neither numpy nor numba.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from relnav.errors import InputError, LogError, ModelError, UsageError
+    from relnav.estimation.consistency import Consistency
+    from relnav.files.filter_log import filter_log
+    from relnav.files.models import list_models, load_model, load_published
+    from relnav.files.tables import write
+    from relnav.navigation.model import Model
+    from relnav.navigation.record import FilterRecord, Solution
+    from relnav.navigation.relative_position import Navigator, filter_epochs
+    from relnav.navigation.status import EpochStatus
+    from relnav.sensors import three_beacon
+    from relnav.sensors.measurement import Measurement, Status
+
+_HOME = {
+    "InputError": "relnav.errors",
+    "LogError": "relnav.errors",
+    "ModelError": "relnav.errors",
+    "UsageError": "relnav.errors",
+    "Consistency": "relnav.estimation.consistency",
+    "filter_log": "relnav.files.filter_log",
+    "list_models": "relnav.files.models",
+    "load_model": "relnav.files.models",
+    "load_published": "relnav.files.models",
+    "write": "relnav.files.tables",
+    "Model": "relnav.navigation.model",
+    "FilterRecord": "relnav.navigation.record",
+    "Solution": "relnav.navigation.record",
+    "Navigator": "relnav.navigation.relative_position",
+    "filter_epochs": "relnav.navigation.relative_position",
+    "EpochStatus": "relnav.navigation.status",
+    "three_beacon": "relnav.sensors.three_beacon",
+    "Measurement": "relnav.sensors.measurement",
+    "Status": "relnav.sensors.measurement",
+}
+
+__all__ = [
+    "Consistency",
+    "EpochStatus",
+    "FilterRecord",
+    "InputError",
+    "LogError",
+    "Measurement",
+    "Model",
+    "ModelError",
+    "Navigator",
+    "Solution",
+    "Status",
+    "UsageError",
+    "filter_epochs",
+    "filter_log",
+    "list_models",
+    "load_model",
+    "load_published",
+    "three_beacon",
+    "write",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name from its home (PEP 562)."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'relnav' has no attribute {name!r}")
+    module = import_module(_HOME[name])
+    value = module if module.__name__.rpartition(".")[2] == name else getattr(module, name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """Public names, loaded or not."""
+    return sorted([*globals(), *_HOME])

@@ -1,0 +1,1 @@
+"""Error statistics and published figures: what was reached, beside what was claimed."""

@@ -1,0 +1,85 @@
+"""A paper's claims as values, and a solution's covariance set against them."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from relnav.navigation.record import Solution
+
+QUANTITIES = ("range", "azimuth", "elevation")
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One published figure, complete: a claim without its condition or page does not load.
+
+    Attributes
+    ----------
+    quantity, value, unit : str, float, str
+        What is claimed, in the paper's unit ("m", "deg").
+    statistic, condition, page : str
+        What kind of figure it is (1-sigma, max, unstated), where it holds, where it stands.
+    expected : {"met", "not met"}
+        What we find; a claim that we refute says "not met", with its reason.
+    reason : str
+        Why.
+    """
+
+    quantity: str
+    value: float
+    unit: Literal["m", "deg"]
+    statistic: str
+    condition: str
+    page: str
+    expected: Literal["met", "not met"]
+    reason: str
+
+    @property
+    def value_si(self) -> float:
+        """The figure in m or rad."""
+        return math.radians(self.value) if self.unit == "deg" else self.value
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Reported 1-sigma of one quantity at the end of a solution, beside its claim.
+
+    Attributes
+    ----------
+    claim : Claim
+        The published figure.
+    sigma : float
+        Reported 1-sigma at the last epoch with a state, in the claim's unit.
+    met_from_s : float
+        Time from which sigma stays within the published figure; NaN if it does not.
+    """
+
+    claim: Claim
+    sigma: float
+    met_from_s: float
+
+    @property
+    def ratio(self) -> float:
+        """Reported sigma over published figure; below 1 the figure is met."""
+        return self.sigma / self.claim.value
+
+
+def compare_with_published(solution: Solution, claims: tuple[Claim, ...]) -> tuple[Comparison, ...]:
+    """Set the solution's reported 1-sigma of range, azimuth and elevation against the published figures."""
+    sigma, t = solution.docking_sigma, solution.t_s
+    known = np.isfinite(sigma).all(axis=1)
+    out = []
+    for claim in claims:
+        if claim.quantity not in QUANTITIES:
+            continue
+        column = sigma[:, QUANTITIES.index(claim.quantity)]
+        if not known.any():
+            out.append(Comparison(claim, math.nan, math.nan))
+            continue
+        outside = np.flatnonzero(~(column <= claim.value_si))
+        first = 0 if outside.size == 0 else int(outside[-1]) + 1
+        last = float(column[known][-1]) * claim.value / claim.value_si
+        out.append(Comparison(claim, last, float(t[first]) if first < len(t) else math.nan))
+    return tuple(out)

@@ -1,0 +1,90 @@
+"""The command line: `relnav COMMAND`. Commands load what they need when they run, so `--help` is instant.
+
+Exit codes: 0 done, 1 accuracy not met, 2 wrong use, 3 bad input, 4 internal error, 130 interrupted.
+"""
+
+import os
+import sys
+from importlib import import_module
+
+import click
+
+COMMANDS = {
+    "filter": "relnav.cli.filter",
+    "models": "relnav.cli.models",
+}
+HELP = {
+    "filter": "Filter a log of spots into a track with covariance.",
+    "models": "List the shipped models, or show one with its sources.",
+}
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are imported when they are called."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  (click's signature)
+        """Names of the commands."""
+        return sorted(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+        """Import and return one command."""
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = import_module(COMMANDS[cmd_name]).command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands without importing them."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, HELP[name]) for name in self.list_commands(ctx)])
+
+
+@click.command(
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="Example: relnav filter approach.csv --model three_beacon_psd --out track.csv",
+)
+@click.version_option(package_name="relnav")
+def root() -> None:
+    """Optical relative navigation: from detector spots to a relative state and a covariance one can trust."""
+
+
+def fail(message: str, code: int) -> int:
+    """Say what went wrong on standard error; returns the exit code."""
+    click.echo(f"relnav: {message}", err=True)
+    return code
+
+
+def run(arguments: list[str] | None = None) -> int:
+    """Run one command line; returns the exit code."""
+    from relnav.errors import InputError, UsageError
+
+    try:
+        result = root.main(args=arguments, prog_name="relnav", standalone_mode=False)
+        return result if isinstance(result, int) else 0
+    except click.ClickException as error:
+        error.show()
+        return 2
+    except (KeyboardInterrupt, click.Abort):
+        return fail("interrupted; nothing was written", 130)
+    except UsageError as error:
+        return fail(str(error), 2)
+    except InputError as error:
+        return fail(str(error), 3)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as error:
+        named = f"{error.filename}: " if error.filename else ""
+        return fail(f"{named}{error.strerror or error}; nothing was written", 3)
+    except Exception as error:
+        if os.environ.get("RELNAV_DEBUG"):
+            raise
+        return fail(
+            f"internal error, please report it: {type(error).__name__}: {error} (RELNAV_DEBUG=1 shows where)", 4
+        )
+
+
+def main() -> None:
+    """Entry point of the `relnav` command."""
+    sys.exit(run())

@@ -1,0 +1,143 @@
+"""`relnav filter`: a log of spots in, a track with covariance out, and a summary beside the published figures."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from relnav.accuracy.published import Comparison
+    from relnav.navigation.record import Solution
+
+BAR_FROM_BYTES = 5_000_000
+
+
+@click.command(epilog="Example: relnav filter approach.csv --model three_beacon_psd --out track.csv")
+@click.argument("log", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option("--model", required=True, help="A shipped model (see `relnav models`), a folder or a model.toml.")
+@click.option("--method", type=click.Choice(["spots", "fix"]), default="spots", show_default=True,
+              help="Measurement model: the spots themselves, or the closed form's range, azimuth and elevation.")  # fmt: skip
+@click.option("--projection", type=click.Choice(["perspective", "parallel"]),
+              help="Closed form: exact for real optics, or as printed in the paper. Default: the model's.")  # fmt: skip
+@click.option("--out", type=click.Path(path_type=Path), help="Track to write, .csv.")
+@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Write the summary as one JSON object.")
+@click.option("--quiet", is_flag=True, help="Print nothing.")
+def command(
+    log: Path, model: str, method: str, projection: str | None, out: Path | None, json_path: Path | None, quiet: bool
+) -> None:
+    """Filter the spots of LOG (CSV, one row an epoch) into range, azimuth, elevation and a relative state.
+
+    Columns of LOG: t_s; spot_a_x_um, spot_a_y_um, spot_b_..., spot_c_... (any length unit; empty = not seen);
+    optionally accel_{x,y,z}_m_s2, delta_v_{x,y,z}_m_s (lvlh_ccsds), q_cam_from_lvlh_{x,y,z,w}.
+    """
+    from relnav.accuracy.published import compare_with_published
+    from relnav.files.atomic import check_folder
+    from relnav.files.models import load_model, load_published
+    from relnav.files.tables import check_format, write, write_json
+
+    if out is not None:
+        check_format(out)
+        check_folder(out)
+    if json_path is not None:
+        check_folder(json_path)
+    mission = load_model(model)
+    claims = load_published(model)
+    solution = _filter(log, mission, method, projection, show_bar=not quiet and sys.stderr.isatty())
+    if out is not None:
+        write(solution, out)
+    comparisons = compare_with_published(solution, claims)
+    if json_path is not None:
+        write_json(summary(solution, comparisons), json_path)
+    if not quiet:
+        for line in summary_lines(log.name, solution, comparisons):
+            click.echo(line)
+        if out is not None:
+            click.echo(f"track: {out}")
+
+
+def _filter(log: Path, mission: Any, method: str, projection: str | None, show_bar: bool) -> "Solution":
+    from relnav.files.filter_log import filter_log
+
+    if not show_bar or log.stat().st_size < BAR_FROM_BYTES:
+        return filter_log(log, mission, method=method, projection=projection)
+    with click.progressbar(length=1, label="filtering", file=sys.stderr) as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar.length = total
+            bar.update(done)
+
+        return filter_log(log, mission, method=method, projection=projection, progress=progress)
+
+
+def summary(solution: "Solution", comparisons: "tuple[Comparison, ...]") -> dict[str, Any]:
+    """The figures of a run as plain values."""
+    from relnav.navigation.status import EpochStatus
+
+    counts = {status.name.lower(): int((solution.status == status).sum()) for status in EpochStatus}
+    nis = solution.nis_consistency()
+    started = solution.t_s[solution.status == EpochStatus.STARTED]
+    return {
+        "model": solution.model,
+        "method": solution.method,
+        "epochs": len(solution),
+        "t_first_s": float(solution.t_s[0]),
+        "t_last_s": float(solution.t_s[-1]),
+        "started_s": float(started[0]) if len(started) else None,
+        "restarts": solution.restarts,
+        "epochs_by_status": counts,
+        "accepted": int(solution.accepted.sum()),
+        "nis_per_dof": nis.ratio,
+        "nis_interval": [nis.lower, nis.upper],
+        "nis_consistent": nis.consistent,
+        "rows": [
+            {
+                "quantity": row.claim.quantity,
+                "published": row.claim.value,
+                "unit": row.claim.unit,
+                "statistic": row.claim.statistic,
+                "sigma_at_end": row.sigma,
+                "ratio": row.ratio,
+                "met_from_s": row.met_from_s,
+            }
+            for row in comparisons
+        ],
+    }
+
+
+def summary_lines(log: str, solution: "Solution", comparisons: "tuple[Comparison, ...]") -> list[str]:
+    """The figures of a run for a reader."""
+    from relnav.navigation.status import EpochStatus
+    from relnav.sensors.measurement import Status
+
+    figures = summary(solution, comparisons)
+    counts = figures["epochs_by_status"]
+    first, last = figures["t_first_s"], figures["t_last_s"]
+    lines = [
+        f"{log}: {len(solution)} epochs, {first:g} s to {last:g} s; model {solution.model}, method {solution.method}"
+    ]
+    if "ignored columns" in solution.metadata:
+        lines.append(f"ignored columns: {solution.metadata['ignored columns']}")
+    if figures["started_s"] is None:
+        reasons = solution.measurement_status
+        names = [f"{Status(int(code)).name} {int((reasons == code).sum())}" for code in sorted(set(reasons.tolist()))]
+        lines.append(f"NOT STARTED: no epoch was confirmed by the next; measurements by outcome: {', '.join(names)}")
+        if (reasons == Status.SWAPPED).any():
+            lines.append("  SWAPPED: the image is upside down for the stated attitude; are beacons A and B exchanged?")
+        return lines
+    lines.append(
+        f"started at {figures['started_s']:g} s, restarts {solution.restarts}; epochs used whole {figures['accepted']}, "
+        f"in part {counts['partial']}, rejected {counts['rejected']}, without a measurement {counts['predicted']}"
+    )
+    lines.append(str(solution.nis_consistency()))
+    if comparisons:
+        known = solution.t_s[solution.status != EpochStatus.WAITING]
+        lines.append(f"1-sigma at {known[-1]:g} s   reported    published   ratio   within it from")
+        for row in comparisons:
+            since = f"{row.met_from_s:g} s" if row.met_from_s == row.met_from_s else "never"
+            value = f"{row.sigma:.5f} {row.claim.unit}"
+            claim = f"{row.claim.value:g} {row.claim.unit}"
+            lines.append(f"  {row.claim.quantity:<16}{value:>12}{claim:>13}{row.ratio:>8.3f}   {since}")
+    return lines
+
+

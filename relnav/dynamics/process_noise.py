@@ -1,0 +1,94 @@
+"""Covariance that white acceleration noise adds over any time step: Q(dt) = int_0^dt B(s) A B(s)^T ds.
+
+B(s) = [Phi_rv(s); Phi_vv(s)] of Clohessy-Wiltshire and A (3, 3) is the acceleration noise density, m^2/s^3. The
+integrand is smooth on the scale of an orbit, so five Gauss-Legendre points are exact to rounding for n h <= 0.25
+(a test holds it against Van Loan); longer steps double: Q(2h) = Phi(h) Q(h) Phi(h)^T + Q(h).
+"""
+
+import math
+
+import numpy as np
+
+from relnav._kernel import kernel
+from relnav.arrays import Matrix
+from relnav.dynamics.clohessy_wiltshire import transition_into
+
+# Gauss-Legendre on [0, 1], five points (Abramowitz and Stegun 25.4.30), numpy.polynomial.legendre.leggauss(5).
+_X, _W = np.polynomial.legendre.leggauss(5)
+_NODES: tuple[float, ...] = tuple(float(0.5 * (1.0 + x)) for x in _X)
+_WEIGHTS: tuple[float, ...] = tuple(float(0.5 * w) for w in _W)
+
+
+@kernel
+def _quadrature(n: float, h: float, a: Matrix, q: Matrix, phi: Matrix, ba: Matrix) -> None:
+    for i in range(6):
+        for j in range(6):
+            q[i, j] = 0.0
+    for node in range(5):
+        transition_into(n, _NODES[node] * h, phi)  # B = its last three columns
+        for i in range(6):
+            for k in range(3):
+                ba[i, k] = (phi[i, 3] * a[0, k] + phi[i, 4] * a[1, k] + phi[i, 5] * a[2, k]) * _WEIGHTS[node] * h
+        for i in range(6):
+            for j in range(i + 1):
+                q[i, j] += ba[i, 0] * phi[j, 3] + ba[i, 1] * phi[j, 4] + ba[i, 2] * phi[j, 5]
+    for i in range(6):
+        for j in range(i):
+            q[j, i] = q[i, j]
+
+
+@kernel
+def acceleration_noise_into(n: float, dt: float, a: Matrix, q: Matrix, phi: Matrix, work: Matrix) -> None:
+    """Write Q(dt) (6, 6) into q for mean motion n rad/s, dt >= 0 s and density a (3, 3) m^2/s^3.
+
+    phi and work (6, 6) are scratch.
+    """
+    doublings = 0
+    h = dt
+    while abs(n * h) > 0.25:
+        h *= 0.5
+        doublings += 1
+    _quadrature(n, h, a, q, phi, work)
+    for _ in range(doublings):
+        transition_into(n, h, phi)
+        for i in range(6):
+            for j in range(6):
+                work[i, j] = 0.0
+                for k in range(6):
+                    work[i, j] += phi[i, k] * q[k, j]
+        for i in range(6):
+            for j in range(i + 1):
+                for k in range(6):
+                    q[i, j] += work[i, k] * phi[j, k]
+        for i in range(6):
+            for j in range(i):
+                q[j, i] = q[i, j]
+        h *= 2.0
+
+
+def acceleration_noise(mean_motion_rad_s: float, dt_s: float, density_m2_s3: float | Matrix) -> Matrix:
+    """Process noise covariance Q(dt) (6, 6) in `lvlh_ccsds`, SI.
+
+    Parameters
+    ----------
+    mean_motion_rad_s : float
+        Mean motion of the target's orbit, > 0.
+    dt_s : float
+        Time step, >= 0.
+    density_m2_s3 : float or (3, 3)
+        Two-sided spectral density of the acceleration noise; a number stands for that number in each axis.
+
+    Raises
+    ------
+    ValueError
+        For a mean motion that is not positive or a step that is negative or not finite.
+    """
+    if not (math.isfinite(mean_motion_rad_s) and mean_motion_rad_s > 0.0):
+        raise ValueError(f"mean_motion_rad_s must be positive and finite; got {mean_motion_rad_s!r}")
+    if not (math.isfinite(dt_s) and dt_s >= 0.0):
+        raise ValueError(f"dt_s must be >= 0 and finite; got {dt_s!r}")
+    density = np.asarray(density_m2_s3, dtype=np.float64)
+    a = np.ascontiguousarray(density if density.ndim == 2 else float(density) * np.eye(3))
+    q = np.empty((6, 6))
+    acceleration_noise_into(mean_motion_rad_s, dt_s, a, q, np.empty((6, 6)), np.empty((6, 6)))
+    return q

@@ -1,0 +1,189 @@
+"""Covariance as P = U D U^T (U unit upper triangular, D diagonal >= 0): updates that cannot lose positive definiteness.
+
+Bierman (1977), Factorization Methods for Discrete Sequential Estimation: the measurement update of ch. V and
+Thornton's time update by modified weighted Gram-Schmidt, ch. VI. It costs what Joseph's form costs and keeps all
+digits where that one and the textbook form fail. U and D share one matrix `ud` (6, 6): D on the diagonal, U above
+it, zeros below.
+"""
+
+import numpy as np
+
+from relnav._kernel import kernel
+from relnav.arrays import Matrix, Vector
+
+
+@kernel
+def factorize_into(p: Matrix, ud: Matrix) -> bool:
+    """Write the factors of the symmetric p (6, 6) into ud; False if p is not positive semidefinite.
+
+    A zero pivot with a zero column is allowed (a component without uncertainty).
+    """
+    size = p.shape[0]
+    for i in range(size):
+        for j in range(size):
+            ud[i, j] = p[i, j] if j >= i else 0.0
+    for j in range(size - 1, -1, -1):
+        d = ud[j, j]
+        if not d >= 0.0:
+            return False
+        for i in range(j):
+            entry = ud[i, j]
+            if d > 0.0:
+                ud[i, j] = entry / d
+            elif entry != 0.0:
+                return False
+        if d > 0.0:
+            for i in range(j):
+                for k in range(i + 1):
+                    ud[k, i] -= ud[k, j] * d * ud[i, j]
+    return True
+
+
+@kernel
+def compose_into(ud: Matrix, p: Matrix) -> None:
+    """Write P = U D U^T (6, 6) into p."""
+    for i in range(6):
+        for j in range(i, 6):
+            total = ud[j, j] * (1.0 if i == j else ud[i, j])
+            for k in range(j + 1, 6):
+                total += ud[i, k] * ud[k, k] * ud[j, k]
+            p[i, j] = total
+            p[j, i] = total
+
+
+@kernel
+def time_update_into(ud: Matrix, phi: Matrix, q_ud: Matrix, w: Matrix, v: Matrix) -> None:
+    """Replace the factors of P by those of Phi P Phi^T + Q, in place (Thornton).
+
+    q_ud (6, 6) are the factors of Q; w, v (6, 6) scratch. Rows of [w | v] = [Phi U | U_q] are orthogonalised from
+    the last to the first under the weights (D, D_q).
+    """
+    for i in range(6):
+        for j in range(6):
+            total = phi[i, j]
+            for k in range(j):
+                total += phi[i, k] * ud[k, j]
+            w[i, j] = total
+            v[i, j] = 1.0 if i == j else (q_ud[i, j] if j > i else 0.0)
+    for i in range(5, -1, -1):
+        d = 0.0
+        for k in range(6):
+            d += w[i, k] * w[i, k] * ud[k, k] + v[i, k] * v[i, k] * q_ud[k, k]
+        for j in range(i):
+            c = 0.0
+            for k in range(6):
+                c += w[i, k] * ud[k, k] * w[j, k] + v[i, k] * q_ud[k, k] * v[j, k]
+            c = c / d if d > 0.0 else 0.0
+            ud[i, j] = c  # kept below the diagonal until every row is done: D above is still needed
+            for k in range(6):
+                w[j, k] -= c * w[i, k]
+                v[j, k] -= c * v[i, k]
+        w[i, 0] = d  # row i is finished; its first place keeps its new D
+    for i in range(6):
+        ud[i, i] = w[i, 0]
+        for j in range(i):
+            ud[j, i] = ud[i, j]
+            ud[i, j] = 0.0
+
+
+@kernel
+def scalar_update(x: Vector, ud: Matrix, h: Vector, r: float, residual: float, gain: Vector) -> float:
+    """Update x (6,) and its factors by one scalar measurement, in place; return its innovation variance.
+
+    residual = z - prediction from the present x; h (6,) its gradient; r >= 0 its variance; gain (6,) scratch
+    (Bierman 1977, eq. V.3). With r = 0 and no prior uncertainty along h, nothing changes and 0 is returned.
+    """
+    alpha = r
+    for j in range(6):
+        f = h[j]
+        for i in range(j):
+            f += ud[i, j] * h[i]
+        g = ud[j, j] * f
+        beta = alpha
+        alpha += f * g
+        gain[j] = g
+        if alpha > 0.0:
+            if beta > 0.0:
+                lam = -f / beta
+                ud[j, j] *= beta / alpha
+                for i in range(j):
+                    u = ud[i, j]
+                    ud[i, j] = u + lam * gain[i]
+                    gain[i] += g * u
+            else:
+                # Perfect measurement so far (beta = 0): gain[0..j-1] are zero and this component is now known.
+                ud[j, j] = 0.0
+                for i in range(j):
+                    gain[i] += g * ud[i, j]
+        else:
+            for i in range(j):
+                gain[i] += g * ud[i, j]
+    if alpha > 0.0:
+        scaled = residual / alpha
+        for j in range(6):
+            x[j] += gain[j] * scaled
+    return alpha
+
+
+@kernel
+def innovation_variance(ud: Matrix, h1: Vector, h2: Vector) -> float:
+    """h1 P h2^T, the prior covariance of two scalar measurements."""
+    total = 0.0
+    for j in range(6):
+        f1, f2 = h1[j], h2[j]
+        for i in range(j):
+            f1 += ud[i, j] * h1[i]
+            f2 += ud[i, j] * h2[i]
+        total += f1 * ud[j, j] * f2
+    return total
+
+
+@kernel
+def decorrelate(r: Matrix, factor: Matrix, variances: Vector) -> bool:
+    """Write L (unit lower triangular) and d with r = L diag(d) L^T into factor and variances; False if not definite.
+
+    r is square in its first columns, as many as it has rows. Measurements z with covariance r become independent as
+    L^-1 z (forward substitution), with variances d.
+    """
+    size = r.shape[0]
+    for j in range(size):
+        d = r[j, j]
+        for k in range(j):
+            d -= factor[j, k] * factor[j, k] * variances[k]
+        if not d > 0.0:
+            return False
+        variances[j] = d
+        factor[j, j] = 1.0
+        for i in range(j + 1, size):
+            total = r[i, j]
+            for k in range(j):
+                total -= factor[i, k] * factor[j, k] * variances[k]
+            factor[i, j] = total / d
+    return True
+
+
+def factorize(covariance: Matrix) -> Matrix:
+    """Factors `ud` (6, 6) of a covariance (6, 6).
+
+    Raises
+    ------
+    ValueError
+        If the covariance is not symmetric positive semidefinite.
+    """
+    p = np.ascontiguousarray(covariance, dtype=np.float64)
+    if p.shape != (6, 6) or not np.allclose(p, p.T, rtol=1e-12, atol=0.0):
+        raise ValueError("a covariance is a symmetric (6, 6) matrix")
+    ud = np.zeros((6, 6))
+    if not factorize_into(p, ud):
+        raise ValueError("the covariance is not positive semidefinite")
+    return ud
+
+
+def compose(ud: Matrix) -> Matrix:
+    """Covariances (..., 6, 6) of factors (..., 6, 6), exactly symmetric."""
+    factors = np.asarray(ud, dtype=np.float64)
+    d = np.diagonal(factors, axis1=-2, axis2=-1)
+    u = np.triu(factors, 1) + np.eye(6)
+    p: Matrix = np.einsum("...ik,...k,...jk->...ij", u, d, u)
+    return 0.5 * (p + np.swapaxes(p, -1, -2))
+

@@ -1,0 +1,68 @@
+"""From a log file to a solution: the offline use of the filter."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from relnav.files.logs import read_log
+from relnav.files.models import load_model
+from relnav.navigation.model import Model
+from relnav.navigation.record import Solution
+from relnav.navigation.relative_position import filter_epochs
+
+
+def filter_log(
+    path: str | os.PathLike[str],
+    model: Model | str,
+    *,
+    method: str = "spots",
+    projection: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Solution:
+    """Filter a CSV log of spots into a track.
+
+    Parameters
+    ----------
+    path : str or path
+        The log: `t_s`, `spot_a_x_um`, ... (any length unit; empty = not seen), optionally `accel_x_m_s2`, ...,
+        `delta_v_x_m_s`, ..., `q_cam_from_lvlh_x`, ...
+    model : Model or str
+        A loaded model, or what `load_model` takes.
+    method : {"spots", "fix"}
+        Measurement model, as for `Navigator`.
+    projection : {"perspective", "parallel"}, optional
+        As for `Navigator`.
+    progress : callable, optional
+        Called with (epochs just done, epochs in all).
+
+    Returns
+    -------
+    Solution
+        One entry a row of the log, rejected and empty ones included.
+
+    Raises
+    ------
+    LogError
+        If the log cannot be read; names file, line and column.
+    ModelError
+        If the model cannot be loaded.
+    """
+    mission = load_model(model) if isinstance(model, str) else model
+    log = read_log(Path(path))
+    total = len(log.t_s)
+    solution = filter_epochs(
+        mission,
+        log.t_s,
+        log.spots_m,
+        acceleration_m_s2=log.acceleration_m_s2,
+        delta_v_m_s=log.delta_v_m_s,
+        q_cam_from_lvlh=log.q_cam_from_lvlh,
+        method=method,
+        projection=projection,
+        progress=None if progress is None else lambda done: progress(done, total),
+    )
+    solution.metadata["log"] = Path(path).name
+    solution.metadata.update({f"log.{key}": value for key, value in log.metadata.items()})
+    if log.ignored:
+        solution.metadata["ignored columns"] = ", ".join(log.ignored)
+    return solution

@@ -1,0 +1,114 @@
+"""Model folders: which there are, and from `model.toml` and `published.toml` to values in SI units."""
+
+import dataclasses
+import difflib
+import os
+import typing
+from pathlib import Path
+from typing import Any
+
+from relnav.accuracy.published import Claim
+from relnav.errors import ModelError, UnknownModelError
+from relnav.files.toml_values import build, read_toml
+from relnav.navigation.model import Model
+
+MODEL_CLASSES: dict[str, Any] = {
+    "three_beacon": Model,
+}
+"""The registry: `sensor_type` of a model file, and the dataclass whose fields are its sections."""
+
+
+def models_root() -> Path:
+    """Folder of the shipped models: inside the package when installed, beside it in a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    inside = package / "models"
+    return inside if inside.is_dir() else package.parent / "models"
+
+
+def list_models() -> list[str]:
+    """Names of the shipped models, sorted."""
+    return sorted(folder.parent.name for folder in models_root().glob("*/model.toml"))
+
+
+def find_model(name_or_path: str | os.PathLike[str]) -> Path:
+    """The `model.toml` that a shipped name, a folder or a file stands for.
+
+    Raises
+    ------
+    UnknownModelError
+        If there is none; a close match is suggested.
+    """
+    name = os.fspath(name_or_path)
+    shipped = models_root() / name / "model.toml"
+    if name in list_models():
+        return shipped
+    path = Path(name)
+    if path.is_dir() and (path / "model.toml").is_file():
+        return path / "model.toml"
+    if path.is_file():
+        return path
+    near = difflib.get_close_matches(name, list_models(), n=1)
+    hint = f"did you mean '{near[0]}'?" if near else f"shipped models are {', '.join(list_models())}"
+    raise UnknownModelError(f"no model '{name}', neither shipped nor a folder or file; {hint}")
+
+
+def load_model(name_or_path: str | os.PathLike[str]) -> Model:
+    """Load a mission model.
+
+    Parameters
+    ----------
+    name_or_path : str or path
+        A shipped name (`list_models`), a folder that holds a `model.toml`, or such a file.
+
+    Returns
+    -------
+    Model
+        All values in SI units and radians, with their provenance.
+
+    Raises
+    ------
+    ModelError
+        If there is no such model, or for every unknown key, unit that does not fit, missing or impossible value.
+    """
+    path = find_model(name_or_path)
+    table, problems = read_toml(path)
+    kind, title = table.pop("sensor_type", None), table.pop("title", path.parent.name)
+    if kind not in MODEL_CLASSES:
+        problems.add("sensor_type", f"one of {', '.join(MODEL_CLASSES)} is expected; got {kind!r}")
+        problems.raise_if_any()
+    cls = MODEL_CLASSES[kind]
+    hints = typing.get_type_hints(cls)
+    sections = {name: hint for name, hint in hints.items() if dataclasses.is_dataclass(hint)}
+    provenance: dict[str, str] = {}
+    values: dict[str, Any] = {}
+    for name in table:
+        if name not in sections:
+            near = difflib.get_close_matches(name, list(sections), n=1)
+            hint = f"did you mean [{near[0]}]?" if near else f"known sections are {', '.join(sections)}"
+            problems.add(name, f"unknown section; {hint}")
+    for name, section in sections.items():
+        values[name] = build(section, table.get(name, {}), name, problems, provenance)
+    problems.raise_if_any()
+    label = path.parent.name if path.name == "model.toml" else path.stem
+    try:
+        model: Model = cls(name=label, title=str(title), provenance=provenance, **values)
+    except ValueError as error:
+        raise ModelError(f"{path}: {error}") from error
+    return model
+
+
+def load_published(name_or_path: str | os.PathLike[str]) -> tuple[Claim, ...]:
+    """Claims in the `published.toml` beside a model; none if there is no such file.
+
+    Raises
+    ------
+    ModelError
+        If a claim is incomplete.
+    """
+    path = find_model(name_or_path).with_name("published.toml")
+    if not path.is_file():
+        return ()
+    table, problems = read_toml(path)
+    claims = [build(Claim, claim, "claim", problems, None) for claim in table.get("claim", [])]
+    problems.raise_if_any()
+    return tuple(claims)

@@ -1,0 +1,133 @@
+"""A solution as a table: one row an epoch, the columns of the log contract."""
+
+import csv
+import json
+import os
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from relnav.arrays import Matrix
+from relnav.errors import UsageError
+from relnav.files.atomic import replacing
+from relnav.navigation.record import UPPER, Solution
+
+STATE = ("x", "y", "z", "vx", "vy", "vz")
+STATE_UNITS = ("m", "m", "m", "m_s", "m_s", "m_s")
+STATE_COLUMNS = tuple(f"{name}_{unit}" for name, unit in zip(STATE, STATE_UNITS, strict=True))
+DOCKING_COLUMNS = ("range_m", "azimuth_deg", "elevation_deg")
+COVARIANCE_COLUMNS = tuple(f"cov_{STATE[i]}_{STATE[j]}" for i, j in zip(*UPPER, strict=True))
+COLUMNS = (
+    "t_s",
+    *STATE_COLUMNS,
+    *DOCKING_COLUMNS,
+    *(f"sigma_{name}" for name in (*STATE_COLUMNS, *DOCKING_COLUMNS)),
+    "nis",
+    "dof",
+    "accepted",
+    *COVARIANCE_COLUMNS,
+)
+INTEGERS = (COLUMNS.index("dof"), COLUMNS.index("accepted"))
+ROWS_AT_ONCE = 20_000
+
+
+def relnav_version() -> str:
+    """The installed version, or "unknown" when run from files alone."""
+    try:
+        return version("relnav")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def metadata(solution: Solution) -> dict[str, str]:
+    """Frame, units, model and version, as they head every table."""
+    return {
+        "relnav": relnav_version(),
+        "frame": "lvlh_ccsds (origin target's centre of mass, x V-bar, y = -h, z to nadir; velocity in the turning frame)",
+        "units": "SI; angles in degrees; covariance in SI (m, m/s)",
+        "model": solution.model,
+        "method": solution.method,
+    } | {key: str(value) for key, value in solution.metadata.items()}
+
+
+def _parts(solution: Solution) -> Iterator[Matrix]:
+    """Table rows (m, 45), part after part: a long solution's covariances are never all in memory."""
+    scale = np.array([1.0, 180.0 / np.pi, 180.0 / np.pi])
+    for begin in range(0, len(solution), ROWS_AT_ONCE):
+        part = solution.part(begin, begin + ROWS_AT_ONCE)
+        covariance = part.covariance
+        yield np.column_stack(
+            [
+                part.t_s,
+                part.state,
+                part.docking * scale,
+                np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)),
+                part.docking_sigma * scale,
+                part.nis,
+                part.dof,
+                part.accepted,
+                covariance[:, UPPER[0], UPPER[1]],
+            ]
+        )
+
+
+def _cells(row: list[float]) -> list[str]:
+    cells = ["" if value != value else repr(value) for value in row]
+    for index in INTEGERS:
+        cells[index] = str(int(row[index]))
+    return cells
+
+
+def write(solution: Solution, path: str | os.PathLike[str]) -> None:
+    """Write a solution as a table, one row an epoch; numbers are exact (read back, they are the same).
+
+    Parameters
+    ----------
+    solution : Solution
+        From `filter_log`.
+    path : str or path
+        Ends in `.csv`. Empty cells: no state yet. The file appears whole or not at all.
+
+    Raises
+    ------
+    UsageError
+        For another ending, or a folder that does not exist.
+    """
+    target = Path(path)
+    check_format(target)
+    with replacing(target) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        for key, value in metadata(solution).items():
+            file.write(f"# {key} = {value}\n")
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        for rows in _parts(solution):
+            writer.writerows(_cells(row) for row in rows.tolist())
+
+
+def check_format(path: Path) -> None:
+    """Refuse a table of a kind that cannot be written.
+
+    Raises
+    ------
+    UsageError
+        Naming the endings that can.
+    """
+    if path.suffix.lower() != ".csv":
+        raise UsageError(f"{path}: a table ends in .csv; got '{path.suffix}'")
+
+
+def write_json(value: dict[str, Any], path: Path) -> None:
+    """Write one JSON object; NaN becomes null."""
+
+    def plain(item: Any) -> Any:
+        if isinstance(item, dict):
+            return {key: plain(entry) for key, entry in item.items()}
+        if isinstance(item, list | tuple):
+            return [plain(entry) for entry in item]
+        return None if isinstance(item, float) and not np.isfinite(item) else item
+
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(plain(value), indent=2) + "\n", encoding="utf-8")

@@ -1,0 +1,168 @@
+"""From a TOML table to a plain dataclass in SI units: units in keys, provenance, and errors that give the fix."""
+
+import dataclasses
+import difflib
+import math
+import tomllib
+import typing
+from pathlib import Path
+from typing import Any
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from relnav.errors import ModelError
+from relnav.files.units import UNITS, same_kind, split_unit, to_si
+
+SOURCES = ("paper", "assumed", "derived")
+
+
+class Problems:
+    """Collects what is wrong with one file, so that a user sees all of it at once."""
+
+    def __init__(self, path: Path, text: str) -> None:
+        self.path = path
+        self.lines: list[str] = []
+        self._text = text.splitlines()
+
+    def add(self, key_path: str, message: str) -> None:
+        """Note one problem of the value at `section.key`."""
+        self.lines.append(f"{self.path}:{self._line(key_path)}: {key_path}: {message}")
+
+    def raise_if_any(self) -> None:
+        """Raise ModelError with every problem, a line each."""
+        if self.lines:
+            raise ModelError("\n".join(self.lines))
+
+    def _line(self, key_path: str) -> int:
+        section, _, key = key_path.rpartition(".")
+        current, found = "", 1
+        for number, line in enumerate(self._text, start=1):
+            stripped = line.strip()
+            if stripped.startswith("["):
+                current = stripped.strip("[]").split("]")[0].strip()
+                if current == key_path or current == section:
+                    found = number
+            elif current == section and stripped.split("=")[0].strip() == key:
+                return number
+        return found
+
+
+def read_toml(path: Path) -> tuple[dict[str, Any], Problems]:
+    """Parse a TOML file; the Problems that come with it know its lines.
+
+    Raises
+    ------
+    ModelError
+        If the file cannot be read or is not TOML.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+        return tomllib.loads(text), Problems(path, text)
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ModelError(f"{path}: not a text file in UTF-8") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ModelError(f"{path}: not valid TOML: {error}") from error
+
+
+def _find_field(key: str, names: list[str]) -> tuple[str, float, str]:
+    """The field that a key means ("" if it means none), its factor to SI, and what is wrong with the key, if it is."""
+    if key in names:
+        return key, 1.0, ""
+    base, unit = split_unit(key)
+    if unit:
+        si, factor = UNITS[unit]
+        if f"{base}_{si}" in names:
+            return f"{base}_{si}", factor, ""
+    for name in names:
+        name_base, name_unit = split_unit(name)
+        if name_unit and base in (name_base, name):
+            given = f"unit '{unit}' does not fit" if unit else "the unit is missing from the key"
+            choices = ", ".join(f"{name_base}_{other}" for other in same_kind(name_unit))
+            return name, 1.0, f"{given}; write one of {choices}"
+    near = difflib.get_close_matches(base, [split_unit(name)[0] for name in names], n=1, cutoff=0.6)
+    meant = [name for name in names if near and split_unit(name)[0] == near[0]]
+    hint = f"did you mean '{meant[0]}'?" if meant else f"known keys are {', '.join(names)}"
+    return meant[0] if meant else "", 1.0, f"unknown key; {hint}"
+
+
+def _scale(value: Any, factor: float) -> Any:
+    if isinstance(value, list):
+        return tuple(_scale(item, factor) for item in value)
+    if factor != 1.0 and isinstance(value, int | float) and not isinstance(value, bool):
+        return to_si(float(value), factor)
+    return value
+
+
+def _numbers_finite(value: Any) -> bool:
+    if isinstance(value, list):
+        return all(_numbers_finite(item) for item in value)
+    return not isinstance(value, float) or math.isfinite(value)
+
+
+def _validated(hint: Any, value: Any) -> Any:
+    adapter: TypeAdapter[Any] = TypeAdapter(hint, config=ConfigDict(strict=True))
+    return adapter.validate_python(value)
+
+
+def build(cls: Any, table: Any, where: str, problems: Problems, provenance: dict[str, str] | None) -> Any:
+    """Make one dataclass from one TOML table; None, with the problems noted, if it cannot be made.
+
+    Fields are in SI; keys may use any unit of the same kind. With `provenance`, a value may be an inline table
+    {value, source, why}, and where it comes from is written there.
+    """
+    if not isinstance(table, dict):
+        problems.add(where, f"a table is expected, written [{where}]; got {table!r}")
+        return None
+    hints = typing.get_type_hints(cls, include_extras=True)
+    fields = {field.name: field for field in dataclasses.fields(cls)}
+    values: dict[str, Any] = {}
+    before = len(problems.lines)
+    named: dict[str, str] = {}
+    for key, raw in table.items():
+        key_path = f"{where}.{key}" if where else key
+        name, factor, wrong = _find_field(key, list(fields))
+        if wrong:
+            problems.add(key_path, wrong)
+            named.setdefault(name, key)
+            continue
+        if name in named:
+            problems.add(key_path, f"the same quantity is given as '{named[name]}' too; keep one")
+            continue
+        named[name] = key
+        value, origin = raw, "unstated"
+        if provenance is not None and isinstance(raw, dict):
+            unknown = set(raw) - {"value", "source", "why"}
+            if "value" not in raw or unknown or raw.get("source") not in SOURCES or not raw.get("why"):
+                problems.add(
+                    key_path, 'a value with its source is written { value = ..., source = "paper|assumed|derived", '
+                    f'why = "..." }}; got {raw!r}'
+                )
+                continue
+            value, origin = raw["value"], f"{raw['source']}: {raw['why']}"
+        if not _numbers_finite(value):
+            problems.add(key_path, f"a finite number is expected; got {value!r}")
+            continue
+        try:
+            values[name] = _validated(hints[name], _scale(value, factor))
+        except ValidationError as error:
+            first = error.errors()[0]
+            message = first["msg"][0].lower() + first["msg"][1:]
+            if typing.get_origin(hints[name]) is tuple and first["type"] in ("missing", "too_long"):
+                message = f"{len(typing.get_args(hints[name]))} values are expected"
+            problems.add(key_path, f"{message}; got {value!r}")
+            continue
+        if provenance is not None:
+            provenance[key_path] = origin
+    for name, field in fields.items():
+        optional = field.default is not dataclasses.MISSING or field.default_factory is not dataclasses.MISSING
+        if name not in named and not optional:
+            problems.add(where or name, f"'{name}' is missing")
+    if len(problems.lines) > before:
+        return None
+    try:
+        return cls(**values)
+    except ValueError as error:
+        problems.add(where, str(error))
+        return None

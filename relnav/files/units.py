@@ -1,0 +1,49 @@
+"""The one table that turns a key's or column's unit suffix into SI."""
+
+import math
+
+# suffix: (SI suffix, factor)
+UNITS: dict[str, tuple[str, float]] = {
+    "um": ("m", 1e-6),
+    "mm": ("m", 1e-3),
+    "cm": ("m", 1e-2),
+    "m": ("m", 1.0),
+    "km": ("m", 1e3),
+    "rad": ("rad", 1.0),
+    "mrad": ("rad", 1e-3),
+    "deg": ("rad", math.pi / 180.0),
+    "arcsec": ("rad", math.pi / 648000.0),
+    "s": ("s", 1.0),
+    "min": ("s", 60.0),
+    "rad_s": ("rad_s", 1.0),
+    "deg_s": ("rad_s", math.pi / 180.0),
+    "m_s": ("m_s", 1.0),
+    "mm_s": ("m_s", 1e-3),
+    "cm_s": ("m_s", 1e-2),
+    "m_s2": ("m_s2", 1.0),
+    "mm_s2": ("m_s2", 1e-3),
+    "m2_s3": ("m2_s3", 1.0),
+}
+
+
+def split_unit(key: str) -> tuple[str, str]:
+    """Split a key into its base and its longest known unit suffix ("" if there is none)."""
+    best = ""
+    for suffix in UNITS:
+        if key.endswith("_" + suffix) and len(suffix) > len(best):
+            best = suffix
+    return (key[: -len(best) - 1], best) if best else (key, "")
+
+
+def same_kind(unit: str) -> list[str]:
+    """All units that measure what `unit` does."""
+    kind = UNITS[unit][0]
+    return [suffix for suffix, (si, _) in UNITS.items() if si == kind]
+
+
+def to_si(value: float, factor: float) -> float:
+    """The value times its factor; by division where that is exact in decimal (10 um is 1e-05 m, not 9.99e-06)."""
+    inverse = round(1.0 / factor)
+    if factor < 1.0 and abs(inverse * factor - 1.0) < 1e-12:
+        return value / inverse
+    return value * factor

@@ -1,0 +1,67 @@
+"""Rotations: v_b = dcm @ v_a for a dcm named `dcm_b_from_a`; quaternions Hamilton, scalar last (as in scipy)."""
+
+import math
+
+import numpy as np
+
+from relnav._kernel import kernel
+from relnav.arrays import Matrix, Vector
+
+
+def dcm_from_quaternion(quaternion: Vector) -> Matrix:
+    """Rotation matrix (3, 3) of a unit quaternion (x, y, z, w).
+
+    Raises
+    ------
+    ValueError
+        If the quaternion is not finite or its norm is off 1 by more than 1e-3 (it is then normalised).
+    """
+    q = np.asarray(quaternion, dtype=np.float64)
+    if q.shape != (4,):
+        raise ValueError(f"a quaternion has four components (x, y, z, w); got shape {q.shape}")
+    out = np.empty((3, 3))
+    if not dcm_from_quaternion_into(q, out):
+        raise ValueError(f"a rotation quaternion (x, y, z, w) has norm 1 within 1e-3; got {q.tolist()}")
+    return out
+
+
+@kernel
+def dcm_from_quaternion_into(q: Vector, out: Matrix) -> bool:
+    """Write the rotation matrix of the quaternion q (4,), normalised, into out; False if its norm is not near 1."""
+    norm2 = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
+    if not (0.998 < norm2 < 1.002):
+        return False
+    s = 2.0 / norm2
+    x, y, z, w = q[0], q[1], q[2], q[3]
+    out[0, 0], out[0, 1], out[0, 2] = 1.0 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)
+    out[1, 0], out[1, 1], out[1, 2] = s * (x * y + z * w), 1.0 - s * (x * x + z * z), s * (y * z - x * w)
+    out[2, 0], out[2, 1], out[2, 2] = s * (x * z - y * w), s * (y * z + x * w), 1.0 - s * (x * x + y * y)
+    return True
+
+
+@kernel
+def triad(primary: Vector, secondary: Vector, out: Matrix) -> bool:
+    """Write into the rows of out (3, 3) the right-handed triad of two vectors: along the first, then in their plane.
+
+    False if the vectors are parallel. Two such triads of the same pair, seen in frames a and b, give
+    dcm_b_from_a = triad_b^T triad_a (Black 1964).
+    """
+    n1 = math.sqrt(primary[0] ** 2 + primary[1] ** 2 + primary[2] ** 2)
+    if not n1 > 0.0:
+        return False
+    for i in range(3):
+        out[0, i] = primary[i] / n1
+    along = secondary[0] * out[0, 0] + secondary[1] * out[0, 1] + secondary[2] * out[0, 2]
+    n2 = 0.0
+    for i in range(3):
+        out[1, i] = secondary[i] - along * out[0, i]
+        n2 += out[1, i] ** 2
+    n2 = math.sqrt(n2)
+    if not n2 > 0.0:
+        return False
+    for i in range(3):
+        out[1, i] /= n2
+    out[2, 0] = out[0, 1] * out[1, 2] - out[0, 2] * out[1, 1]
+    out[2, 1] = out[0, 2] * out[1, 0] - out[0, 0] * out[1, 2]
+    out[2, 2] = out[0, 0] * out[1, 1] - out[0, 1] * out[1, 0]
+    return True

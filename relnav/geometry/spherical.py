@@ -1,0 +1,67 @@
+"""Range, azimuth and elevation of a point in the docking frame, seed 000 eq. (13), with their Jacobian.
+
+azimuth = atan2(y, x), elevation = atan2(-z, hypot(x, y)): azimuth turns in the docking plane from the docking axis x
+toward y, and elevation is positive toward -z. They are not the (elevation toward +z) angles of a textbook.
+"""
+
+import math
+
+from relnav._kernel import kernel
+from relnav.arrays import Matrix, Vector
+
+
+@kernel
+def wrap_angle(angle: float) -> float:
+    """The same angle within [-pi, pi], rad."""
+    return math.atan2(math.sin(angle), math.cos(angle))
+
+
+@kernel
+def range_azimuth_elevation(p: Vector, out: Vector) -> None:
+    """Write (range m, azimuth rad, elevation rad) of the docking-frame position p (3,) m into out (3,)."""
+    horizontal = math.sqrt(p[0] * p[0] + p[1] * p[1])
+    out[0] = math.sqrt(horizontal * horizontal + p[2] * p[2])
+    out[1] = math.atan2(p[1], p[0])
+    out[2] = math.atan2(-p[2], horizontal)
+
+
+@kernel
+def range_azimuth_elevation_jacobian(p: Vector, out: Matrix) -> bool:
+    """Write d(range, azimuth, elevation)/dp into out (3, 3); False (and zeros) at the poles x = y = 0."""
+    x, y, z = p[0], p[1], p[2]
+    h2 = x * x + y * y
+    r2 = h2 + z * z
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = 0.0
+    if not h2 > 1e-24 * r2:
+        return False
+    h = math.sqrt(h2)
+    r = math.sqrt(r2)
+    out[0, 0], out[0, 1], out[0, 2] = x / r, y / r, z / r
+    out[1, 0], out[1, 1] = -y / h2, x / h2
+    out[2, 0], out[2, 1], out[2, 2] = x * z / (h * r2), y * z / (h * r2), -h / r2
+    return True
+
+
+@kernel
+def position_from_angles(rae: Vector, out: Vector) -> None:
+    """Write the docking-frame position (3,) m of (range m, azimuth rad, elevation rad) into out; inverse of (13)."""
+    cos_el = math.cos(rae[2])
+    out[0] = rae[0] * cos_el * math.cos(rae[1])
+    out[1] = rae[0] * cos_el * math.sin(rae[1])
+    out[2] = -rae[0] * math.sin(rae[2])
+
+
+@kernel
+def position_from_angles_jacobian(p: Vector, out: Matrix) -> bool:
+    """Write dp/d(range, azimuth, elevation) at the position p into out (3, 3); False at the poles x = y = 0."""
+    x, y, z = p[0], p[1], p[2]
+    h = math.sqrt(x * x + y * y)
+    r = math.sqrt(h * h + z * z)
+    if not h > 1e-12 * r:
+        return False
+    out[0, 0], out[0, 1], out[0, 2] = x / r, -y, x * z / h
+    out[1, 0], out[1, 1], out[1, 2] = y / r, x, y * z / h
+    out[2, 0], out[2, 1], out[2, 2] = z / r, 0.0, -h
+    return True

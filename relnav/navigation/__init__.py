@@ -1,0 +1,1 @@
+"""Where a sensor meets a filter."""

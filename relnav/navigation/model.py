@@ -1,0 +1,181 @@
+"""Everything a three-beacon navigation filter must know about its mission, in SI units: plain values, no file."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Ge, Gt, Lt
+
+from relnav.arrays import Matrix, Vector
+from relnav.geometry.rotation import dcm_from_quaternion
+from relnav.sensors.three_beacon.sensor import ThreeBeaconSensor
+
+Positive = Annotated[float, Gt(0.0)]
+NonNegative = Annotated[float, Ge(0.0)]
+Triple = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+
+def _check_quaternion(name: str, quaternion: Quaternion) -> None:
+    norm = sum(component**2 for component in quaternion) ** 0.5
+    if abs(norm - 1.0) > 1e-3:
+        raise ValueError(f"{name} is a unit quaternion (x, y, z, w); its norm is {norm:.6g}")
+
+
+@dataclass(frozen=True)
+class Docking:
+    """Docking frame O-xyz of the target, which is held in `lvlh_ccsds`.
+
+    Attributes
+    ----------
+    q_dock_from_lvlh : (4,)
+        Rotation v_dock = R v_lvlh, scalar last: identity on V-bar.
+    port_position_m : (3,)
+        O seen from the target's centre of mass, `lvlh_ccsds` axes.
+    """
+
+    q_dock_from_lvlh: Quaternion = IDENTITY
+    port_position_m: Triple = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        _check_quaternion("q_dock_from_lvlh", self.q_dock_from_lvlh)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Where the detector's lens sits in the chaser.
+
+    Attributes
+    ----------
+    position_m : (3,)
+        From the chaser's centre of mass, chaser axes.
+    q_cam_from_chaser : (4,)
+        Mounting rotation v_cam = R v_chaser, scalar last; only needed with a position that is not zero.
+    """
+
+    position_m: Triple = (0.0, 0.0, 0.0)
+    q_cam_from_chaser: Quaternion = IDENTITY
+
+    def __post_init__(self) -> None:
+        _check_quaternion("q_cam_from_chaser", self.q_cam_from_chaser)
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """What is known of the camera's attitude.
+
+    Attributes
+    ----------
+    mode : {"lvlh_hold", "unknown"}
+        Held in `lvlh_ccsds` with the quaternion below, or unknown: then only what does not depend on it is used.
+    q_cam_from_lvlh : (4,)
+        Rotation v_cam = R v_lvlh, scalar last.
+    """
+
+    mode: Literal["lvlh_hold", "unknown"]
+    q_cam_from_lvlh: Quaternion = IDENTITY
+
+    def __post_init__(self) -> None:
+        _check_quaternion("q_cam_from_lvlh", self.q_cam_from_lvlh)
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """Target's orbit: the filter's Clohessy-Wiltshire model uses the mean motion, the truth simulator all of it."""
+
+    mean_motion_rad_s: Positive
+    eccentricity: Annotated[float, Ge(0.0), Lt(1.0)] = 0.0
+
+
+@dataclass(frozen=True)
+class ProcessNoise:
+    """How far the real motion may depart from Clohessy-Wiltshire and from the commanded control.
+
+    Attributes
+    ----------
+    acceleration_noise_density_m2_s3 : float
+        Density of white acceleration, each axis.
+    control_magnitude_sigma, control_direction_sigma_rad : float
+        1-sigma relative error of the size, and error of the direction, of every commanded acceleration and impulse.
+    control_correlation_time_s : float
+        A thruster's error persists; as white noise it has the density (error)^2 times this time.
+    """
+
+    acceleration_noise_density_m2_s3: NonNegative
+    control_magnitude_sigma: NonNegative = 0.0
+    control_direction_sigma_rad: NonNegative = 0.0
+    control_correlation_time_s: NonNegative = 0.0
+
+
+@dataclass(frozen=True)
+class FilterSettings:
+    """How the filter starts, what it believes, and when it starts again.
+
+    Attributes
+    ----------
+    initial_velocity_sigma_m_s : float
+        1-sigma of each velocity component before the first measurement.
+    gate_probability : float
+        Probability with which a good spot (or fix) passes the gate.
+    restart_after_epochs : int
+        Consecutive epochs with at least half of the spots rejected, after which a new start is looked for.
+    """
+
+    initial_velocity_sigma_m_s: Positive
+    gate_probability: Annotated[float, Gt(0.0), Lt(1.0)] = 0.9999
+    restart_after_epochs: Annotated[int, Ge(1)] = 3
+
+
+@dataclass(frozen=True)
+class Model:
+    """One mission: sensor, docking frame, camera, attitude, orbit, noise and filter settings.
+
+    `provenance` maps a key path ("sensor.focal_length_mm") to where its value comes from.
+    """
+
+    name: str
+    title: str
+    sensor: ThreeBeaconSensor
+    docking: Docking
+    camera: Camera
+    attitude: Attitude
+    orbit: Orbit
+    process_noise: ProcessNoise
+    filter: FilterSettings
+    provenance: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.attitude.mode == "unknown" and any(self.camera.position_m):
+            raise ValueError(
+                "camera.position_m must be zero with attitude mode 'unknown': a lever arm in chaser axes cannot be "
+                "applied without the attitude (state the attitude, or let the track describe the camera)"
+            )
+
+    @property
+    def dcm_dock_from_lvlh(self) -> Matrix:
+        """v_dock = dcm @ v_lvlh, (3, 3)."""
+        return dcm_from_quaternion(np.array(self.docking.q_dock_from_lvlh))
+
+    @property
+    def dcm_cam_from_lvlh(self) -> Matrix:
+        """The held attitude, v_cam = dcm @ v_lvlh, (3, 3)."""
+        return dcm_from_quaternion(np.array(self.attitude.q_cam_from_lvlh))
+
+    @property
+    def port_position_m(self) -> Vector:
+        """O from the target's centre of mass, `lvlh_ccsds`, (3,) m."""
+        return np.array(self.docking.port_position_m)
+
+    @property
+    def camera_lever_cam_m(self) -> Vector:
+        """Camera from the chaser's centre of mass in camera axes, (3,) m: constant, whatever the attitude."""
+        lever: Vector = dcm_from_quaternion(np.array(self.camera.q_cam_from_chaser)) @ np.array(self.camera.position_m)
+        return lever
+
+    @property
+    def beacons_lvlh_m(self) -> Matrix:
+        """Beacons A, B, C from the target's centre of mass, `lvlh_ccsds`, (3, 3) m."""
+        beacons: Matrix = self.port_position_m + self.sensor.beacons_dock_m @ self.dcm_dock_from_lvlh
+        return beacons

@@ -1,0 +1,82 @@
+"""From one epoch to the next: Clohessy-Wiltshire, the commanded control, and what neither of them knows."""
+
+import math
+
+from relnav._kernel import kernel
+from relnav.arrays import Matrix
+from relnav.dynamics.clohessy_wiltshire import acceleration_effect_into, transition_into
+from relnav.dynamics.process_noise import acceleration_noise_into
+from relnav.estimation.factored import factorize_into, time_update_into
+from relnav.navigation.block import (
+    CONTROL,
+    EFFECT,
+    INPUT,
+    PHI,
+    Q_FACTORS,
+    SETTINGS,
+    STEP_KEY,
+    WORK,
+)
+
+
+@kernel
+def _add_execution_error(u0: float, u1: float, u2: float, along: float, across: float, out: Matrix) -> None:
+    """Add along^2 u u^T + across^2 (|u|^2 I - u u^T) of a control vector u to the last 3 x 3 of out."""
+    row = out.shape[0] - 3
+    size2 = u0 * u0 + u1 * u1 + u2 * u2
+    for i in range(3):
+        ui = u0 if i == 0 else (u1 if i == 1 else u2)
+        for j in range(3):
+            uj = u0 if j == 0 else (u1 if j == 1 else u2)
+            product = ui * uj
+            out[row + i, row + j] += along * along * product
+            out[row + i, row + j] += across * across * ((size2 if i == j else 0.0) - product)
+
+
+@kernel
+def prepare_step(block: Matrix, dt: float) -> None:
+    """Compute Phi, the factors of Q and the control effect for this dt and INPUT, unless they are those at hand."""
+    key, control, given = block[STEP_KEY], block[CONTROL], block[INPUT]
+    impulse = given[3] != 0.0 or given[4] != 0.0 or given[5] != 0.0
+    same = key[0] == dt and key[1] == given[0] and key[2] == given[1] and key[3] == given[2]
+    if same and key[4] == 0.0 and not impulse:
+        return
+    key[0], key[1], key[2], key[3] = dt, given[0], given[1], given[2]
+    key[4] = 1.0 if impulse else 0.0
+    n, density = block[SETTINGS, 4], block[SETTINGS, 5]
+    phi, q = block[PHI : PHI + 6], block[WORK : WORK + 6]
+    noise = block[WORK + 6 : WORK + 9]
+    for i in range(3):
+        for j in range(3):
+            noise[i, j] = density if i == j else 0.0
+    root = math.sqrt(control[2])
+    _add_execution_error(given[0], given[1], given[2], control[0] * root, control[1] * root, noise)
+    acceleration_noise_into(n, dt, noise, q, phi, block[WORK + 12 : WORK + 18])
+    _add_execution_error(given[3], given[4], given[5], control[0], control[1], q)
+    factorize_into(q, block[Q_FACTORS : Q_FACTORS + 6])
+    transition_into(n, dt, phi)
+    effect = block[EFFECT]
+    acceleration_effect_into(n, dt, given, effect)
+    for i in range(3):
+        effect[3 + i] += given[3 + i]
+
+
+@kernel
+def advance(block: Matrix, track: Matrix) -> None:
+    """Carry the state and factors of a track (7, 6) over the prepared step."""
+    x, scratch, effect = track[0], block[WORK + 12], block[EFFECT]
+    phi = block[PHI : PHI + 6]
+    for i in range(6):
+        total = effect[i]
+        for j in range(6):
+            total += phi[i, j] * x[j]
+        scratch[i] = total
+    for i in range(6):
+        x[i] = scratch[i]
+    time_update_into(
+        track[1:7],
+        phi,
+        block[Q_FACTORS : Q_FACTORS + 6],
+        block[WORK : WORK + 6],
+        block[WORK + 6 : WORK + 12],
+    )

@@ -1,0 +1,236 @@
+"""What the filter says of one epoch, and of a whole log."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from relnav.arrays import Codes, Flags, Matrix, Stack, Vector
+from relnav.estimation.consistency import Consistency, nis_consistency
+from relnav.estimation.factored import compose
+from relnav.navigation.block import ATTITUDE, CLOCK, DOCK, INNOVATION, RESULT, TRACK
+from relnav.navigation.docking_view import docking_view
+from relnav.navigation.status import STARTED, UPDATED, EpochStatus
+from relnav.sensors.measurement import Status
+
+UPPER = np.triu_indices(6)
+"""Rows and columns of the 21 numbers that a (6, 6) matrix of factors is packed into."""
+
+
+class FilterRecord:
+    """State of the filter just after one epoch. It is a copy: later steps do not change it.
+
+    Every attribute is computed when asked for, in SI units and radians; without a state yet they are NaN.
+    """
+
+    __slots__ = ("_rows",)
+
+    def __init__(self, rows: Matrix) -> None:
+        """Take rows DOCK .. INNOVATION of a filter block as its own."""
+        self._rows = rows
+
+    def _at(self, row: int) -> Vector:
+        out: Vector = self._rows[row - DOCK]
+        return out
+
+    @property
+    def t_s(self) -> float:
+        """Time of the epoch, the log's own clock."""
+        return float(self._at(CLOCK)[0])
+
+    @property
+    def has_state(self) -> bool:
+        """Whether the filter has started."""
+        return bool(self._at(CLOCK)[1] > 0.0)
+
+    @property
+    def state(self) -> Vector:
+        """Chaser relative to target, `lvlh_ccsds`: position m, velocity m/s in the rotating frame, (6,)."""
+        return self._at(TRACK).copy() if self.has_state else np.full(6, np.nan)
+
+    @property
+    def covariance(self) -> Matrix:
+        """Covariance of `state`, (6, 6)."""
+        if not self.has_state:
+            return np.full((6, 6), np.nan)
+        return compose(self._rows[TRACK + 1 - DOCK : TRACK + 7 - DOCK])
+
+    def _view(self) -> tuple[Vector, Matrix]:
+        mount, dock = self._rows[ATTITUDE - DOCK : ATTITUDE + 3 - DOCK], self._rows[:3]
+        lever = mount[:, :3].T @ mount[:, 3]
+        rae, covariance = docking_view(self.state[None], self.covariance[None], dock[:, :3], dock[:, 3], lever)
+        return rae[0], covariance[0]
+
+    @property
+    def range_m(self) -> float:
+        """Distance of the camera from O."""
+        return float(self._view()[0][0])
+
+    @property
+    def azimuth_rad(self) -> float:
+        """Azimuth of the camera in the docking frame, atan2(y, x)."""
+        return float(self._view()[0][1])
+
+    @property
+    def elevation_rad(self) -> float:
+        """Elevation of the camera in the docking frame, atan2(-z, hypot(x, y))."""
+        return float(self._view()[0][2])
+
+    @property
+    def docking_covariance(self) -> Matrix:
+        """Covariance of (range m, azimuth rad, elevation rad), (3, 3)."""
+        return self._view()[1]
+
+    @property
+    def sigma_range_m(self) -> float:
+        """1-sigma of the range."""
+        return float(np.sqrt(self._view()[1][0, 0]))
+
+    @property
+    def sigma_azimuth_rad(self) -> float:
+        """1-sigma of the azimuth."""
+        return float(np.sqrt(self._view()[1][1, 1]))
+
+    @property
+    def sigma_elevation_rad(self) -> float:
+        """1-sigma of the elevation."""
+        return float(np.sqrt(self._view()[1][2, 2]))
+
+    @property
+    def innovation(self) -> Vector:
+        """Measured minus predicted, (6,): spots A'x, A'y, B'x, ... m, or range m, azimuth rad, elevation rad; else NaN.
+
+        Of everything that was seen, before the gate.
+        """
+        return self._at(INNOVATION).copy()
+
+    @property
+    def nis(self) -> float:
+        """Normalised innovation squared of everything that was seen, before the gate; NaN if nothing was."""
+        return float(self._at(RESULT)[1])
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom of `nis`."""
+        return int(self._at(RESULT)[2])
+
+    @property
+    def status(self) -> EpochStatus:
+        """What became of the epoch."""
+        return EpochStatus(int(self._at(RESULT)[0]))
+
+    @property
+    def measurement_status(self) -> Status:
+        """Why the image could not be used, if it could not."""
+        return Status(int(self._at(RESULT)[3]))
+
+    @property
+    def accepted(self) -> bool:
+        """Whether everything that was seen was used."""
+        return int(self._at(RESULT)[0]) in (UPDATED, STARTED)
+
+    def __repr__(self) -> str:
+        """One line for the console."""
+        if not self.has_state:
+            return f"FilterRecord(t_s={self.t_s:g}, {self.status.name}: {self.measurement_status.name})"
+        rae, covariance = self._view()
+        s = np.sqrt(np.diag(covariance))
+        return (
+            f"FilterRecord(t_s={self.t_s:g}, {self.status.name}, range {rae[0]:.4f} +- {s[0]:.4f} m, "
+            f"azimuth {np.degrees(rae[1]):.4f} +- {np.degrees(s[1]):.4f} deg, "
+            f"elevation {np.degrees(rae[2]):.4f} +- {np.degrees(s[2]):.4f} deg)"
+        )
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A filtered log: arrays over its n epochs, SI units and radians, NaN before the filter has started.
+
+    Attributes
+    ----------
+    t_s : (n,)
+        Times of the epochs.
+    state : (n, 6)
+        Chaser relative to target, `lvlh_ccsds`.
+    factor : (n, 21)
+        Covariance as U D U^T: the upper triangle of `ud`, row by row, D on its diagonal.
+    docking, docking_covariance : (n, 3), (n, 3, 3)
+        Range m, azimuth rad, elevation rad of the camera in the docking frame, and their covariance.
+    innovation, nis, dof : (n, 6), (n,), (n,)
+        As in FilterRecord: of everything seen, before the gate.
+    status, measurement_status : (n,)
+        Codes of EpochStatus and Status.
+    model, method : str
+        What made it.
+    restarts : int
+        How often a confirmed start replaced a locked-out track.
+    metadata : dict
+        What else a reader should know (source file, the log's own metadata).
+    """
+
+    t_s: Vector
+    state: Matrix
+    factor: Matrix
+    docking: Matrix
+    docking_covariance: Stack
+    innovation: Matrix
+    nis: Vector
+    dof: Codes
+    status: Codes
+    measurement_status: Codes
+    model: str
+    method: str
+    restarts: int
+    metadata: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def covariance(self) -> Stack:
+        """Covariances of the states, (n, 6, 6)."""
+        ud = np.zeros((len(self.t_s), 6, 6))
+        ud[:, UPPER[0], UPPER[1]] = self.factor
+        return compose(ud)
+
+    @property
+    def sigma(self) -> Matrix:
+        """1-sigma of each state component, (n, 6)."""
+        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+
+    @property
+    def docking_sigma(self) -> Matrix:
+        """1-sigma of range m, azimuth rad, elevation rad, (n, 3)."""
+        return np.sqrt(np.diagonal(self.docking_covariance, axis1=1, axis2=2))
+
+    @property
+    def range_m(self) -> Vector:
+        """Range of the camera from O, (n,)."""
+        return self.docking[:, 0]
+
+    @property
+    def azimuth_rad(self) -> Vector:
+        """Azimuth of the camera in the docking frame, (n,)."""
+        return self.docking[:, 1]
+
+    @property
+    def elevation_rad(self) -> Vector:
+        """Elevation of the camera in the docking frame, (n,)."""
+        return self.docking[:, 2]
+
+    @property
+    def accepted(self) -> Flags:
+        """Whether everything that was seen at the epoch was used, (n,)."""
+        return (self.status == UPDATED) | (self.status == STARTED)
+
+    def part(self, begin: int, end: int) -> "Solution":
+        """Epochs begin .. end - 1 as a solution of their own (views, not copies)."""
+        cut = slice(begin, end)
+        arrays = {
+            name: value[cut] for name, value in vars(self).items() if isinstance(value, np.ndarray)
+        }
+        return replace(self, **arrays)
+
+    def nis_consistency(self, probability: float = 0.95) -> Consistency:
+        """NIS of the epochs that were used whole; rejected ones are counted, not averaged in."""
+        return nis_consistency(self.nis[self.accepted], self.dof[self.accepted], probability)
+
+    def __len__(self) -> int:
+        return len(self.t_s)

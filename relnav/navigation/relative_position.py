@@ -1,0 +1,301 @@
+"""The relative navigation filter: per epoch (`Navigator`), or over arrays of epochs (`filter_epochs`)."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from relnav._kernel import kernel
+from relnav.arrays import Codes, Matrix, Stack, Vector
+from relnav.estimation.factored import compose
+from relnav.geometry.rotation import dcm_from_quaternion_into
+from relnav.navigation.block import (
+    ATTITUDE,
+    CLOCK,
+    DOCK,
+    INNOVATION,
+    INPUT,
+    METHODS,
+    RECORD_END,
+    RESULT,
+    SETTINGS,
+    TRACK,
+    new_block,
+)
+from relnav.navigation.docking_view import docking_view
+from relnav.navigation.model import Model
+from relnav.navigation.record import UPPER, FilterRecord, Solution
+from relnav.navigation.step import step
+from relnav.sensors.three_beacon.measure import PROJECTIONS
+
+CHUNK = 20_000
+
+
+def _choose(model: Model, method: str, projection: str | None) -> Matrix:
+    if method not in METHODS:
+        raise ValueError(f'method must be "spots" or "fix"; got {method!r}')
+    name = model.sensor.projection if projection is None else projection
+    if name not in PROJECTIONS:
+        raise ValueError(f'projection must be "perspective" or "parallel"; got {name!r}')
+    return new_block(model, method, name)
+
+
+def _vector(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Matrix:
+    array = np.asarray(value, dtype=np.float64)
+    if array.shape != shape:
+        raise ValueError(f"{name} has shape {shape}; got {array.shape}")
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{name} must be finite; got {array.tolist()}")
+    return array
+
+
+class Navigator:
+    """A relative navigation filter that takes one image at a time.
+
+    Parameters
+    ----------
+    model : Model
+        From `relnav.load_model`.
+    method : {"spots", "fix"}
+        Measurement model: the detector coordinates themselves, or the closed form's range, azimuth and elevation.
+    projection : {"perspective", "parallel"}, optional
+        Closed form of `fix` and of every start; the model's own if left out.
+
+    Raises
+    ------
+    ValueError
+        For an unknown method or projection.
+
+    Examples
+    --------
+    >>> import relnav
+    >>> navigator = relnav.Navigator(relnav.load_model("three_beacon_psd"))
+    >>> record = navigator.step(0.0, [[-0.0015, 0.0], [0.0015, 0.0], [0.0, 0.0]])
+    >>> record.status.name
+    'WAITING'
+    """
+
+    def __init__(self, model: Model, method: str = "spots", *, projection: str | None = None) -> None:
+        self._block = _choose(model, method, projection)
+        self._held = self._block[ATTITUDE : ATTITUDE + 3, :3].copy()
+        self._held_known = bool(self._block[SETTINGS, 2])
+        self._last_t = -math.inf
+        self._input_used = False
+        self._attitude_used = False
+        self.model = model
+        self.method = method
+
+    def step(
+        self,
+        t_s: float,
+        spots_m: ArrayLike,
+        *,
+        acceleration_m_s2: ArrayLike | None = None,
+        delta_v_m_s: ArrayLike | None = None,
+        dcm_cam_from_lvlh: ArrayLike | None = None,
+    ) -> FilterRecord:
+        """Take one image, and return the state after it.
+
+        Parameters
+        ----------
+        t_s : float
+            Time of the image, after that of the last step.
+        spots_m : (3, 2)
+            Detector coordinates of beacons A, B, C, m; NaN = not seen.
+        acceleration_m_s2 : (3,), optional
+            Commanded acceleration in `lvlh_ccsds`, held since the last step.
+        delta_v_m_s : (3,), optional
+            Impulse in `lvlh_ccsds` just before this image.
+        dcm_cam_from_lvlh : (3, 3), optional
+            Camera attitude now; the model's if left out.
+
+        Returns
+        -------
+        FilterRecord
+            A bad measurement never raises: it is rejected and reported.
+
+        Raises
+        ------
+        ValueError
+            For wrong use: shapes, a time that does not advance, control or attitude that is not finite. The filter
+            is then unchanged.
+        """
+        spots = np.ascontiguousarray(spots_m, dtype=np.float64)
+        if spots.shape != (3, 2):
+            raise ValueError(f"spots_m has shape (3, 2), rows A, B, C, columns x, y in metres; got {spots.shape}")
+        t = float(t_s)
+        if not (self._last_t < t < math.inf):
+            raise ValueError(f"t_s must be finite and after the last step's {self._last_t!r} s; got {t!r}")
+        if acceleration_m_s2 is not None or delta_v_m_s is not None or self._input_used:
+            self._set_input(acceleration_m_s2, delta_v_m_s)
+        if dcm_cam_from_lvlh is not None or self._attitude_used:
+            self._set_attitude(dcm_cam_from_lvlh)
+        step(self._block, t, spots)
+        self._last_t = t
+        return FilterRecord(self._block[DOCK:RECORD_END].copy())
+
+    def _set_input(self, acceleration: ArrayLike | None, delta_v: ArrayLike | None) -> None:
+        a = None if acceleration is None else _vector("acceleration_m_s2", acceleration, (3,))
+        v = None if delta_v is None else _vector("delta_v_m_s", delta_v, (3,))
+        self._block[INPUT, :3] = 0.0 if a is None else a
+        self._block[INPUT, 3:] = 0.0 if v is None else v
+        self._input_used = a is not None or v is not None
+
+    def _set_attitude(self, dcm: ArrayLike | None) -> None:
+        if dcm is None:
+            self._block[ATTITUDE : ATTITUDE + 3, :3] = self._held
+            self._block[SETTINGS, 2] = float(self._held_known)
+        else:
+            c = _vector("dcm_cam_from_lvlh", dcm, (3, 3))
+            if np.max(np.abs(c @ c.T - np.eye(3))) > 1e-6 or np.linalg.det(c) < 0.0:
+                raise ValueError("dcm_cam_from_lvlh must be a rotation matrix (orthonormal, determinant +1)")
+            self._block[ATTITUDE : ATTITUDE + 3, :3] = c
+            self._block[SETTINGS, 2] = 1.0
+        self._attitude_used = dcm is not None
+
+
+@kernel
+def _run(
+    block: Matrix,
+    t: Vector,
+    spots: Stack,
+    control: Matrix,
+    quaternion: Matrix,
+    state: Matrix,
+    factor: Matrix,
+    innovation: Matrix,
+    nis: Vector,
+    codes: Codes,
+) -> None:
+    """`step` over epochs; control (n, 6) and quaternion (n, 4) may be empty; codes (n, 3): dof, status, Status."""
+    for e in range(t.shape[0]):
+        if control.shape[0] > 0:
+            for j in range(6):
+                block[INPUT, j] = control[e, j]
+        if quaternion.shape[0] > 0:
+            dcm_from_quaternion_into(quaternion[e], block[ATTITUDE : ATTITUDE + 3])
+        codes[e, 1] = step(block, t[e], spots[e])
+        codes[e, 0] = int(block[RESULT, 2])
+        codes[e, 2] = int(block[RESULT, 3])
+        nis[e] = block[RESULT, 1]
+        running = block[CLOCK, 1] > 0.0
+        packed = 0
+        for i in range(6):
+            innovation[e, i] = block[INNOVATION, i]
+            state[e, i] = block[TRACK, i] if running else math.nan
+            for j in range(i, 6):
+                factor[e, packed] = block[TRACK + 1 + i, j] if running else math.nan
+                packed += 1
+
+
+def filter_epochs(
+    model: Model,
+    t_s: Vector,
+    spots_m: Stack,
+    *,
+    acceleration_m_s2: Matrix | None = None,
+    delta_v_m_s: Matrix | None = None,
+    q_cam_from_lvlh: Matrix | None = None,
+    method: str = "spots",
+    projection: str | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Solution:
+    """Filter a log that is already in memory: the same step as `Navigator`, epoch after epoch.
+
+    Parameters
+    ----------
+    model : Model
+        From `relnav.load_model`.
+    t_s : (n,)
+        Strictly increasing times.
+    spots_m : (n, 3, 2)
+        Detector coordinates of beacons A, B, C, m; NaN = not seen.
+    acceleration_m_s2, delta_v_m_s : (n, 3), optional
+        Control in `lvlh_ccsds`: acceleration held since the row before, impulse just before the row.
+    q_cam_from_lvlh : (n, 4), optional
+        Camera attitude of each row, unit quaternions, scalar last; the model's if left out.
+    method, projection
+        As for `Navigator`.
+    progress : callable, optional
+        Called with the number of epochs just done.
+
+    Raises
+    ------
+    ValueError
+        For shapes that do not agree, times that do not increase, control or attitude that is not usable.
+    """
+    block = _choose(model, method, projection)
+    t = np.ascontiguousarray(t_s, dtype=np.float64)
+    n = len(t)
+    if t.ndim != 1:
+        raise ValueError(f"t_s has one axis; got shape {t.shape}")
+    spots = np.ascontiguousarray(spots_m, dtype=np.float64)
+    if spots.shape != (n, 3, 2):
+        raise ValueError(f"spots_m has shape ({n}, 3, 2); got {spots.shape}")
+    if not np.all(np.isfinite(t)) or np.any(np.diff(t) <= 0.0):
+        raise ValueError("t_s must be finite and strictly increasing")
+    control, quaternion = np.empty((0, 6)), np.empty((0, 4))
+    if acceleration_m_s2 is not None or delta_v_m_s is not None:
+        control = np.zeros((n, 6))
+        if acceleration_m_s2 is not None:
+            control[:, :3] = _vector("acceleration_m_s2", acceleration_m_s2, (n, 3))
+        if delta_v_m_s is not None:
+            control[:, 3:] = _vector("delta_v_m_s", delta_v_m_s, (n, 3))
+    if q_cam_from_lvlh is not None:
+        quaternion = np.ascontiguousarray(_vector("q_cam_from_lvlh", q_cam_from_lvlh, (n, 4)))
+        if np.any(np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) > 9e-4):
+            raise ValueError("q_cam_from_lvlh must hold unit quaternions (x, y, z, w)")
+        block[SETTINGS, 2] = 1.0
+    state, factor, innovation = np.empty((n, 6)), np.empty((n, 21)), np.empty((n, 6))
+    nis, codes = np.empty(n), np.empty((n, 3), dtype=np.int64)
+    for begin in range(0, n, CHUNK):
+        part = slice(begin, min(n, begin + CHUNK))
+        _run(
+            block,
+            t[part],
+            spots[part],
+            control[part],
+            quaternion[part],
+            state[part],
+            factor[part],
+            innovation[part],
+            nis[part],
+            codes[part],
+        )
+        if progress is not None:
+            progress(part.stop - part.start)
+    ud = np.zeros((n, 6, 6))
+    ud[:, UPPER[0], UPPER[1]] = factor
+    rae, rae_covariance = docking_view(
+        state, compose(ud), model.dcm_dock_from_lvlh, model.port_position_m, _levers(model, quaternion)
+    )
+    return Solution(
+        t_s=t,
+        state=state,
+        factor=factor,
+        docking=rae,
+        docking_covariance=rae_covariance,
+        innovation=innovation,
+        nis=nis,
+        dof=codes[:, 0],
+        status=codes[:, 1],
+        measurement_status=codes[:, 2],
+        model=model.name,
+        method=method,
+        restarts=int(block[CLOCK, 4]),
+    )
+
+
+def _levers(model: Model, quaternion: Matrix) -> Matrix:
+    """Camera from the chaser's centre of mass in `lvlh_ccsds`, (3,) or one a row (n, 3)."""
+    lever = model.camera_lever_cam_m
+    if not np.any(lever) or len(quaternion) == 0:
+        held: Matrix = model.dcm_cam_from_lvlh.T @ lever
+        return held
+    out = np.empty((len(quaternion), 3))
+    dcm = np.empty((3, 3))
+    for e in range(len(quaternion)):
+        dcm_from_quaternion_into(quaternion[e], dcm)
+        out[e] = dcm.T @ lever
+    return out

@@ -1,0 +1,150 @@
+"""The measurement update of one epoch: gate, then an iterated extended Kalman update on the factors.
+
+The gate asks of each group (a beacon, or the whole fix) whether its squared innovation under the prior is credible;
+NIS is that of everything seen, before the gate, from the same innovation covariance as the gain. The update is
+relinearised (Gauss-Newton) while the correction is large enough for the bending of h to show: image error
+f (dx / d)^2 above a tenth of the spot noise, d the distance to the nearest beacon. In steady state once is enough.
+"""
+
+import math
+
+from relnav._kernel import kernel
+from relnav.arrays import Matrix, Vector
+from relnav.estimation.factored import scalar_update
+from relnav.navigation.block import (
+    GAIN,
+    GATE,
+    INNOVATION,
+    P_ROWS,
+    RESIDUAL,
+    RESULT,
+    SENSOR,
+    VARIANCE,
+    X_AT,
+    X_WORK,
+    H,
+)
+from relnav.navigation.observation import (
+    POINT,
+    camera_position_dock,
+    linearise,
+    make_independent,
+    prepare,
+    uses_coordinates,
+)
+from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, UPDATED
+
+MAX_ITERATIONS = 10
+
+
+@kernel
+def copy_rows(source: Matrix, target: Matrix) -> None:
+    """Copy a matrix with six columns."""
+    for i in range(source.shape[0]):
+        for j in range(6):
+            target[i, j] = source[i, j]
+
+
+@kernel
+def _take(block: Matrix, at: Vector, m: int) -> float:
+    """Take row m into X_WORK, linearised at `at`; returns its squared innovation over its variance."""
+    x = block[X_WORK]
+    e = block[RESIDUAL, m]
+    for j in range(6):
+        e -= block[H + m, j] * (x[j] - at[j])
+    alpha = scalar_update(x, block[X_WORK + 1 : X_WORK + 7], block[H + m], block[VARIANCE, m], e, block[GAIN])
+    return e * e / alpha
+
+
+@kernel
+def _sweep(block: Matrix, track: Matrix, at: Vector) -> float:
+    """Update a copy of the track (7, 6) in X_WORK with every row in use; returns their NIS (exact for at = prior)."""
+    copy_rows(track, block[X_WORK : X_WORK + P_ROWS])
+    nis = 0.0
+    for m in range(6):
+        if block[VARIANCE, m] > 0.0:
+            nis += _take(block, at, m)
+    return nis
+
+
+@kernel
+def _gate_groups(block: Matrix, track: Matrix) -> int:
+    """Test each beacon alone against the prior, drop the rows of those that fail; returns how many pass."""
+    passed = 0
+    for i in range(3):
+        copy_rows(track, block[X_WORK : X_WORK + P_ROWS])
+        nis, dof = 0.0, 0
+        for m in range(2 * i, 2 * i + 2):
+            if block[VARIANCE, m] > 0.0:
+                nis += _take(block, track[0], m)
+                dof += 1
+        if dof == 0:
+            continue
+        if nis <= block[GATE, dof - 1]:
+            passed += 1
+        else:
+            block[VARIANCE, 2 * i] = 0.0
+            block[VARIANCE, 2 * i + 1] = 0.0
+    return passed
+
+
+@kernel
+def _bends(block: Matrix, at: Vector) -> bool:
+    """Whether the step from `at` to X_WORK is long enough for a second linearisation to matter."""
+    p, sensor = block[POINT], block[SENSOR]
+    camera_position_dock(block, at, p)
+    d2 = (p[0] - sensor[5]) ** 2 + p[1] * p[1] + p[2] * p[2]
+    moved = 0.0
+    for j in range(3):
+        moved += (block[X_WORK, j] - at[j]) ** 2
+    return sensor[0] * moved > 0.1 * sensor[3] * d2
+
+
+@kernel
+def correct(block: Matrix, track: Matrix, spots: Matrix) -> int:
+    """Update a track (7, 6), state and factors, with one image (3, 2) m; returns an epoch status, details in RESULT."""
+    x, result, innovation = track[0], block[RESULT], block[INNOVATION]
+    result[1], result[2], result[4] = math.nan, 0.0, 0.0
+    for m in range(6):
+        innovation[m] = math.nan
+    seen, usable, reason = prepare(block, x, spots)
+    result[3] = reason
+    result[5] = 0.0
+    if seen == 0:
+        return PREDICTED
+    if usable == 0 or not linearise(block, x, spots):
+        return REJECTED
+    dof = 0
+    for m in range(6):
+        if block[VARIANCE, m] > 0.0:
+            innovation[m] = block[RESIDUAL, m]
+            dof += 1
+    make_independent(block)
+    nis = _sweep(block, track, x)
+    result[1], result[2] = nis, dof
+    passed = seen
+    if uses_coordinates(block):
+        if usable < 2 * seen or not nis <= block[GATE, 0]:
+            passed = _gate_groups(block, track)
+            if passed > 0:
+                _sweep(block, track, x)
+    elif not nis <= block[GATE, dof - 1]:
+        passed = 0
+    if passed == 0:
+        return REJECTED
+    at = block[X_AT]
+    iterations = 1
+    while iterations < MAX_ITERATIONS:
+        source = block[X_AT] if iterations > 1 else x
+        if not _bends(block, source):
+            break
+        for j in range(6):
+            at[j] = block[X_WORK, j]
+        if not linearise(block, at, spots):
+            break
+        make_independent(block)
+        _sweep(block, track, at)
+        iterations += 1
+    result[4], result[5] = iterations, passed
+    copy_rows(block[X_WORK : X_WORK + P_ROWS], track)
+    return UPDATED if passed == seen else PARTIAL

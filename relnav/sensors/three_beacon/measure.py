@@ -1,0 +1,72 @@
+"""The sensor's public call: spots of one image in, range, azimuth and elevation with covariance out."""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from relnav.sensors.measurement import Measurement, Status
+from relnav.sensors.three_beacon.fix import PARALLEL, PERSPECTIVE, measure_into
+from relnav.sensors.three_beacon.sensor import ThreeBeaconSensor
+
+PROJECTIONS = {"perspective": PERSPECTIVE, "parallel": PARALLEL}
+
+
+class HasSensor(Protocol):
+    """Anything that carries a three-beacon sensor, such as a loaded model."""
+
+    @property
+    def sensor(self) -> ThreeBeaconSensor:
+        """The sensor."""
+        ...
+
+
+def measure(
+    spots_m: ArrayLike, model: HasSensor | ThreeBeaconSensor, *, projection: str | None = None
+) -> Measurement:
+    """Range, azimuth and elevation of the sensor in the target's docking frame, from one image.
+
+    Parameters
+    ----------
+    spots_m : (3, 2)
+        Detector coordinates of beacons A, B, C, m (x right, y down); a NaN row is a beacon not seen.
+    model : Model or ThreeBeaconSensor
+        A loaded model or its sensor.
+    projection : {"perspective", "parallel"}, optional
+        The closed form; the model's own if left out. "perspective" is exact for real optics, "parallel" is seed
+        000 eqs (4)-(13) as printed.
+
+    Returns
+    -------
+    Measurement
+        With the covariance that the sensor's spot noise implies. Bad data never raise: the status says why there is
+        no value.
+
+    Raises
+    ------
+    ValueError
+        For spots of another shape or an unknown projection.
+    """
+    sensor = model if isinstance(model, ThreeBeaconSensor) else model.sensor
+    spots = np.ascontiguousarray(spots_m, dtype=np.float64)
+    if spots.shape != (3, 2):
+        raise ValueError(f"spots_m has shape (3, 2), rows A, B, C, columns x, y in metres; got {spots.shape}")
+    name = sensor.projection if projection is None else projection
+    if name not in PROJECTIONS:
+        raise ValueError(f'projection must be "perspective" or "parallel"; got {name!r}')
+    rae, covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
+    status = measure_into(
+        spots,
+        sensor.focal_length_m,
+        0.5 * sensor.detector_size_m[0],
+        0.5 * sensor.detector_size_m[1],
+        sensor.spot_noise_m,
+        sensor.beacon_half_spacing_m,
+        sensor.beacon_c_distance_m,
+        PROJECTIONS[name],
+        rae,
+        covariance,
+        np.zeros((30, 6)),
+    )
+    covariance.setflags(write=False)
+    return Measurement(float(rae[0]), float(rae[1]), float(rae[2]), covariance, Status(status))

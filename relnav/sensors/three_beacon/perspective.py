@@ -1,0 +1,178 @@
+"""The closed form made exact for central projection: the default.
+
+Each pass rescales the spots by their beacons' depth ratios w_i = 1 - (P_i . p) / r from the last solution and applies
+the closed form of `parallel` again (the POSIT idea, DeMenthon and Davis 1995). The spots are taken as rays about the
+line of sight to O, which is re-centred in every pass: under perspective the image of O is the depth-weighted mean of
+A' and B', not their middle. Once a pass moves little, Newton's method on the attitude-free invariants finishes.
+
+Domain: off-axis angle of the line of sight against r/b, within which the pose with x > 0 is the only one; outside it
+there can be up to four, and a status says so.
+"""
+
+import math
+
+from relnav._kernel import kernel
+from relnav.arrays import Matrix, Vector
+from relnav.sensors.measurement import DEGENERATE, NO_CONVERGENCE, OK, OUTSIDE_DOMAIN
+from relnav.sensors.three_beacon.invariants import (
+    invariants,
+    position_gradient,
+    rays_from_position,
+    solve_three,
+    spot_gradient,
+)
+from relnav.sensors.three_beacon.parallel import direction_from_ratios
+
+MAX_PASSES = 40
+MAX_NEWTON = 12
+
+
+@kernel
+def inside_domain(p: Vector, b: float) -> bool:
+    """Whether the pose p (3,) m lies where it is the only one in front: off-axis angle against r/b, in steps."""
+    r = math.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+    if not p[0] > 0.0:
+        return False
+    cosine = p[0] / r
+    ratio = r / b
+    if cosine >= 0.9848077530122081:  # 10 deg
+        return ratio >= 1.2
+    if cosine >= 0.9396926207859084:  # 20 deg
+        return ratio >= 1.54
+    if cosine >= 0.8660254037844387:  # 30 deg
+        return ratio >= 2.0
+    if cosine >= 0.7071067811865476:  # 45 deg
+        return ratio >= 3.0
+    return cosine >= 0.5 and ratio >= 5.0  # 60 deg
+
+
+@kernel
+def _closed_form_pass(u: Matrix, a: float, b: float, w: Vector, p: Vector, v: Matrix) -> bool:
+    """One pass: from line of sight w (3,) and position p (r = 0 at the start) to better ones, in place; v scratch."""
+    r = math.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+    for i in range(3):
+        depth = 1.0
+        if r > 0.0:
+            offset = b * p[0] if i == 2 else (a * p[1] if i == 0 else -a * p[1])
+            depth = max(0.05, 1.0 - offset / (r * r))
+        cosine = u[i, 0] * w[0] + u[i, 1] * w[1] + u[i, 2] * w[2]
+        if not cosine > 1e-3:
+            return False
+        for j in range(3):
+            v[i, j] = u[i, j] * depth / cosine  # beacon i from the camera, in units of r, if depth is right
+    dw, cw = 0.0, 0.0
+    for j in range(3):
+        v[3, j] = 0.5 * (v[0, j] + v[1, j])
+        v[4, j] = v[0, j] - v[1, j]
+        v[5, j] = v[2, j] - v[3, j]
+        dw += v[4, j] * w[j]
+        cw += v[5, j] * w[j]
+    D, cd = 0.0, 0.0
+    for j in range(3):
+        v[4, j] -= dw * w[j]
+        v[5, j] -= cw * w[j]
+        D += v[4, j] * v[4, j]
+        cd += v[4, j] * v[5, j]
+    if not D > 1e-24:
+        return False
+    cross = (
+        w[0] * (v[4, 1] * v[5, 2] - v[4, 2] * v[5, 1])
+        + w[1] * (v[4, 2] * v[5, 0] - v[4, 0] * v[5, 2])
+        + w[2] * (v[4, 0] * v[5, 1] - v[4, 1] * v[5, 0])
+    )
+    k = 2.0 * a / b
+    x, y, z, W = direction_from_ratios(k * cd / D, k * cross / D)
+    if not x > 0.0:
+        return False
+    r = 2.0 * a * math.sqrt(W) / math.sqrt(D)
+    p[0], p[1], p[2] = r * x, r * y, r * z
+    norm = math.sqrt(v[3, 0] ** 2 + v[3, 1] ** 2 + v[3, 2] ** 2)
+    for j in range(3):
+        w[j] = v[3, j] / norm
+    return True
+
+
+@kernel
+def _newton(g: Vector, a: float, b: float, p: Vector, work: Matrix) -> bool:
+    """Newton on g(p) = g from p, in place; False if it does not settle. work (14, 6) scratch."""
+    u = work[0:3]
+    dg = work[3:6]
+    distance, got, rhs, step = work[6], work[7], work[8], work[9]
+    last = math.inf
+    for _ in range(MAX_NEWTON):
+        rays_from_position(p, a, b, u, distance)
+        invariants(u, got)
+        position_gradient(u, distance, dg, step)
+        for i in range(3):
+            rhs[i] = g[i] - got[i]
+        if not solve_three(dg, rhs, step):
+            return False
+        p[0] += step[0]
+        p[1] += step[1]
+        p[2] += step[2]
+        size = abs(step[0]) + abs(step[1]) + abs(step[2])
+        scale = abs(p[0]) + abs(p[1]) + abs(p[2])
+        if not size < 1.0 * scale:
+            return False
+        if size < 1e-9 * scale and (size < 1e-13 * scale or size >= 0.5 * last):
+            return True
+        last = size
+    return last < 1e-9 * (abs(p[0]) + abs(p[1]) + abs(p[2]))
+
+
+@kernel
+def solve_perspective(u: Matrix, a: float, b: float, p: Vector, work: Matrix) -> int:
+    """Write the sensor's position (3,) m in the docking frame into p, from camera-frame unit rays u (rows A, B, C).
+
+    Exact, any camera attitude; returns a Status code. work (14, 6) is scratch.
+    """
+    w, g, trial = work[10], work[11], work[12]
+    norm = 0.0
+    for j in range(3):
+        w[j] = u[0, j] + u[1, j]
+        norm += w[j] * w[j]
+        p[j] = 0.0
+    norm = math.sqrt(norm)
+    if not norm > 1e-3:
+        return DEGENERATE
+    for j in range(3):
+        w[j] /= norm
+    invariants(u, g)
+    if not g[0] > 1e-24:
+        return DEGENERATE
+    tolerance = 1e-2
+    for _ in range(MAX_PASSES):
+        x0, x1, x2 = p[0], p[1], p[2]
+        if not _closed_form_pass(u, a, b, w, p, work[0:6]):
+            return NO_CONVERGENCE
+        moved = abs(p[0] - x0) + abs(p[1] - x1) + abs(p[2] - x2)
+        scale = abs(p[0]) + abs(p[1]) + abs(p[2])
+        if moved < tolerance * scale:
+            trial[0], trial[1], trial[2] = p[0], p[1], p[2]
+            if _newton(g, a, b, trial, work):
+                p[0], p[1], p[2] = trial[0], trial[1], trial[2]
+                if not inside_domain(p, b):
+                    return OUTSIDE_DOMAIN
+                return OK
+            tolerance *= 0.1
+    return NO_CONVERGENCE
+
+
+@kernel
+def position_jacobian(p: Vector, u: Matrix, f: float, a: float, b: float, jacobian: Matrix, work: Matrix) -> bool:
+    """Write dp/d(A'x, A'y, B'x, B'y, C'x, C'y) into jacobian (3, 6), m per unit of f; False where singular.
+
+    p (3,) m is the pose and u its camera-frame rays: by the implicit function theorem J = (dg/dp)^-1 dg/ds, which is
+    the upper half of the inverse of the 6 x 6 projection Jacobian (a test holds the two equal). work (14, 6) scratch.
+    """
+    v, dp, ds = work[0:3], work[3:6], work[6:9]
+    distance, rhs, column = work[9], work[10], work[11]
+    rays_from_position(p, a, b, v, distance)
+    position_gradient(v, distance, dp, column)
+    spot_gradient(u, f, ds, column)
+    for j in range(6):
+        rhs[0], rhs[1], rhs[2] = ds[0, j], ds[1, j], ds[2, j]
+        if not solve_three(dp, rhs, column):
+            return False
+        jacobian[0, j], jacobian[1, j], jacobian[2, j] = column[0], column[1], column[2]
+    return True
