@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from relnav.files.filter_log import filter_log
     from relnav.files.models import list_models, load_model, load_published
     from relnav.files.tables import write
-    from relnav.navigation.model import Model
+    from relnav.mission import Model
     from relnav.navigation.record import FilterRecord, Solution
     from relnav.navigation.relative_position import Navigator, filter_epochs
     from relnav.navigation.status import EpochStatus
@@ -35,7 +35,7 @@ _HOME = {
     "load_model": "relnav.files.models",
     "load_published": "relnav.files.models",
     "write": "relnav.files.tables",
-    "Model": "relnav.navigation.model",
+    "Model": "relnav.mission",
     "FilterRecord": "relnav.navigation.record",
     "Solution": "relnav.navigation.record",
     "Navigator": "relnav.navigation.relative_position",

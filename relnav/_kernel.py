@@ -2,12 +2,16 @@
 
 `RELNAV_JIT=0` in the environment runs the same lines as plain Python (debugging, coverage, and the test that
 compiled and plain results agree). Compiled code is cached beside the source, in the user's cache folder when the
-install is read-only, and not at all when neither can be written.
+install is read-only, and not at all when neither can be written. A compiled function holds the code of all it calls,
+but numba stamps its cache with the defining file alone; here the stamp is the content of the whole package, so that a
+changed callee is never run in its old form.
 """
 
+import hashlib
 import os
 import warnings
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
@@ -32,7 +36,18 @@ def _numba_njit() -> Any | None:
     return njit
 
 
+def _package_stamp() -> str:
+    """Digest of every source file of the package, about 5 ms."""
+    root = Path(__file__).resolve().parent
+    digest = hashlib.blake2b(digest_size=16)
+    for path in sorted(root.rglob("*.py")):
+        digest.update(str(path.relative_to(root)).encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
 _NJIT = _numba_njit()
+_STAMP = _package_stamp() if _NJIT is not None else ""
 _CACHE = True
 
 
@@ -43,8 +58,10 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
         return function
     if _CACHE:
         try:
-            compiled: Callable[P, R] = _NJIT(cache=True, **_OPTIONS)(function)
-            return compiled
+            compiled = _NJIT(cache=True, **_OPTIONS)(function)
+            compiled._cache._cache_file._source_stamp = _STAMP
+            cached: Callable[P, R] = compiled
+            return cached
         except RuntimeError as error:
             _CACHE = False
             warnings.warn(
@@ -57,6 +74,6 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     return uncached
 
 
-def compiled() -> bool:
+def is_compiled() -> bool:
     """Whether kernels run compiled in this process."""
     return _NJIT is not None

@@ -16,10 +16,18 @@ BAR_FROM_BYTES = 5_000_000
 @click.command(epilog="Example: relnav filter approach.csv --model three_beacon_psd --out track.csv")
 @click.argument("log", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--model", required=True, help="A shipped model (see `relnav models`), a folder or a model.toml.")
-@click.option("--method", type=click.Choice(["spots", "fix"]), default="spots", show_default=True,
-              help="Measurement model: the spots themselves, or the closed form's range, azimuth and elevation.")  # fmt: skip
-@click.option("--projection", type=click.Choice(["perspective", "parallel"]),
-              help="Closed form: exact for real optics, or as printed in the paper. Default: the model's.")  # fmt: skip
+@click.option(
+    "--method",
+    type=click.Choice(["spots", "fix"]),
+    default="spots",
+    show_default=True,
+    help="Measurement model: the spots themselves, or the closed form's range, azimuth and elevation.",
+)
+@click.option(
+    "--projection",
+    type=click.Choice(["perspective", "parallel"]),
+    help="Closed form: exact for real optics, or as printed in the paper. Default: the model's.",
+)
 @click.option("--out", type=click.Path(path_type=Path), help="Track to write, .csv.")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Write the summary as one JSON object.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
@@ -126,8 +134,9 @@ def summary_lines(log: str, solution: "Solution", comparisons: "tuple[Comparison
             lines.append("  SWAPPED: the image is upside down for the stated attitude; are beacons A and B exchanged?")
         return lines
     lines.append(
-        f"started at {figures['started_s']:g} s, restarts {solution.restarts}; epochs used whole {figures['accepted']}, "
-        f"in part {counts['partial']}, rejected {counts['rejected']}, without a measurement {counts['predicted']}"
+        f"started at {figures['started_s']:g} s, restarts {solution.restarts}; "
+        f"epochs used whole {figures['accepted']}, in part {counts['partial']}, rejected {counts['rejected']}, "
+        f"without a measurement {counts['predicted']}"
     )
     lines.append(str(solution.nis_consistency()))
     if comparisons:
@@ -139,5 +148,3 @@ def summary_lines(log: str, solution: "Solution", comparisons: "tuple[Comparison
             claim = f"{row.claim.value:g} {row.claim.unit}"
             lines.append(f"  {row.claim.quantity:<16}{value:>12}{claim:>13}{row.ratio:>8.3f}   {since}")
     return lines
-
-

@@ -52,8 +52,9 @@ def command(name: str | None, json_path: Path | None, quiet: bool) -> None:
                 click.echo(f"  {key:<{width}} = {entry['value']}\n  {'':<{width}}   {entry['source']}")
             for claim in result["published"]:
                 click.echo(
-                    f"  published {claim['quantity']}: {claim['value']} {claim['unit']} ({claim['statistic']} statistic, "
-                    f"{claim['condition']}; {claim['page']}); expected {claim['expected']}: {claim['reason']}"
+                    f"  published {claim['quantity']}: {claim['value']} {claim['unit']} "
+                    f"({claim['statistic']} statistic, {claim['condition']}; {claim['page']}); "
+                    f"expected {claim['expected']}: {claim['reason']}"
                 )
     if json_path is not None:
         write_json(result, json_path)

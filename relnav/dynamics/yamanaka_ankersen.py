@@ -54,9 +54,7 @@ def in_plane_transition(e: float, theta0: float, theta1: float, integral: float)
 def mean_from_true_anomaly(e: float, theta: float) -> float:
     """Mean anomaly, rad, on the same revolution as theta."""
     turns = math.floor((theta + math.pi) / (2.0 * math.pi)) * 2.0 * math.pi
-    eccentric = 2.0 * math.atan2(
-        math.sqrt(1.0 - e) * math.sin(0.5 * theta), math.sqrt(1.0 + e) * math.cos(0.5 * theta)
-    )
+    eccentric = 2.0 * math.atan2(math.sqrt(1.0 - e) * math.sin(0.5 * theta), math.sqrt(1.0 + e) * math.cos(0.5 * theta))
     wrapped = math.remainder(eccentric, 2.0 * math.pi)
     return turns + wrapped - e * math.sin(wrapped)
 

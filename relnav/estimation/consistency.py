@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri, ndtri
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Codes, Matrix, Vector
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def chi_square_interval(dof: int, probability: float = 0.95) -> tuple[float, flo
     return float(chdtri(dof, 1.0 - tail)) / dof, float(chdtri(dof, tail)) / dof
 
 
-def nis_consistency(nis: Vector, dof: Vector, probability: float = 0.95) -> Consistency:
+def nis_consistency(nis: Vector, dof: Codes, probability: float = 0.95) -> Consistency:
     """Consistency of normalised innovations squared, (n,) with their degrees of freedom (n,); NaN are left out."""
     used = np.isfinite(nis) & (np.asarray(dof) > 0)
     total = int(np.sum(np.asarray(dof)[used]))

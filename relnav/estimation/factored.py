@@ -186,4 +186,3 @@ def compose(ud: Matrix) -> Matrix:
     u = np.triu(factors, 1) + np.eye(6)
     p: Matrix = np.einsum("...ik,...k,...jk->...ij", u, d, u)
     return 0.5 * (p + np.swapaxes(p, -1, -2))
-

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from relnav.files.logs import read_log
 from relnav.files.models import load_model
-from relnav.navigation.model import Model
+from relnav.mission import Model
 from relnav.navigation.record import Solution
 from relnav.navigation.relative_position import filter_epochs
 

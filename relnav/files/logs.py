@@ -140,7 +140,7 @@ def _chunks(file: TextIO) -> Iterator[list[str]]:
 
 
 def _parse_fast(texts: list[str], columns: Columns) -> Matrix | None:
-    """numpy's reader over a chunk; None if anything is unusual."""
+    """Numpy's reader over a chunk; None if anything is unusual."""
     commas = len(columns.names) - 1
     if any(text.count(",") != commas for text in texts):
         return None
@@ -163,7 +163,9 @@ def _parse_slowly(kept: list[tuple[int, str]], path: Path, columns: Columns) -> 
     for row, (number, text) in enumerate(kept):
         cells = next(csv.reader([text]))
         if len(cells) != len(columns.names):
-            raise LogError(f"{path}:{number}: {len(columns.names)} cells are expected as in the header; got {len(cells)}")
+            raise LogError(
+                f"{path}:{number}: {len(columns.names)} cells are expected as in the header; got {len(cells)}"
+            )
         for position, (base, index) in enumerate(columns.index.items()):
             cell = cells[index].strip()
             try:

@@ -10,7 +10,7 @@ from typing import Any
 from relnav.accuracy.published import Claim
 from relnav.errors import ModelError, UnknownModelError
 from relnav.files.toml_values import build, read_toml
-from relnav.navigation.model import Model
+from relnav.mission import Model
 
 MODEL_CLASSES: dict[str, Any] = {
     "three_beacon": Model,

@@ -46,7 +46,7 @@ def metadata(solution: Solution) -> dict[str, str]:
     """Frame, units, model and version, as they head every table."""
     return {
         "relnav": relnav_version(),
-        "frame": "lvlh_ccsds (origin target's centre of mass, x V-bar, y = -h, z to nadir; velocity in the turning frame)",
+        "frame": "lvlh_ccsds: origin target's centre of mass, x V-bar, y = -h, z nadir; velocity in the turning frame",
         "units": "SI; angles in degrees; covariance in SI (m, m/s)",
         "model": solution.model,
         "method": solution.method,

@@ -40,7 +40,7 @@ class Problems:
             stripped = line.strip()
             if stripped.startswith("["):
                 current = stripped.strip("[]").split("]")[0].strip()
-                if current == key_path or current == section:
+                if current in (key_path, section):
                     found = number
             elif current == section and stripped.split("=")[0].strip() == key:
                 return number
@@ -136,8 +136,9 @@ def build(cls: Any, table: Any, where: str, problems: Problems, provenance: dict
             unknown = set(raw) - {"value", "source", "why"}
             if "value" not in raw or unknown or raw.get("source") not in SOURCES or not raw.get("why"):
                 problems.add(
-                    key_path, 'a value with its source is written { value = ..., source = "paper|assumed|derived", '
-                    f'why = "..." }}; got {raw!r}'
+                    key_path,
+                    'a value with its source is written { value = ..., source = "paper|assumed|derived", '
+                    f'why = "..." }}; got {raw!r}',
                 )
                 continue
             value, origin = raw["value"], f"{raw['source']}: {raw['why']}"

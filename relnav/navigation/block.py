@@ -8,7 +8,7 @@ import numpy as np
 
 from relnav.arrays import Matrix
 from relnav.estimation.gating import gate_limits
-from relnav.navigation.model import Model
+from relnav.mission import Model
 from relnav.sensors.three_beacon.measure import PROJECTIONS
 
 # Constants of the model

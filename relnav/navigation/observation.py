@@ -43,13 +43,13 @@ IMAGE = WORK + 35
 @kernel
 def attitude_known(block: Matrix) -> bool:
     """Whether the camera's attitude may be used."""
-    return block[SETTINGS, 2] > 0.0
+    return bool(block[SETTINGS, 2] > 0.0)
 
 
 @kernel
 def uses_coordinates(block: Matrix) -> bool:
     """Whether the measurement is the detector coordinates themselves, one group a beacon."""
-    return block[SETTINGS, 1] == SPOTS and block[SETTINGS, 2] > 0.0
+    return bool(block[SETTINGS, 1] == SPOTS and block[SETTINGS, 2] > 0.0)
 
 
 @kernel

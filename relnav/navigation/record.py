@@ -218,12 +218,13 @@ class Solution:
     @property
     def accepted(self) -> Flags:
         """Whether everything that was seen at the epoch was used, (n,)."""
-        return (self.status == UPDATED) | (self.status == STARTED)
+        used: Flags = (self.status == UPDATED) | (self.status == STARTED)
+        return used
 
     def part(self, begin: int, end: int) -> "Solution":
         """Epochs begin .. end - 1 as a solution of their own (views, not copies)."""
         cut = slice(begin, end)
-        arrays = {
+        arrays: dict[str, Any] = {
             name: value[cut] for name, value in vars(self).items() if isinstance(value, np.ndarray)
         }
         return replace(self, **arrays)

@@ -10,6 +10,7 @@ from relnav._kernel import kernel
 from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.estimation.factored import compose
 from relnav.geometry.rotation import dcm_from_quaternion_into
+from relnav.mission import Model
 from relnav.navigation.block import (
     ATTITUDE,
     CLOCK,
@@ -24,7 +25,6 @@ from relnav.navigation.block import (
     new_block,
 )
 from relnav.navigation.docking_view import docking_view
-from relnav.navigation.model import Model
 from relnav.navigation.record import UPPER, FilterRecord, Solution
 from relnav.navigation.step import step
 from relnav.sensors.three_beacon.measure import PROJECTIONS

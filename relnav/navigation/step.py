@@ -30,10 +30,10 @@ from relnav.navigation.block import (
 )
 from relnav.navigation.observation import JACOBIAN, LOCAL, P_DOCK, RAYS, fix_of_spots, uses_coordinates
 from relnav.navigation.propagation import advance, prepare_step
-from relnav.navigation.status import PARTIAL, REJECTED, STARTED, UPDATED, WAITING
+from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
 from relnav.navigation.update import copy_rows, correct
-from relnav.sensors.three_beacon.fix import fix_jacobian
 from relnav.sensors.measurement import DEGENERATE, OK
+from relnav.sensors.three_beacon.fix import fix_jacobian
 
 
 @kernel
@@ -142,7 +142,7 @@ def step(block: Matrix, t: float, spots: Matrix) -> int:
         status = correct(block, track, spots)
         if status == REJECTED or (status == PARTIAL and _half_rejected(spots, result[5])):
             clock[3] += 1.0
-        elif status == UPDATED or status == PARTIAL:
+        elif status != PREDICTED:
             clock[3] = 0.0
             clock[2] = 0.0
         if clock[3] < block[SETTINGS, 3]:
@@ -165,4 +165,3 @@ def step(block: Matrix, t: float, spots: Matrix) -> int:
                 innovation[m] = math.nan
     result[0] = status
     return status
-

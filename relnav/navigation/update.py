@@ -1,9 +1,10 @@
 """The measurement update of one epoch: gate, then an iterated extended Kalman update on the factors.
 
-The gate asks of each group (a beacon, or the whole fix) whether its squared innovation under the prior is credible;
-NIS is that of everything seen, before the gate, from the same innovation covariance as the gain. The update is
-relinearised (Gauss-Newton) while the correction is large enough for the bending of h to show: image error
-f (dx / d)^2 above a tenth of the spot noise, d the distance to the nearest beacon. In steady state once is enough.
+The gate asks of each group (a beacon, or the whole fix), and of all that pass together, whether their squared
+innovation under the prior is credible; NIS is that of everything seen, before the gate, from the same innovation
+covariance as the gain. The update is relinearised (Gauss-Newton) while the correction is large enough for the bending
+of h to show: image error f (dx / d)^2 above a tenth of the spot noise, d the distance to the nearest beacon. In steady
+state once is enough.
 """
 
 import math
@@ -53,7 +54,7 @@ def _take(block: Matrix, at: Vector, m: int) -> float:
     for j in range(6):
         e -= block[H + m, j] * (x[j] - at[j])
     alpha = scalar_update(x, block[X_WORK + 1 : X_WORK + 7], block[H + m], block[VARIANCE, m], e, block[GAIN])
-    return e * e / alpha
+    return float(e * e / alpha)
 
 
 @kernel
@@ -68,19 +69,45 @@ def _sweep(block: Matrix, track: Matrix, at: Vector) -> float:
 
 
 @kernel
+def _groups_nis(block: Matrix, track: Matrix, groups: int) -> tuple[float, int]:
+    """NIS and degrees of freedom of a set of beacons (bit i of `groups` = beacon i) under the prior."""
+    copy_rows(track, block[X_WORK : X_WORK + P_ROWS])
+    nis, dof = 0.0, 0
+    for m in range(6):
+        if block[VARIANCE, m] > 0.0 and (groups >> (m // 2)) & 1:
+            nis += _take(block, track[0], m)
+            dof += 1
+    return nis, dof
+
+
+@kernel
+def _credible(block: Matrix, track: Matrix, groups: int) -> bool:
+    nis, dof = _groups_nis(block, track, groups)
+    return dof > 0 and nis <= block[GATE, dof - 1]
+
+
+@kernel
 def _gate_groups(block: Matrix, track: Matrix) -> int:
-    """Test each beacon alone against the prior, drop the rows of those that fail; returns how many pass."""
+    """Drop the rows of beacons that are not credible; returns how many beacons pass.
+
+    Each beacon must be credible alone, and those left together: while the prior is wide a glint can pass alone but
+    contradict the others. Then the one pair that agrees is kept; if no pair does, or more than one, none is.
+    """
+    groups = 0
+    for i in range(3):
+        if _credible(block, track, 1 << i):
+            groups |= 1 << i
+    if groups > 0 and not _credible(block, track, groups):
+        agreeing, found = 0, 0
+        if groups == 7:
+            for i in range(3):
+                if _credible(block, track, 7 - (1 << i)):
+                    agreeing += 1
+                    found = 7 - (1 << i)
+        groups = found if agreeing == 1 else 0
     passed = 0
     for i in range(3):
-        copy_rows(track, block[X_WORK : X_WORK + P_ROWS])
-        nis, dof = 0.0, 0
-        for m in range(2 * i, 2 * i + 2):
-            if block[VARIANCE, m] > 0.0:
-                nis += _take(block, track[0], m)
-                dof += 1
-        if dof == 0:
-            continue
-        if nis <= block[GATE, dof - 1]:
+        if (groups >> i) & 1:
             passed += 1
         else:
             block[VARIANCE, 2 * i] = 0.0
@@ -97,7 +124,7 @@ def _bends(block: Matrix, at: Vector) -> bool:
     moved = 0.0
     for j in range(3):
         moved += (block[X_WORK, j] - at[j]) ** 2
-    return sensor[0] * moved > 0.1 * sensor[3] * d2
+    return bool(sensor[0] * moved > 0.1 * sensor[3] * d2)
 
 
 @kernel

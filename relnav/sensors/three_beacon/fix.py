@@ -31,7 +31,7 @@ def solve_fix(
     for i in range(3):
         for j in range(2):
             value = spots[i, j]
-            if not value == value:
+            if value != value:
                 return NOT_SEEN
             if not coordinate_usable(value, half_x if j == 0 else half_y):
                 status = OFF_DETECTOR

@@ -21,9 +21,7 @@ class HasSensor(Protocol):
         ...
 
 
-def measure(
-    spots_m: ArrayLike, model: HasSensor | ThreeBeaconSensor, *, projection: str | None = None
-) -> Measurement:
+def measure(spots_m: ArrayLike, model: HasSensor | ThreeBeaconSensor, *, projection: str | None = None) -> Measurement:
     """Range, azimuth and elevation of the sensor in the target's docking frame, from one image.
 
     Parameters

@@ -57,7 +57,7 @@ def solve_parallel(spots: Matrix, f: float, a: float, b: float, p: Vector) -> in
     spots (3, 2) in the unit of f. Exact for parallel projection, one solution.
     """
     T, U, D = image_ratios(spots, 2.0 * a / b)
-    if not D > (_TINY * f) ** 2:
+    if not (_TINY * f) ** 2 < D:
         return DEGENERATE
     x, y, z, W = direction_from_ratios(T, U)
     if not x > 0.0:
@@ -75,7 +75,7 @@ def solve_parallel_jacobian(spots: Matrix, f: float, a: float, b: float, jacobia
     """
     k = 2.0 * a / b
     T, U, D = image_ratios(spots, k)
-    if not D > (_TINY * f) ** 2:
+    if not (_TINY * f) ** 2 < D:
         return False
     x, y, z, W = direction_from_ratios(T, U)
     if not x > 0.0:

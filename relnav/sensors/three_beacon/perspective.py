@@ -117,7 +117,7 @@ def _newton(g: Vector, a: float, b: float, p: Vector, work: Matrix) -> bool:
         if size < 1e-9 * scale and (size < 1e-13 * scale or size >= 0.5 * last):
             return True
         last = size
-    return last < 1e-9 * (abs(p[0]) + abs(p[1]) + abs(p[2]))
+    return bool(last < 1e-9 * (abs(p[0]) + abs(p[1]) + abs(p[2])))
 
 
 @kernel

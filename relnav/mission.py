@@ -1,4 +1,4 @@
-"""Everything a three-beacon navigation filter must know about its mission, in SI units: plain values, no file."""
+"""Everything a relative navigation filter or simulator must know about its mission, in SI units: plain values."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,0 +1,1 @@
+"""Truth, made without the filter's own model: orbits integrated, detectors imaged, faults injected."""

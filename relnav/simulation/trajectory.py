@@ -1,0 +1,158 @@
+"""An approach flown on the integrated orbits: a small guidance law closes the loop on the true state."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from relnav._kernel import kernel
+from relnav.arrays import Matrix, Vector
+from relnav.mission import Model
+from relnav.simulation.orbits import MU_EARTH_M3_S2, place_chaser, relative_state, runge_kutta_step
+
+
+@dataclass(frozen=True)
+class Approach:
+    """A forced approach along the docking axis to a hold.
+
+    Attributes
+    ----------
+    duration_s, rate_hz : float
+        Length of the log and epochs a second.
+    start_m : (3,)
+        Start in the docking frame.
+    final_range_m, speed_m_s : float
+        Where the reference point stops, and how fast it moves there.
+    true_anomaly_deg, inclination_deg : float
+        Of the target at the start.
+    j2 : bool
+        Whether the Earth is oblate.
+    air_density_kg_m3, target_ballistic_m2_kg, chaser_ballistic_m2_kg : float
+        Drag; a density of zero is none.
+    thrust_scale_error : float
+        Relative error of every executed acceleration, constant over the run.
+    acceleration_noise_density_m2_s3 : float
+        White acceleration on the chaser.
+    """
+
+    duration_s: float = 300.0
+    rate_hz: float = 10.0
+    start_m: tuple[float, float, float] = (10.0, 0.25, -0.15)
+    final_range_m: float = 4.0
+    speed_m_s: float = 0.03
+    true_anomaly_deg: float = 0.0
+    inclination_deg: float = 51.6
+    j2: bool = False
+    air_density_kg_m3: float = 0.0
+    target_ballistic_m2_kg: float = 0.01
+    chaser_ballistic_m2_kg: float = 0.02
+    thrust_scale_error: float = 0.0
+    acceleration_noise_density_m2_s3: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("duration_s", "rate_hz", "final_range_m", "speed_m_s"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
+                raise ValueError(f"{name} must be positive and finite; got {getattr(self, name)!r}")
+
+
+GUIDANCE_PERIOD_S = 1.0
+BANDWIDTH_RAD_S = 0.06
+"""Of the guidance: a critically damped loop settles from a lateral offset within a minute, far above the orbit rate."""
+
+
+@kernel
+def _fly(
+    y: Matrix,
+    environment: Vector,
+    n: float,
+    dcm_dock: Matrix,
+    port: Vector,
+    profile: Vector,
+    dt: float,
+    disturbance: Matrix,
+    state: Matrix,
+    command: Matrix,
+) -> None:
+    """Write truth (m, 6) and the commanded acceleration over the interval that ends at each row, (m, 3).
+
+    profile: start range, final range, speed, guidance steps, thrust scale error; disturbance (m, 3) m/s^2.
+    """
+    axes, work = np.empty((3, 3)), np.empty((23, 3))
+    order, executed = np.zeros(3), np.zeros(3)
+    relative_state(y, axes, state[0])
+    hold = int(profile[3])
+    for row in range(1, state.shape[0]):
+        if (row - 1) % hold == 0:
+            x = state[row - 1]
+            t = (row - 1) * dt
+            reach = profile[0] - profile[2] * t
+            speed = -profile[2]
+            if reach < profile[1]:
+                reach, speed = profile[1], 0.0
+            for i in range(3):
+                error, rate = -x[i] + port[i] + dcm_dock[0, i] * reach, dcm_dock[0, i] * speed - x[3 + i]
+                order[i] = BANDWIDTH_RAD_S * (BANDWIDTH_RAD_S * error + 2.0 * rate)
+            order[0] -= 2.0 * n * x[5]
+            order[1] += n * n * x[1]
+            order[2] += 2.0 * n * x[3] - 3.0 * n * n * x[2]
+        for i in range(3):
+            command[row, i] = order[i]
+            executed[i] = order[i] * (1.0 + profile[4]) + disturbance[row, i]
+        runge_kutta_step(y, executed, environment, dt, work)
+        relative_state(y, axes, state[row])
+
+
+def fly(model: Model, approach: Approach, rng: np.random.Generator) -> tuple[Vector, Matrix, Matrix]:
+    """Fly an approach; the chaser starts at rest in the turning frame.
+
+    Returns
+    -------
+    t_s (m,), truth (m, 6) in `lvlh_ccsds`, commanded acceleration (m, 3) m/s^2 held over the interval that ends at
+    each row.
+    """
+    count = round(approach.duration_s * approach.rate_hz)
+    if count < 2:
+        raise ValueError(f"duration_s times rate_hz must give two epochs or more; got {count}")
+    dt = 1.0 / approach.rate_hz
+    y = np.zeros((4, 3))
+    y[0], y[1] = _target_start(model, approach)
+    dcm_dock, port = model.dcm_dock_from_lvlh, model.port_position_m
+    start = np.concatenate([port + dcm_dock.T @ np.array(approach.start_m), np.zeros(3)])
+    place_chaser(y, start, np.empty((3, 3)))
+    environment = np.array(
+        [
+            MU_EARTH_M3_S2,
+            1.0826359e-3 if approach.j2 else 0.0,
+            approach.air_density_kg_m3,
+            approach.target_ballistic_m2_kg,
+            approach.chaser_ballistic_m2_kg,
+        ]
+    )
+    profile = np.array(
+        [
+            approach.start_m[0],
+            min(approach.final_range_m, approach.start_m[0]),
+            approach.speed_m_s,
+            max(1.0, round(GUIDANCE_PERIOD_S * approach.rate_hz)),
+            approach.thrust_scale_error,
+        ]
+    )
+    # White noise of density q, held over dt, has variance q / dt.
+    disturbance = rng.normal(size=(count, 3)) * math.sqrt(approach.acceleration_noise_density_m2_s3 / dt)
+    state, command = np.empty((count, 6)), np.zeros((count, 3))
+    n = model.orbit.mean_motion_rad_s
+    _fly(y, environment, n, dcm_dock, port, profile, dt, disturbance, state, command)
+    return np.arange(count, dtype=np.float64) * dt, state, command
+
+
+def _target_start(model: Model, approach: Approach) -> tuple[Vector, Vector]:
+    """Inertial position and velocity of the target: perigee on the line of nodes."""
+    n, e = model.orbit.mean_motion_rad_s, model.orbit.eccentricity
+    a = (MU_EARTH_M3_S2 / n**2) ** (1.0 / 3.0)
+    p = a * (1.0 - e * e)
+    theta, i = math.radians(approach.true_anomaly_deg), math.radians(approach.inclination_deg)
+    in_plane = np.array([[1.0, 0.0], [0.0, math.cos(i)], [0.0, math.sin(i)]])
+    direction = np.array([math.cos(theta), math.sin(theta)])
+    r = p / (1.0 + e * math.cos(theta)) * in_plane @ direction
+    v = math.sqrt(MU_EARTH_M3_S2 / p) * in_plane @ np.array([-math.sin(theta), e + math.cos(theta)])
+    return np.asarray(r, dtype=np.float64), np.asarray(v, dtype=np.float64)
