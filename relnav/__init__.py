@@ -74,7 +74,7 @@ def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'relnav' has no attribute {name!r}")
     module = import_module(_HOME[name])
-    value = module if module.__name__.rpartition(".")[2] == name else getattr(module, name)
+    value = getattr(module, name, module)  # `three_beacon` is its module itself
     globals()[name] = value
     return value
 

@@ -8,7 +8,7 @@ import numpy as np
 from relnav._kernel import kernel
 from relnav.arrays import Matrix, Vector
 from relnav.mission import Model
-from relnav.simulation.orbits import MU_EARTH_M3_S2, place_chaser, relative_state, runge_kutta_step
+from relnav.simulation.orbits import J2_EARTH, MU_EARTH_M3_S2, place_chaser, relative_state, runge_kutta_step
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def fly(model: Model, approach: Approach, rng: np.random.Generator) -> tuple[Vec
     environment = np.array(
         [
             MU_EARTH_M3_S2,
-            1.0826359e-3 if approach.j2 else 0.0,
+            J2_EARTH if approach.j2 else 0.0,
             approach.air_density_kg_m3,
             approach.target_ballistic_m2_kg,
             approach.chaser_ballistic_m2_kg,
