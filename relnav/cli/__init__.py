@@ -12,9 +12,11 @@ import click
 COMMANDS = {
     "filter": "relnav.cli.filter",
     "models": "relnav.cli.models",
+    "simulate": "relnav.cli.simulate",
 }
 HELP = {
     "filter": "Filter a log of spots into a track with covariance.",
+    "simulate": "Simulate an approach: a log of spots and its truth.",
     "models": "List the shipped models, or show one with its sources.",
 }
 

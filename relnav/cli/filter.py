@@ -28,11 +28,19 @@ BAR_FROM_BYTES = 5_000_000
     type=click.Choice(["perspective", "parallel"]),
     help="Closed form: exact for real optics, or as printed in the paper. Default: the model's.",
 )
+@click.option("--smooth", is_flag=True, help="Run backward too: every state then rests on all measurements.")
 @click.option("--out", type=click.Path(path_type=Path), help="Track to write, .csv.")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Write the summary as one JSON object.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
-    log: Path, model: str, method: str, projection: str | None, out: Path | None, json_path: Path | None, quiet: bool
+    log: Path,
+    model: str,
+    method: str,
+    projection: str | None,
+    smooth: bool,
+    out: Path | None,
+    json_path: Path | None,
+    quiet: bool,
 ) -> None:
     """Filter the spots of LOG (CSV, one row an epoch) into range, azimuth, elevation and a relative state.
 
@@ -51,7 +59,7 @@ def command(
         check_folder(json_path)
     mission = load_model(model)
     claims = load_published(model)
-    solution = _filter(log, mission, method, projection, show_bar=not quiet and sys.stderr.isatty())
+    solution = _filter(log, mission, method, projection, smooth, show_bar=not quiet and sys.stderr.isatty())
     if out is not None:
         write(solution, out)
     comparisons = compare_with_published(solution, claims)
@@ -64,18 +72,18 @@ def command(
             click.echo(f"track: {out}")
 
 
-def _filter(log: Path, mission: Any, method: str, projection: str | None, show_bar: bool) -> "Solution":
+def _filter(log: Path, mission: Any, method: str, projection: str | None, smooth: bool, show_bar: bool) -> "Solution":
     from relnav.files.filter_log import filter_log
 
     if not show_bar or log.stat().st_size < BAR_FROM_BYTES:
-        return filter_log(log, mission, method=method, projection=projection)
+        return filter_log(log, mission, method=method, projection=projection, smooth=smooth)
     with click.progressbar(length=1, label="filtering", file=sys.stderr) as bar:
 
         def progress(done: int, total: int) -> None:
             bar.length = total
             bar.update(done)
 
-        return filter_log(log, mission, method=method, projection=projection, progress=progress)
+        return filter_log(log, mission, method=method, projection=projection, smooth=smooth, progress=progress)
 
 
 def summary(solution: "Solution", comparisons: "tuple[Comparison, ...]") -> dict[str, Any]:
@@ -88,6 +96,7 @@ def summary(solution: "Solution", comparisons: "tuple[Comparison, ...]") -> dict
     return {
         "model": solution.model,
         "method": solution.method,
+        "smoothed": solution.smoothed,
         "epochs": len(solution),
         "t_first_s": float(solution.t_s[0]),
         "t_last_s": float(solution.t_s[-1]),
@@ -121,9 +130,8 @@ def summary_lines(log: str, solution: "Solution", comparisons: "tuple[Comparison
     figures = summary(solution, comparisons)
     counts = figures["epochs_by_status"]
     first, last = figures["t_first_s"], figures["t_last_s"]
-    lines = [
-        f"{log}: {len(solution)} epochs, {first:g} s to {last:g} s; model {solution.model}, method {solution.method}"
-    ]
+    method = solution.method + (", smoothed" if solution.smoothed else "")
+    lines = [f"{log}: {len(solution)} epochs, {first:g} s to {last:g} s; model {solution.model}, method {method}"]
     if "ignored columns" in solution.metadata:
         lines.append(f"ignored columns: {solution.metadata['ignored columns']}")
     if figures["started_s"] is None:

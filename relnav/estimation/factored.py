@@ -52,38 +52,66 @@ def compose_into(ud: Matrix, p: Matrix) -> None:
 
 
 @kernel
-def time_update_into(ud: Matrix, phi: Matrix, q_ud: Matrix, w: Matrix, v: Matrix) -> None:
-    """Replace the factors of P by those of Phi P Phi^T + Q, in place (Thornton).
+def orthogonalise(wt: Matrix, weights: Matrix, ud: Matrix) -> None:
+    """Write the factors of W diag(weights) W^T into ud: modified weighted Gram-Schmidt, last row to first.
 
-    q_ud (6, 6) are the factors of Q; w, v (6, 6) scratch. Rows of [w | v] = [Phi U | U_q] are orthogonalised from
-    the last to the first under the weights (D, D_q).
+    wt (m, 6) is W transposed, and is used up; weights (m / 6, 6) are its m weights >= 0, row by row. The sum is
+    positive semidefinite by construction, whatever the rounding.
     """
-    for i in range(6):
-        for j in range(6):
-            total = phi[i, j]
-            for k in range(j):
-                total += phi[i, k] * ud[k, j]
-            w[i, j] = total
-            v[i, j] = 1.0 if i == j else (q_ud[i, j] if j > i else 0.0)
+    columns = wt.shape[0]
     for i in range(5, -1, -1):
         d = 0.0
-        for k in range(6):
-            d += w[i, k] * w[i, k] * ud[k, k] + v[i, k] * v[i, k] * q_ud[k, k]
+        for k in range(columns):
+            d += wt[k, i] * wt[k, i] * weights[k // 6, k % 6]
         for j in range(i):
             c = 0.0
-            for k in range(6):
-                c += w[i, k] * ud[k, k] * w[j, k] + v[i, k] * q_ud[k, k] * v[j, k]
+            for k in range(columns):
+                c += wt[k, i] * weights[k // 6, k % 6] * wt[k, j]
             c = c / d if d > 0.0 else 0.0
-            ud[i, j] = c  # kept below the diagonal until every row is done: D above is still needed
-            for k in range(6):
-                w[j, k] -= c * w[i, k]
-                v[j, k] -= c * v[i, k]
-        w[i, 0] = d  # row i is finished; its first place keeps its new D
-    for i in range(6):
-        ud[i, i] = w[i, 0]
-        for j in range(i):
-            ud[j, i] = ud[i, j]
+            ud[j, i] = c
             ud[i, j] = 0.0
+            for k in range(columns):
+                wt[k, j] -= c * wt[k, i]
+        ud[i, i] = d
+
+
+@kernel
+def spread(m: Matrix, ud: Matrix, wt: Matrix, weights: Vector) -> None:
+    """Write (M U)^T and D of the factors ud into wt (6, 6) and weights (6,): the part of M P M^T in a sum."""
+    for k in range(6):
+        weights[k] = ud[k, k]
+        for i in range(6):
+            total = m[i, k]
+            for j in range(k):
+                total += m[i, j] * ud[j, k]
+            wt[k, i] = total
+
+
+@kernel
+def time_update_into(ud: Matrix, phi: Matrix, q_ud: Matrix, wt: Matrix, weights: Matrix) -> None:
+    """Replace the factors of P by those of Phi P Phi^T + Q, in place (Thornton).
+
+    q_ud (6, 6) are the factors of Q; wt (12, 6) and weights (2, 6) scratch: W = [Phi U | U_q], weights (D, D_q).
+    """
+    spread(phi, ud, wt, weights[0])
+    for k in range(6):
+        weights[1, k] = q_ud[k, k]
+        for i in range(6):
+            wt[6 + k, i] = 1.0 if i == k else (q_ud[i, k] if i < k else 0.0)
+    orthogonalise(wt, weights, ud)
+
+
+@kernel
+def solve_factored(ud: Matrix, rhs: Vector) -> None:
+    """Replace rhs (6,) by P^-1 rhs; along directions without uncertainty (D = 0) the result is 0."""
+    for i in range(5, -1, -1):
+        for j in range(i + 1, 6):
+            rhs[i] -= ud[i, j] * rhs[j]
+    for i in range(6):
+        rhs[i] = rhs[i] / ud[i, i] if ud[i, i] > 0.0 else 0.0
+    for i in range(6):
+        for j in range(i):
+            rhs[i] -= ud[j, i] * rhs[j]
 
 
 @kernel

@@ -17,6 +17,7 @@ def filter_log(
     *,
     method: str = "spots",
     projection: str | None = None,
+    smooth: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> Solution:
     """Filter a CSV log of spots into a track.
@@ -32,6 +33,8 @@ def filter_log(
         Measurement model, as for `Navigator`.
     projection : {"perspective", "parallel"}, optional
         As for `Navigator`.
+    smooth : bool
+        Run backward too: every state then rests on all measurements of its unbroken piece of track.
     progress : callable, optional
         Called with (epochs just done, epochs in all).
 
@@ -59,6 +62,7 @@ def filter_log(
         q_cam_from_lvlh=log.q_cam_from_lvlh,
         method=method,
         projection=projection,
+        smooth=smooth,
         progress=None if progress is None else lambda done: progress(done, total),
     )
     solution.metadata["log"] = Path(path).name

@@ -1,4 +1,4 @@
-"""Logs of spots in CSV: one row an epoch, read in chunks, every malformed row named by its line.
+"""Logs of spots in CSV or Parquet: one row an epoch, read in chunks, every malformed row named by its line.
 
 Missing data is defined here, not by a library: an empty or NaN cell of a spot column means "not seen"; anywhere else
 it is an error. Infinities in spot columns go to the filter, which rejects them as off the detector.
@@ -51,7 +51,7 @@ class Log:
 
 
 def read_log(path: Path) -> Log:
-    """Read a CSV log.
+    """Read a log: Parquet if the file's name ends so, else CSV.
 
     Raises
     ------
@@ -59,15 +59,11 @@ def read_log(path: Path) -> Log:
         Naming file, line and column: for a row with a wrong number of cells, text in a number, an empty cell outside
         the spots, a time that repeats or goes back, a quaternion that is not a rotation, a missing column.
     """
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            metadata, header, line = _read_head(file, path)
-            columns = parse_header(header, f"{path}:{line}")
-            values, lines = _read_rows(file, path, columns, line)
-    except UnicodeDecodeError as error:
-        raise LogError(f"{path}: not a text file in UTF-8; a CSV log is expected") from error
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror}") from error
+    if path.suffix.lower() == ".parquet":
+        metadata, columns, values = _read_parquet(path)
+        lines = np.arange(1, len(values) + 1, dtype=np.float64)
+    else:
+        metadata, columns, values, lines = _read_csv(path)
     if len(values) == 0:
         raise LogError(f"{path}: no rows after the header; at least one epoch is expected")
     _check_values(values, lines, path, columns)
@@ -89,6 +85,27 @@ def read_log(path: Path) -> Log:
         metadata=metadata,
         ignored=columns.ignored,
     )
+
+
+def _read_csv(path: Path) -> tuple[dict[str, str], Columns, Matrix, Vector]:
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            metadata, header, line = _read_head(file, path)
+            columns = parse_header(header, f"{path}:{line}")
+            values, lines = _read_rows(file, path, columns, line)
+    except UnicodeDecodeError as error:
+        raise LogError(f"{path}: not a text file in UTF-8; a CSV log is expected") from error
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror}") from error
+    return metadata, columns, values, lines
+
+
+def _read_parquet(path: Path) -> tuple[dict[str, str], Columns, Matrix]:
+    from relnav.files.parquet import open_parquet, read_columns
+
+    file, names, metadata = open_parquet(path)
+    columns = parse_header(names, f"{path}:1")
+    return metadata, columns, _to_si(read_columns(file, path, [names[i] for i in columns.index.values()]), columns)
 
 
 def _order(columns: Columns) -> dict[str, int]:
@@ -126,12 +143,16 @@ def _read_rows(file: TextIO, path: Path, columns: Columns, head_lines: int) -> t
             numbers.append(np.array([number for number, _ in kept]))
     if not parts:
         return np.empty((0, len(columns.index))), np.empty(0)
-    values = np.concatenate(parts)
+    return _to_si(np.concatenate(parts), columns), np.concatenate(numbers)
+
+
+def _to_si(values: Matrix, columns: Columns) -> Matrix:
+    """The values with each column times its factor, in place."""
     for position, base in enumerate(columns.index):
         factor = columns.factor[base]
         if factor != 1.0:
-            values[:, position] = to_si(values[:, position], factor)  # type: ignore[arg-type]  # elementwise
-    return values, np.concatenate(numbers)
+            values[:, position] = to_si(values[:, position], factor)
+    return values
 
 
 def _chunks(file: TextIO) -> Iterator[list[str]]:

@@ -49,7 +49,7 @@ def metadata(solution: Solution) -> dict[str, str]:
         "frame": "lvlh_ccsds: origin target's centre of mass, x V-bar, y = -h, z nadir; velocity in the turning frame",
         "units": "SI; angles in degrees; covariance in SI (m, m/s)",
         "model": solution.model,
-        "method": solution.method,
+        "method": solution.method + (", smoothed" if solution.smoothed else ""),
     } | {key: str(value) for key, value in solution.metadata.items()}
 
 
@@ -74,9 +74,9 @@ def _parts(solution: Solution) -> Iterator[Matrix]:
         )
 
 
-def _cells(row: list[float]) -> list[str]:
+def _cells(row: list[float], integers: tuple[int, ...]) -> list[str]:
     cells = ["" if value != value else repr(value) for value in row]
-    for index in INTEGERS:
+    for index in integers:
         cells[index] = str(int(row[index]))
     return cells
 
@@ -89,7 +89,7 @@ def write(solution: Solution, path: str | os.PathLike[str]) -> None:
     solution : Solution
         From `filter_log`.
     path : str or path
-        Ends in `.csv`. Empty cells: no state yet. The file appears whole or not at all.
+        Ends in `.csv` or `.parquet` (needs pyarrow). Empty cells: no state yet. The file appears whole or not at all.
 
     Raises
     ------
@@ -98,13 +98,26 @@ def write(solution: Solution, path: str | os.PathLike[str]) -> None:
     """
     target = Path(path)
     check_format(target)
-    with replacing(target) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        for key, value in metadata(solution).items():
-            file.write(f"# {key} = {value}\n")
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for rows in _parts(solution):
-            writer.writerows(_cells(row) for row in rows.tolist())
+    write_table(target, COLUMNS, _parts(solution), metadata(solution), INTEGERS)
+
+
+def write_table(
+    path: Path, columns: tuple[str, ...], parts: Iterator[Matrix], head: dict[str, str], integers: tuple[int, ...]
+) -> None:
+    """Write rows (m, len(columns)), part after part, as CSV or Parquet by the file's ending; whole or not at all."""
+    with replacing(path) as temporary:
+        if path.suffix.lower() == ".parquet":
+            from relnav.files.parquet import write_parquet
+
+            write_parquet(temporary, columns, parts, head, integers)
+            return
+        with temporary.open("w", newline="", encoding="utf-8") as file:
+            for key, value in head.items():
+                file.write(f"# {key} = {value}\n")
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(columns)
+            for rows in parts:
+                writer.writerows(_cells(row, integers) for row in rows.tolist())
 
 
 def check_format(path: Path) -> None:
@@ -115,8 +128,12 @@ def check_format(path: Path) -> None:
     UsageError
         Naming the endings that can.
     """
-    if path.suffix.lower() != ".csv":
-        raise UsageError(f"{path}: a table ends in .csv; got '{path.suffix}'")
+    if path.suffix.lower() not in (".csv", ".parquet"):
+        raise UsageError(f"{path}: a table ends in .csv or .parquet; got '{path.suffix}'")
+    if path.suffix.lower() == ".parquet":
+        from relnav.files.parquet import require_pyarrow
+
+        require_pyarrow()
 
 
 def write_json(value: dict[str, Any], path: Path) -> None:

@@ -1,6 +1,11 @@
 """The one table that turns a key's or column's unit suffix into SI."""
 
 import math
+from typing import TypeVar
+
+from relnav.arrays import Vector
+
+Number = TypeVar("Number", float, Vector)
 
 # suffix: (SI suffix, factor)
 UNITS: dict[str, tuple[str, float]] = {
@@ -41,7 +46,7 @@ def same_kind(unit: str) -> list[str]:
     return [suffix for suffix, (si, _) in UNITS.items() if si == kind]
 
 
-def to_si(value: float, factor: float) -> float:
+def to_si(value: Number, factor: float) -> Number:
     """The value times its factor; by division where that is exact in decimal (10 um is 1e-05 m, not 9.99e-06)."""
     inverse = round(1.0 / factor)
     if factor < 1.0 and abs(inverse * factor - 1.0) < 1e-12:

@@ -64,7 +64,7 @@ def prepare_step(block: Matrix, dt: float) -> None:
 @kernel
 def advance(block: Matrix, track: Matrix) -> None:
     """Carry the state and factors of a track (7, 6) over the prepared step."""
-    x, scratch, effect = track[0], block[WORK + 12], block[EFFECT]
+    x, scratch, effect = track[0], block[WORK + 14], block[EFFECT]
     phi = block[PHI : PHI + 6]
     for i in range(6):
         total = effect[i]
@@ -77,6 +77,6 @@ def advance(block: Matrix, track: Matrix) -> None:
         track[1:7],
         phi,
         block[Q_FACTORS : Q_FACTORS + 6],
-        block[WORK : WORK + 6],
-        block[WORK + 6 : WORK + 12],
+        block[WORK : WORK + 12],
+        block[WORK + 12 : WORK + 14],
     )

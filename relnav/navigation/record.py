@@ -164,6 +164,8 @@ class Solution:
         What made it.
     restarts : int
         How often a confirmed start replaced a locked-out track.
+    smoothed : bool
+        Whether states and covariances rest on the measurements after them too; NIS is the filter's either way.
     metadata : dict
         What else a reader should know (source file, the log's own metadata).
     """
@@ -181,6 +183,7 @@ class Solution:
     model: str
     method: str
     restarts: int
+    smoothed: bool = False
     metadata: dict[str, Any] = field(default_factory=dict)
 
     @property

@@ -26,13 +26,20 @@ from relnav.navigation.block import (
 )
 from relnav.navigation.docking_view import docking_view
 from relnav.navigation.record import UPPER, FilterRecord, Solution
+from relnav.navigation.reference_engine import ReferenceEngine, run_reference
+from relnav.navigation.smoothing import pack_factors, smooth_run
 from relnav.navigation.step import step
 from relnav.sensors.three_beacon.measure import PROJECTIONS
 
 CHUNK = 20_000
 
 
-def _choose(model: Model, method: str, projection: str | None) -> Matrix:
+ENGINES = ("compiled", "filterpy")
+
+
+def _choose(model: Model, method: str, projection: str | None, engine: str) -> Matrix:
+    if engine not in ENGINES:
+        raise ValueError(f'engine must be "compiled" or "filterpy"; got {engine!r}')
     if method not in METHODS:
         raise ValueError(f'method must be "spots" or "fix"; got {method!r}')
     name = model.sensor.projection if projection is None else projection
@@ -61,11 +68,13 @@ class Navigator:
         Measurement model: the detector coordinates themselves, or the closed form's range, azimuth and elevation.
     projection : {"perspective", "parallel"}, optional
         Closed form of `fix` and of every start; the model's own if left out.
+    engine : {"compiled", "filterpy"}
+        Ours, or the same filter on filterpy's ExtendedKalmanFilter: hundreds of times slower, for comparison.
 
     Raises
     ------
     ValueError
-        For an unknown method or projection.
+        For an unknown method, projection or engine.
 
     Examples
     --------
@@ -76,8 +85,11 @@ class Navigator:
     'WAITING'
     """
 
-    def __init__(self, model: Model, method: str = "spots", *, projection: str | None = None) -> None:
-        self._block = _choose(model, method, projection)
+    def __init__(
+        self, model: Model, method: str = "spots", *, projection: str | None = None, engine: str = "compiled"
+    ) -> None:
+        self._block = _choose(model, method, projection, engine)
+        self._reference = ReferenceEngine(self._block) if engine == "filterpy" else None
         self._held = self._block[ATTITUDE : ATTITUDE + 3, :3].copy()
         self._held_known = bool(self._block[SETTINGS, 2])
         self._last_t = -math.inf
@@ -131,7 +143,10 @@ class Navigator:
             self._set_input(acceleration_m_s2, delta_v_m_s)
         if dcm_cam_from_lvlh is not None or self._attitude_used:
             self._set_attitude(dcm_cam_from_lvlh)
-        step(self._block, t, spots)
+        if self._reference is None:
+            step(self._block, t, spots)
+        else:
+            self._reference.step(t, spots)
         self._last_t = t
         return FilterRecord(self._block[DOCK:RECORD_END].copy())
 
@@ -180,13 +195,14 @@ def _run(
         codes[e, 2] = int(block[RESULT, 3])
         nis[e] = block[RESULT, 1]
         running = block[CLOCK, 1] > 0.0
-        packed = 0
         for i in range(6):
             innovation[e, i] = block[INNOVATION, i]
             state[e, i] = block[TRACK, i] if running else math.nan
-            for j in range(i, 6):
-                factor[e, packed] = block[TRACK + 1 + i, j] if running else math.nan
-                packed += 1
+        if running:
+            pack_factors(block[TRACK + 1 : TRACK + 7], factor[e])
+        else:
+            for k in range(factor.shape[1]):
+                factor[e, k] = math.nan
 
 
 def filter_epochs(
@@ -199,6 +215,8 @@ def filter_epochs(
     q_cam_from_lvlh: Matrix | None = None,
     method: str = "spots",
     projection: str | None = None,
+    engine: str = "compiled",
+    smooth: bool = False,
     progress: Callable[[int], None] | None = None,
 ) -> Solution:
     """Filter a log that is already in memory: the same step as `Navigator`, epoch after epoch.
@@ -215,8 +233,10 @@ def filter_epochs(
         Control in `lvlh_ccsds`: acceleration held since the row before, impulse just before the row.
     q_cam_from_lvlh : (n, 4), optional
         Camera attitude of each row, unit quaternions, scalar last; the model's if left out.
-    method, projection
+    method, projection, engine
         As for `Navigator`.
+    smooth : bool
+        Run backward too: every state then rests on all measurements of its unbroken piece of track.
     progress : callable, optional
         Called with the number of epochs just done.
 
@@ -225,7 +245,8 @@ def filter_epochs(
     ValueError
         For shapes that do not agree, times that do not increase, control or attitude that is not usable.
     """
-    block = _choose(model, method, projection)
+    block = _choose(model, method, projection, engine)
+    reference = ReferenceEngine(block) if engine == "filterpy" else None
     t = np.ascontiguousarray(t_s, dtype=np.float64)
     n = len(t)
     if t.ndim != 1:
@@ -251,7 +272,7 @@ def filter_epochs(
     nis, codes = np.empty(n), np.empty((n, 3), dtype=np.int64)
     for begin in range(0, n, CHUNK):
         part = slice(begin, min(n, begin + CHUNK))
-        _run(
+        arguments = (
             block,
             t[part],
             spots[part],
@@ -263,8 +284,15 @@ def filter_epochs(
             nis[part],
             codes[part],
         )
+        if reference is None:
+            _run(*arguments)
+        else:
+            run_reference(*arguments, reference)
         if progress is not None:
             progress(part.stop - part.start)
+    if smooth:
+        block[INPUT] = 0.0
+        smooth_run(block, t, control, codes[:, 1].copy(), state, factor, np.zeros((73, 6)))
     ud = np.zeros((n, 6, 6))
     ud[:, UPPER[0], UPPER[1]] = factor
     rae, rae_covariance = docking_view(
@@ -284,6 +312,7 @@ def filter_epochs(
         model=model.name,
         method=method,
         restarts=int(block[CLOCK, 4]),
+        smoothed=smooth,
     )
 
 

@@ -31,8 +31,11 @@ class Approach:
         Drag; a density of zero is none.
     thrust_scale_error : float
         Relative error of every executed acceleration, constant over the run.
-    acceleration_noise_density_m2_s3 : float
-        White acceleration on the chaser.
+    assumed_noise : bool
+        Disturb the chaser with just the white acceleration that the model's process noise states (its density and its
+        control errors): truth as the filter believes it to be, for consistency tests.
+    assumed_start : bool
+        Draw the initial velocity from the filter's prior, instead of starting at rest.
     """
 
     duration_s: float = 300.0
@@ -47,7 +50,8 @@ class Approach:
     target_ballistic_m2_kg: float = 0.01
     chaser_ballistic_m2_kg: float = 0.02
     thrust_scale_error: float = 0.0
-    acceleration_noise_density_m2_s3: float = 0.0
+    assumed_noise: bool = False
+    assumed_start: bool = False
 
     def __post_init__(self) -> None:
         for name in ("duration_s", "rate_hz", "final_range_m", "speed_m_s"):
@@ -69,13 +73,15 @@ def _fly(
     port: Vector,
     profile: Vector,
     dt: float,
-    disturbance: Matrix,
+    noise: Vector,
+    draws: Matrix,
     state: Matrix,
     command: Matrix,
 ) -> None:
     """Write truth (m, 6) and the commanded acceleration over the interval that ends at each row, (m, 3).
 
-    profile: start range, final range, speed, guidance steps, thrust scale error; disturbance (m, 3) m/s^2.
+    profile: start range, final range, speed, guidance steps, thrust scale error. noise: amplitudes of the white
+    acceleration, and of the control's errors in size and direction; draws (m, 7): standard normal, or (0, 7).
     """
     axes, work = np.empty((3, 3)), np.empty((23, 3))
     order, executed = np.zeros(3), np.zeros(3)
@@ -97,13 +103,17 @@ def _fly(
             order[2] += 2.0 * n * x[3] - 3.0 * n * n * x[2]
         for i in range(3):
             command[row, i] = order[i]
-            executed[i] = order[i] * (1.0 + profile[4]) + disturbance[row, i]
+            executed[i] = order[i] * (1.0 + profile[4])
+            if draws.shape[0] > 0:  # a x draw has covariance |a|^2 I - a a^T
+                j, k = (i + 1) % 3, (i + 2) % 3
+                across = order[j] * draws[row, 4 + k] - order[k] * draws[row, 4 + j]
+                executed[i] += noise[0] * draws[row, i] + noise[1] * order[i] * draws[row, 3] + noise[2] * across
         runge_kutta_step(y, executed, environment, dt, work)
         relative_state(y, axes, state[row])
 
 
 def fly(model: Model, approach: Approach, rng: np.random.Generator) -> tuple[Vector, Matrix, Matrix]:
-    """Fly an approach; the chaser starts at rest in the turning frame.
+    """Fly an approach.
 
     Returns
     -------
@@ -117,7 +127,8 @@ def fly(model: Model, approach: Approach, rng: np.random.Generator) -> tuple[Vec
     y = np.zeros((4, 3))
     y[0], y[1] = _target_start(model, approach)
     dcm_dock, port = model.dcm_dock_from_lvlh, model.port_position_m
-    start = np.concatenate([port + dcm_dock.T @ np.array(approach.start_m), np.zeros(3)])
+    velocity = rng.normal(size=3) * model.filter.initial_velocity_sigma_m_s * approach.assumed_start
+    start = np.concatenate([port + dcm_dock.T @ np.array(approach.start_m), velocity])
     place_chaser(y, start, np.empty((3, 3)))
     environment = np.array(
         [
@@ -138,10 +149,19 @@ def fly(model: Model, approach: Approach, rng: np.random.Generator) -> tuple[Vec
         ]
     )
     # White noise of density q, held over dt, has variance q / dt.
-    disturbance = rng.normal(size=(count, 3)) * math.sqrt(approach.acceleration_noise_density_m2_s3 / dt)
+    density = model.process_noise
+    error = math.sqrt(density.control_correlation_time_s / dt)
+    noise = np.array(
+        [
+            math.sqrt(density.acceleration_noise_density_m2_s3 / dt),
+            density.control_magnitude_sigma * error,
+            density.control_direction_sigma_rad * error,
+        ]
+    )
+    draws = rng.normal(size=(count if approach.assumed_noise else 0, 7))
     state, command = np.empty((count, 6)), np.zeros((count, 3))
     n = model.orbit.mean_motion_rad_s
-    _fly(y, environment, n, dcm_dock, port, profile, dt, disturbance, state, command)
+    _fly(y, environment, n, dcm_dock, port, profile, dt, noise, draws, state, command)
     return np.arange(count, dtype=np.float64) * dt, state, command
 
 

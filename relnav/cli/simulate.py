@@ -1,0 +1,74 @@
+"""`relnav simulate`: an approach flown on integrated orbits, as a log to filter and its truth."""
+
+from pathlib import Path
+
+import click
+
+
+@click.command(epilog="Example: relnav simulate three_beacon_psd --out log.csv --truth truth.csv --seed 7")
+@click.argument("model")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Log to write, .csv or .parquet.")
+@click.option("--truth", type=click.Path(path_type=Path), help="True states to write, .csv or .parquet.")
+@click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0), help="The same seed, the same log.")
+@click.option("--duration", "duration_s", default=300.0, show_default=True, help="Length, s.")
+@click.option("--rate", "rate_hz", default=10.0, show_default=True, help="Images a second.")
+@click.option("--dropout", default=0.0, show_default=True, help="Probability that a spot is not seen.")
+@click.option("--outliers", default=0.0, show_default=True, help="Probability that a spot is a glint elsewhere.")
+@click.option("--start-range", "start_range_m", default=10.0, show_default=True, help="Start on the docking axis, m.")
+@click.option("--final-range", "final_range_m", default=4.0, show_default=True, help="Where the chaser holds, m.")
+@click.option("--speed", "speed_m_s", default=0.03, show_default=True, help="Approach speed, m/s.")
+@click.option("--j2", is_flag=True, help="Let the Earth be oblate.")
+@click.option("--air-density", "air_density_kg_m3", default=0.0, show_default=True, help="For drag, kg/m^3.")
+@click.option("--quiet", is_flag=True, help="Print nothing.")
+def command(
+    model: str,
+    out: Path,
+    truth: Path | None,
+    seed: int,
+    duration_s: float,
+    rate_hz: float,
+    dropout: float,
+    outliers: float,
+    start_range_m: float,
+    final_range_m: float,
+    speed_m_s: float,
+    j2: bool,
+    air_density_kg_m3: float,
+    quiet: bool,
+) -> None:
+    """Simulate an approach of MODEL: two-body truth under closed-loop guidance, imaged with noise and faults."""
+    from relnav.errors import UsageError
+    from relnav.files.atomic import check_folder
+    from relnav.files.models import load_model
+    from relnav.files.simulated import write_log, write_truth
+    from relnav.files.tables import check_format
+    from relnav.simulation.detector import Faults
+    from relnav.simulation.scenario import simulate
+    from relnav.simulation.trajectory import Approach
+
+    for path in (out, truth):
+        if path is not None:
+            check_format(path)
+            check_folder(path)
+    mission = load_model(model)
+    try:
+        approach = Approach(
+            duration_s=duration_s,
+            rate_hz=rate_hz,
+            start_m=(start_range_m, 0.25, -0.15),
+            final_range_m=final_range_m,
+            speed_m_s=speed_m_s,
+            j2=j2,
+            air_density_kg_m3=air_density_kg_m3,
+        )
+        log = simulate(mission, approach, Faults(dropout, outliers), seed)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    metadata = {"model": mission.name, "seed": str(seed)}
+    write_log(log, out, metadata)
+    if truth is not None:
+        write_truth(log, truth, metadata)
+    if not quiet:
+        click.echo(f"log: {out} ({len(log.t_s)} epochs, model {mission.name}, seed {seed})")
+        if truth is not None:
+            click.echo(f"truth: {truth}")

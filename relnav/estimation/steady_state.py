@@ -1,0 +1,63 @@
+"""Where a filter settles, from the discrete Riccati equation: covariance, gain, and whether it settles at all.
+
+`control.dlqe` returns the PRIOR covariance and the gain of the PREDICTOR, L = Phi K; both are converted here. It costs
+2.6 s to import and is imported when used.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from relnav.arrays import Matrix, Vector
+
+
+@dataclass(frozen=True)
+class SteadyState:
+    """Long-run filter at one geometry and rate.
+
+    Attributes
+    ----------
+    detectable : bool
+        False if some uncertain direction is never seen; the matrices are then NaN.
+    prior, posterior : (6, 6)
+        Covariance before and after each measurement.
+    gain : (6, m)
+        Filter gain K.
+    observability : (6,)
+        Singular values of the observability matrix of six steps, rows scaled to unit noise: the smallest over the
+        largest says how well the worst direction is seen.
+    """
+
+    detectable: bool
+    prior: Matrix
+    posterior: Matrix
+    gain: Matrix
+    observability: Vector
+
+
+def steady_state(phi: Matrix, q: Matrix, h: Matrix, r: Matrix) -> SteadyState:
+    """Steady state of x' = Phi x + w, z = H x + v with covariances Q and R.
+
+    Parameters
+    ----------
+    phi, q : (6, 6)
+        Transition and process noise covariance over one step.
+    h, r : (m, 6), (m, m)
+        Measurement rows and noise.
+    """
+    import control
+
+    whitener = np.linalg.inv(np.linalg.cholesky(r))
+    values = np.linalg.svd(control.obsv(phi, whitener @ h), compute_uv=False)
+    nothing = np.full((6, 6), np.nan)
+    undetectable = SteadyState(False, nothing, nothing, np.full((6, len(h)), np.nan), values)
+    if values[-1] <= 1e-12 * values[0]:  # a direction that is never seen, to rounding
+        return undetectable
+    try:
+        predictor, prior, _ = control.dlqe(phi, np.eye(6), h, q, r)
+    except (np.linalg.LinAlgError, control.ControlException):
+        return undetectable
+    gain: Matrix = np.linalg.solve(phi, predictor)
+    rest = np.eye(6) - gain @ h
+    posterior = rest @ prior @ rest.T + gain @ r @ gain.T
+    return SteadyState(True, np.asarray(prior), posterior, gain, values)

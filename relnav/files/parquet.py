@@ -1,0 +1,100 @@
+"""Parquet in and out, through pyarrow (extra `parquet`): batches in bounded memory, units in the column metadata."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from relnav.arrays import Matrix
+from relnav.errors import LogError, UsageError
+from relnav.files.units import split_unit
+
+BATCH_ROWS = 65_536
+
+
+def require_pyarrow() -> Any:
+    """The pyarrow package.
+
+    Raises
+    ------
+    UsageError
+        With the line that installs it.
+    """
+    try:
+        import pyarrow
+    except ImportError as error:
+        raise UsageError("Parquet files need pyarrow: pip install 'relnav[parquet]', or use .csv") from error
+    return pyarrow
+
+
+def open_parquet(path: Path) -> tuple[Any, list[str], dict[str, str]]:
+    """Open a file; returns it, its column names and its metadata.
+
+    Raises
+    ------
+    LogError
+        If it is not Parquet.
+    """
+    pyarrow = require_pyarrow()
+    from pyarrow import parquet
+
+    try:
+        file = parquet.ParquetFile(path, pre_buffer=False)
+    except (pyarrow.ArrowException, OSError) as error:
+        raise LogError(f"{path}: not a readable Parquet file: {error}") from error
+    stored = file.schema_arrow.metadata or {}
+    metadata = {key.decode(): value.decode(errors="replace") for key, value in stored.items() if key != b"ARROW:schema"}
+    return file, list(file.schema_arrow.names), metadata
+
+
+def read_columns(file: Any, path: Path, names: list[str]) -> Matrix:
+    """The named columns as float64 (n, len(names)); null becomes NaN.
+
+    Raises
+    ------
+    LogError
+        For a column that does not hold numbers.
+    """
+    pyarrow = require_pyarrow()
+    out = np.empty((file.metadata.num_rows, len(names)))
+    row = 0
+    try:
+        for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=names):
+            for position, name in enumerate(names):
+                column = batch.column(name)
+                if not (pyarrow.types.is_floating(column.type) or pyarrow.types.is_integer(column.type)):
+                    raise LogError(f"{path}: column '{name}' holds {column.type}; numbers are expected")
+                values = column.cast(pyarrow.float64()).to_numpy(zero_copy_only=False)
+                out[row : row + len(batch), position] = values
+            row += len(batch)
+    except pyarrow.ArrowException as error:
+        raise LogError(f"{path}: damaged after row {row}: {error}") from error
+    return out
+
+
+def write_parquet(
+    path: Path, columns: tuple[str, ...], parts: Iterator[Matrix], metadata: dict[str, str], integers: tuple[int, ...]
+) -> None:
+    """Write tables (m, len(columns)) one after the other; NaN becomes null; units go into the columns' metadata."""
+    pyarrow = require_pyarrow()
+    from pyarrow import parquet
+
+    fields = [
+        pyarrow.field(
+            name,
+            pyarrow.int8() if index in integers else pyarrow.float64(),
+            metadata={"unit": split_unit(name)[1] or "1"},
+        )
+        for index, name in enumerate(columns)
+    ]
+    schema = pyarrow.schema(fields, metadata=metadata)
+    with parquet.ParquetWriter(path, schema, compression="snappy", use_dictionary=False) as writer:
+        for part in parts:
+            arrays = [
+                pyarrow.array(part[:, index].astype(np.int8))
+                if index in integers
+                else pyarrow.array(np.ascontiguousarray(part[:, index]), from_pandas=True)
+                for index in range(len(columns))
+            ]
+            writer.write_table(pyarrow.Table.from_arrays(arrays, schema=schema))
