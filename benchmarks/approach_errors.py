@@ -14,7 +14,7 @@ SETTLED_S = 50.0
 def main() -> None:
     """Filter the example by both methods and print root mean square errors and consistency."""
     table = np.loadtxt(EXAMPLE / "vbar_truth.csv", delimiter=",", skiprows=1)
-    claims = {claim.quantity: claim for claim in relnav.load_published("three_beacon_psd")}
+    claims = {claim.quantity: claim for claim in relnav.load_published("three_beacon_psd").claims}
     for method in ("fix", "spots"):
         solution = relnav.filter_log(EXAMPLE / "vbar_log.csv", "three_beacon_psd", method=method)
         late = solution.t_s > SETTLED_S

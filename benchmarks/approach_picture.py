@@ -33,7 +33,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("approach.png"))
     out = parser.parse_args().out
     truth = true_docking(np.loadtxt(EXAMPLE / "vbar_truth.csv", delimiter=",", skiprows=1))
-    claims = {claim.quantity: claim for claim in relnav.load_published("three_beacon_psd")}
+    claims = {claim.quantity: claim for claim in relnav.load_published("three_beacon_psd").claims}
     figure, axes = plt.subplots(3, 2, figsize=(10, 6.5), sharex=True, sharey="row", layout="constrained")
     for column, method in enumerate(("fix", "spots")):
         solution = relnav.filter_log(EXAMPLE / "vbar_log.csv", "three_beacon_psd", method=method)

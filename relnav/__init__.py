@@ -12,8 +12,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from relnav.accuracy.report import AccuracyReport
     from relnav.errors import InputError, LogError, ModelError, UsageError
     from relnav.estimation.consistency import Consistency
+    from relnav.files.accuracy import measure_accuracy
     from relnav.files.filter_log import filter_log
     from relnav.files.models import list_models, load_model, load_published
     from relnav.files.tables import write
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
     from relnav.sensors.measurement import Measurement, Status
 
 _HOME = {
+    "AccuracyReport": "relnav.accuracy.report",
+    "measure_accuracy": "relnav.files.accuracy",
     "InputError": "relnav.errors",
     "LogError": "relnav.errors",
     "ModelError": "relnav.errors",
@@ -47,6 +51,7 @@ _HOME = {
 }
 
 __all__ = [
+    "AccuracyReport",
     "Consistency",
     "EpochStatus",
     "FilterRecord",
@@ -64,6 +69,7 @@ __all__ = [
     "list_models",
     "load_model",
     "load_published",
+    "measure_accuracy",
     "three_beacon",
     "write",
 ]

@@ -132,7 +132,8 @@ class FilterSettings:
 class Model:
     """One mission: sensor, docking frame, camera, attitude, orbit, noise and filter settings.
 
-    `provenance` maps a key path ("sensor.focal_length_mm") to where its value comes from.
+    `provenance` maps a key path ("sensor.focal_length_mm") to where its value comes from; `path` is the file it was
+    loaded from.
     """
 
     name: str
@@ -145,6 +146,7 @@ class Model:
     process_noise: ProcessNoise
     filter: FilterSettings
     provenance: Mapping[str, str] = field(default_factory=dict)
+    path: str = ""
 
     def __post_init__(self) -> None:
         if self.attitude.mode == "unknown" and any(self.camera.position_m):

@@ -43,6 +43,44 @@ class Claim:
 
 
 @dataclass(frozen=True)
+class ClaimException:
+    """Where a way of measuring is not expected to meet the claims, although another does.
+
+    Attributes
+    ----------
+    method : str
+        Name of the way, or its beginning: "single shot" is all single shots.
+    beyond_range_m : float
+        It holds for ranges above this.
+    quantity : str
+        One quantity, or "all".
+    reason : str
+        Why.
+    """
+
+    method: str
+    beyond_range_m: float
+    quantity: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Published:
+    """Everything that a paper claims, with our findings."""
+
+    claims: tuple[Claim, ...]
+    exceptions: tuple[ClaimException, ...]
+
+    def expected(self, claim: Claim, method: str, range_m: float) -> tuple[str, str]:
+        """Whether a method should meet a claim at a range ("met", "not met"), and why."""
+        for entry in self.exceptions:
+            applies = method.startswith(entry.method) and range_m > entry.beyond_range_m
+            if applies and entry.quantity in ("all", claim.quantity):
+                return "not met", entry.reason
+        return claim.expected, claim.reason
+
+
+@dataclass(frozen=True)
 class Comparison:
     """Reported 1-sigma of one quantity at the end of a solution, beside its claim.
 
@@ -66,12 +104,12 @@ class Comparison:
         return self.sigma / self.claim.value
 
 
-def compare_with_published(solution: Solution, claims: tuple[Claim, ...]) -> tuple[Comparison, ...]:
+def compare_with_published(solution: Solution, published: Published) -> tuple[Comparison, ...]:
     """Set the solution's reported 1-sigma of range, azimuth and elevation against the published figures."""
     sigma, t = solution.docking_sigma, solution.t_s
     known = np.isfinite(sigma).all(axis=1)
     out = []
-    for claim in claims:
+    for claim in published.claims:
         if claim.quantity not in QUANTITIES:
             continue
         column = sigma[:, QUANTITIES.index(claim.quantity)]

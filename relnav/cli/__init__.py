@@ -10,11 +10,13 @@ from importlib import import_module
 import click
 
 COMMANDS = {
+    "accuracy": "relnav.cli.accuracy",
     "filter": "relnav.cli.filter",
     "models": "relnav.cli.models",
     "simulate": "relnav.cli.simulate",
 }
 HELP = {
+    "accuracy": "Measure what a mission reaches, beside what its paper claims.",
     "filter": "Filter a log of spots into a track with covariance.",
     "simulate": "Simulate an approach: a log of spots and its truth.",
     "models": "List the shipped models, or show one with its sources.",

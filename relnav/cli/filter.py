@@ -58,11 +58,11 @@ def command(
     if json_path is not None:
         check_folder(json_path)
     mission = load_model(model)
-    claims = load_published(model)
+    published = load_published(mission)
     solution = _filter(log, mission, method, projection, smooth, show_bar=not quiet and sys.stderr.isatty())
     if out is not None:
         write(solution, out)
-    comparisons = compare_with_published(solution, claims)
+    comparisons = compare_with_published(solution, published)
     if json_path is not None:
         write_json(summary(solution, comparisons), json_path)
     if not quiet:

@@ -24,7 +24,7 @@ def _show(name: str) -> dict[str, Any]:
         "values": {
             key: {"value": value, "source": model.provenance.get(key, "unstated")} for key, value in values.items()
         },
-        "published": [vars(claim) for claim in load_published(name)],
+        "published": [vars(claim) for claim in load_published(name).claims],
     }
 
 

@@ -212,5 +212,5 @@ def compose(ud: Matrix) -> Matrix:
     factors = np.asarray(ud, dtype=np.float64)
     d = np.diagonal(factors, axis1=-2, axis2=-1)
     u = np.triu(factors, 1) + np.eye(6)
-    p: Matrix = np.einsum("...ik,...k,...jk->...ij", u, d, u)
+    p: Matrix = (u * d[..., None, :]) @ np.swapaxes(u, -1, -2)
     return 0.5 * (p + np.swapaxes(p, -1, -2))

@@ -7,7 +7,7 @@ import typing
 from pathlib import Path
 from typing import Any
 
-from relnav.accuracy.published import Claim
+from relnav.accuracy.published import Claim, ClaimException, Published
 from relnav.errors import ModelError, UnknownModelError
 from relnav.files.toml_values import build, read_toml
 from relnav.mission import Model
@@ -91,24 +91,33 @@ def load_model(name_or_path: str | os.PathLike[str]) -> Model:
     problems.raise_if_any()
     label = path.parent.name if path.name == "model.toml" else path.stem
     try:
-        model: Model = cls(name=label, title=str(title), provenance=provenance, **values)
+        model: Model = cls(name=label, title=str(title), provenance=provenance, path=str(path), **values)
     except ValueError as error:
         raise ModelError(f"{path}: {error}") from error
     return model
 
 
-def load_published(name_or_path: str | os.PathLike[str]) -> tuple[Claim, ...]:
-    """Claims in the `published.toml` beside a model; none if there is no such file.
+def load_published(model: Model | str | os.PathLike[str]) -> Published:
+    """Claims in the `published.toml` beside a model, and what we find of them; empty if there is no such file.
+
+    Parameters
+    ----------
+    model : Model, str or path
+        A loaded model, or what `load_model` takes.
 
     Raises
     ------
     ModelError
         If a claim is incomplete.
     """
-    path = find_model(name_or_path).with_name("published.toml")
+    path = Path(model.path) if isinstance(model, Model) else find_model(model)
+    path = path.with_name("published.toml")
     if not path.is_file():
-        return ()
+        return Published((), ())
     table, problems = read_toml(path)
+    for name in set(table) - {"claim", "exception"}:
+        problems.add(name, "unknown section; known sections are [[claim]], [[exception]]")
     claims = [build(Claim, claim, "claim", problems, None) for claim in table.get("claim", [])]
+    exceptions = [build(ClaimException, entry, "exception", problems, None) for entry in table.get("exception", [])]
     problems.raise_if_any()
-    return tuple(claims)
+    return Published(tuple(claims), tuple(exceptions))

@@ -15,6 +15,7 @@ from relnav.geometry.spherical import range_azimuth_elevation, range_azimuth_ele
 from relnav.navigation.block import (
     ATTITUDE,
     BEACONS,
+    CLOCK,
     DOCK,
     FIX,
     R_FACTOR,
@@ -196,6 +197,18 @@ def _unseen(spots: Matrix) -> int:
 
 
 @kernel
+def _pair_is_straight(block: Matrix, x: Vector) -> bool:
+    """Whether the prior is tight enough for a pair to be linear in it: position sigma below 2 % of the range.
+
+    A pair's angle bends by (dx / r)^2 / 2 of itself: 2e-4 then, beside noise of 1e-2 in one image. From a wide prior
+    (after a long gap) it would make the filter overconfident; it then waits for three beacons.
+    """
+    camera_position_dock(block, x, block[POINT])
+    p = block[POINT]
+    return bool(block[CLOCK, 5] < 4e-4 * (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]))
+
+
+@kernel
 def _prepare_pair(block: Matrix, spots: Matrix) -> bool:
     """Two beacons, attitude unknown: one number, the squared chord |u_i - u_j|^2 between their rays."""
     f, rays, jacobian = block[SENSOR, 0], block[RAYS : RAYS + 3], block[JACOBIAN : JACOBIAN + 3]
@@ -256,7 +269,7 @@ def prepare(block: Matrix, x: Vector, spots: Matrix) -> tuple[int, int, int]:
         return 0, 0, NOT_SEEN
     for m in range(6):
         variance[m] = 0.0
-    pair = block[SETTINGS, 1] == SPOTS and seen == 2 and whole == 2
+    pair = block[SETTINGS, 1] == SPOTS and seen == 2 and whole == 2 and _pair_is_straight(block, x)
     if pair:
         if _prepare_pair(block, spots):
             return 1, 1, OK

@@ -112,6 +112,7 @@ class ReferenceEngine:
     def _correct(self, track: ReferenceTrack, spots: Matrix) -> int:
         block, x, p = self.block, track.state.copy(), track.covariance.copy()
         self._clear()
+        block[CLOCK, 5] = np.trace(p[:3, :3])
         seen, usable, block[RESULT, 3] = prepare(block, x, spots)
         if seen == 0:
             return PREDICTED

@@ -13,6 +13,7 @@ from relnav._kernel import kernel
 from relnav.arrays import Matrix, Vector
 from relnav.estimation.factored import scalar_update
 from relnav.navigation.block import (
+    CLOCK,
     GAIN,
     GATE,
     INNOVATION,
@@ -128,12 +129,24 @@ def _bends(block: Matrix, at: Vector) -> bool:
 
 
 @kernel
+def _position_variance(track: Matrix) -> float:
+    """Sum of the three position variances of a track (7, 6)."""
+    total = 0.0
+    for i in range(3):
+        total += track[1 + i, i]
+        for j in range(i + 1, 6):
+            total += track[1 + i, j] * track[1 + i, j] * track[1 + j, j]
+    return float(total)
+
+
+@kernel
 def correct(block: Matrix, track: Matrix, spots: Matrix) -> int:
     """Update a track (7, 6), state and factors, with one image (3, 2) m; returns an epoch status, details in RESULT."""
     x, result, innovation = track[0], block[RESULT], block[INNOVATION]
     result[1], result[2], result[4] = math.nan, 0.0, 0.0
     for m in range(6):
         innovation[m] = math.nan
+    block[CLOCK, 5] = _position_variance(track)
     seen, usable, reason = prepare(block, x, spots)
     result[3] = reason
     result[5] = 0.0

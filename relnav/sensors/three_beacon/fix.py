@@ -1,7 +1,11 @@
 """One image to one position: check the spots, choose the closed form, map spot noise into the result."""
 
+import math
+
+import numpy as np
+
 from relnav._kernel import kernel
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.geometry.pinhole import unit_ray
 from relnav.geometry.spherical import range_azimuth_elevation, range_azimuth_elevation_jacobian
 from relnav.sensors.measurement import DEGENERATE, NOT_SEEN, OFF_DETECTOR, OK
@@ -102,3 +106,28 @@ def measure_into(
                 total += jacobian[i, k] * jacobian[j, k]
             covariance[i, j] = sigma * sigma * total
     return OK
+
+
+@kernel
+def measure_batch(
+    spots: Stack,
+    f: float,
+    half_x: float,
+    half_y: float,
+    sigma: float,
+    a: float,
+    b: float,
+    projection: int,
+    rae: Matrix,
+    covariance: Stack,
+    status: Codes,
+) -> None:
+    """`measure_into` over images (n, 3, 2): rae (n, 3), covariance (n, 3, 3), status (n,); NaN where not OK."""
+    work = np.zeros((30, 6))
+    for e in range(spots.shape[0]):
+        status[e] = measure_into(spots[e], f, half_x, half_y, sigma, a, b, projection, rae[e], covariance[e], work)
+        if status[e] != OK:
+            for i in range(3):
+                rae[e, i] = math.nan
+                for j in range(3):
+                    covariance[e, i, j] = math.nan
