@@ -70,17 +70,19 @@ def report_lines(report: "AccuracyReport") -> list[str]:
         verdict = "consistent" if entry.consistent else "NOT consistent"
         if entry.consistent != entry.expected_consistent:
             verdict += ", NOT EXPECTED"
+        nees = entry.nees
         lines.append(
-            f"  {entry.method:<42} mean {entry.nees.mean:7.2f} of {entry.nees.dof}, "
-            f"inside 95 %: {entry.nees.inside_95:.3f}, outside 99.99 %: {entry.nees.outside_9999:.4f}, NIS/dof {entry.nis_ratio:.4f}  {verdict}"
+            f"  {entry.method:<42} mean {nees.mean:7.2f} of {nees.dof}, inside 95 %: {nees.inside_95:.3f}, "
+            f"outside 99.99 %: {nees.outside_9999:.4f}, NIS/dof {entry.nis_ratio:.4f}  {verdict}"
         )
     lines.extend(f"    {row.method}: {row.reason}" for row in report.consistency if not row.expected_consistent)
     lines.append("settled filter on the docking axis, from the Riccati equation (1-sigma)")
     for place in report.settled:
         azimuth, elevation = math.degrees(place.sigma_azimuth_rad), math.degrees(place.sigma_elevation_rad)
+        worst = place.observability[-1] / place.observability[0]
         lines.append(
-            f"  {place.method:<6} {place.range_m:5.2f} m   range {place.sigma_range_m:.5f} m, azimuth {azimuth:.5f} deg, "
-            f"elevation {elevation:.5f} deg; observability {place.observability[-1] / place.observability[0]:.1e}"
+            f"  {place.method:<6} {place.range_m:5.2f} m   range {place.sigma_range_m:.5f} m, azimuth {azimuth:.5f} "
+            f"deg, elevation {elevation:.5f} deg; observability {worst:.1e}"
         )
     lines.append("every row came out as expected" if report.ok else "SOME ROWS DID NOT COME OUT AS EXPECTED")
     return lines

@@ -26,30 +26,28 @@ def draw_accuracy(report: AccuracyReport, path: Path) -> None:
     axes = figure.subplots(3, 2, sharex=True, sharey="row")
     for column, title in enumerate(("filtered", "smoothed")):
         methods = [method for method in report.envelopes if ("smoothed" in method) == (title == "smoothed")]
-        axes[0, column].set_title(f"{title}: error (dots, rms over runs) and reported 1-sigma (line)")
+        axes[0, column].set_title(title)
         for row, quantity in enumerate(QUANTITIES):
             axis = axes[row, column]
             scale = 1.0 if quantity == "range" else math.degrees(1.0)
             for colour, method in enumerate(methods):
                 range_m, error, sigma = report.envelopes[method]
                 axis.semilogy(range_m[::5], error[::5, row] * scale, ".", ms=1.5, color=f"C{colour}")
-                axis.semilogy(range_m, sigma[:, row] * scale, color=f"C{colour}", lw=1.2, label=method)
+                axis.semilogy(
+                    range_m, sigma[:, row] * scale, color=f"C{colour}", lw=1.2, label=method.replace(", smoothed", "")
+                )
             shots = [r for r in report.rows if r.method.startswith("single shot") and r.quantity == quantity]
             for marker, method in zip("ox+^", dict.fromkeys(r.method for r in shots), strict=False):
                 points = [r for r in shots if r.method == method]
                 axis.plot([r.range_m for r in points], [r.measured for r in points], marker, color="0.3", label=method)
             if shots:
-                axis.axhline(shots[0].published, color="C3", ls="--", label=f"published {shots[0].published:g}")
+                axis.axhline(shots[0].published, color="k", ls="--", label="published")
                 axis.set_ylabel(f"{quantity}, {shots[0].unit}")
             axis.grid(alpha=0.3)
     for axis in axes[2]:
         axis.set_xlabel("range, m (the approach runs from right to left)")
-    for column in range(2):
-        figure.legend(
-            *axes[1, column].get_legend_handles_labels(),
-            loc="outside lower left" if column == 0 else "outside lower right",
-            fontsize=7,
-        )
+    figure.suptitle("Error over runs, rms (dots), and reported 1-sigma (lines); single shots (marks)")
+    figure.legend(*axes[1, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
     with replacing(path) as temporary:
         FigureCanvasAgg(figure)
         figure.savefig(temporary, format="png", dpi=100)
