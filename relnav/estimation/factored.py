@@ -16,7 +16,7 @@ from relnav.arrays import Matrix, Vector
 def factorize_into(p: Matrix, ud: Matrix) -> bool:
     """Write the factors of the symmetric p (6, 6) into ud; False if p is not positive semidefinite.
 
-    A zero pivot with a zero column is allowed (a component without uncertainty).
+    A pivot that is zero to rounding counts as zero, with its column: a direction without uncertainty.
     """
     size = p.shape[0]
     for i in range(size):
@@ -24,14 +24,20 @@ def factorize_into(p: Matrix, ud: Matrix) -> bool:
             ud[i, j] = p[i, j] if j >= i else 0.0
     for j in range(size - 1, -1, -1):
         d = ud[j, j]
-        if not d >= 0.0:
+        zero = abs(d) <= 1e-12 * p[j, j]
+        if not (d >= 0.0 or zero):
             return False
         for i in range(j):
             entry = ud[i, j]
-            if d > 0.0:
+            if not zero:
                 ud[i, j] = entry / d
-            elif entry != 0.0:
+            elif entry * entry <= 1e-12 * p[i, i] * p[j, j]:
+                ud[i, j] = 0.0
+            else:
                 return False
+        if zero:
+            d = 0.0
+            ud[j, j] = 0.0
         if d > 0.0:
             for i in range(j):
                 for k in range(i + 1):

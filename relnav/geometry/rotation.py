@@ -43,7 +43,7 @@ def dcm_from_quaternion_into(q: Vector, out: Matrix) -> bool:
 def triad(primary: Vector, secondary: Vector, out: Matrix) -> bool:
     """Write into the rows of out (3, 3) the right-handed triad of two vectors: along the first, then in their plane.
 
-    False if the vectors are parallel. Two such triads of the same pair, seen in frames a and b, give
+    False if the vectors are parallel to rounding. Two such triads of the same pair, seen in frames a and b, give
     dcm_b_from_a = triad_b^T triad_a (Black 1964).
     """
     n1 = math.sqrt(primary[0] ** 2 + primary[1] ** 2 + primary[2] ** 2)
@@ -57,7 +57,8 @@ def triad(primary: Vector, secondary: Vector, out: Matrix) -> bool:
         out[1, i] = secondary[i] - along * out[0, i]
         n2 += out[1, i] ** 2
     n2 = math.sqrt(n2)
-    if not n2 > 0.0:
+    n = math.sqrt(secondary[0] ** 2 + secondary[1] ** 2 + secondary[2] ** 2)
+    if not n2 > 1e-12 * n:
         return False
     for i in range(3):
         out[1, i] /= n2

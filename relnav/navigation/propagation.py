@@ -53,7 +53,8 @@ def prepare_step(block: Matrix, dt: float) -> None:
     _add_execution_error(given[0], given[1], given[2], control[0] * root, control[1] * root, noise)
     acceleration_noise_into(n, dt, noise, q, phi, block[WORK + 12 : WORK + 18])
     _add_execution_error(given[3], given[4], given[5], control[0], control[1], q)
-    factorize_into(q, block[Q_FACTORS : Q_FACTORS + 6])
+    if not factorize_into(q, block[Q_FACTORS : Q_FACTORS + 6]):
+        block[Q_FACTORS, 0] = math.nan  # overflow over an absurd step: the track is dropped
     transition_into(n, dt, phi)
     effect = block[EFFECT]
     acceleration_effect_into(n, dt, given, effect)

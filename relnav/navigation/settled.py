@@ -9,6 +9,7 @@ from relnav.estimation.steady_state import SteadyState, steady_state
 from relnav.mission import Model
 from relnav.navigation.block import R_FACTOR, VARIANCE, H, new_block
 from relnav.navigation.observation import beacon_in_camera, linearise, prepare, uses_coordinates
+from relnav.sensors.measurement import Status
 
 
 def settled_filter(
@@ -45,7 +46,9 @@ def settled_filter(
             spots[i] = model.sensor.focal_length_m * c[:2] / c[2]
     _, usable, reason = prepare(block, x, spots)
     if usable == 0 or not linearise(block, x, spots):
-        raise ValueError(f"no measurement at {list(position_dock_m)} m in the docking frame (status {reason})")
+        raise ValueError(
+            f"no measurement at {np.asarray(position_dock_m).tolist()} m in the docking frame ({Status(reason).name})"
+        )
     rows = np.flatnonzero(block[VARIANCE] > 0.0)
     r = np.diag(block[VARIANCE, rows])
     if not uses_coordinates(block):

@@ -1,7 +1,7 @@
 """Two spacecraft integrated in inertial space, and the relative state that follows: no Clohessy-Wiltshire here.
 
-Point-mass gravity, optionally J2 and drag, classical fourth-order Runge-Kutta with the log's own step. Commanded
-acceleration is held in the target's turning `lvlh_ccsds` axes.
+Point-mass gravity, optionally J2 and drag (air at rest in inertial space, of one density), classical fourth-order
+Runge-Kutta with the log's own step. Commanded acceleration is held in the target's turning `lvlh_ccsds` axes.
 """
 
 import math

@@ -65,6 +65,20 @@ BANDWIDTH_RAD_S = 0.06
 
 
 @kernel
+def reference(start: float, final: float, speed: float, t: float) -> tuple[float, float]:
+    """Range and range rate of the reference point: a steady approach, then a decay that does not overshoot the hold.
+
+    Within speed / BANDWIDTH_RAD_S of the hold the rate falls with the distance left, so that the loop can follow.
+    """
+    brake = min(speed / BANDWIDTH_RAD_S, start - final)
+    cruise = (start - final - brake) / speed
+    if t <= cruise:
+        return start - speed * t, -speed
+    left = brake * math.exp(-BANDWIDTH_RAD_S * (t - cruise))
+    return final + left, -BANDWIDTH_RAD_S * left
+
+
+@kernel
 def _fly(
     y: Matrix,
     environment: Vector,
@@ -91,10 +105,7 @@ def _fly(
         if (row - 1) % hold == 0:
             x = state[row - 1]
             t = (row - 1) * dt
-            reach = profile[0] - profile[2] * t
-            speed = -profile[2]
-            if reach < profile[1]:
-                reach, speed = profile[1], 0.0
+            reach, speed = reference(profile[0], profile[1], profile[2], t)
             for i in range(3):
                 error, rate = -x[i] + port[i] + dcm_dock[0, i] * reach, dcm_dock[0, i] * speed - x[3 + i]
                 order[i] = BANDWIDTH_RAD_S * (BANDWIDTH_RAD_S * error + 2.0 * rate)

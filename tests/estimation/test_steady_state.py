@@ -1,0 +1,53 @@
+"""Where the Riccati equation says that a filter settles, against the filter itself run long."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import relnav
+from relnav.mission import ProcessNoise
+from relnav.navigation.settled import settled_filter
+from relnav.simulation.detector import Faults, image
+
+
+@pytest.fixture(scope="module")
+def quiet_model():
+    """The shipped mission without control errors: there is no control here."""
+    model = relnav.load_model("three_beacon_psd")
+    return replace(model, process_noise=ProcessNoise(model.process_noise.acceleration_noise_density_m2_s3))
+
+
+@pytest.mark.parametrize("method", ["spots", "fix"])
+def test_long_run_filter_approaches_it(quiet_model, method):
+    held = np.zeros((12_000, 6))
+    held[:, 0] = 4.0
+    spots = image(quiet_model, held, Faults(), np.random.default_rng(5))
+    solution = relnav.filter_epochs(quiet_model, np.arange(12_000) * 0.1, spots, method=method)
+    settled = settled_filter(quiet_model, np.array([4.0, 0.0, 0.0]), 10.0, method)
+    assert settled.detectable
+    reached = solution.part(11_999, 12_000).covariance[0]
+    scale = np.sqrt(np.outer(np.diag(settled.posterior), np.diag(settled.posterior)))
+    assert np.max(np.abs(reached - settled.posterior) / scale) < 2e-3
+
+
+def test_prior_posterior_and_gain_belong_together(quiet_model):
+    settled = settled_filter(quiet_model, np.array([6.5, 0.1, -0.1]), 10.0)
+    again = settled.prior - settled.gain @ np.linalg.solve(
+        settled.gain.T @ settled.gain, settled.gain.T @ (settled.prior - settled.posterior)
+    )
+    scale = np.sqrt(np.outer(np.diag(settled.prior), np.diag(settled.prior)))
+    assert np.max(np.abs(again - settled.posterior) / scale) < 1e-6
+    assert np.all(np.linalg.eigvalsh(settled.prior - settled.posterior) > -1e-12)
+
+
+def test_c_alone_on_the_axis_is_undetectable(quiet_model):
+    settled = settled_filter(quiet_model, np.array([2.0, 0.0, 0.0]), 10.0, beacons="c")
+    assert not settled.detectable
+    assert np.isnan(settled.posterior).all()
+    assert settled.observability[-1] <= 1e-12 * settled.observability[0]
+
+
+def test_no_measurement_is_an_error(quiet_model):
+    with pytest.raises(ValueError, match=r"no measurement at \[0.3, 0.0, 0.0\] m"):
+        settled_filter(quiet_model, np.array([0.3, 0.0, 0.0]), 10.0, "fix")

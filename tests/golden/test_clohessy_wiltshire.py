@@ -1,0 +1,65 @@
+"""Clohessy-Wiltshire motion against published results; the data and their authorities stand in the .toml beside."""
+
+import math
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from relnav.dynamics.clohessy_wiltshire import propagate, transition
+
+DATA = tomllib.loads(Path(__file__).with_name("clohessy_wiltshire.toml").read_text())
+
+# Written out from the frames' definitions, not taken from the product: x_l = y_rsw, y_l = -z_rsw, z_l = -x_rsw.
+LVLH_FROM_RSW = np.kron(np.eye(2), [[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
+
+
+def mean_motion(case: dict) -> float:
+    return math.sqrt(case["mu_m3_s2"] / case["radius_m"] ** 3)
+
+
+def assert_state(got: np.ndarray, expected: list[float], relative: float) -> None:
+    expected = np.array(expected)
+    for part in (slice(0, 3), slice(3, 6)):
+        scale = np.abs(expected[part]).max()
+        np.testing.assert_allclose(got[part], expected[part], rtol=0.0, atol=relative * scale)
+
+
+@pytest.mark.parametrize("case", DATA["free_motion"], ids=lambda case: case["name"])
+def test_free_motion_in_rsw(case: dict) -> None:
+    phi = transition(mean_motion(case), case["dt_s"], frame=case["frame"])
+    assert_state(phi @ np.array(case["start"]), case["end"], case["relative_tolerance"])
+
+
+@pytest.mark.parametrize("case", DATA["free_motion"], ids=lambda case: case["name"])
+def test_free_motion_in_lvlh_ccsds_is_the_same_motion_turned(case: dict) -> None:
+    end = propagate(LVLH_FROM_RSW @ np.array(case["start"]), mean_motion(case), case["dt_s"])
+    assert_state(end, list(LVLH_FROM_RSW @ np.array(case["end"])), case["relative_tolerance"])
+
+
+@pytest.mark.parametrize("case", DATA["thrust"], ids=lambda case: case["name"])
+def test_constant_thrust_in_lvlh_ccsds(case: dict) -> None:
+    end = propagate(
+        np.array(case["start"]), mean_motion(case), case["dt_s"], acceleration_m_s2=np.array(case["acceleration"])
+    )
+    assert_state(end, case["end"], case["relative_tolerance"])
+
+
+def test_two_impulse_transfer_of_curtis() -> None:
+    case = DATA["transfer"]
+    phi = transition(case["mean_motion_rad_s"], case["dt_s"], frame=case["frame"])
+    r0, v0 = np.array(case["start_position"]), np.array(case["start_velocity"])
+    needed = np.linalg.solve(phi[:3, 3:], -phi[:3, :3] @ r0)
+    np.testing.assert_allclose(needed, v0, rtol=case["relative_tolerance"])
+    arrival = phi @ np.concatenate([r0, needed])
+    np.testing.assert_allclose(arrival[:3], 0.0, atol=1e-7)  # of 20 km: rounding of the solve
+    np.testing.assert_allclose(arrival[3:], case["end_velocity"], rtol=1e-11)
+
+
+def test_an_impulse_acts_at_the_end_of_the_step() -> None:
+    n, start, impulse = 1.1e-3, np.array([10.0, 1.0, -2.0, 0.01, 0.0, -0.02]), np.array([0.1, -0.2, 0.3])
+    coasted = propagate(start, n, 50.0)
+    kicked = propagate(start, n, 50.0, delta_v_m_s=impulse)
+    np.testing.assert_array_equal(kicked[:3], coasted[:3])
+    np.testing.assert_allclose(kicked[3:] - coasted[3:], impulse, rtol=1e-14)
