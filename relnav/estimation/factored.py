@@ -19,25 +19,28 @@ def factorize_into(p: Matrix, ud: Matrix) -> bool:
     A pivot that is zero to rounding counts as zero, with its column: a direction without uncertainty.
     """
     size = p.shape[0]
+    growth = 1.0  # of rounding, by the smallest pivot so far beside its variance
     for i in range(size):
         for j in range(size):
             ud[i, j] = p[i, j] if j >= i else 0.0
     for j in range(size - 1, -1, -1):
         d = ud[j, j]
-        zero = abs(d) <= 1e-12 * p[j, j]
+        zero = abs(d) <= 1e-14 * growth * p[j, j]
         if not (d >= 0.0 or zero):
             return False
         for i in range(j):
             entry = ud[i, j]
             if not zero:
                 ud[i, j] = entry / d
-            elif entry * entry <= 1e-12 * p[i, i] * p[j, j]:
+            elif entry * entry <= 1e-14 * growth * p[i, i] * p[j, j]:
                 ud[i, j] = 0.0
             else:
                 return False
         if zero:
             d = 0.0
             ud[j, j] = 0.0
+        else:
+            growth = max(growth, p[j, j] / d)
         if d > 0.0:
             for i in range(j):
                 for k in range(i + 1):

@@ -65,17 +65,17 @@ BANDWIDTH_RAD_S = 0.06
 
 
 @kernel
-def reference(start: float, final: float, speed: float, t: float) -> tuple[float, float]:
-    """Range and range rate of the reference point: a steady approach, then a decay that does not overshoot the hold.
+def reference(start: float, final: float, speed: float, t: float) -> tuple[float, float, float]:
+    """Range, rate and acceleration of the reference point: a steady approach, then a decay that does not overshoot.
 
-    Within speed / BANDWIDTH_RAD_S of the hold the rate falls with the distance left, so that the loop can follow.
+    Within speed / BANDWIDTH_RAD_S of the hold the rate falls with the distance left.
     """
     brake = min(speed / BANDWIDTH_RAD_S, start - final)
     cruise = (start - final - brake) / speed
     if t <= cruise:
-        return start - speed * t, -speed
+        return start - speed * t, -speed, 0.0
     left = brake * math.exp(-BANDWIDTH_RAD_S * (t - cruise))
-    return final + left, -BANDWIDTH_RAD_S * left
+    return final + left, -BANDWIDTH_RAD_S * left, BANDWIDTH_RAD_S**2 * left
 
 
 @kernel
@@ -105,10 +105,10 @@ def _fly(
         if (row - 1) % hold == 0:
             x = state[row - 1]
             t = (row - 1) * dt
-            reach, speed = reference(profile[0], profile[1], profile[2], t)
+            reach, speed, braking = reference(profile[0], profile[1], profile[2], t)
             for i in range(3):
                 error, rate = -x[i] + port[i] + dcm_dock[0, i] * reach, dcm_dock[0, i] * speed - x[3 + i]
-                order[i] = BANDWIDTH_RAD_S * (BANDWIDTH_RAD_S * error + 2.0 * rate)
+                order[i] = BANDWIDTH_RAD_S * (BANDWIDTH_RAD_S * error + 2.0 * rate) + dcm_dock[0, i] * braking
             order[0] -= 2.0 * n * x[5]
             order[1] += n * n * x[1]
             order[2] += 2.0 * n * x[3] - 3.0 * n * n * x[2]
