@@ -61,53 +61,58 @@ def compose_into(ud: Matrix, p: Matrix) -> None:
 
 
 @kernel
-def orthogonalise(wt: Matrix, weights: Matrix, ud: Matrix) -> None:
-    """Write the factors of W diag(weights) W^T into ud: modified weighted Gram-Schmidt, last row to first.
+def orthogonalise(w: Matrix, weights: Matrix, ud: Matrix) -> None:
+    """Write the factors of sum_m W_m diag(weights_m) W_m^T into ud: modified weighted Gram-Schmidt, last row to first.
 
-    wt (m, 6) is W transposed, and is used up; weights (m / 6, 6) are its m weights >= 0, row by row. The sum is
+    w (6 m, 6) holds the m matrices W_m (6, 6) below one another, and is used up; weights (m, 6) >= 0. The sum is
     positive semidefinite by construction, whatever the rounding.
     """
-    columns = wt.shape[0]
+    parts = weights.shape[0]
     for i in range(5, -1, -1):
         d = 0.0
-        for k in range(columns):
-            d += wt[k, i] * wt[k, i] * weights[k // 6, k % 6]
+        for part in range(parts):
+            for k in range(6):
+                d += w[6 * part + i, k] * w[6 * part + i, k] * weights[part, k]
+        inverse = 1.0 / d if d > 0.0 else 0.0
         for j in range(i):
             c = 0.0
-            for k in range(columns):
-                c += wt[k, i] * weights[k // 6, k % 6] * wt[k, j]
-            c = c / d if d > 0.0 else 0.0
+            for part in range(parts):
+                for k in range(6):
+                    c += w[6 * part + i, k] * weights[part, k] * w[6 * part + j, k]
+            c *= inverse
             ud[j, i] = c
             ud[i, j] = 0.0
-            for k in range(columns):
-                wt[k, j] -= c * wt[k, i]
+            for part in range(parts):
+                for k in range(6):
+                    w[6 * part + j, k] -= c * w[6 * part + i, k]
         ud[i, i] = d
 
 
 @kernel
-def spread(m: Matrix, ud: Matrix, wt: Matrix, weights: Vector) -> None:
-    """Write (M U)^T and D of the factors ud into wt (6, 6) and weights (6,): the part of M P M^T in a sum."""
-    for k in range(6):
-        weights[k] = ud[k, k]
-        for i in range(6):
+def spread(m: Matrix, ud: Matrix, w: Matrix, weights: Vector) -> None:
+    """Write M U and D of the factors ud into w (6, 6) and weights (6,): the part of M P M^T in a sum."""
+    for i in range(6):
+        for k in range(6):
             total = m[i, k]
             for j in range(k):
                 total += m[i, j] * ud[j, k]
-            wt[k, i] = total
+            w[i, k] = total
+    for k in range(6):
+        weights[k] = ud[k, k]
 
 
 @kernel
-def time_update_into(ud: Matrix, phi: Matrix, q_ud: Matrix, wt: Matrix, weights: Matrix) -> None:
+def time_update_into(ud: Matrix, phi: Matrix, q_ud: Matrix, w: Matrix, weights: Matrix) -> None:
     """Replace the factors of P by those of Phi P Phi^T + Q, in place (Thornton).
 
-    q_ud (6, 6) are the factors of Q; wt (12, 6) and weights (2, 6) scratch: W = [Phi U | U_q], weights (D, D_q).
+    q_ud (6, 6) are the factors of Q; w (12, 6) and weights (2, 6) scratch: W = [Phi U | U_q], weights (D, D_q).
     """
-    spread(phi, ud, wt, weights[0])
-    for k in range(6):
-        weights[1, k] = q_ud[k, k]
-        for i in range(6):
-            wt[6 + k, i] = 1.0 if i == k else (q_ud[i, k] if i < k else 0.0)
-    orthogonalise(wt, weights, ud)
+    spread(phi, ud, w, weights[0])
+    for i in range(6):
+        weights[1, i] = q_ud[i, i]
+        for k in range(6):
+            w[6 + i, k] = 1.0 if i == k else (q_ud[i, k] if i < k else 0.0)
+    orthogonalise(w, weights, ud)
 
 
 @kernel

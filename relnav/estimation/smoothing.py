@@ -28,7 +28,7 @@ def smooth_step(
     of Q; work (46, 6) scratch.
     """
     q, m, c, a = work[0:6], work[6:12], work[12:18], work[18:24]
-    wt, weights, column = work[24:42], work[42:45], work[45]
+    w, weights, column = work[24:42], work[42:45], work[45]
     compose_into(q_ud, q)
     for j in range(6):  # M = Q Pp^-1, a column of its transpose at a time
         for i in range(6):
@@ -52,10 +52,10 @@ def smooth_step(
         column[i] = filtered[0, i]
         for j in range(6):
             column[i] += c[i, j] * (later[0, j] - predicted[0, j])
-    spread(m, filtered[1:7], wt[0:6], weights[0])
-    spread(c, later[1:7], wt[6:12], weights[1])
-    spread(c, q_ud, wt[12:18], weights[2])
-    orthogonalise(wt, weights, later[1:7])
+    spread(m, filtered[1:7], w[0:6], weights[0])
+    spread(c, later[1:7], w[6:12], weights[1])
+    spread(c, q_ud, w[12:18], weights[2])
+    orthogonalise(w, weights, later[1:7])
     for i in range(6):
         later[0, i] = column[i]
 

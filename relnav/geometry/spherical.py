@@ -12,7 +12,9 @@ from relnav.arrays import Matrix, Vector
 
 @kernel
 def wrap_angle(angle: float) -> float:
-    """The same angle within [-pi, pi], rad."""
+    """The same angle within [-pi, pi], rad; one that lies there already is left to the last bit."""
+    if abs(angle) <= math.pi:
+        return angle
     return math.atan2(math.sin(angle), math.cos(angle))
 
 

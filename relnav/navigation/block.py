@@ -48,8 +48,8 @@ X_WORK = 57  # 7 rows: state and factors during the update
 X_AT = 64  # point of linearisation
 GAIN = 65
 KEPT = 66  # 2 rows: RESULT and INNOVATION of the track while a trial is tested
-WORK = 68  # 36 rows: scratch of the sensor's closed form and of the time update
-ROWS = 104
+WORK = 68  # 45 rows: scratch of the sensor's closed form and of the time update
+ROWS = 113
 
 METHODS = {"spots": 0, "fix": 1}
 SPOTS = 0

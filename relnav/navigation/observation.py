@@ -29,16 +29,23 @@ from relnav.navigation.block import (
     H,
 )
 from relnav.sensors.measurement import BEHIND, DEGENERATE, NO_CONVERGENCE, NOT_SEEN, OFF_DETECTOR, OK, SWAPPED
-from relnav.sensors.three_beacon.fix import coordinate_usable, fix_jacobian, solve_fix
+from relnav.sensors.three_beacon.fix import (
+    PERSPECTIVE,
+    WORK_ROWS,
+    coordinate_usable,
+    fix_jacobian,
+    perspective_jacobian,
+    solve_fix,
+)
 from relnav.sensors.three_beacon.invariants import invariants, position_gradient, rays_from_position, spot_gradient
 
-# Rows of WORK; 0-23 belong to the closed form
-P_DOCK = WORK + 24
-JACOBIAN = WORK + 25  # 3 rows
-LOCAL = WORK + 28  # 3 rows
-RAYS = WORK + 31  # 3 rows
-POINT = WORK + 34
-IMAGE = WORK + 35
+# Rows of WORK; the first belong to the closed form
+P_DOCK = WORK + WORK_ROWS
+JACOBIAN = P_DOCK + 1  # 3 rows
+LOCAL = P_DOCK + 4  # 3 rows
+RAYS = P_DOCK + 7  # 3 rows
+POINT = P_DOCK + 10
+IMAGE = P_DOCK + 11
 
 
 @kernel
@@ -87,7 +94,7 @@ def fix_of_spots(block: Matrix, spots: Matrix, p: Vector) -> int:
     """Closed form of the spots into p (3,) m, docking frame; a Status code, SWAPPED if the image is upside down."""
     sensor = block[SENSOR]
     projection = int(block[SETTINGS, 0])
-    work = block[WORK : WORK + 24]
+    work = block[WORK : WORK + WORK_ROWS]
     status = solve_fix(spots, sensor[0], sensor[1], sensor[2], sensor[4], sensor[5], projection, p, work)
     if status == OK and attitude_known(block):
         turn = 0.0
@@ -107,7 +114,7 @@ def _predicted_rays(block: Matrix, spots: Matrix, p_fix: Vector, p: Vector, rays
 
     The attitude is the known one, or the one that turns the rays of the fix p_fix into the measured ones (triad).
     """
-    sensor, work, local = block[SENSOR], block[WORK : WORK + 24], block[LOCAL : LOCAL + 3]
+    sensor, work, local = block[SENSOR], block[WORK : WORK + WORK_ROWS], block[LOCAL : LOCAL + 3]
     if attitude_known(block):
         for i in range(3):
             for j in range(3):
@@ -168,16 +175,20 @@ def _prepare_fix(block: Matrix, x: Vector, spots: Matrix) -> int:
     f = sensor[0]
     if block[SETTINGS, 1] == FIX:
         range_azimuth_elevation(fix, block[VALUE])
-        predicted = block[LOCAL : LOCAL + 3]
-        for i in range(3):
-            predicted[i, 0] = f * rays[i, 0] / rays[i, 2]
-            predicted[i, 1] = f * rays[i, 1] / rays[i, 2]
+        work = block[WORK : WORK + WORK_ROWS]
         projection = int(block[SETTINGS, 0])
-        work = block[WORK : WORK + 24]
-        if not fix_jacobian(p, predicted, f, sensor[4], sensor[5], projection, jacobian, work):
+        if projection == PERSPECTIVE:
+            usable = perspective_jacobian(p, rays, f, sensor[4], sensor[5], jacobian, work)
+        else:
+            predicted = block[LOCAL : LOCAL + 3]
+            for i in range(3):
+                predicted[i, 0] = f * rays[i, 0] / rays[i, 2]
+                predicted[i, 1] = f * rays[i, 1] / rays[i, 2]
+            usable = fix_jacobian(p, predicted, f, sensor[4], sensor[5], projection, jacobian, work)
+        if not usable:
             return NO_CONVERGENCE
     else:
-        spot_gradient(rays, f, jacobian, block[POINT])
+        spot_gradient(rays, f, jacobian, block[WORK : WORK + 9])
         for i in range(3):
             unit_ray(spots[i, 0], spots[i, 1], f, rays[i])
         invariants(rays, block[VALUE])
@@ -220,7 +231,7 @@ def _prepare_pair(block: Matrix, spots: Matrix) -> bool:
             row += 1
     rays[2, 0], rays[2, 1], rays[2, 2] = 0.0, 0.0, 1.0  # any ray: g1 does not use it
     invariants(rays, block[VALUE])
-    spot_gradient(rays, f, jacobian, block[POINT])
+    spot_gradient(rays, f, jacobian, block[WORK : WORK + 9])
     return _noise_from_jacobian(block, jacobian[0:1])
 
 
@@ -332,7 +343,7 @@ def _linearise_position(block: Matrix, x: Vector, spots: Matrix) -> bool:
                         rays[row, j] = rays[i, j]
                     row += 1
         invariants(rays, predicted)
-        position_gradient(rays, distance, d, block[LOCAL])
+        position_gradient(rays, distance, d, block[WORK : WORK + 9])
         for m in range(size):
             block[RESIDUAL, m] = value[m] - predicted[m]
     for m in range(size):

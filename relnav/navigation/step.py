@@ -33,7 +33,7 @@ from relnav.navigation.propagation import advance, prepare_step
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
 from relnav.navigation.update import copy_rows, correct
 from relnav.sensors.measurement import DEGENERATE, OK
-from relnav.sensors.three_beacon.fix import fix_jacobian
+from relnav.sensors.three_beacon.fix import WORK_ROWS, fix_jacobian
 
 
 @kernel
@@ -48,7 +48,9 @@ def start(block: Matrix, track: Matrix, spots: Matrix) -> int:
         return status
     jacobian, local, g = block[JACOBIAN : JACOBIAN + 3], block[LOCAL : LOCAL + 3], block[RAYS : RAYS + 3]
     projection = int(block[SETTINGS, 0])
-    if not fix_jacobian(p, spots, sensor[0], sensor[4], sensor[5], projection, jacobian, block[WORK : WORK + 24]):
+    if not fix_jacobian(
+        p, spots, sensor[0], sensor[4], sensor[5], projection, jacobian, block[WORK : WORK + WORK_ROWS]
+    ):
         return DEGENERATE
     if not position_from_angles_jacobian(p, local):
         return DEGENERATE

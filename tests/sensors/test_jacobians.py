@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from relnav.sensors.three_beacon import measure
-from relnav.sensors.three_beacon.fix import PARALLEL, PERSPECTIVE, fix_jacobian
+from relnav.sensors.three_beacon.fix import PARALLEL, PERSPECTIVE, WORK_ROWS, fix_jacobian
 from relnav.sensors.three_beacon.perspective import position_jacobian
 
 POSE = {
@@ -27,7 +27,7 @@ def rays(spots: np.ndarray, f: float) -> np.ndarray:
 
 def rae_jacobian(p: np.ndarray, spots: np.ndarray, truth, projection: int) -> np.ndarray:
     out = np.full((3, 6), np.nan)
-    assert fix_jacobian(p, spots, truth.f, truth.a, truth.b, projection, out, np.zeros((24, 6)))
+    assert fix_jacobian(p, spots, truth.f, truth.a, truth.b, projection, out, np.zeros((WORK_ROWS, 6)))
     return out
 
 
@@ -59,7 +59,7 @@ def test_position_jacobian_is_the_inverse_of_the_projection(
     expected = inverse_projection(truth, p, dcm)
     got = np.full((3, 6), np.nan)
     u = rays(truth.central(p, dcm), truth.f)
-    assert position_jacobian(p, u, truth.f, truth.a, truth.b, got, np.zeros((14, 6)))
+    assert position_jacobian(p, u, truth.f, truth.a, truth.b, got, np.zeros((22, 6)))
     np.testing.assert_allclose(got, expected, rtol=0.0, atol=2e-7 * np.abs(expected).max())
 
 
@@ -105,7 +105,7 @@ def test_on_the_axis(truth, sensor, projection: str, range_m: float) -> None:
 
 
 def test_singular_geometry_says_no(truth) -> None:
-    work = np.zeros((24, 6))
+    work = np.zeros((WORK_ROWS, 6))
     p = np.array([0.0, 0.0, -6.5])  # the pole, where azimuth is undefined
     spots = truth.central(np.array([0.1, 0.0, -6.5]), truth.look_at(np.array([0.1, 0.0, -6.5])))
     assert not fix_jacobian(p, spots, truth.f, truth.a, truth.b, PERSPECTIVE, np.zeros((3, 6)), work)

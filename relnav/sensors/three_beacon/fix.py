@@ -14,7 +14,10 @@ from relnav.sensors.three_beacon.perspective import position_jacobian, solve_per
 
 PERSPECTIVE = 0
 PARALLEL = 1
-WORK_ROWS = 24
+# Rows of scratch that the closed forms need: the solver's 24, then rays, Jacobians, position
+RAYS_ROW = 24
+WORK_ROWS = 33
+MEASURE_ROWS = 37
 
 
 @kernel
@@ -29,7 +32,7 @@ def solve_fix(
 ) -> int:
     """Write the sensor's docking-frame position (3,) m of the spots (3, 2) m into p; returns a Status code.
 
-    half_x, half_y: half the detector's size, m. work (24, 6) is scratch; rows 20-22 then hold the unit rays.
+    half_x, half_y: half the detector's size, m. work (33, 6) is scratch; rows 24-26 then hold the unit rays.
     """
     status = OK
     for i in range(3):
@@ -42,10 +45,31 @@ def solve_fix(
     if status != OK:
         return status
     for i in range(3):
-        unit_ray(spots[i, 0], spots[i, 1], f, work[20 + i])
+        unit_ray(spots[i, 0], spots[i, 1], f, work[RAYS_ROW + i])
     if projection == PARALLEL:
         return solve_parallel(spots, f, a, b, p)
-    return solve_perspective(work[20:23], a, b, p, work[0:14])
+    return solve_perspective(work[RAYS_ROW : RAYS_ROW + 3], a, b, p, work[0:24])
+
+
+@kernel
+def perspective_jacobian(p: Vector, u: Matrix, f: float, a: float, b: float, jacobian: Matrix, work: Matrix) -> bool:
+    """Write d(range, azimuth, elevation)/d(spots) of the exact fix p with camera-frame rays u into jacobian (3, 6).
+
+    False where singular. work (33, 6) is scratch; rows 24-26 are left alone.
+    """
+    to_angles, to_position = work[27:30], work[30:33]
+    if not range_azimuth_elevation_jacobian(p, to_angles):
+        return False
+    if not position_jacobian(p, u, f, a, b, to_position, work[0:22]):
+        return False
+    for i in range(3):
+        for k in range(6):
+            jacobian[i, k] = (
+                to_angles[i, 0] * to_position[0, k]
+                + to_angles[i, 1] * to_position[1, k]
+                + to_angles[i, 2] * to_position[2, k]
+            )
+    return True
 
 
 @kernel
@@ -54,23 +78,13 @@ def fix_jacobian(
 ) -> bool:
     """Write d(range, azimuth, elevation)/d(A'x, A'y, B'x, B'y, C'x, C'y) at the fix p of the spots; False if singular.
 
-    jacobian (3, 6): m or rad per m on the detector. work (24, 6) is scratch.
+    jacobian (3, 6): m or rad per m on the detector. work (33, 6) is scratch.
     """
     if projection == PARALLEL:
         return solve_parallel_jacobian(spots, f, a, b, jacobian)
     for i in range(3):
-        unit_ray(spots[i, 0], spots[i, 1], f, work[20 + i])
-    to_angles = work[17:20]
-    if not range_azimuth_elevation_jacobian(p, to_angles):
-        return False
-    if not position_jacobian(p, work[20:23], f, a, b, work[14:17], work[0:14]):
-        return False
-    for i in range(3):
-        for k in range(6):
-            jacobian[i, k] = (
-                to_angles[i, 0] * work[14, k] + to_angles[i, 1] * work[15, k] + to_angles[i, 2] * work[16, k]
-            )
-    return True
+        unit_ray(spots[i, 0], spots[i, 1], f, work[RAYS_ROW + i])
+    return perspective_jacobian(p, work[RAYS_ROW : RAYS_ROW + 3], f, a, b, jacobian, work)
 
 
 @kernel
@@ -89,10 +103,10 @@ def measure_into(
 ) -> int:
     """Write (range m, azimuth rad, elevation rad) and its covariance sigma^2 J J^T; returns a Status code.
 
-    rae (3,), covariance (3, 3); work (30, 6) is scratch. sigma: 1-sigma of each spot coordinate, m.
+    rae (3,), covariance (3, 3); work (37, 6) is scratch. sigma: 1-sigma of each spot coordinate, m.
     """
-    p = work[26]
-    jacobian = work[27:30]
+    p = work[33]
+    jacobian = work[34:37]
     status = solve_fix(spots, f, half_x, half_y, a, b, projection, p, work)
     if status != OK:
         return status
@@ -123,7 +137,7 @@ def measure_batch(
     status: Codes,
 ) -> None:
     """`measure_into` over images (n, 3, 2): rae (n, 3), covariance (n, 3, 3), status (n,); NaN where not OK."""
-    work = np.zeros((30, 6))
+    work = np.zeros((MEASURE_ROWS, 6))
     for e in range(spots.shape[0]):
         status[e] = measure_into(spots[e], f, half_x, half_y, sigma, a, b, projection, rae[e], covariance[e], work)
         if status[e] != OK:

@@ -30,21 +30,22 @@ def invariants(u: Matrix, g: Vector) -> None:
 
 
 @kernel
-def invariant_gradient(u: Matrix, number: int, beacon: int, out: Vector) -> None:
-    """Write d g[number] / d u[beacon] into out (3,)."""
-    j = (beacon + 1) % 3
-    m = (beacon + 2) % 3
-    for axis in range(3):
-        if number == 0:  # g1: +-2 (u_A - u_B)
-            d = 2.0 * (u[0, axis] - u[1, axis])
-            out[axis] = d if beacon == 0 else (-d if beacon == 1 else 0.0)
-        elif number == 1:  # g2: u_C, -u_C, u_A - u_B
-            own = u[0, axis] - u[1, axis]
-            out[axis] = own if beacon == 2 else (u[2, axis] if beacon == 0 else -u[2, axis])
-        else:  # g3 = det(u_A, u_B, u_C): the cross product of the next two rays
-            s = (axis + 1) % 3
-            t = (axis + 2) % 3
-            out[axis] = u[j, s] * u[m, t] - u[j, t] * u[m, s]
+def invariant_gradients(u: Matrix, out: Matrix) -> None:
+    """Write d g[number] / d u[beacon] into the rows 3 number + beacon of out (9, 3).
+
+    Of g1: 2 (u_A - u_B), -2 (u_A - u_B), 0; of g2: u_C, -u_C, u_A - u_B; of g3 = det(u_A, u_B, u_C): u_B x u_C,
+    u_C x u_A, u_A x u_B.
+    """
+    for i in range(3):
+        d = u[0, i] - u[1, i]
+        out[0, i], out[1, i], out[2, i] = 2.0 * d, -2.0 * d, 0.0
+        out[3, i], out[4, i], out[5, i] = u[2, i], -u[2, i], d
+    for i in range(3):
+        j = (i + 1) % 3
+        k = (i + 2) % 3
+        out[6 + i, 0] = u[j, 1] * u[k, 2] - u[j, 2] * u[k, 1]
+        out[6 + i, 1] = u[j, 2] * u[k, 0] - u[j, 0] * u[k, 2]
+        out[6 + i, 2] = u[j, 0] * u[k, 1] - u[j, 1] * u[k, 0]
 
 
 @kernel
@@ -60,52 +61,55 @@ def rays_from_position(p: Vector, a: float, b: float, u: Matrix, distance: Vecto
 
 
 @kernel
-def position_gradient(u: Matrix, distance: Vector, out: Matrix, work: Vector) -> None:
-    """Write dg/dp into out (3, 3): du_i/dp = -(I - u_i u_i^T) / d_i. work (3,) scratch."""
+def position_gradient(u: Matrix, distance: Vector, out: Matrix, work: Matrix) -> None:
+    """Write dg/dp into out (3, 3): du_i/dp = -(I - u_i u_i^T) / d_i. work (9, 3) scratch."""
+    invariant_gradients(u, work)
     for number in range(3):
-        for axis in range(3):
-            out[number, axis] = 0.0
+        x, y, z = 0.0, 0.0, 0.0
         for i in range(3):
-            invariant_gradient(u, number, i, work)
-            along = work[0] * u[i, 0] + work[1] * u[i, 1] + work[2] * u[i, 2]
-            for axis in range(3):
-                out[number, axis] -= (work[axis] - along * u[i, axis]) / distance[i]
+            g0, g1, g2 = work[3 * number + i, 0], work[3 * number + i, 1], work[3 * number + i, 2]
+            along = g0 * u[i, 0] + g1 * u[i, 1] + g2 * u[i, 2]
+            near = 1.0 / distance[i]
+            x -= (g0 - along * u[i, 0]) * near
+            y -= (g1 - along * u[i, 1]) * near
+            z -= (g2 - along * u[i, 2]) * near
+        out[number, 0], out[number, 1], out[number, 2] = x, y, z
 
 
 @kernel
-def spot_gradient(u: Matrix, f: float, out: Matrix, work: Vector) -> None:
+def spot_gradient(u: Matrix, f: float, out: Matrix, work: Matrix) -> None:
     """Write dg/d(A'x, A'y, B'x, B'y, C'x, C'y) into out (3, 6), for camera-frame rays u, per unit of f.
 
-    du/dx_j = (e_j - u u_j) u_z / f (geometry.pinhole.unit_ray). work (3,) scratch.
+    du/dx_j = (e_j - u u_j) u_z / f (geometry.pinhole.unit_ray). work (9, 3) scratch.
     """
+    invariant_gradients(u, work)
     for number in range(3):
         for i in range(3):
-            invariant_gradient(u, number, i, work)
-            along = work[0] * u[i, 0] + work[1] * u[i, 1] + work[2] * u[i, 2]
-            for axis in range(2):
-                out[number, 2 * i + axis] = (work[axis] - along * u[i, axis]) * u[i, 2] / f
+            g0, g1, g2 = work[3 * number + i, 0], work[3 * number + i, 1], work[3 * number + i, 2]
+            along = g0 * u[i, 0] + g1 * u[i, 1] + g2 * u[i, 2]
+            scale = u[i, 2] / f
+            out[number, 2 * i] = (g0 - along * u[i, 0]) * scale
+            out[number, 2 * i + 1] = (g1 - along * u[i, 1]) * scale
 
 
 @kernel
-def solve_three(m: Matrix, rhs: Vector, out: Vector) -> bool:
-    """Solve m (3, 3) out = rhs (3,) by cofactors; False if m is singular to rounding of its rows' lengths."""
+def invert_three(m: Matrix, out: Matrix) -> bool:
+    """Write the inverse of m (3, 3) into out by cofactors; False if m is singular to 1e-10 of its rows' lengths."""
     c00 = m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]
     c01 = m[1, 2] * m[2, 0] - m[1, 0] * m[2, 2]
     c02 = m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0]
     det = m[0, 0] * c00 + m[0, 1] * c01 + m[0, 2] * c02
-    scale = 1.0
+    scale2 = 1.0
     for i in range(3):
-        scale *= math.sqrt(m[i, 0] * m[i, 0] + m[i, 1] * m[i, 1] + m[i, 2] * m[i, 2])
-    if not abs(det) > 1e-10 * scale:
+        scale2 *= m[i, 0] * m[i, 0] + m[i, 1] * m[i, 1] + m[i, 2] * m[i, 2]
+    if not abs(det) > 1e-10 * math.sqrt(scale2):
         return False
-    r0, r1, r2 = rhs[0], rhs[1], rhs[2]
-    out[0] = (
-        c00 * r0 + (m[0, 2] * m[2, 1] - m[0, 1] * m[2, 2]) * r1 + (m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]) * r2
-    ) / det
-    out[1] = (
-        c01 * r0 + (m[0, 0] * m[2, 2] - m[0, 2] * m[2, 0]) * r1 + (m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]) * r2
-    ) / det
-    out[2] = (
-        c02 * r0 + (m[0, 1] * m[2, 0] - m[0, 0] * m[2, 1]) * r1 + (m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]) * r2
-    ) / det
+    d = 1.0 / det
+    out[0, 0], out[1, 0], out[2, 0] = c00 * d, c01 * d, c02 * d
+    out[0, 1] = (m[0, 2] * m[2, 1] - m[0, 1] * m[2, 2]) * d
+    out[1, 1] = (m[0, 0] * m[2, 2] - m[0, 2] * m[2, 0]) * d
+    out[2, 1] = (m[0, 1] * m[2, 0] - m[0, 0] * m[2, 1]) * d
+    out[0, 2] = (m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]) * d
+    out[1, 2] = (m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]) * d
+    out[2, 2] = (m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]) * d
     return True

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.sensors.measurement import Measurement, Status
-from relnav.sensors.three_beacon.fix import PARALLEL, PERSPECTIVE, measure_into
+from relnav.sensors.three_beacon.fix import MEASURE_ROWS, PARALLEL, PERSPECTIVE, measure_into
 from relnav.sensors.three_beacon.sensor import ThreeBeaconSensor
 
 PROJECTIONS = {"perspective": PERSPECTIVE, "parallel": PARALLEL}
@@ -64,7 +64,7 @@ def measure(spots_m: ArrayLike, model: HasSensor | ThreeBeaconSensor, *, project
         PROJECTIONS[name],
         rae,
         covariance,
-        np.zeros((30, 6)),
+        np.zeros((MEASURE_ROWS, 6)),
     )
     covariance.setflags(write=False)
     return Measurement(float(rae[0]), float(rae[1]), float(rae[2]), covariance, Status(status))
