@@ -212,7 +212,7 @@ def _check_values(values: Matrix, lines: Vector, path: Path, columns: Columns) -
         row = int(late[0]) + 1
         what = "repeats" if t[row] == t[row - 1] else "goes back from"
         raise LogError(
-            f"{path}:{int(lines[row])}: time {t[row]:.17g} s {what} {t[row - 1]:.17g} s of the row before; "
+            f"{path}:{int(lines[row])}: time {float(t[row])!r} s {what} {float(t[row - 1])!r} s of the row before; "
             "sort the log by time and keep one row an epoch"
         )
     if columns.has(QUATERNION):

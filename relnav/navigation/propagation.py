@@ -19,6 +19,10 @@ from relnav.navigation.block import (
 )
 
 
+LONGEST_STEP_RAD = 1e12
+"""Of the orbit, between two epochs: beyond it (1e15 s) the phase is lost to rounding; the track is dropped."""
+
+
 @kernel
 def _add_execution_error(u0: float, u1: float, u2: float, along: float, across: float, out: Matrix) -> None:
     """Add along^2 u u^T + across^2 (|u|^2 I - u u^T) of a control vector u to the last 3 x 3 of out."""
@@ -44,6 +48,9 @@ def prepare_step(block: Matrix, dt: float) -> None:
     key[0], key[1], key[2], key[3] = dt, given[0], given[1], given[2]
     key[4] = 1.0 if impulse else 0.0
     n, density = block[SETTINGS, 4], block[SETTINGS, 5]
+    if not abs(n * dt) < LONGEST_STEP_RAD:
+        block[Q_FACTORS, 0] = math.nan
+        return
     phi, q = block[PHI : PHI + 6], block[WORK : WORK + 6]
     noise = block[WORK + 6 : WORK + 9]
     for i in range(3):

@@ -60,6 +60,7 @@ class ReferenceEngine:
                 track.time_update(
                     block[PHI : PHI + 6].copy(), block[EFFECT].copy(), compose(block[Q_FACTORS : Q_FACTORS + 6])
                 )
+            self.track, self.trial = _finite(self.track), _finite(self.trial)
         block[CLOCK, 0] = t
         status = self._step_track(spots)
         if self.track is not None:
@@ -173,6 +174,13 @@ class ReferenceEngine:
         camera_position_dock(self.block, np.ascontiguousarray(at), p)
         nearest2 = float(np.sum((p - [sensor[5], 0.0, 0.0]) ** 2))
         return bool(sensor[0] * np.sum((state[:3] - at[:3]) ** 2) > 0.1 * sensor[3] * nearest2)
+
+
+def _finite(track: ReferenceTrack | None) -> ReferenceTrack | None:
+    """The track, unless its prediction overflowed."""
+    if track is None or not (np.isfinite(track.state).all() and np.isfinite(track.covariance).all()):
+        return None
+    return track
 
 
 def run_reference(
