@@ -50,6 +50,8 @@ _HOME = {
     "Status": "relnav.sensors.measurement",
 }
 
+_MODULES = ("three_beacon",)
+
 __all__ = [
     "AccuracyReport",
     "Consistency",
@@ -80,11 +82,11 @@ def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'relnav' has no attribute {name!r}")
     module = import_module(_HOME[name])
-    value = getattr(module, name, module)  # `three_beacon` is its module itself
+    value = module if name in _MODULES else getattr(module, name)
     globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
     """Public names, loaded or not."""
-    return sorted([*globals(), *_HOME])
+    return sorted({*globals(), *_HOME})

@@ -59,6 +59,14 @@ def fail(message: str, code: int) -> int:
     return code
 
 
+def _give_up_output() -> None:
+    """Leave what cannot be printed unprinted: Python would try again at exit, and complain."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def run(arguments: list[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
     from relnav.errors import InputError, UsageError
@@ -75,11 +83,11 @@ def run(arguments: list[str] | None = None) -> int:
         return fail(str(error), 2)
     except InputError as error:
         return fail(str(error), 3)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+    except SystemExit:
+        return 0  # click's way of ending when whoever reads the output has left
     except OSError as error:
         named = f"{error.filename}: " if error.filename else ""
+        _give_up_output()
         return fail(f"{named}{error.strerror or error}; nothing was written", 3)
     except Exception as error:
         if os.environ.get("RELNAV_DEBUG"):

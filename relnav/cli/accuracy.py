@@ -2,6 +2,7 @@
 
 import math
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,27 +28,29 @@ def command(model: str, runs: int, seed: int, json_path: Path | None, plot: Path
     came out as the model's published.toml expects; 1: some did not.
     """
     from relnav.files.accuracy import measure_accuracy
-    from relnav.files.atomic import check_folder
+    from relnav.files.atomic import check_distinct, check_folder, replacing
     from relnav.files.models import load_model
     from relnav.files.tables import write_json
 
     for path in (json_path, plot):
         if path is not None:
             check_folder(path)
+    check_distinct(json_path, plot)
     mission = load_model(model)
     with click.progressbar(
         length=2 * runs, label=f"{runs} approaches, twice", file=sys.stderr, hidden=quiet or not sys.stderr.isatty()
     ) as bar:
         report = measure_accuracy(mission, runs=runs, seed=seed, progress=bar.update)
-    if json_path is not None:
-        write_json(report.to_dict(), json_path)
-    if plot is not None:
-        from relnav.files.pictures import draw_accuracy
+    with ExitStack() as outputs:
+        if json_path is not None:
+            write_json(report.to_dict(), outputs.enter_context(replacing(json_path)))
+        if plot is not None:
+            from relnav.files.pictures import draw_accuracy
 
-        draw_accuracy(report, plot)
-    if not quiet:
-        for line in report_lines(report):
-            click.echo(line)
+            draw_accuracy(report, outputs.enter_context(replacing(plot)))
+        if not quiet:
+            for line in report_lines(report):
+                click.echo(line)
     return 0 if report.ok else 1
 
 

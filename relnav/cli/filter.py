@@ -1,6 +1,7 @@
 """`relnav filter`: a log of spots in, a track with covariance out, and a summary beside the published figures."""
 
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -48,7 +49,7 @@ def command(
     optionally accel_{x,y,z}_m_s2, delta_v_{x,y,z}_m_s (lvlh_ccsds), q_cam_from_lvlh_{x,y,z,w}.
     """
     from relnav.accuracy.published import compare_with_published
-    from relnav.files.atomic import check_folder
+    from relnav.files.atomic import check_distinct, check_folder, replacing
     from relnav.files.models import load_model, load_published
     from relnav.files.tables import check_format, write, write_json
 
@@ -57,19 +58,21 @@ def command(
         check_folder(out)
     if json_path is not None:
         check_folder(json_path)
+    check_distinct(log, out, json_path)
     mission = load_model(model)
     published = load_published(mission)
     solution = _filter(log, mission, method, projection, smooth, show_bar=not quiet and sys.stderr.isatty())
-    if out is not None:
-        write(solution, out)
     comparisons = compare_with_published(solution, published)
-    if json_path is not None:
-        write_json(summary(solution, comparisons), json_path)
-    if not quiet:
-        for line in summary_lines(log.name, solution, comparisons):
-            click.echo(line)
+    with ExitStack() as outputs:  # all files appear together at its end, or none
         if out is not None:
-            click.echo(f"track: {out}")
+            write(solution, outputs.enter_context(replacing(out)))
+        if json_path is not None:
+            write_json(summary(solution, comparisons), outputs.enter_context(replacing(json_path)))
+        if not quiet:
+            for line in summary_lines(log.name, solution, comparisons):
+                click.echo(line)
+            if out is not None:
+                click.echo(f"track: {out}")
 
 
 def _filter(log: Path, mission: Any, method: str, projection: str | None, smooth: bool, show_bar: bool) -> "Solution":

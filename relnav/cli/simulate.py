@@ -1,5 +1,6 @@
 """`relnav simulate`: an approach flown on integrated orbits, as a log to filter and its truth."""
 
+from contextlib import ExitStack
 from pathlib import Path
 
 import click
@@ -38,7 +39,7 @@ def command(
 ) -> None:
     """Simulate an approach of MODEL: two-body truth under closed-loop guidance, imaged with noise and faults."""
     from relnav.errors import UsageError
-    from relnav.files.atomic import check_folder
+    from relnav.files.atomic import check_distinct, check_folder, replacing
     from relnav.files.models import load_model
     from relnav.files.simulated import write_log, write_truth
     from relnav.files.tables import check_format
@@ -50,6 +51,7 @@ def command(
         if path is not None:
             check_format(path)
             check_folder(path)
+    check_distinct(out, truth)
     mission = load_model(model)
     try:
         approach = Approach(
@@ -65,10 +67,11 @@ def command(
     except ValueError as error:
         raise UsageError(str(error)) from error
     metadata = {"model": mission.name, "seed": str(seed)}
-    write_log(log, out, metadata)
-    if truth is not None:
-        write_truth(log, truth, metadata)
-    if not quiet:
-        click.echo(f"log: {out} ({len(log.t_s)} epochs, model {mission.name}, seed {seed})")
+    with ExitStack() as outputs:
+        write_log(log, outputs.enter_context(replacing(out)), metadata)
         if truth is not None:
-            click.echo(f"truth: {truth}")
+            write_truth(log, outputs.enter_context(replacing(truth)), metadata)
+        if not quiet:
+            click.echo(f"log: {out} ({len(log.t_s)} epochs, model {mission.name}, seed {seed})")
+            if truth is not None:
+                click.echo(f"truth: {truth}")

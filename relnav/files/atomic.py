@@ -25,7 +25,9 @@ def check_folder(path: Path) -> None:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A temporary path beside `path`; renamed to it if the block ends well, removed if not.
+    """A temporary path beside `path`, with its ending; renamed to it if the block ends well, removed if not.
+
+    A link stays a link: the file it names is replaced. A pipe or a device is written to directly.
 
     Raises
     ------
@@ -33,7 +35,11 @@ def replacing(path: Path) -> Iterator[Path]:
         If the folder does not exist.
     """
     check_folder(path)
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
+    target = path.resolve()
+    if target.exists() and not target.is_file():
+        yield target
+        return
+    handle, name = tempfile.mkstemp(prefix=f".{target.stem}.", suffix=target.suffix, dir=target.parent)
     os.close(handle)
     temporary = Path(name)
     try:
@@ -41,8 +47,24 @@ def replacing(path: Path) -> Iterator[Path]:
         umask = os.umask(0)
         os.umask(umask)
         temporary.chmod(0o666 & ~umask)
-        temporary.replace(path)
+        temporary.replace(target)
     except BaseException:
         with suppress(OSError):
             temporary.unlink()
         raise
+
+
+def check_distinct(*paths: Path | None) -> None:
+    """Refuse a call that names one file twice: its input as its output, or two outputs.
+
+    Raises
+    ------
+    UsageError
+        Naming the file.
+    """
+    seen: set[Path] = set()
+    for path in paths:
+        if path is not None and path.resolve() in seen and not path.is_char_device():
+            raise UsageError(f"{path}: is named twice; every input and output needs a file of its own")
+        if path is not None:
+            seen.add(path.resolve())

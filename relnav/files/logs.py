@@ -125,7 +125,10 @@ def _read_head(file: TextIO, path: Path) -> tuple[dict[str, str], list[str], int
             if "," not in text:
                 seen = "';'" if ";" in text else "tabs" if "\t" in text else "no comma"
                 raise LogError(f"{path}:{number}: cells separated by commas are expected in the header; got {seen}")
-            return metadata, [name.strip() for name in next(csv.reader([text]))], number
+            try:
+                return metadata, [name.strip() for name in next(csv.reader([text]))], number
+            except csv.Error as error:
+                raise LogError(f"{path}:{number}: not a header of cells: {error}") from None
     raise LogError(f"{path}: the file is empty; a header line and one row an epoch are expected")
 
 
@@ -182,7 +185,10 @@ def _parse_slowly(kept: list[tuple[int, str]], path: Path, columns: Columns) -> 
     """Cell by cell: reads what the fast way could not, or names the cell that cannot be read."""
     out = np.empty((len(kept), len(columns.index)))
     for row, (number, text) in enumerate(kept):
-        cells = next(csv.reader([text]))
+        try:
+            cells = next(csv.reader([text]))
+        except csv.Error as error:
+            raise LogError(f"{path}:{number}: not a row of cells: {error}") from None
         if len(cells) != len(columns.names):
             raise LogError(
                 f"{path}:{number}: {len(columns.names)} cells are expected as in the header; got {len(cells)}"
@@ -190,6 +196,8 @@ def _parse_slowly(kept: list[tuple[int, str]], path: Path, columns: Columns) -> 
         for position, (base, index) in enumerate(columns.index.items()):
             cell = cells[index].strip()
             try:
+                if not cell.isascii() or "_" in cell:  # float() would take 1_5 for 15
+                    raise ValueError
                 out[row, position] = float(cell) if cell else math.nan
             except ValueError:
                 name = columns.names[columns.index[base]]
@@ -212,7 +220,7 @@ def _check_values(values: Matrix, lines: Vector, path: Path, columns: Columns) -
         row = int(late[0]) + 1
         what = "repeats" if t[row] == t[row - 1] else "goes back from"
         raise LogError(
-            f"{path}:{int(lines[row])}: time {float(t[row])!r} s {what} {float(t[row - 1])!r} s of the row before; "
+            f"{path}:{int(lines[row])}: time {t[row]:.15g} s {what} {t[row - 1]:.15g} s of the row before; "
             "sort the log by time and keep one row an epoch"
         )
     if columns.has(QUATERNION):

@@ -54,7 +54,7 @@ def metadata(solution: Solution) -> dict[str, str]:
 
 
 def _parts(solution: Solution) -> Iterator[Matrix]:
-    """Table rows (m, 45), part after part: a long solution's covariances are never all in memory."""
+    """Table rows (m, 43), part after part: a long solution's covariances are never all in memory."""
     scale = np.array([1.0, 180.0 / np.pi, 180.0 / np.pi])
     for begin in range(0, len(solution), ROWS_AT_ONCE):
         part = solution.part(begin, begin + ROWS_AT_ONCE)

@@ -21,7 +21,7 @@ BEACONS = 4  # 3 rows: beacons A, B, C from the target's centre of mass, lvlh_cc
 # What a record keeps: one piece, DOCK .. INNOVATION
 DOCK = 7  # 3 rows: dcm_dock_from_lvlh | port position, lvlh_ccsds
 ATTITUDE = 10  # 3 rows: dcm_cam_from_lvlh | camera from the chaser's centre of mass, camera axes
-CLOCK = 13  # time of the last epoch, running, trial running, rejected streak, restarts, prior position variance
+CLOCK = 13  # time of the last epoch, running, trial running, rejected streak, starts, prior position variance
 TRACK = 14  # 7 rows: state x, then factors ud
 RESULT = 21  # status, NIS, dof, measurement status, iterations, groups used
 INNOVATION = 22  # NaN where there is none

@@ -18,7 +18,6 @@ from relnav.navigation.block import (
     WORK,
 )
 
-
 LONGEST_STEP_RAD = 1e12
 """Of the orbit, between two epochs: beyond it (1e15 s) the phase is lost to rounding; the track is dropped."""
 

@@ -60,7 +60,7 @@ class ReferenceEngine:
                 track.time_update(
                     block[PHI : PHI + 6].copy(), block[EFFECT].copy(), compose(block[Q_FACTORS : Q_FACTORS + 6])
                 )
-            self.track, self.trial = _finite(self.track), _finite(self.trial)
+            self.track, self.trial = self._usable(self.track), self._usable(self.trial)
         block[CLOCK, 0] = t
         status = self._step_track(spots)
         if self.track is not None:
@@ -69,6 +69,14 @@ class ReferenceEngine:
         block[CLOCK, 1] = float(self.track is not None)
         block[RESULT, 0] = status
         return status
+
+    def _usable(self, track: ReferenceTrack | None) -> ReferenceTrack | None:
+        """The track, unless its prediction says nothing any more, as `step.is_usable` decides."""
+        if track is None or not (np.isfinite(track.state).all() and np.isfinite(track.covariance).all()):
+            return None
+        p = np.empty(3)
+        camera_position_dock(self.block, np.ascontiguousarray(track.state), p)
+        return track if np.trace(track.covariance[:3, :3]) < p @ p else None
 
     def _step_track(self, spots: Matrix) -> int:
         block = self.block
@@ -101,7 +109,7 @@ class ReferenceEngine:
         if self.trial is not None:
             outcome = self._correct(self.trial, spots)
             if outcome == UPDATED and block[RESULT, 2] == (6 if uses_coordinates(block) else 3):
-                block[CLOCK, 4] += float(self.track is not None)
+                block[CLOCK, 4] += 1.0
                 self.track, self.trial, self.streak = self.trial, None, 0
                 return True
         rows = block[TRIAL : TRIAL + 7]
@@ -174,13 +182,6 @@ class ReferenceEngine:
         camera_position_dock(self.block, np.ascontiguousarray(at), p)
         nearest2 = float(np.sum((p - [sensor[5], 0.0, 0.0]) ** 2))
         return bool(sensor[0] * np.sum((state[:3] - at[:3]) ** 2) > 0.1 * sensor[3] * nearest2)
-
-
-def _finite(track: ReferenceTrack | None) -> ReferenceTrack | None:
-    """The track, unless its prediction overflowed."""
-    if track is None or not (np.isfinite(track.state).all() and np.isfinite(track.covariance).all()):
-        return None
-    return track
 
 
 def run_reference(

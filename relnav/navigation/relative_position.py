@@ -163,7 +163,7 @@ class Navigator:
             self._block[SETTINGS, 2] = float(self._held_known)
         else:
             c = _vector("dcm_cam_from_lvlh", dcm, (3, 3))
-            if np.max(np.abs(c @ c.T - np.eye(3))) > 1e-6 or np.linalg.det(c) < 0.0:
+            if np.max(np.abs(c)) > 2.0 or np.max(np.abs(c @ c.T - np.eye(3))) > 1e-6 or np.linalg.det(c) < 0.0:
                 raise ValueError("dcm_cam_from_lvlh must be a rotation matrix (orthonormal, determinant +1)")
             self._block[ATTITUDE : ATTITUDE + 3, :3] = c
             self._block[SETTINGS, 2] = 1.0
@@ -247,26 +247,11 @@ def filter_epochs(
     """
     block = _choose(model, method, projection, engine)
     reference = ReferenceEngine(block) if engine == "filterpy" else None
-    t = np.ascontiguousarray(t_s, dtype=np.float64)
+    t, spots = _epochs(t_s, spots_m)
     n = len(t)
-    if t.ndim != 1:
-        raise ValueError(f"t_s has one axis; got shape {t.shape}")
-    spots = np.ascontiguousarray(spots_m, dtype=np.float64)
-    if spots.shape != (n, 3, 2):
-        raise ValueError(f"spots_m has shape ({n}, 3, 2); got {spots.shape}")
-    if not np.all(np.isfinite(t)) or np.any(np.diff(t) <= 0.0):
-        raise ValueError("t_s must be finite and strictly increasing")
-    control, quaternion = np.empty((0, 6)), np.empty((0, 4))
-    if acceleration_m_s2 is not None or delta_v_m_s is not None:
-        control = np.zeros((n, 6))
-        if acceleration_m_s2 is not None:
-            control[:, :3] = _vector("acceleration_m_s2", acceleration_m_s2, (n, 3))
-        if delta_v_m_s is not None:
-            control[:, 3:] = _vector("delta_v_m_s", delta_v_m_s, (n, 3))
-    if q_cam_from_lvlh is not None:
-        quaternion = np.ascontiguousarray(_vector("q_cam_from_lvlh", q_cam_from_lvlh, (n, 4)))
-        if np.any(np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) > 9e-4):
-            raise ValueError("q_cam_from_lvlh must hold unit quaternions (x, y, z, w)")
+    control = _controls(n, acceleration_m_s2, delta_v_m_s)
+    quaternion = _quaternions(n, q_cam_from_lvlh)
+    if len(quaternion):
         block[SETTINGS, 2] = 1.0
     state, factor, innovation = np.empty((n, 6)), np.empty((n, 21)), np.empty((n, 6))
     nis, codes = np.empty(n), np.empty((n, 3), dtype=np.int64)
@@ -311,9 +296,43 @@ def filter_epochs(
         measurement_status=codes[:, 2],
         model=model.name,
         method=method,
-        restarts=int(block[CLOCK, 4]),
+        restarts=max(0, int(block[CLOCK, 4]) - 1),
         smoothed=smooth,
     )
+
+
+def _epochs(t_s: Vector, spots_m: Stack) -> tuple[Vector, Stack]:
+    t = np.ascontiguousarray(t_s, dtype=np.float64)
+    if t.ndim != 1:
+        raise ValueError(f"t_s has one axis; got shape {t.shape}")
+    spots = np.ascontiguousarray(spots_m, dtype=np.float64)
+    if spots.shape != (len(t), 3, 2):
+        raise ValueError(f"spots_m has shape ({len(t)}, 3, 2); got {spots.shape}")
+    if not np.all(np.isfinite(t)) or np.any(np.diff(t) <= 0.0):
+        raise ValueError("t_s must be finite and strictly increasing")
+    return t, spots
+
+
+def _controls(n: int, acceleration: Matrix | None, delta_v: Matrix | None) -> Matrix:
+    """Acceleration and impulse of each row, (n, 6), or (0, 6) if there are none."""
+    if acceleration is None and delta_v is None:
+        return np.empty((0, 6))
+    control = np.zeros((n, 6))
+    if acceleration is not None:
+        control[:, :3] = _vector("acceleration_m_s2", acceleration, (n, 3))
+    if delta_v is not None:
+        control[:, 3:] = _vector("delta_v_m_s", delta_v, (n, 3))
+    return control
+
+
+def _quaternions(n: int, q_cam_from_lvlh: Matrix | None) -> Matrix:
+    """Camera attitude of each row, (n, 4), or (0, 4) if the model's is to be used."""
+    if q_cam_from_lvlh is None:
+        return np.empty((0, 4))
+    quaternion = np.ascontiguousarray(_vector("q_cam_from_lvlh", q_cam_from_lvlh, (n, 4)))
+    if np.any(np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) > 9e-4):
+        raise ValueError("q_cam_from_lvlh must hold unit quaternions (x, y, z, w)")
+    return quaternion
 
 
 def _levers(model: Model, quaternion: Matrix) -> Matrix:

@@ -2,8 +2,9 @@
 
 Start: an image's closed form with its own covariance opens a trial (that image is then used up); the next full image
 that the trial predicts, all spots inside the gate, confirms it. So one bad epoch can neither start the filter nor
-lock it out. Lock-out: after `restart after` consecutive epochs with at least half of what was seen rejected, trials
-are opened beside the running track, and a confirmed one replaces it.
+lock it out. Lost: a track whose position sigma grows beyond its range is dropped. Lock-out: after `restart after`
+consecutive epochs with at least half of what was seen rejected, trials are opened beside the running track, and a
+confirmed one replaces it.
 """
 
 import math
@@ -28,10 +29,18 @@ from relnav.navigation.block import (
     WORK,
     H,
 )
-from relnav.navigation.observation import JACOBIAN, LOCAL, P_DOCK, RAYS, fix_of_spots, uses_coordinates
+from relnav.navigation.observation import (
+    JACOBIAN,
+    LOCAL,
+    P_DOCK,
+    RAYS,
+    camera_position_dock,
+    fix_of_spots,
+    uses_coordinates,
+)
 from relnav.navigation.propagation import advance, prepare_step
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
-from relnav.navigation.update import copy_rows, correct
+from relnav.navigation.update import copy_rows, correct, position_variance
 from relnav.sensors.measurement import DEGENERATE, OK
 from relnav.sensors.three_beacon.fix import WORK_ROWS, fix_jacobian
 
@@ -80,13 +89,19 @@ def start(block: Matrix, track: Matrix, spots: Matrix) -> int:
 
 
 @kernel
-def is_finite(track: Matrix) -> bool:
-    """Whether a track holds numbers only: over an absurd gap the prediction overflows, and the filter starts anew."""
+def is_usable(block: Matrix, track: Matrix) -> bool:
+    """Whether a predicted track still says where the chaser is: numbers only, position sigma below the range.
+
+    Over a long gap the prediction becomes worthless (and over an absurd one overflows); images could then be believed
+    anywhere, and the filter starts anew instead.
+    """
     total = 0.0
     for i in range(track.shape[0]):
         for j in range(6):
             total += 0.0 * track[i, j]  # 0 for numbers, NaN for the rest
-    return total == 0.0
+    p = block[P_DOCK]
+    camera_position_dock(block, track[0], p)
+    return bool(total == 0.0 and position_variance(track) < p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
 
 
 @kernel
@@ -100,9 +115,8 @@ def _look_for_start(block: Matrix, spots: Matrix) -> bool:
             copy_rows(trial, block[TRACK : TRACK + P_ROWS])
             clock[2] = 0.0
             clock[3] = 0.0
-            if clock[1] > 0.0:
-                clock[4] += 1.0
             clock[1] = 1.0
+            clock[4] += 1.0
             return True
     reason = start(block, trial, spots)
     block[RESULT, 3] = reason
@@ -133,11 +147,11 @@ def step(block: Matrix, t: float, spots: Matrix) -> int:
         prepare_step(block, t - clock[0])
     if running:
         advance(block, track)
-        running = is_finite(track)
+        running = is_usable(block, track)
         clock[1] = 1.0 if running else 0.0
     if trial:
         advance(block, block[TRIAL : TRIAL + P_ROWS])
-        clock[2] = 1.0 if is_finite(block[TRIAL : TRIAL + P_ROWS]) else 0.0
+        clock[2] = 1.0 if is_usable(block, block[TRIAL : TRIAL + P_ROWS]) else 0.0
     clock[0] = t
     status = WAITING
     if running:

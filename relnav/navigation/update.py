@@ -129,7 +129,7 @@ def _bends(block: Matrix, at: Vector) -> bool:
 
 
 @kernel
-def _position_variance(track: Matrix) -> float:
+def position_variance(track: Matrix) -> float:
     """Sum of the three position variances of a track (7, 6)."""
     total = 0.0
     for i in range(3):
@@ -146,7 +146,7 @@ def correct(block: Matrix, track: Matrix, spots: Matrix) -> int:
     result[1], result[2], result[4] = math.nan, 0.0, 0.0
     for m in range(6):
         innovation[m] = math.nan
-    block[CLOCK, 5] = _position_variance(track)
+    block[CLOCK, 5] = position_variance(track)
     seen, usable, reason = prepare(block, x, spots)
     result[3] = reason
     result[5] = 0.0

@@ -1,0 +1,131 @@
+"""Compiled code that is kept: never that of an older callee, and no error where nothing can be kept.
+
+Tried on a package of two kernels with the project's own `_kernel.py`, which compiles in a second.
+"""
+
+import shutil
+
+import pytest
+
+CALLEE = """
+from toy._kernel import kernel
+
+@kernel
+def inner(x: float) -> float:
+    return {factor} * x
+"""
+CALLER = """
+from toy._kernel import kernel
+from toy.callee import inner
+
+@kernel
+def outer(x: float) -> float:
+    return inner(x) + 1.0
+"""
+CALL = """
+import warnings
+with warnings.catch_warnings(record=True) as caught:
+    warnings.simplefilter("always")
+    from toy.caller import outer
+    from toy.callee import inner
+    print(outer(2.0))
+from toy import _kernel
+print(_kernel.is_compiled())
+print(sum(getattr(outer, "stats", None).cache_hits.values()) if hasattr(outer, "stats") else 0)
+for entry in caught:
+    print(entry.category.__name__, entry.message)
+"""
+
+
+@pytest.fixture
+def toy(root, tmp_path):
+    """A package `toy` with a kernel that calls another, and the product's way to compile."""
+    package = tmp_path / "site" / "toy"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text("")
+    shutil.copy(root / "relnav" / "_kernel.py", package)
+    (package / "callee.py").write_text(CALLEE.format(factor=3.0))
+    (package / "caller.py").write_text(CALLER)
+    return package
+
+
+def call(python, toy, **environment):
+    variables = {"RELNAV_JIT": "1", "HOME": str(toy.parent / "home")} | environment
+    done = python(CALL, path=toy.parent, environment=variables)
+    assert done.returncode == 0, done.stderr
+    result, compiled, hits, *warned = done.stdout.splitlines()
+    return float(result), compiled == "True", int(hits), warned
+
+
+def test_compiled_code_is_kept_from_one_process_to_the_next(python, toy):
+    assert call(python, toy) == (7.0, True, 0, [])
+    assert call(python, toy) == (7.0, True, 1, [])
+
+
+def test_a_changed_callee_is_never_run_in_its_old_form(python, toy):
+    """Numba alone would look at the caller's file only, and run the old callee that it holds."""
+    assert call(python, toy)[0] == 7.0
+    (toy / "callee.py").write_text(CALLEE.format(factor=5.0))
+    assert call(python, toy) == (11.0, True, 0, [])
+    assert call(python, toy) == (11.0, True, 1, [])
+
+
+def test_any_change_of_any_file_changes_the_stamp(python, toy):
+    def stamp():
+        done = python("from toy import _kernel; print(_kernel._package_stamp())", path=toy.parent)
+        assert done.returncode == 0, done.stderr
+        return done.stdout.strip()
+
+    stamps = [stamp(), stamp()]
+    assert stamps[0] == stamps[1]
+    (toy / "callee.py").write_text(CALLEE.format(factor=4.0))
+    stamps.append(stamp())
+    (toy / "room").mkdir()
+    (toy / "room" / "new.py").write_text("")
+    stamps.append(stamp())
+    (toy / "room" / "new.py").rename(toy / "room" / "other.py")
+    stamps.append(stamp())
+    assert len(set(stamps)) == 4
+
+
+def test_where_nothing_can_be_written_it_works_with_one_warning(python, toy):
+    """`__pycache__` and the user's cache folder are blocked by files, which stops root as well."""
+    (toy / "__pycache__").write_text("in the way")
+    blocked = toy.parent / "blocked"
+    blocked.write_text("in the way")
+    environment = {"HOME": str(blocked / "home"), "XDG_CACHE_HOME": str(blocked / "cache")}
+    result, compiled, _, warned = call(python, toy, **environment)
+    assert (result, compiled) == (7.0, True)
+    assert len(warned) == 1
+    assert warned[0].startswith("RuntimeWarning no folder for compiled code can be written")
+    assert "NUMBA_CACHE_DIR" in warned[0]
+
+
+def test_a_cache_folder_that_cannot_be_made_is_no_error(python, toy):
+    """NUMBA_CACHE_DIR under a regular file."""
+    blocked = toy.parent / "blocked"
+    blocked.write_text("in the way")
+    result, compiled, _, warned = call(python, toy, NUMBA_CACHE_DIR=str(blocked / "numba"))
+    assert (result, compiled) == (7.0, True)
+    assert len(warned) <= 1
+
+
+def test_a_read_only_install_keeps_its_code_in_the_users_folder(python, toy):
+    (toy / "__pycache__").write_text("in the way")
+    environment = {"XDG_CACHE_HOME": str(toy.parent / "cache")}
+    assert call(python, toy, **environment) == (7.0, True, 0, [])
+    assert call(python, toy, **environment) == (7.0, True, 1, [])
+
+
+def test_switched_off_it_is_plain_python(python, toy):
+    result, compiled, hits, warned = call(python, toy, RELNAV_JIT="0")
+    assert (result, compiled, hits, warned) == (7.0, False, 0, [])
+
+
+def test_without_numba_it_is_plain_python_with_a_warning(python, toy):
+    """A broken numba, as after an upgrade of numpy."""
+    (toy.parent / "numba.py").write_text("raise ImportError('Numba needs NumPy 2.3 or less')")
+    result, compiled, _, warned = call(python, toy)
+    assert (result, compiled) == (7.0, False)
+    assert len(warned) == 1
+    assert "numba cannot be imported (Numba needs NumPy 2.3 or less)" in warned[0]

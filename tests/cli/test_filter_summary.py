@@ -1,0 +1,142 @@
+"""What `relnav filter` says: the figures of the run beside the published ones, in the terminal and as JSON."""
+
+import json
+
+import numpy as np
+import pytest
+
+import relnav
+from relnav.files.filter_log import filter_log
+
+MODEL = ("--model", "three_beacon_psd")
+
+
+@pytest.fixture(scope="module")
+def solutions(vbar_log):
+    return {method: filter_log(vbar_log, "three_beacon_psd", method=method) for method in ("spots", "fix")}
+
+
+@pytest.mark.parametrize("method", ["spots", "fix"])
+def test_the_figures_in_the_terminal(run, vbar_log, solutions, method):
+    code, out, err = run("filter", vbar_log, *MODEL, "--method", method)
+    solution = solutions[method]
+    assert code == 0
+    assert err == ""
+    assert f"vbar_log.csv: 3000 epochs, 0 s to 299.9 s; model three_beacon_psd, method {method}" in out
+    assert f"restarts 0; epochs used whole {solution.accepted.sum()}," in out
+    assert f"NIS per degree of freedom {solution.nis_consistency().ratio:.3f}" in out
+    lines = {line.split()[0]: line for line in out.splitlines() if line.startswith("  ")}
+    sigma = solution.docking_sigma[-1]
+    assert f"{sigma[0]:.5f} m" in lines["range"]
+    assert "0.02 m" in lines["range"]
+    assert f"{np.degrees(sigma[1]):.5f} deg" in lines["azimuth"]
+    assert "0.176 deg" in lines["azimuth"]
+    assert f"{np.degrees(sigma[2]):.5f} deg" in lines["elevation"]
+    assert "0.182 deg" in lines["elevation"]
+    assert f"{sigma[0] / 0.02:.3f}" in lines["range"]
+
+
+def test_the_same_as_json(run, vbar_log, solutions, tmp_path):
+    path = tmp_path / "summary.json"
+    code, _, _ = run("filter", vbar_log, *MODEL, "--json", path)
+    figures, solution = json.loads(path.read_text()), solutions["spots"]
+    assert code == 0
+    assert figures["model"] == "three_beacon_psd"
+    assert figures["method"] == "spots"
+    assert figures["epochs"] == 3000
+    assert (figures["t_first_s"], figures["t_last_s"]) == (0.0, 299.9)
+    assert figures["accepted"] == int(solution.accepted.sum())
+    assert sum(figures["epochs_by_status"].values()) == 3000
+    assert figures["epochs_by_status"]["partial"] == int((solution.status == 2).sum())
+    assert figures["nis_per_dof"] == solution.nis_consistency().ratio
+    assert figures["nis_interval"][0] < 1.0 < figures["nis_interval"][1]
+    rows = {row["quantity"]: row for row in figures["rows"]}
+    assert rows["range"]["published"] == 0.02
+    assert rows["range"]["sigma_at_end"] == solution.docking_sigma[-1, 0]
+    assert rows["elevation"]["unit"] == "deg"
+    assert rows["azimuth"]["ratio"] == pytest.approx(np.degrees(solution.docking_sigma[-1, 1]) / 0.176, rel=1e-12)
+
+
+def test_quiet_prints_nothing_and_still_writes(run, short_log, tmp_path):
+    out, figures = tmp_path / "track.csv", tmp_path / "summary.json"
+    assert run("filter", short_log, *MODEL, "--quiet", "--out", out, "--json", figures) == (0, "", "")
+    assert out.exists()
+    assert figures.exists()
+
+
+def test_the_track_is_the_solution(run, short_log, tmp_path):
+    run("filter", short_log, *MODEL, "--out", tmp_path / "by_command.csv")
+    relnav.write(filter_log(short_log, "three_beacon_psd"), tmp_path / "by_call.csv")
+    assert (tmp_path / "by_command.csv").read_bytes() == (tmp_path / "by_call.csv").read_bytes()
+
+
+def test_projection_reaches_the_filter(run, short_log, tmp_path):
+    for projection in ("perspective", "parallel"):
+        run(
+            "filter",
+            short_log,
+            *MODEL,
+            "--method",
+            "fix",
+            "--projection",
+            projection,
+            "--out",
+            tmp_path / f"{projection}.csv",
+        )
+    tracks = [
+        np.genfromtxt(tmp_path / f"{name}.csv", delimiter=",", skip_header=12) for name in ("perspective", "parallel")
+    ]
+    assert np.nanmax(np.abs(tracks[0][:, 9] - tracks[1][:, 9])) > 0.02, "elevation: the parallel form's bias, b/r of it"
+
+
+def test_swapped_beacons_are_told(run, short_log):
+    text = short_log.read_text().replace("spot_a", "spot_z").replace("spot_b", "spot_a").replace("spot_z", "spot_b")
+    short_log.write_text(text)
+    code, out, _ = run("filter", short_log, *MODEL)
+    assert code == 0
+    assert "NOT STARTED: no epoch was confirmed by the next" in out
+    assert "SWAPPED" in out
+    assert "are beacons A and B exchanged?" in out
+
+
+def test_a_log_of_one_row(run, short_log, tmp_path):
+    short_log.write_text("".join(short_log.read_text().splitlines(keepends=True)[:2]))
+    code, out, _ = run("filter", short_log, *MODEL, "--out", tmp_path / "track.csv", "--json", tmp_path / "a.json")
+    assert code == 0
+    assert "NOT STARTED" in out
+    figures = json.loads((tmp_path / "a.json").read_text())
+    assert figures["started_s"] is None
+    assert figures["nis_per_dof"] is None
+    assert figures["rows"][0]["sigma_at_end"] is None
+
+
+def test_ignored_columns_are_told(run, short_log):
+    lines = short_log.read_text().splitlines()
+    short_log.write_text("\n".join([lines[0] + ",mode", *(line + ",3" for line in lines[1:])]))
+    assert "ignored columns: mode" in run("filter", short_log, *MODEL)[1]
+
+
+def test_restarts_and_rejections_are_counted(run, short_log, tmp_path):
+    lines = short_log.read_text().splitlines()
+    for k in range(100, 150):
+        cells = lines[k].split(",")
+        shifted = [repr(float(cell) + 700.0) if cell else "" for cell in cells[1:7]]
+        lines[k] = ",".join([cells[0], *shifted, *cells[7:]])
+    short_log.write_text("\n".join(lines))
+    _, out, _ = run("filter", short_log, *MODEL, "--json", tmp_path / "a.json")
+    figures = json.loads((tmp_path / "a.json").read_text())
+    assert figures["restarts"] == 2
+    rejected = figures["epochs_by_status"]["rejected"]
+    assert rejected == (filter_log(short_log, "three_beacon_psd").status == relnav.EpochStatus.REJECTED).sum() >= 6
+    assert "restarts 2" in out
+    assert f"rejected {rejected}" in out
+
+
+def test_a_model_without_published_figures(run, short_log, tmp_path):
+    from relnav.files.models import find_model
+
+    (tmp_path / "model.toml").write_text(find_model("three_beacon_psd").read_text())
+    code, out, _ = run("filter", short_log, "--model", tmp_path)
+    assert code == 0
+    assert "NIS per degree of freedom" in out
+    assert "0.02 m" not in out

@@ -1,0 +1,169 @@
+"""Flights, and how they are judged: errors and covariances are compared here with plain numpy, not with the product."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import relnav
+from relnav.files.filter_log import filter_log
+from relnav.simulation.detector import Faults
+from relnav.simulation.scenario import simulate
+from relnav.simulation.trajectory import Approach
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "basilisk_approach"
+ACCEPTED = (relnav.EpochStatus.UPDATED, relnav.EpochStatus.STARTED)
+
+
+def nees_of(error, covariance):
+    """e^T P^-1 e by the Cholesky factor of P, (n,); NaN where there is no state."""
+    out = np.full(len(error), np.nan)
+    for k in np.flatnonzero(np.isfinite(error).all(axis=1)):
+        whitened = np.linalg.solve(np.linalg.cholesky(covariance[k]), error[k])
+        out[k] = whitened @ whitened
+    return out
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A filtered log beside its truth."""
+
+    t_s: Any
+    spots_m: Any
+    acceleration_m_s2: Any
+    truth: Any
+    solution: Any
+
+    @property
+    def error(self):
+        return self.solution.state - self.truth
+
+    def nees(self, after_s=50.0):
+        late = self.t_s >= after_s
+        return nees_of(self.error[late], self.solution.covariance[late])
+
+    def nis_per_dof(self, after_s=50.0):
+        used = (self.t_s >= after_s) & np.isin(self.solution.status, ACCEPTED)
+        return self.solution.nis[used].sum() / self.solution.dof[used].sum()
+
+
+@pytest.fixture(scope="session")
+def vbar():
+    return relnav.load_model("three_beacon_psd")
+
+
+@pytest.fixture(scope="session")
+def rbar():
+    return relnav.load_model("three_beacon_psd_rbar")
+
+
+@pytest.fixture(scope="session")
+def unknown_attitude(vbar):
+    return replace(vbar, attitude=replace(vbar.attitude, mode="unknown"))
+
+
+@pytest.fixture(scope="session")
+def nees():
+    return nees_of
+
+
+@pytest.fixture(scope="session")
+def basilisk(vbar):
+    """The flown example log through the file interface, by method."""
+    truth = np.loadtxt(EXAMPLES / "vbar_truth.csv", delimiter=",", skiprows=1)
+
+    def run(method):
+        solution = filter_log(EXAMPLES / "vbar_log.csv", vbar, method=method)
+        np.testing.assert_array_equal(solution.t_s, truth[:, 0])
+        return Flight(solution.t_s, None, None, truth[:, 1:], solution)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def fly():
+    """Simulate an approach on integrated orbits and filter it: fly(model, method, faults, seed, edit, **approach)."""
+
+    def run(model, *, method="spots", faults=None, seed=0, edit=None, **approach):
+        log = simulate(model, Approach(**approach), faults or Faults(), seed)
+        spots = log.spots_m.copy()
+        if edit is not None:
+            edit(log.t_s, spots)
+        solution = relnav.filter_epochs(model, log.t_s, spots, acceleration_m_s2=log.acceleration_m_s2, method=method)
+        return Flight(log.t_s, spots, log.acceleration_m_s2, log.truth, solution)
+
+    return run
+
+
+def clohessy_wiltshire(n):
+    """The equations of motion as a matrix, axes x V-bar, y = -h, z nadir."""
+    a = np.zeros((6, 6))
+    a[:3, 3:] = np.eye(3)
+    a[3, 5], a[4, 1], a[5, 2], a[5, 3] = 2 * n, -n * n, 3 * n * n, -2 * n
+    return a
+
+
+@pytest.fixture(scope="session")
+def drift():
+    """Truth by matrix exponential: drift(model, t, x0, acceleration, impulse), control as in the log contract."""
+
+    def run(model, t, x0, acceleration=None, impulse=None):
+        a = np.zeros((9, 9))
+        a[:6, :6] = clohessy_wiltshire(model.orbit.mean_motion_rad_s)
+        a[3:6, 6:] = np.eye(3)
+        truth = np.empty((len(t), 6))
+        truth[0] = x0
+        steps = {}
+        for k in range(1, len(t)):
+            dt = round(t[k] - t[k - 1], 9)
+            if dt not in steps:
+                steps[dt] = expm(a * dt)
+            held = np.zeros(3) if acceleration is None else acceleration[k]
+            truth[k] = (steps[dt] @ np.concatenate([truth[k - 1], held]))[:6]
+            if impulse is not None:
+                truth[k, 3:] += impulse[k]
+        return truth
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def look():
+    """Spots of true states, by a camera written out here: look(model, truth, seed, dcm_cam_from_lvlh, noise_m)."""
+
+    def run(model, truth, seed=0, dcm=None, noise_m=None):
+        held = model.dcm_cam_from_lvlh
+        q_mount = np.array(model.camera.q_cam_from_chaser)
+        lever_cam = rotation(q_mount) @ np.array(model.camera.position_m)
+        dock = rotation(np.array(model.docking.q_dock_from_lvlh))
+        a, b = model.sensor.beacon_half_spacing_m, model.sensor.beacon_c_distance_m
+        beacons = np.array(model.docking.port_position_m) + np.array([[0, a, 0], [0, -a, 0], [b, 0, 0]]) @ dock
+        half = 0.5 * np.array(model.sensor.detector_size_m)
+        rng = np.random.default_rng(seed)
+        sigma = model.sensor.spot_noise_m if noise_m is None else noise_m
+        spots = np.full((len(truth), 3, 2), np.nan)
+        for k, state in enumerate(truth):
+            c = held if dcm is None else dcm[k]
+            for i in range(3):
+                u = c @ (beacons[i] - state[:3]) - lever_cam
+                spot = model.sensor.focal_length_m * u[:2] / u[2] + sigma * rng.normal(size=2)
+                if u[2] > 0.0 and np.all(np.abs(spot) <= half):
+                    spots[k, i] = spot
+        return spots
+
+    return run
+
+
+def rotation(q):
+    """Matrix of a unit quaternion (x, y, z, w), by Rodrigues' formula."""
+    v, w = q[:3], q[3]
+    cross = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    return np.eye(3) + 2 * w * cross + 2 * cross @ cross
+
+
+@pytest.fixture(scope="session")
+def rotation_of():
+    return rotation

@@ -1,0 +1,39 @@
+"""The innovation of an angle is the short way round: +179.9 deg measured, -179.9 deg predicted, is -0.2 deg."""
+
+import numpy as np
+import pytest
+
+from relnav.navigation.block import RESIDUAL, VALUE, VARIANCE, new_block
+from relnav.navigation.observation import linearise
+
+
+def innovation(model, measured_rae, position):
+    """Residual rows (3,) of `fix` for a measured range, azimuth, elevation at a predicted docking-frame position."""
+    block = new_block(model, "fix", "perspective")
+    block[VARIANCE, :3] = 1.0
+    block[VALUE, :3] = measured_rae
+    assert linearise(block, np.concatenate([position, np.zeros(3)]), np.zeros((3, 2)))
+    return block[RESIDUAL, :3].copy()
+
+
+@pytest.mark.parametrize("measured_deg", [-179.95, -10.0, 0.0, 10.0, 179.95])
+@pytest.mark.parametrize("predicted_deg", [-179.9, -90.0, 0.0, 90.0, 179.9])
+def test_azimuth_innovation_is_wrapped(vbar, measured_deg, predicted_deg):
+    predicted = np.radians(predicted_deg)
+    position = 5.0 * np.array([np.cos(predicted), np.sin(predicted), 0.0])
+    residual = innovation(vbar, [5.0, np.radians(measured_deg), 0.0], position)
+    expected = (measured_deg - predicted_deg + 180.0) % 360.0 - 180.0
+    assert np.degrees(residual[1]) == pytest.approx(expected, abs=1e-12 * 360)
+    assert abs(residual[1]) <= np.pi
+    assert residual[0] == pytest.approx(0.0, abs=1e-14)
+
+
+def test_range_is_not_wrapped(vbar):
+    residual = innovation(vbar, [17.0, 0.0, 0.0], np.array([5.0, 0.0, 0.0]))
+    np.testing.assert_allclose(residual, [12.0, 0.0, 0.0], atol=1e-14)
+
+
+def test_at_the_pole_the_azimuth_is_undefined_and_the_image_refused(vbar):
+    block = new_block(vbar, "fix", "perspective")
+    block[VARIANCE, :3] = 1.0
+    assert not linearise(block, np.array([0.0, 0.0, 5.0, 0.0, 0.0, 0.0]), np.zeros((3, 2)))

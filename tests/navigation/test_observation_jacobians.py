@@ -1,0 +1,138 @@
+"""Measurement rows and noise of every method against finite differences, lever arms and turned frames included."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import relnav
+from relnav.navigation.block import R_FACTOR, RESIDUAL, VARIANCE, H, new_block
+from relnav.navigation.observation import linearise, make_independent, prepare
+
+METHODS = ["spots", "spots, one beacon", "fix", "invariants", "pair AB", "pair BC", "pair AC"]
+LOST = {"spots, one beacon": [0, 1], "pair AB": [2], "pair BC": [0], "pair AC": [1]}
+STATE = np.array([7.0, 0.35, -0.4, -0.02, 0.01, 0.005])
+
+
+def mission(model, method):
+    known = method.startswith(("spots", "fix"))
+    mount = tuple(Rotation.from_euler("zyx", [80.0, -20.0, 35.0], degrees=True).as_quat().tolist())
+    dock = Rotation.from_euler("zyx", [4.0, -3.0, 170.0], degrees=True)
+    cam = Rotation.from_quat([0.5, -0.5, -0.5, -0.5]) * Rotation.from_euler("zyx", [2.0, 1.0, 0.0], degrees=True)
+    return replace(
+        model,
+        docking=replace(
+            model.docking, q_dock_from_lvlh=tuple(dock.as_quat().tolist()), port_position_m=(0.4, -0.3, 0.25)
+        ),
+        camera=replace(
+            model.camera, position_m=(0.6, 0.2, -0.35) if known else (0.0, 0.0, 0.0), q_cam_from_chaser=mount
+        ),
+        attitude=replace(
+            model.attitude,
+            mode="lvlh_hold" if known else "unknown",
+            q_cam_from_lvlh=tuple((cam * dock.inv()).as_quat().tolist()) if known else model.attitude.q_cam_from_lvlh,
+        ),
+    )
+
+
+@pytest.fixture(params=METHODS)
+def prepared(request, vbar, look):
+    """(block, state, spots, number of rows, method): an image taken near the state, made ready at the state."""
+    method = request.param
+    model = mission(vbar, method)
+    dock = model.dcm_dock_from_lvlh
+    lever = model.dcm_cam_from_lvlh.T @ model.camera_lever_cam_m
+    state = STATE.copy()
+    state[:3] = model.port_position_m + dock.T @ STATE[:3] - lever
+    held = None
+    if model.attitude.mode == "unknown":  # any attitude that has the target in view
+        held = (Rotation.from_quat([0.5, -0.5, -0.5, -0.5]).as_matrix() @ dock)[None]
+    taken = np.add(state, [0.02, -0.01, 0.015, 0, 0, 0])
+    wide = replace(model, sensor=replace(model.sensor, detector_size_m=(0.05, 0.05)))
+    spots = look(wide, taken[None], seed=1, dcm=held)[0]
+    assert np.isfinite(spots).all()
+    spots[LOST.get(method, [])] = np.nan
+    block = new_block(wide, "fix" if method == "fix" else "spots", "perspective")
+    _, rows, status = prepare(block, state, spots)
+    assert status == relnav.Status.OK
+    assert rows == {"spots": 6, "spots, one beacon": 2, "fix": 3, "invariants": 3}.get(method, 1)
+    return block, state, spots, method
+
+
+def used_rows(block):
+    return np.flatnonzero(block[VARIANCE] > 0.0)
+
+
+def residual_at(block, x, spots, rows):
+    assert linearise(block, x, spots)
+    return block[RESIDUAL, rows].copy()
+
+
+def test_rows_are_the_derivative_of_the_prediction(prepared):
+    block, state, spots, _ = prepared
+    rows = used_rows(block)
+    assert linearise(block, state, spots)
+    analytic = block[H + rows].copy()
+    numeric = np.empty_like(analytic)
+    for j in range(6):
+        h = 1e-4
+        d = np.zeros(6)
+        d[j] = h
+        r = [residual_at(block, state + k * d, spots, rows) for k in (-2, -1, 1, 2)]
+        numeric[:, j] = -(r[0] - 8 * r[1] + 8 * r[2] - r[3]) / (12 * h)
+    scale = np.abs(analytic).max(axis=1, keepdims=True)
+    np.testing.assert_allclose(numeric / scale, analytic / scale, rtol=0.0, atol=2e-9)
+    np.testing.assert_array_equal(analytic[:, 3:], 0.0)
+
+
+def test_residual_is_zero_where_the_image_was_taken(prepared, vbar, look):
+    """With noise-free spots of the very state, measured equals predicted."""
+    block, state, spots, method = prepared
+    model = mission(vbar, method)
+    wide = replace(model, sensor=replace(model.sensor, detector_size_m=(0.05, 0.05)))
+    held = None
+    if model.attitude.mode == "unknown":
+        held = (Rotation.from_quat([0.5, -0.5, -0.5, -0.5]).as_matrix() @ model.dcm_dock_from_lvlh)[None]
+    exact = look(wide, state[None], dcm=held, noise_m=0.0)[0]
+    exact[np.isnan(spots)] = np.nan
+    prepare(block, state, exact)
+    rows = used_rows(block)
+    assert np.all(np.abs(residual_at(block, state, exact, rows)) < 1e-6 * np.sqrt(block[VARIANCE, rows]))
+
+
+def stated_noise(block, rows):
+    """R = L diag L^T of the rows in use; diagonal for detector coordinates."""
+    n = len(rows)
+    factor = np.tril(block[R_FACTOR : R_FACTOR + n, :n], -1) + np.eye(n) if n <= 3 else np.eye(n)
+    return factor @ np.diag(block[VARIANCE, rows]) @ factor.T
+
+
+def test_noise_is_that_of_many_noisy_images(prepared):
+    """R against the scatter of the residual over images that differ by spot noise alone, about the taken geometry."""
+    block, state, spots, method = prepared
+    rows = used_rows(block)
+    stated = np.diag(block[VARIANCE, rows]) if method.startswith("spots") else stated_noise(block, rows)
+    rng = np.random.default_rng(0)
+    residuals = []
+    for _ in range(4000):
+        noisy = spots + 1e-5 * rng.normal(size=(3, 2))
+        prepare(block, state, noisy)
+        residuals.append(residual_at(block, state, noisy, rows))
+    scatter = np.atleast_2d(np.cov(np.array(residuals).T))
+    scale = np.sqrt(np.outer(np.diag(stated), np.diag(stated)))
+    np.testing.assert_allclose(scatter / scale, stated / scale, atol=0.1)
+
+
+def test_independent_rows_say_the_same(prepared):
+    """L^-1 turns rows with covariance R into rows with a diagonal one, without loss: r^T S^-1 r is the same."""
+    block, state, spots, method = prepared
+    rows = used_rows(block)
+    linearise(block, state, spots)
+    r, h = block[RESIDUAL, rows].copy(), block[H + rows].copy()
+    noise = np.diag(block[VARIANCE, rows]) if method.startswith("spots") else stated_noise(block, rows)
+    p = np.diag([1e-2, 2e-2, 3e-2, 1e-3, 1e-3, 1e-3]) ** 2
+    expected = r @ np.linalg.solve(h @ p @ h.T + noise, r)
+    make_independent(block)
+    r, h, noise = block[RESIDUAL, rows], block[H + rows], np.diag(block[VARIANCE, rows])
+    assert r @ np.linalg.solve(h @ p @ h.T + noise, r) == pytest.approx(expected, rel=1e-9)

@@ -1,0 +1,111 @@
+"""`RELNAV_JIT=0` runs the same lines as plain Python: same outcomes, numbers equal to rounding."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import relnav
+from relnav._kernel import is_compiled
+
+CASES = ["spots", "fix", "unknown"]
+
+# Compiled code may fuse a multiplication and an addition into one rounding; the closed form's iteration and six
+# sequential updates then differ in the last digits only.
+TOLERANCE_SIGMA = 1e-9
+
+PLAIN = """
+import sys
+from dataclasses import replace
+import numpy as np
+import relnav
+from relnav._kernel import is_compiled
+
+assert not is_compiled()
+given = np.load(sys.argv[1])
+model = relnav.load_model("three_beacon_psd")
+unknown = replace(model, attitude=replace(model.attitude, mode="unknown"))
+out = {}
+for case in ("spots", "fix", "unknown"):
+    solution = relnav.filter_epochs(
+        unknown if case == "unknown" else model,
+        given["t"],
+        given["spots"],
+        acceleration_m_s2=given["acceleration"],
+        delta_v_m_s=given["impulse"],
+        method="fix" if case == "fix" else "spots",
+    )
+    for name in ("state", "factor", "innovation", "nis", "dof", "status", "measurement_status", "docking"):
+        out[f"{case}_{name}"] = getattr(solution, name)
+assert "numba" not in sys.modules
+np.savez(sys.argv[2], **out)
+"""
+
+
+def nasty_log(model, drift, look):
+    """Forty epochs: good ones, then one of every kind of trouble, a lock-out with restart, and a gap."""
+    rng = np.random.default_rng(3)
+    n = 40
+    t = np.cumsum(rng.uniform(0.05, 0.3, size=n))
+    t[35:] += 500.0
+    acceleration, impulse = 1e-3 * rng.normal(size=(2, n, 3))
+    impulse[::2] = 0.0
+    truth = drift(model, t, [8.0, 0.1, -0.1, -0.01, 0.0, 0.0], acceleration, impulse)
+    truth[35:] = truth[34]
+    spots = look(model, truth, seed=2)
+    spots[0] += [[1e-3, 0], [0, 1e-3], [-1e-3, 0]]  # a false start
+    spots[8, 0] = np.nan
+    spots[9, 1, 1] = np.nan
+    spots[10] = np.nan
+    spots[11, 2] += 5e-4
+    spots[12, 0, 0] = np.inf
+    spots[13, 1, 1] = 1e308
+    spots[14] = 0.0
+    spots[15] = spots[15, [1, 0, 2]]
+    spots[16] = [[1e-3, 1e-3], [2e-3, 2e-3], [3e-3, 3e-3]]  # in line
+    spots[18:24, :, 0] += 4e-4  # a false scene
+    return t, spots, acceleration, impulse
+
+
+@pytest.fixture(scope="module")
+def plain(vbar, drift, look, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("plain")
+    t, spots, acceleration, impulse = nasty_log(vbar, drift, look)
+    np.savez(folder / "given.npz", t=t, spots=spots, acceleration=acceleration, impulse=impulse)
+    environment = os.environ | {"RELNAV_JIT": "0"}
+    command = [sys.executable, "-W", "error", "-c", PLAIN, str(folder / "given.npz"), str(folder / "out.npz")]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return np.load(folder / "out.npz")
+
+
+@pytest.mark.skipif(not is_compiled(), reason="RELNAV_JIT=0 in this run: there is nothing compiled to compare with")
+@pytest.mark.parametrize("case", CASES)
+def test_compiled_equals_plain(vbar, unknown_attitude, drift, look, plain, case):
+    t, spots, acceleration, impulse = nasty_log(vbar, drift, look)
+    compiled = relnav.filter_epochs(
+        unknown_attitude if case == "unknown" else vbar,
+        t,
+        spots,
+        acceleration_m_s2=acceleration,
+        delta_v_m_s=impulse,
+        method="fix" if case == "fix" else "spots",
+    )
+    for name in ("status", "dof", "measurement_status"):
+        np.testing.assert_array_equal(plain[f"{case}_{name}"], getattr(compiled, name))
+    running = np.isfinite(compiled.state).all(axis=1)
+    assert 20 < running.sum() < len(t)
+    np.testing.assert_array_equal(np.isfinite(plain[f"{case}_state"]).all(axis=1), running)
+    deviation = np.abs(plain[f"{case}_state"] - compiled.state)[running] / compiled.sigma[running]
+    assert deviation.max() < TOLERANCE_SIGMA
+    np.testing.assert_allclose(plain[f"{case}_factor"], compiled.factor, rtol=1e-7, atol=1e-12)
+    np.testing.assert_allclose(plain[f"{case}_nis"], compiled.nis, rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(plain[f"{case}_innovation"], compiled.innovation, rtol=1e-7, atol=1e-12)
+
+
+def test_the_log_is_nasty_indeed(plain):
+    """All outcomes occur, so that the comparison above compares them all."""
+    assert set(plain["spots_status"].tolist()) == set(range(6))
+    assert {0, 1, 2}.issubset(set(plain["fix_measurement_status"].tolist()))
