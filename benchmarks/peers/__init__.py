@@ -1,0 +1,1 @@
+"""The same filter as users of other packages write it."""
