@@ -18,21 +18,26 @@ import numpy as np
 from peers.by_hand import ByHand, OnFilterpy
 
 import relnav
+from relnav.dynamics.clohessy_wiltshire import transition
 from relnav.mission import ProcessNoise
-from relnav.simulation.scenario import simulate
-from relnav.simulation.trajectory import Approach
+from relnav.simulation.detector import Faults, image
+from relnav.simulation.scenario import SimulatedLog
 
 EPOCHS = 2000
 PEER_EPOCHS = 300
 
 
 def prepare():
-    """A mission without control errors, a drifting flight, and our own filtered track of it."""
+    """A mission without control errors, and the images of a chaser that drifts in from 9 m."""
     model = relnav.load_model("three_beacon_psd")
     density = model.process_noise.acceleration_noise_density_m2_s3
     model = dataclasses.replace(model, process_noise=ProcessNoise(density))
-    log = simulate(model, Approach(duration_s=EPOCHS / 10.0), seed=1)
-    return model, log
+    phi, x = transition(model.orbit.mean_motion_rad_s, 0.1), np.array([9.0, 0.2, -0.1, -0.01, 0.0, 0.0])
+    truth = np.empty((EPOCHS, 6))
+    for e in range(EPOCHS):
+        truth[e], x = x, phi @ x
+    spots = image(model, truth, Faults(), np.random.default_rng(1))
+    return model, SimulatedLog(np.arange(EPOCHS) * 0.1, spots, np.zeros((EPOCHS, 3)), truth)
 
 
 def check_answers(model, log):

@@ -7,12 +7,12 @@ but numba stamps its cache with the defining file alone; here the stamp is the c
 changed callee is never run in its old form.
 """
 
-import hashlib
 import os
 import warnings
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
+
+from relnav._cache import package_stamp
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -36,18 +36,8 @@ def _numba_njit() -> Any | None:
     return njit
 
 
-def _package_stamp() -> str:
-    """Digest of every source file of the package, about 5 ms."""
-    root = Path(__file__).resolve().parent
-    digest = hashlib.blake2b(digest_size=16)
-    for path in sorted(root.rglob("*.py")):
-        digest.update(str(path.relative_to(root)).encode())
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
-
-
 _NJIT = _numba_njit()
-_STAMP = _package_stamp() if _NJIT is not None else ""
+_STAMP = package_stamp() if _NJIT is not None else ""
 _CACHE = True
 
 

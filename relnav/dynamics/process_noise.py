@@ -1,8 +1,8 @@
 """Covariance that white acceleration noise adds over any time step: Q(dt) = int_0^dt B(s) A B(s)^T ds.
 
 B(s) = [Phi_rv(s); Phi_vv(s)] of Clohessy-Wiltshire and A (3, 3) is the acceleration noise density, m^2/s^3. The
-integrand is smooth on the scale of an orbit, so five Gauss-Legendre points are exact to rounding for n h <= 0.25
-(a test holds it against Van Loan); longer steps double: Q(2h) = Phi(h) Q(h) Phi(h)^T + Q(h).
+integrand is smooth on the scale of an orbit, so five Gauss-Legendre points are exact to rounding for n h <= 0.25, and
+three for n h <= 0.001 (a test holds it against Van Loan); longer steps double: Q(2h) = Phi(h) Q(h) Phi(h)^T + Q(h).
 """
 
 import math
@@ -13,10 +13,15 @@ from relnav._kernel import kernel
 from relnav.arrays import Matrix
 from relnav.dynamics.clohessy_wiltshire import transition_into
 
-# Gauss-Legendre on [0, 1], five points (Abramowitz and Stegun 25.4.30), numpy.polynomial.legendre.leggauss(5).
-_X, _W = np.polynomial.legendre.leggauss(5)
-_NODES: tuple[float, ...] = tuple(float(0.5 * (1.0 + x)) for x in _X)
-_WEIGHTS: tuple[float, ...] = tuple(float(0.5 * w) for w in _W)
+
+def _gauss_legendre(points: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Nodes and weights on [0, 1]."""
+    x, w = np.polynomial.legendre.leggauss(points)
+    return tuple(float(0.5 * (1.0 + node)) for node in x), tuple(float(0.5 * weight) for weight in w)
+
+
+_NODES_3, _WEIGHTS_3 = _gauss_legendre(3)
+_NODES_5, _WEIGHTS_5 = _gauss_legendre(5)
 
 
 @kernel
@@ -24,11 +29,13 @@ def _quadrature(n: float, h: float, a: Matrix, q: Matrix, phi: Matrix, ba: Matri
     for i in range(6):
         for j in range(6):
             q[i, j] = 0.0
-    for node in range(5):
-        transition_into(n, _NODES[node] * h, phi)  # B = its last three columns
+    short = abs(n * h) < 1e-3
+    for node in range(3 if short else 5):
+        transition_into(n, (_NODES_3[node] if short else _NODES_5[node]) * h, phi)  # B = its last three columns
+        weight = (_WEIGHTS_3[node] if short else _WEIGHTS_5[node]) * h
         for i in range(6):
             for k in range(3):
-                ba[i, k] = (phi[i, 3] * a[0, k] + phi[i, 4] * a[1, k] + phi[i, 5] * a[2, k]) * _WEIGHTS[node] * h
+                ba[i, k] = (phi[i, 3] * a[0, k] + phi[i, 4] * a[1, k] + phi[i, 5] * a[2, k]) * weight
         for i in range(6):
             for j in range(i + 1):
                 q[i, j] += ba[i, 0] * phi[j, 3] + ba[i, 1] * phi[j, 4] + ba[i, 2] * phi[j, 5]

@@ -18,6 +18,10 @@ from relnav.navigation.block import (
     WORK,
 )
 
+TICKS_PER_S = 2.0**33
+"""Steps are rounded to 0.12 ns: the differences of a log's time stamps differ by their rounding, and would otherwise
+make every step a new one. At 1 m/s that is 0.1 nm."""
+LONGEST_SNAP_S = 1e5
 LONGEST_STEP_RAD = 1e12
 """Of the orbit, between two epochs: beyond it (1e15 s) the phase is lost to rounding; the track is dropped."""
 
@@ -38,8 +42,13 @@ def _add_execution_error(u0: float, u1: float, u2: float, along: float, across: 
 
 @kernel
 def prepare_step(block: Matrix, dt: float) -> None:
-    """Compute Phi, the factors of Q and the control effect for this dt and INPUT, unless they are those at hand."""
+    """Compute Phi, the factors of Q and the control effect for this dt and INPUT, unless they are those at hand.
+
+    STEP_KEY then holds the step that was taken.
+    """
     key, control, given = block[STEP_KEY], block[CONTROL], block[INPUT]
+    if dt < LONGEST_SNAP_S:
+        dt = math.floor(dt * TICKS_PER_S + 0.5) / TICKS_PER_S
     impulse = given[3] != 0.0 or given[4] != 0.0 or given[5] != 0.0
     same = key[0] == dt and key[1] == given[0] and key[2] == given[1] and key[3] == given[2]
     if same and key[4] == 0.0 and not impulse:

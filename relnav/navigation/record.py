@@ -1,6 +1,7 @@
 """What the filter says of one epoch, and of a whole log."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from relnav.navigation.docking_view import docking_view
 from relnav.navigation.status import STARTED, UPDATED, EpochStatus
 from relnav.sensors.measurement import Status
 
+PER_EPOCH = ("t_s", "state", "factor", "innovation", "nis", "dof", "status", "measurement_status", "lever_lvlh_m")
 UPPER = np.triu_indices(6)
 """Rows and columns of the 21 numbers that a (6, 6) matrix of factors is packed into."""
 
@@ -154,8 +156,6 @@ class Solution:
         Chaser relative to target, `lvlh_ccsds`.
     factor : (n, 21)
         Covariance as U D U^T: the upper triangle of `ud`, row by row, D on its diagonal.
-    docking, docking_covariance : (n, 3), (n, 3, 3)
-        Range m, azimuth rad, elevation rad of the camera in the docking frame, and their covariance.
     innovation, nis, dof : (n, 6), (n,), (n,)
         As in FilterRecord: of everything seen, before the gate.
     status, measurement_status : (n,)
@@ -166,6 +166,8 @@ class Solution:
         How often a confirmed start replaced a locked-out track.
     smoothed : bool
         Whether states and covariances rest on the measurements after them too; NIS is the filter's either way.
+    dcm_dock_from_lvlh, port_m, lever_lvlh_m : (3, 3), (3,), (n, 3)
+        Docking frame, port and camera lever arm, from which `docking` is computed when asked for.
     metadata : dict
         What else a reader should know (source file, the log's own metadata).
     """
@@ -173,8 +175,6 @@ class Solution:
     t_s: Vector
     state: Matrix
     factor: Matrix
-    docking: Matrix
-    docking_covariance: Stack
     innovation: Matrix
     nis: Vector
     dof: Codes
@@ -183,8 +183,25 @@ class Solution:
     model: str
     method: str
     restarts: int
+    dcm_dock_from_lvlh: Matrix
+    port_m: Vector
+    lever_lvlh_m: Matrix
     smoothed: bool = False
     metadata: dict[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def _docking(self) -> tuple[Matrix, Stack]:
+        return docking_view(self.state, self.covariance, self.dcm_dock_from_lvlh, self.port_m, self.lever_lvlh_m)
+
+    @property
+    def docking(self) -> Matrix:
+        """Range m, azimuth rad, elevation rad of the camera in the docking frame, (n, 3)."""
+        return self._docking[0]
+
+    @property
+    def docking_covariance(self) -> Stack:
+        """Covariance of `docking`, (n, 3, 3)."""
+        return self._docking[1]
 
     @property
     def covariance(self) -> Stack:

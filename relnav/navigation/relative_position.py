@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike
 
 from relnav._kernel import kernel
 from relnav.arrays import Codes, Matrix, Stack, Vector
-from relnav.estimation.factored import compose
 from relnav.geometry.rotation import dcm_from_quaternion_into
 from relnav.mission import Model
 from relnav.navigation.block import (
@@ -24,8 +23,7 @@ from relnav.navigation.block import (
     TRACK,
     new_block,
 )
-from relnav.navigation.docking_view import docking_view
-from relnav.navigation.record import UPPER, FilterRecord, Solution
+from relnav.navigation.record import FilterRecord, Solution
 from relnav.navigation.reference_engine import ReferenceEngine, run_reference
 from relnav.navigation.smoothing import pack_factors, smooth_run
 from relnav.navigation.step import step
@@ -92,6 +90,7 @@ class Navigator:
         self._reference = ReferenceEngine(self._block) if engine == "filterpy" else None
         self._held = self._block[ATTITUDE : ATTITUDE + 3, :3].copy()
         self._held_known = bool(self._block[SETTINGS, 2])
+        self._kept = self._block[DOCK:RECORD_END]
         self._last_t = -math.inf
         self._input_used = False
         self._attitude_used = False
@@ -133,7 +132,7 @@ class Navigator:
             For wrong use: shapes, a time that does not advance, control or attitude that is not finite. The filter
             is then unchanged.
         """
-        spots = np.ascontiguousarray(spots_m, dtype=np.float64)
+        spots = np.ascontiguousarray(spots_m, np.float64)
         if spots.shape != (3, 2):
             raise ValueError(f"spots_m has shape (3, 2), rows A, B, C, columns x, y in metres; got {spots.shape}")
         t = float(t_s)
@@ -148,7 +147,7 @@ class Navigator:
         else:
             self._reference.step(t, spots)
         self._last_t = t
-        return FilterRecord(self._block[DOCK:RECORD_END].copy())
+        return FilterRecord(self._kept.copy())
 
     def _set_input(self, acceleration: ArrayLike | None, delta_v: ArrayLike | None) -> None:
         a = None if acceleration is None else _vector("acceleration_m_s2", acceleration, (3,))
@@ -278,17 +277,10 @@ def filter_epochs(
     if smooth:
         block[INPUT] = 0.0
         smooth_run(block, t, control, codes[:, 1].copy(), state, factor, np.zeros((73, 6)))
-    ud = np.zeros((n, 6, 6))
-    ud[:, UPPER[0], UPPER[1]] = factor
-    rae, rae_covariance = docking_view(
-        state, compose(ud), model.dcm_dock_from_lvlh, model.port_position_m, _levers(model, quaternion)
-    )
     return Solution(
         t_s=t,
         state=state,
         factor=factor,
-        docking=rae,
-        docking_covariance=rae_covariance,
         innovation=innovation,
         nis=nis,
         dof=codes[:, 0],
@@ -297,6 +289,9 @@ def filter_epochs(
         model=model.name,
         method=method,
         restarts=max(0, int(block[CLOCK, 4]) - 1),
+        dcm_dock_from_lvlh=model.dcm_dock_from_lvlh,
+        port_m=model.port_position_m,
+        lever_lvlh_m=_levers(model, n, quaternion),
         smoothed=smooth,
     )
 
@@ -335,15 +330,14 @@ def _quaternions(n: int, q_cam_from_lvlh: Matrix | None) -> Matrix:
     return quaternion
 
 
-def _levers(model: Model, quaternion: Matrix) -> Matrix:
-    """Camera from the chaser's centre of mass in `lvlh_ccsds`, (3,) or one a row (n, 3)."""
+def _levers(model: Model, n: int, quaternion: Matrix) -> Matrix:
+    """Camera from the chaser's centre of mass in `lvlh_ccsds`, (n, 3); one number repeated where it is held."""
     lever = model.camera_lever_cam_m
     if not np.any(lever) or len(quaternion) == 0:
-        held: Matrix = model.dcm_cam_from_lvlh.T @ lever
-        return held
-    out = np.empty((len(quaternion), 3))
+        return np.broadcast_to(model.dcm_cam_from_lvlh.T @ lever, (n, 3))
+    out = np.empty((n, 3))
     dcm = np.empty((3, 3))
-    for e in range(len(quaternion)):
+    for e in range(n):
         dcm_from_quaternion_into(quaternion[e], dcm)
         out[e] = dcm.T @ lever
     return out

@@ -4,7 +4,7 @@ from relnav._kernel import kernel
 from relnav.arrays import Codes, Matrix, Vector
 from relnav.dynamics.clohessy_wiltshire import transition_into
 from relnav.estimation.smoothing import smooth_step
-from relnav.navigation.block import INPUT, PHI, Q_FACTORS, SETTINGS
+from relnav.navigation.block import INPUT, PHI, Q_FACTORS, SETTINGS, STEP_KEY
 from relnav.navigation.propagation import advance, prepare_step
 from relnav.navigation.status import STARTED, WAITING
 
@@ -51,8 +51,7 @@ def smooth_run(
             if control.shape[0] > 0:
                 for j in range(6):
                     block[INPUT, j] = control[e + 1, j]
-            dt = t[e + 1] - t[e]
-            prepare_step(block, dt)
+            prepare_step(block, t[e + 1] - t[e])
             for j in range(6):
                 filtered[0, j] = state[e, j]
             unpack_factors(factor[e], filtered[1:7])
@@ -61,7 +60,7 @@ def smooth_run(
                     predicted[i, j] = filtered[i, j]
             advance(block, predicted)
             inverse = work[67:73]
-            transition_into(block[SETTINGS, 4], -dt, inverse)
+            transition_into(block[SETTINGS, 4], -block[STEP_KEY, 0], inverse)
             smooth_step(
                 filtered, predicted, later, block[PHI : PHI + 6], inverse, block[Q_FACTORS : Q_FACTORS + 6], work[0:46]
             )

@@ -96,7 +96,7 @@ def _closed_form_pass(u: Matrix, a: float, b: float, w: Vector, p: Vector, v: Ma
 def _newton(g: Vector, a: float, b: float, p: Vector, work: Matrix) -> bool:
     """Newton on g(p) = g from p, in place; False if it does not settle. work (20, 6) scratch.
 
-    It converges quadratically: a relative step below 3e-9 leaves an error of the order of its square.
+    It converges quadratically: a relative step below 3e-8 leaves an error of the order of its square.
     """
     u, dg, inverse, gradients = work[0:3], work[3:6], work[6:9], work[9:18]
     distance, got = work[18], work[19]
@@ -116,7 +116,7 @@ def _newton(g: Vector, a: float, b: float, p: Vector, work: Matrix) -> bool:
             scale += abs(p[i])
         if not size < scale:
             return False
-        if size < 3e-9 * scale or (size < 1e-6 * scale and size >= 0.5 * last):  # the second: at the rounding
+        if size < 3e-8 * scale or (size < 1e-6 * scale and size >= 0.5 * last):  # the second: at the rounding
             return True
         last = size
     return False
@@ -142,7 +142,7 @@ def solve_perspective(u: Matrix, a: float, b: float, p: Vector, work: Matrix) ->
     invariants(u, g)
     if not g[0] > 1e-24:
         return DEGENERATE
-    tolerance = 1e-2
+    tolerance = 0.1
     for _ in range(MAX_PASSES):
         x0, x1, x2 = p[0], p[1], p[2]
         if not _closed_form_pass(u, a, b, w, p, work[0:6]):
