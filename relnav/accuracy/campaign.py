@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
+from relnav.estimation.consistency import Consistency, chi_square_interval
 from relnav.mission import Attitude, Model
 from relnav.navigation.docking_view import docking_view
 from relnav.navigation.relative_position import filter_epochs
@@ -49,14 +50,14 @@ class Outcome:
         Range m, azimuth rad, elevation rad: estimate minus truth, and reported 1-sigma.
     nees : (runs, n)
         Of the six-component state.
-    nis_ratio : float
-        NIS over degrees of freedom, all epochs that were used whole.
+    nis : Consistency
+        NIS over degrees of freedom, all epochs that were used whole, with its interval.
     """
 
     docking_error: Stack
     docking_sigma: Stack
     nees: Matrix
-    nis_ratio: float
+    nis: Consistency
 
 
 def filtered(model: Model, log: SimulatedLog, way: Way) -> tuple[Matrix, Matrix, Vector, float, int]:
@@ -91,6 +92,11 @@ def filtered(model: Model, log: SimulatedLog, way: Way) -> tuple[Matrix, Matrix,
     )
 
 
+def _nis(total: float, dof: int) -> Consistency:
+    lower, upper = chi_square_interval(max(1, dof))
+    return Consistency("NIS", total / max(1, dof), lower, upper, dof, 0.95)
+
+
 def run_campaign(
     model: Model,
     approach: Approach,
@@ -118,5 +124,5 @@ def run_campaign(
     outcomes = {}
     for way, parts in collected.items():
         error, sigma, nees, nis, dof = zip(*parts, strict=True)
-        outcomes[way] = Outcome(np.array(error), np.array(sigma), np.array(nees), sum(nis) / max(1, sum(dof)))
+        outcomes[way] = Outcome(np.array(error), np.array(sigma), np.array(nees), _nis(sum(nis), sum(dof)))
     return np.array(ranges), outcomes

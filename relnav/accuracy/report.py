@@ -12,8 +12,11 @@ from relnav.accuracy.published import QUANTITIES, Claim, Published
 from relnav.accuracy.single_shot import single_shots
 from relnav.accuracy.statistics import ErrorStatistics, NeesBand, error_statistics, nees_band
 from relnav.arrays import Flags, Matrix, Vector
+from relnav.estimation.consistency import Consistency
 from relnav.mission import Model
+from relnav.navigation.relative_position import filter_epochs
 from relnav.navigation.settled import settled_filter
+from relnav.simulation.detector import project_beacons
 from relnav.simulation.trajectory import Approach
 
 SHOT_RANGES_M = (4.0, 5.0, 6.5, 8.0, 10.0)
@@ -21,6 +24,7 @@ OFF_AXIS_DEG = (5.0, -3.0)
 RANGE_BINS_M = ((4.1, 5.0), (5.0, 6.0), (6.0, 7.0), (7.0, 8.0), (8.0, 9.5))
 SETTLING_S = 10.0
 SETTLED_RANGES_M = (4.0, 6.5, 10.0)
+SETTLING_RUN_S = 1000.0
 
 PARALLEL_REASON = (
     "the printed form is biased under real optics, by about b/r of the angle; the filter averages noise, not bias, and "
@@ -68,7 +72,7 @@ class ConsistencyRow:
 
     method: str
     nees: NeesBand
-    nis_ratio: float
+    nis: Consistency
     expected_consistent: bool
     reason: str
 
@@ -80,13 +84,28 @@ class ConsistencyRow:
 
 @dataclass(frozen=True)
 class SettledRow:
-    """Where the Riccati equation says that the filter settles while it holds a range: sigma m, rad, and the gain."""
+    """Where the Riccati equation says that the filter settles while it holds a range, and where it does settle.
+
+    Attributes
+    ----------
+    sigma_range_m, sigma_azimuth_rad, sigma_elevation_rad : float
+        From the Riccati equation.
+    reached_range_m, reached_azimuth_rad, reached_elevation_rad : float
+        Reported by the filter itself after `SETTLING_RUN_S` of images.
+    observability : (6,)
+        Singular values of the observability matrix of six steps.
+    gain : (6, m)
+        Long-run filter gain.
+    """
 
     method: str
     range_m: float
     sigma_range_m: float
     sigma_azimuth_rad: float
     sigma_elevation_rad: float
+    reached_range_m: float
+    reached_azimuth_rad: float
+    reached_elevation_rad: float
     observability: tuple[float, ...]
     gain: tuple[tuple[float, ...], ...]
 
@@ -123,7 +142,8 @@ class AccuracyReport:
                 {
                     "method": row.method,
                     **{f"nees_{key}": value for key, value in vars(row.nees).items()},
-                    "nis_per_dof": row.nis_ratio,
+                    "nis_per_dof": row.nis.ratio,
+                    "nis_interval": [row.nis.lower, row.nis.upper],
                     "met": row.consistent,
                     "expected": "met" if row.expected_consistent else "not met",
                     "reason": row.reason,
@@ -194,6 +214,15 @@ def _filter_rows(published: Published, ranges: Matrix, late: Flags, outcomes: di
     return rows
 
 
+def _held_filter(model: Model, state: Vector, rate_hz: float, method: str) -> list[float]:
+    """1-sigma of range, azimuth, elevation that the filter reports after a long hold at a state (6,)."""
+    count = round(SETTLING_RUN_S * rate_hz)
+    spots = project_beacons(model, np.tile(state, (count, 1)))
+    solution = filter_epochs(model, np.arange(count) / rate_hz, spots, method=method)
+    last: list[float] = solution.part(count - 1, count).docking_sigma[0].tolist()
+    return last
+
+
 def settled_rows(model: Model, rate_hz: float) -> list[SettledRow]:
     """Steady state of both methods on the docking axis."""
     from relnav.navigation.docking_view import docking_view
@@ -210,6 +239,7 @@ def settled_rows(model: Model, rate_hz: float) -> list[SettledRow]:
                 state, settled.posterior[None], model.dcm_dock_from_lvlh, model.port_position_m, lever
             )
             sigma = np.sqrt(np.diag(covariance[0])).tolist()
+            reached = _held_filter(model, state[0], rate_hz, method)
             rows.append(
                 SettledRow(
                     method=method,
@@ -217,6 +247,9 @@ def settled_rows(model: Model, rate_hz: float) -> list[SettledRow]:
                     sigma_range_m=sigma[0],
                     sigma_azimuth_rad=sigma[1],
                     sigma_elevation_rad=sigma[2],
+                    reached_range_m=reached[0],
+                    reached_azimuth_rad=reached[1],
+                    reached_elevation_rad=reached[2],
                     observability=tuple(settled.observability.tolist()),
                     gain=tuple(tuple(row) for row in settled.gain.tolist()),
                 )
@@ -259,7 +292,7 @@ def measure(
         ConsistencyRow(
             way.name,
             nees_band(outcome.nees, 6),
-            outcome.nis_ratio,
+            outcome.nis,
             expected_consistent=way.projection != "parallel",
             reason=PARALLEL_REASON if way.projection == "parallel" else "truth is as the filter believes it to be",
         )

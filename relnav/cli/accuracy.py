@@ -62,11 +62,12 @@ def report_lines(report: "AccuracyReport") -> list[str]:
         if row.method != method:
             method = row.method
             lines.append(method)
-            lines.append("    range   quantity     published      rms      bias   3-sigma  within 1s / 3s")
+            lines.append("    range   quantity     published      rms      bias   1-sigma   3-sigma  within 1s / 3s")
         verdict = ("met" if row.met else "not met") + ("" if row.as_expected else f", EXPECTED {row.expected}")
+        within = f"{row.coverage_1:.3f} / {row.coverage_3:.4f}"
         lines.append(
             f"  {row.range_m:5.2f} m   {row.quantity:<9} {row.published:8g} {row.unit:<3} {row.measured:9.5f} "
-            f"{row.bias:9.5f} {row.three_sigma:9.5f}  {row.coverage_1:.3f} / {row.coverage_3:.4f}  {verdict}"
+            f"{row.bias:9.5f} {row.sigma:9.5f} {row.three_sigma:9.5f}  {within}  {verdict}"
         )
     lines.append("consistency, state NEES over runs, epoch by epoch (honest: 95 % of epochs inside the 95 % band)")
     for entry in report.consistency:
@@ -76,16 +77,23 @@ def report_lines(report: "AccuracyReport") -> list[str]:
         nees = entry.nees
         lines.append(
             f"  {entry.method:<42} mean {nees.mean:7.2f} of {nees.dof}, inside 95 %: {nees.inside_95:.3f}, "
-            f"outside 99.99 %: {nees.outside_9999:.4f}, NIS/dof {entry.nis_ratio:.4f}  {verdict}"
+            f"outside 99.99 %: {nees.outside_9999:.4f}; NIS/dof {entry.nis.ratio:.4f} of [{entry.nis.lower:.4f}, "
+            f"{entry.nis.upper:.4f}]  {verdict}"
         )
     lines.extend(f"    {row.method}: {row.reason}" for row in report.consistency if not row.expected_consistent)
-    lines.append("settled filter on the docking axis, from the Riccati equation (1-sigma)")
+    lines.append("settled filter on the docking axis, 1-sigma: Riccati equation | the filter itself after a long hold")
     for place in report.settled:
-        azimuth, elevation = math.degrees(place.sigma_azimuth_rad), math.degrees(place.sigma_elevation_rad)
+        riccati = (place.sigma_range_m, math.degrees(place.sigma_azimuth_rad), math.degrees(place.sigma_elevation_rad))
+        itself = (
+            place.reached_range_m,
+            math.degrees(place.reached_azimuth_rad),
+            math.degrees(place.reached_elevation_rad),
+        )
+        pairs = [f"{one:.5f} | {two:.5f}" for one, two in zip(riccati, itself, strict=True)]
         worst = place.observability[-1] / place.observability[0]
         lines.append(
-            f"  {place.method:<6} {place.range_m:5.2f} m   range {place.sigma_range_m:.5f} m, azimuth {azimuth:.5f} "
-            f"deg, elevation {elevation:.5f} deg; observability {worst:.1e}"
+            f"  {place.method:<6} {place.range_m:5.2f} m   range {pairs[0]} m, azimuth {pairs[1]} deg, "
+            f"elevation {pairs[2]} deg; observability {worst:.1e}"
         )
     lines.append("every row came out as expected" if report.ok else "SOME ROWS DID NOT COME OUT AS EXPECTED")
     return lines

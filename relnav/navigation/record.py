@@ -244,9 +244,7 @@ class Solution:
     def part(self, begin: int, end: int) -> "Solution":
         """Epochs begin .. end - 1 as a solution of their own (views, not copies)."""
         cut = slice(begin, end)
-        arrays: dict[str, Any] = {
-            name: value[cut] for name, value in vars(self).items() if isinstance(value, np.ndarray)
-        }
+        arrays: dict[str, Any] = {name: getattr(self, name)[cut] for name in PER_EPOCH}
         return replace(self, **arrays)
 
     def nis_consistency(self, probability: float = 0.95) -> Consistency:

@@ -65,6 +65,18 @@ def test_the_printed_form_is_biased_and_overconfident(report):
     assert "biased" in filtered.reason
 
 
+def test_the_filter_settles_where_the_riccati_equation_says(report):
+    assert {(row.method, row.range_m) for row in report.settled} == {
+        (m, r) for m in ("fix", "spots") for r in (4, 6.5, 10)
+    }
+    for row in report.settled:
+        assert row.reached_range_m == pytest.approx(row.sigma_range_m, rel=0.01)
+        assert row.reached_azimuth_rad == pytest.approx(row.sigma_azimuth_rad, rel=0.01)
+        assert row.reached_elevation_rad == pytest.approx(row.sigma_elevation_rad, rel=0.01)
+        assert len(row.observability) == 6
+        assert len(row.gain) == 6
+
+
 def test_json_has_the_contract(report):
     value = report.to_dict()
     keys = {"quantity", "method", "range_m", "published", "measured", "unit", "statistic", "expected", "met"}

@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 import relnav
+from relnav.dynamics.clohessy_wiltshire import transition
+from relnav.dynamics.process_noise import acceleration_noise
+from relnav.estimation.steady_state import steady_state
 from relnav.mission import ProcessNoise
 from relnav.navigation.settled import settled_filter
 from relnav.simulation.detector import Faults, image
@@ -31,14 +34,16 @@ def test_long_run_filter_approaches_it(quiet_model, method):
     assert np.max(np.abs(reached - settled.posterior) / scale) < 2e-3
 
 
-def test_prior_posterior_and_gain_belong_together(quiet_model):
-    settled = settled_filter(quiet_model, np.array([6.5, 0.1, -0.1]), 10.0)
-    again = settled.prior - settled.gain @ np.linalg.solve(
-        settled.gain.T @ settled.gain, settled.gain.T @ (settled.prior - settled.posterior)
-    )
+def test_prior_posterior_and_gain_are_one_cycle_of_the_filter():
+    """Not the prior and the predictor's gain that the Riccati solver hands out."""
+    phi, q = transition(1.1e-3, 1.0), acceleration_noise(1.1e-3, 1.0, 1e-6)
+    h, r = np.eye(3, 6), np.diag([1e-4, 4e-4, 1e-4])
+    settled = steady_state(phi, q, h, r)
+    s = h @ settled.prior @ h.T + r
     scale = np.sqrt(np.outer(np.diag(settled.prior), np.diag(settled.prior)))
-    assert np.max(np.abs(again - settled.posterior) / scale) < 1e-6
-    assert np.all(np.linalg.eigvalsh(settled.prior - settled.posterior) > -1e-12)
+    assert np.allclose(settled.gain, settled.prior @ h.T @ np.linalg.inv(s), rtol=1e-8, atol=1e-12)
+    assert np.max(np.abs(settled.prior - settled.gain @ s @ settled.gain.T - settled.posterior) / scale) < 1e-9
+    assert np.max(np.abs(phi @ settled.posterior @ phi.T + q - settled.prior) / scale) < 1e-9
 
 
 def test_c_alone_on_the_axis_is_undetectable(quiet_model):

@@ -119,3 +119,12 @@ def test_chunks_leave_no_seam(vbar, drift, look, monkeypatch):
     pieces = relnav.filter_epochs(vbar, t, spots, acceleration_m_s2=np.zeros((100, 3)))
     for name in ("state", "factor", "nis", "dof", "status", "innovation", "docking"):
         np.testing.assert_array_equal(getattr(whole, name), getattr(pieces, name))
+
+
+def test_a_part_is_the_whole_cut(vbar, flight):
+    t, spots = flight
+    whole = relnav.filter_epochs(vbar, t[:60], spots[:60])
+    part = whole.part(40, 60)
+    assert len(part) == 20
+    for name in ("t_s", "state", "covariance", "docking", "docking_covariance", "innovation", "nis", "accepted"):
+        assert np.array_equal(getattr(part, name), getattr(whole, name)[40:], equal_nan=True), name
