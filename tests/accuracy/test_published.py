@@ -1,6 +1,7 @@
 """Reported sigma beside the published figure: ratio, and the time from which it is met."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
