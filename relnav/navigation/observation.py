@@ -3,7 +3,8 @@
 `spots`, attitude known: the detector coordinates, h(x) = central projection of each beacon.
 `spots`, attitude unknown: the attitude-free invariants of the rays (three beacons: three, two beacons: one).
 `fix`: range, azimuth and elevation of the closed form, with R = J S J^T evaluated at the PREDICTED geometry: at the
-measured spots R would depend on their noise, and fewer epochs stay consistent.
+measured spots R would depend on their noise, and fewer epochs stay consistent. Only while the prediction is no better
+than a guess (sigma above 2 % of the range) is R taken at the fix itself.
 """
 
 from relnav._kernel import kernel
@@ -162,6 +163,14 @@ def _noise_from_jacobian(block: Matrix, jacobian: Matrix) -> bool:
 
 
 @kernel
+def _prior_is_tight(block: Matrix, x: Vector) -> bool:
+    """Whether the predicted geometry can stand for the true one: position sigma below 2 % of the range."""
+    p = block[POINT]
+    camera_position_dock(block, x, p)
+    return bool(block[CLOCK, 5] < 4e-4 * (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]))
+
+
+@kernel
 def _prepare_fix(block: Matrix, x: Vector, spots: Matrix) -> int:
     """Take the closed form (or its invariants) as the measurement, noise at the predicted geometry."""
     sensor, p, fix = block[SENSOR], block[P_DOCK], block[IMAGE]
@@ -170,6 +179,8 @@ def _prepare_fix(block: Matrix, x: Vector, spots: Matrix) -> int:
     if status != OK:
         return status
     camera_position_dock(block, x, p)
+    if not _prior_is_tight(block, x):
+        p[0], p[1], p[2] = fix[0], fix[1], fix[2]
     if not _predicted_rays(block, spots, fix, p, rays):
         return NO_CONVERGENCE
     f = sensor[0]
@@ -208,20 +219,12 @@ def _unseen(spots: Matrix) -> int:
 
 
 @kernel
-def _pair_is_straight(block: Matrix, x: Vector) -> bool:
-    """Whether the prior is tight enough for a pair to be linear in it: position sigma below 2 % of the range.
-
-    A pair's angle bends by (dx / r)^2 / 2 of itself: 2e-4 then, beside noise of 1e-2 in one image. From a wide prior
-    (after a long gap) it would make the filter overconfident; it then waits for three beacons.
-    """
-    camera_position_dock(block, x, block[POINT])
-    p = block[POINT]
-    return bool(block[CLOCK, 5] < 4e-4 * (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]))
-
-
-@kernel
 def _prepare_pair(block: Matrix, spots: Matrix) -> bool:
-    """Two beacons, attitude unknown: one number, the squared chord |u_i - u_j|^2 between their rays."""
+    """Two beacons, attitude unknown: one number, the squared chord |u_i - u_j|^2 between their rays.
+
+    Only from a tight prior: the angle bends by (dx / r)^2 / 2 of itself, 2e-4 then, beside noise of 1e-2 in one image.
+    From a wide one (after a long gap) it would make the filter overconfident; it then waits for three beacons.
+    """
     f, rays, jacobian = block[SENSOR, 0], block[RAYS : RAYS + 3], block[JACOBIAN : JACOBIAN + 3]
     missing = _unseen(spots)
     row = 0
@@ -280,7 +283,7 @@ def prepare(block: Matrix, x: Vector, spots: Matrix) -> tuple[int, int, int]:
         return 0, 0, NOT_SEEN
     for m in range(6):
         variance[m] = 0.0
-    pair = block[SETTINGS, 1] == SPOTS and seen == 2 and whole == 2 and _pair_is_straight(block, x)
+    pair = block[SETTINGS, 1] == SPOTS and seen == 2 and whole == 2 and _prior_is_tight(block, x)
     if pair:
         if _prepare_pair(block, spots):
             return 1, 1, OK
