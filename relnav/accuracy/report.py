@@ -78,8 +78,12 @@ class ConsistencyRow:
 
     @property
     def consistent(self) -> bool:
-        """At least 90 % of epochs inside the 95 % band, none outside the 99.99 % band."""
-        return self.nees.inside_95 >= 0.9 and self.nees.outside_9999 == 0.0
+        """At least 90 % of epochs inside the 95 % band, at most one excursion outside the 99.99 % band.
+
+        Epochs are correlated over the filter's memory: 1000 s hold some forty independent ones. The share inside is
+        0.95 +- 0.035 for an honest filter, and an excursion (one in some ten campaigns) lasts up to 0.5 % of them.
+        """
+        return self.nees.inside_95 >= 0.9 and self.nees.outside_9999 <= 0.005
 
 
 @dataclass(frozen=True)
@@ -286,7 +290,7 @@ def measure(
     approach = Approach(duration_s=250.0, assumed_noise=True)
     ranges, outcomes = run_campaign(model, approach, WAYS, runs, seed, progress=progress)
     late = np.arange(ranges.shape[1]) / approach.rate_hz > SETTLING_S
-    prior = Approach(duration_s=250.0, assumed_noise=True, assumed_start=True)
+    prior = Approach(duration_s=1000.0, rate_hz=4.0, assumed_noise=True, assumed_start=True)
     _, honest = run_campaign(model, prior, WAYS, runs, seed + 1, progress=progress)
     consistency = [
         ConsistencyRow(
