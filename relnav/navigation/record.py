@@ -127,6 +127,11 @@ class FilterRecord:
         return Status(int(self._at(RESULT)[3]))
 
     @property
+    def rejected_streak(self) -> int:
+        """Consecutive epochs, up to this one, with at least half of what was seen rejected."""
+        return int(self._at(CLOCK)[3])
+
+    @property
     def accepted(self) -> bool:
         """Whether everything that was seen was used."""
         return int(self._at(RESULT)[0]) in (UPDATED, STARTED)

@@ -66,7 +66,7 @@ class ReferenceEngine:
         if self.track is not None:
             block[TRACK] = self.track.state
             block[TRACK + 1 : TRACK + 7] = factorize(0.5 * (self.track.covariance + self.track.covariance.T))
-        block[CLOCK, 1] = float(self.track is not None)
+        block[CLOCK, 1], block[CLOCK, 3] = float(self.track is not None), self.streak
         block[RESULT, 0] = status
         return status
 

@@ -60,6 +60,15 @@ def test_restart_after_so_many_epochs_and_not_before(vbar, hold, look, patience)
     assert np.abs(solution.state[HIT + patience, 0] - moved[HIT, 0]) < 0.2
 
 
+def test_the_record_counts_the_streak(vbar, hold):
+    t, _, spots = hold
+    spots = spots.copy()
+    spots[HIT : HIT + 2] += 5e-4
+    navigator = relnav.Navigator(vbar)
+    streaks = [navigator.step(t[k], spots[k]).rejected_streak for k in range(HIT + 3)]
+    assert streaks == [0] * HIT + [1, 2, 0]
+
+
 def test_a_good_epoch_ends_the_streak(vbar, hold):
     """Two bad epochs, a good one, two bad: five epochs with four rejected are no lock-out at a patience of three."""
     t, _, spots = hold
