@@ -116,8 +116,9 @@ def compare_with_published(solution: Solution, published: Published) -> tuple[Co
         if not known.any():
             out.append(Comparison(claim, math.nan, math.nan))
             continue
-        outside = np.flatnonzero(~(column <= claim.value_si))
+        within, times = column[known] <= claim.value_si, t[known]
+        outside = np.flatnonzero(~within)
         first = 0 if outside.size == 0 else int(outside[-1]) + 1
         last = float(column[known][-1]) * claim.value / claim.value_si
-        out.append(Comparison(claim, last, float(t[first]) if first < len(t) else math.nan))
+        out.append(Comparison(claim, last, float(times[first]) if first < len(times) else math.nan))
     return tuple(out)

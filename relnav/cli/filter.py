@@ -33,7 +33,7 @@ PLAIN_BELOW_BYTES = 1_000_000
     help="Closed form: exact for real optics, or as printed in the paper. Default: the model's.",
 )
 @click.option("--smooth", is_flag=True, help="Run backward too: every state then rests on all measurements.")
-@click.option("--out", type=click.Path(path_type=Path), help="Track to write, .csv.")
+@click.option("--out", type=click.Path(path_type=Path), help="Track to write, .csv or .parquet.")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Write the summary as one JSON object.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
@@ -46,7 +46,7 @@ def command(
     json_path: Path | None,
     quiet: bool,
 ) -> None:
-    """Filter the spots of LOG (CSV, one row an epoch) into range, azimuth, elevation and a relative state.
+    """Filter the spots of LOG (CSV or Parquet, one row an epoch) into range, azimuth, elevation and a relative state.
 
     Columns of LOG: t_s; spot_a_x_um, spot_a_y_um, spot_b_..., spot_c_... (any length unit; empty = not seen);
     optionally accel_{x,y,z}_m_s2, delta_v_{x,y,z}_m_s (lvlh_ccsds), q_cam_from_lvlh_{x,y,z,w}.
@@ -67,13 +67,14 @@ def command(
     published = load_published(mission)
     solution = _filter(log, mission, method, projection, smooth, show_bar=not quiet and sys.stderr.isatty())
     comparisons = compare_with_published(solution, published)
+    gate = mission.filter.gate_probability
     with ExitStack() as outputs:  # all files appear together at its end, or none
         if out is not None:
             write(solution, outputs.enter_context(replacing(out)))
         if json_path is not None:
-            write_json(summary(solution, comparisons), outputs.enter_context(replacing(json_path)))
+            write_json(summary(solution, comparisons, gate), outputs.enter_context(replacing(json_path)))
         if not quiet:
-            for line in summary_lines(log.name, solution, comparisons):
+            for line in summary_lines(log.name, solution, comparisons, gate):
                 click.echo(line)
             if out is not None:
                 click.echo(f"track: {out}")
@@ -103,12 +104,15 @@ def _filter(log: Path, mission: Any, method: str, projection: str | None, smooth
         return filter_log(log, mission, method=method, projection=projection, smooth=smooth, progress=progress)
 
 
-def summary(solution: "Solution", comparisons: "tuple[Comparison, ...]") -> dict[str, Any]:
+def summary(solution: "Solution", comparisons: "tuple[Comparison, ...]", gate_probability: float) -> dict[str, Any]:
     """The figures of a run as plain values."""
     from relnav.navigation.status import EpochStatus
 
     counts = {status.name.lower(): int((solution.status == status).sum()) for status in EpochStatus}
     nis = solution.nis_consistency()
+    seen = solution.dof > 0
+    refused = counts["partial"] + counts["rejected"]
+    chance = 3.0 * (1.0 - gate_probability) * int(seen.sum())
     started = solution.t_s[solution.status == EpochStatus.STARTED]
     return {
         "model": solution.model,
@@ -124,6 +128,8 @@ def summary(solution: "Solution", comparisons: "tuple[Comparison, ...]") -> dict
         "nis_per_dof": nis.ratio,
         "nis_interval": [nis.lower, nis.upper],
         "nis_consistent": nis.consistent,
+        "nis_all_per_dof": float(solution.nis[seen].sum() / max(1, solution.dof[seen].sum())),
+        "refused_unexplained": bool(solution.restarts or refused > chance + 5.0 * chance**0.5 + 3.0),
         "rows": [
             {
                 "quantity": row.claim.quantity,
@@ -139,16 +145,18 @@ def summary(solution: "Solution", comparisons: "tuple[Comparison, ...]") -> dict
     }
 
 
-def summary_lines(log: str, solution: "Solution", comparisons: "tuple[Comparison, ...]") -> list[str]:
+def summary_lines(
+    log: str, solution: "Solution", comparisons: "tuple[Comparison, ...]", gate_probability: float
+) -> list[str]:
     """The figures of a run for a reader."""
     from relnav.navigation.status import EpochStatus
     from relnav.sensors.measurement import Status
 
-    figures = summary(solution, comparisons)
+    figures = summary(solution, comparisons, gate_probability)
     counts = figures["epochs_by_status"]
     first, last = figures["t_first_s"], figures["t_last_s"]
     method = solution.method + (", smoothed" if solution.smoothed else "")
-    lines = [f"{log}: {len(solution)} epochs, {first:g} s to {last:g} s; model {solution.model}, method {method}"]
+    lines = [f"{log}: {len(solution)} epochs, {first:.12g} s to {last:.12g} s; model {solution.model}, method {method}"]
     if "ignored columns" in solution.metadata:
         lines.append(f"ignored columns: {solution.metadata['ignored columns']}")
     if figures["started_s"] is None:
@@ -159,16 +167,24 @@ def summary_lines(log: str, solution: "Solution", comparisons: "tuple[Comparison
             lines.append("  SWAPPED: the image is upside down for the stated attitude; are beacons A and B exchanged?")
         return lines
     lines.append(
-        f"started at {figures['started_s']:g} s, restarts {solution.restarts}; "
+        f"started at {figures['started_s']:.12g} s, restarts {solution.restarts}; "
         f"epochs used whole {figures['accepted']}, in part {counts['partial']}, rejected {counts['rejected']}, "
-        f"without a measurement {counts['predicted']}"
+        f"without a measurement {counts['predicted']}, without a state {counts['waiting']}"
     )
-    lines.append(str(solution.nis_consistency()))
+    lines.append(f"{solution.nis_consistency()} (epochs used whole)")
+    refused = counts["partial"] + counts["rejected"]
+    if figures["refused_unexplained"]:
+        lines.append(
+            f"  BUT {refused} epochs had spots rejected, more than the gate alone explains, and restarts are "
+            f"{solution.restarts}; NIS of all that was seen: {figures['nis_all_per_dof']:.3g} per degree of freedom"
+        )
+    if solution.status[-1] == EpochStatus.WAITING:
+        lines.append("  THE TRACK IS LOST at the end of the log: its uncertainty outgrew the range")
     if comparisons:
         known = solution.t_s[solution.status != EpochStatus.WAITING]
-        lines.append(f"1-sigma at {known[-1]:g} s   reported    published   ratio   within it from")
+        lines.append(f"1-sigma at {known[-1]:.12g} s   reported    published   ratio   within it from")
         for row in comparisons:
-            since = f"{row.met_from_s:g} s" if row.met_from_s == row.met_from_s else "never"
+            since = f"{row.met_from_s:.12g} s" if row.met_from_s == row.met_from_s else "never"
             value = f"{row.sigma:.5f} {row.claim.unit}"
             claim = f"{row.claim.value:g} {row.claim.unit}"
             lines.append(f"  {row.claim.quantity:<16}{value:>12}{claim:>13}{row.ratio:>8.3f}   {since}")

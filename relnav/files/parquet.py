@@ -68,7 +68,7 @@ def read_columns(file: Any, path: Path, names: list[str]) -> Matrix:
                 values = column.cast(pyarrow.float64()).to_numpy(zero_copy_only=False)
                 out[row : row + len(batch), position] = values
             row += len(batch)
-    except pyarrow.ArrowException as error:
+    except (pyarrow.ArrowException, OSError) as error:
         raise LogError(f"{path}: damaged after row {row}: {error}") from error
     return out
 

@@ -50,6 +50,7 @@ def metadata(solution: Solution) -> dict[str, str]:
         "units": "SI; angles in degrees; covariance in SI (m, m/s)",
         "model": solution.model,
         "method": solution.method + (", smoothed" if solution.smoothed else ""),
+        "restarts": str(solution.restarts),
     } | {key: str(value) for key, value in solution.metadata.items()}
 
 

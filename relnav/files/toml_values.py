@@ -83,7 +83,9 @@ def _find_field(key: str, names: list[str]) -> tuple[str, float, str]:
             return name, 1.0, f"{given}; write one of {choices}"
     near = difflib.get_close_matches(base, [split_unit(name)[0] for name in names], n=1, cutoff=0.6)
     meant = [name for name in names if near and split_unit(name)[0] == near[0]]
-    hint = f"did you mean '{meant[0]}'?" if meant else f"known keys are {', '.join(names)}"
+    fits = bool(meant and unit and UNITS[unit][0] == split_unit(meant[0])[1])
+    best = f"{near[0]}_{unit}" if fits else meant[0] if meant else ""
+    hint = f"did you mean '{best}'?" if best else f"known keys are {', '.join(names)}"
     return meant[0] if meant else "", 1.0, f"unknown key; {hint}"
 
 
@@ -91,7 +93,10 @@ def _scale(value: Any, factor: float) -> Any:
     if isinstance(value, list):
         return tuple(_scale(item, factor) for item in value)
     if factor != 1.0 and isinstance(value, int | float) and not isinstance(value, bool):
-        return to_si(float(value), factor)
+        try:
+            return to_si(float(value), factor)
+        except OverflowError:
+            return value  # a whole number beyond all floats: the validation below names it
     return value
 
 

@@ -15,8 +15,6 @@ from relnav.geometry.rotation import triad
 from relnav.geometry.spherical import range_azimuth_elevation, range_azimuth_elevation_jacobian, wrap_angle
 from relnav.navigation.block import (
     ATTITUDE,
-    BEACONS,
-    CLOCK,
     DOCK,
     FIX,
     R_FACTOR,
@@ -29,84 +27,36 @@ from relnav.navigation.block import (
     WORK,
     H,
 )
-from relnav.sensors.measurement import BEHIND, DEGENERATE, NO_CONVERGENCE, NOT_SEEN, OFF_DETECTOR, OK, SWAPPED
+from relnav.navigation.sight import (
+    IMAGE,
+    JACOBIAN,
+    LOCAL,
+    P_DOCK,
+    POINT,
+    RAYS,
+    attitude_known,
+    beacon_in_camera,
+    camera_position_dock,
+    fix_of_spots,
+    prior_is_tight,
+    uses_coordinates,
+)
+from relnav.sensors.measurement import (
+    BEHIND,
+    DEGENERATE,
+    NO_CONVERGENCE,
+    NOT_SEEN,
+    OFF_DETECTOR,
+    OK,
+)
 from relnav.sensors.three_beacon.fix import (
     PERSPECTIVE,
     WORK_ROWS,
     coordinate_usable,
     fix_jacobian,
     perspective_jacobian,
-    solve_fix,
 )
 from relnav.sensors.three_beacon.invariants import invariants, position_gradient, rays_from_position, spot_gradient
-
-# Rows of WORK; the first belong to the closed form
-P_DOCK = WORK + WORK_ROWS
-JACOBIAN = P_DOCK + 1  # 3 rows
-LOCAL = P_DOCK + 4  # 3 rows
-RAYS = P_DOCK + 7  # 3 rows
-POINT = P_DOCK + 10
-IMAGE = P_DOCK + 11
-
-
-@kernel
-def attitude_known(block: Matrix) -> bool:
-    """Whether the camera's attitude may be used."""
-    return bool(block[SETTINGS, 2] > 0.0)
-
-
-@kernel
-def uses_coordinates(block: Matrix) -> bool:
-    """Whether the measurement is the detector coordinates themselves, one group a beacon."""
-    return bool(block[SETTINGS, 1] == SPOTS and block[SETTINGS, 2] > 0.0)
-
-
-@kernel
-def camera_position_dock(block: Matrix, x: Vector, p: Vector) -> None:
-    """Write the camera's position in the docking frame of the state x into p (3,): lever arms included."""
-    s0, s1, s2 = x[0], x[1], x[2]
-    for k in range(3):
-        lever = block[ATTITUDE + k, 3]
-        s0 += block[ATTITUDE + k, 0] * lever
-        s1 += block[ATTITUDE + k, 1] * lever
-        s2 += block[ATTITUDE + k, 2] * lever
-    s0 -= block[DOCK, 3]
-    s1 -= block[DOCK + 1, 3]
-    s2 -= block[DOCK + 2, 3]
-    for k in range(3):
-        p[k] = block[DOCK + k, 0] * s0 + block[DOCK + k, 1] * s1 + block[DOCK + k, 2] * s2
-
-
-@kernel
-def beacon_in_camera(block: Matrix, x: Vector, beacon: int, c: Vector) -> None:
-    """Write beacon `beacon` in camera axes, seen from the camera of the state x, into c (3,)."""
-    d0, d1, d2 = block[BEACONS + beacon, 0] - x[0], block[BEACONS + beacon, 1] - x[1], block[BEACONS + beacon, 2] - x[2]
-    for k in range(3):
-        c[k] = (
-            block[ATTITUDE + k, 0] * d0
-            + block[ATTITUDE + k, 1] * d1
-            + block[ATTITUDE + k, 2] * d2
-            - block[ATTITUDE + k, 3]
-        )
-
-
-@kernel
-def fix_of_spots(block: Matrix, spots: Matrix, p: Vector) -> int:
-    """Closed form of the spots into p (3,) m, docking frame; a Status code, SWAPPED if the image is upside down."""
-    sensor = block[SENSOR]
-    projection = int(block[SETTINGS, 0])
-    work = block[WORK : WORK + WORK_ROWS]
-    status = solve_fix(spots, sensor[0], sensor[1], sensor[2], sensor[4], sensor[5], projection, p, work)
-    if status == OK and attitude_known(block):
-        turn = 0.0
-        for k in range(2):
-            predicted = 0.0  # A - B in camera axes
-            for j in range(3):
-                predicted += block[ATTITUDE + k, j] * (block[BEACONS, j] - block[BEACONS + 1, j])
-            turn += predicted * (spots[0, k] - spots[1, k])
-        if turn < 0.0:
-            return SWAPPED
-    return status
 
 
 @kernel
@@ -163,14 +113,6 @@ def _noise_from_jacobian(block: Matrix, jacobian: Matrix) -> bool:
 
 
 @kernel
-def _prior_is_tight(block: Matrix, x: Vector) -> bool:
-    """Whether the predicted geometry can stand for the true one: position sigma below 2 % of the range."""
-    p = block[POINT]
-    camera_position_dock(block, x, p)
-    return bool(block[CLOCK, 5] < 4e-4 * (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]))
-
-
-@kernel
 def _prepare_fix(block: Matrix, x: Vector, spots: Matrix) -> int:
     """Take the closed form (or its invariants) as the measurement, noise at the predicted geometry."""
     sensor, p, fix = block[SENSOR], block[P_DOCK], block[IMAGE]
@@ -179,7 +121,7 @@ def _prepare_fix(block: Matrix, x: Vector, spots: Matrix) -> int:
     if status != OK:
         return status
     camera_position_dock(block, x, p)
-    if not _prior_is_tight(block, x):
+    if not prior_is_tight(block, x):
         p[0], p[1], p[2] = fix[0], fix[1], fix[2]
     if not _predicted_rays(block, spots, fix, p, rays):
         return NO_CONVERGENCE
@@ -283,7 +225,7 @@ def prepare(block: Matrix, x: Vector, spots: Matrix) -> tuple[int, int, int]:
         return 0, 0, NOT_SEEN
     for m in range(6):
         variance[m] = 0.0
-    pair = block[SETTINGS, 1] == SPOTS and seen == 2 and whole == 2 and _prior_is_tight(block, x)
+    pair = block[SETTINGS, 1] == SPOTS and seen == 2 and whole == 2 and prior_is_tight(block, x)
     if pair:
         if _prepare_pair(block, spots):
             return 1, 1, OK

@@ -139,11 +139,11 @@ class FilterRecord:
     def __repr__(self) -> str:
         """One line for the console."""
         if not self.has_state:
-            return f"FilterRecord(t_s={self.t_s:g}, {self.status.name}: {self.measurement_status.name})"
+            return f"FilterRecord(t_s={self.t_s:.12g}, {self.status.name}: {self.measurement_status.name})"
         rae, covariance = self._view()
         s = np.sqrt(np.diag(covariance))
         return (
-            f"FilterRecord(t_s={self.t_s:g}, {self.status.name}, range {rae[0]:.4f} +- {s[0]:.4f} m, "
+            f"FilterRecord(t_s={self.t_s:.12g}, {self.status.name}, range {rae[0]:.4f} +- {s[0]:.4f} m, "
             f"azimuth {np.degrees(rae[1]):.4f} +- {np.degrees(s[1]):.4f} deg, "
             f"elevation {np.degrees(rae[2]):.4f} +- {np.degrees(s[2]):.4f} deg)"
         )

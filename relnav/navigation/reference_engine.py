@@ -31,12 +31,13 @@ from relnav.navigation.block import (
     VARIANCE,
     H,
 )
-from relnav.navigation.observation import camera_position_dock, linearise, prepare, uses_coordinates
+from relnav.navigation.observation import linearise, prepare
 from relnav.navigation.propagation import prepare_step
 from relnav.navigation.record import UPPER
+from relnav.navigation.sight import camera_position_dock, uses_coordinates
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
 from relnav.navigation.step import start
-from relnav.navigation.update import MAX_ITERATIONS
+from relnav.navigation.update import LONE_GATE_SHARE, MAX_ITERATIONS
 from relnav.sensors.measurement import OK
 
 
@@ -87,7 +88,7 @@ class ReferenceEngine:
             seen = int(np.sum(~np.isnan(spots).all(axis=1)))
             if status == REJECTED or (status == PARTIAL and 2 * block[RESULT, 5] <= seen):
                 self.streak += 1
-            elif status != PREDICTED:
+            else:
                 self.streak, self.trial = 0, None
             if self.streak < block[SETTINGS, 3]:
                 return status
@@ -107,8 +108,14 @@ class ReferenceEngine:
     def _look_for_start(self, spots: Matrix) -> bool:
         block = self.block
         if self.trial is not None:
+            p = np.empty(3)
+            camera_position_dock(block, np.ascontiguousarray(self.trial.state), p)
+            tight = np.trace(self.trial.covariance[:3, :3]) < 4e-4 * (p @ p)
             outcome = self._correct(self.trial, spots)
-            if outcome == UPDATED and block[RESULT, 2] == (6 if uses_coordinates(block) else 3):
+            agrees = outcome == UPDATED and block[RESULT, 2] == (6 if uses_coordinates(block) else 3)
+            if agrees and not tight:
+                return False
+            if agrees:
                 block[CLOCK, 4] += 1.0
                 self.track, self.trial, self.streak = self.trial, None, 0
                 return True
@@ -128,6 +135,12 @@ class ReferenceEngine:
         if usable == 0 or not linearise(block, x, spots):
             return REJECTED
         rows = np.flatnonzero(block[VARIANCE] > 0.0)
+        if uses_coordinates(block) and len(set(rows // 2)) == 1:
+            both = block[H + 2 * (rows[0] // 2) : H + 2 * (rows[0] // 2) + 2]
+            s = both @ p @ both.T + block[SENSOR, 3] ** 2 * np.eye(2)
+            area = math.pi * block[GATE, 1] * math.sqrt(max(0.0, np.linalg.det(s)))
+            if not area < LONE_GATE_SHARE * 4.0 * block[SENSOR, 1] * block[SENSOR, 2]:
+                return PREDICTED
         block[INNOVATION, rows] = block[RESIDUAL, rows]
         block[RESULT, 1], block[RESULT, 2] = self._update(track, x, x, p, rows), len(rows)
         if uses_coordinates(block):

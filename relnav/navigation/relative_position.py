@@ -36,6 +36,8 @@ ENGINES = ("compiled", "filterpy")
 
 
 def _choose(model: Model, method: str, projection: str | None, engine: str) -> Matrix:
+    if not isinstance(model, Model):
+        raise ValueError(f"model is a loaded mission, relnav.load_model(...); got {model!r}")
     if engine not in ENGINES:
         raise ValueError(f'engine must be "compiled" or "filterpy"; got {engine!r}')
     if method not in METHODS:

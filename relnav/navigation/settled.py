@@ -8,7 +8,8 @@ from relnav.dynamics.process_noise import acceleration_noise
 from relnav.estimation.steady_state import SteadyState, steady_state
 from relnav.mission import Model
 from relnav.navigation.block import R_FACTOR, VARIANCE, H, new_block
-from relnav.navigation.observation import beacon_in_camera, linearise, prepare, uses_coordinates
+from relnav.navigation.observation import linearise, prepare
+from relnav.navigation.sight import beacon_in_camera, uses_coordinates
 from relnav.sensors.measurement import Status
 
 

@@ -1,10 +1,13 @@
 """One epoch of the filter: predict, correct, and know when to start or start again.
 
 Start: an image's closed form with its own covariance opens a trial (that image is then used up); the next full image
-that the trial predicts, all spots inside the gate, confirms it. So one bad epoch can neither start the filter nor
-lock it out. Lost: a track whose position sigma grows beyond its range is dropped. Lock-out: after `restart after`
-consecutive epochs with at least half of what was seen rejected, trials are opened beside the running track, and a
-confirmed one replaces it.
+that the trial predicts, all spots inside the gate, confirms it, if the prediction was tight (2 % of the range). At a
+low rate it is not: that image then only teaches the trial its velocity, and the one after confirms. So one bad epoch
+can neither start the filter nor lock it out, and two glints that happen to agree cannot either.
+
+Lost: a track whose position sigma grows beyond its range is dropped. Lock-out: after `restart after` epochs in a row
+with at least half of what was seen rejected, trials are opened beside the running track, and a confirmed one replaces
+it; an image that is used, or shows nothing, ends the row and the trial.
 """
 
 import math
@@ -29,17 +32,18 @@ from relnav.navigation.block import (
     WORK,
     H,
 )
-from relnav.navigation.observation import (
+from relnav.navigation.propagation import advance, prepare_step
+from relnav.navigation.sight import (
     JACOBIAN,
     LOCAL,
     P_DOCK,
     RAYS,
     camera_position_dock,
     fix_of_spots,
+    prior_is_tight,
     uses_coordinates,
 )
-from relnav.navigation.propagation import advance, prepare_step
-from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
+from relnav.navigation.status import PARTIAL, REJECTED, STARTED, UPDATED, WAITING
 from relnav.navigation.update import copy_rows, correct, position_variance
 from relnav.sensors.measurement import DEGENERATE, OK
 from relnav.sensors.three_beacon.fix import WORK_ROWS, fix_jacobian
@@ -109,9 +113,14 @@ def _look_for_start(block: Matrix, spots: Matrix) -> bool:
     """Test the trial with this image, or open one; True if a trial was confirmed and now is the track."""
     clock, trial = block[CLOCK], block[TRIAL : TRIAL + P_ROWS]
     if clock[2] > 0.0:
+        clock[5] = position_variance(trial)
+        tight = prior_is_tight(block, trial[0])
         outcome = correct(block, trial, spots)
         full = 6.0 if uses_coordinates(block) else 3.0
-        if outcome == UPDATED and block[RESULT, 2] == full:
+        agrees = outcome == UPDATED and block[RESULT, 2] == full
+        if agrees and not tight:
+            return False
+        if agrees:
             copy_rows(trial, block[TRACK : TRACK + P_ROWS])
             clock[2] = 0.0
             clock[3] = 0.0
@@ -158,7 +167,7 @@ def step(block: Matrix, t: float, spots: Matrix) -> int:
         status = correct(block, track, spots)
         if status == REJECTED or (status == PARTIAL and _half_rejected(spots, result[5])):
             clock[3] += 1.0
-        elif status != PREDICTED:
+        else:  # used, or nothing seen: what was rejected is not consecutive any more
             clock[3] = 0.0
             clock[2] = 0.0
         if clock[3] < block[SETTINGS, 3]:

@@ -11,7 +11,7 @@ import math
 
 from relnav._kernel import kernel
 from relnav.arrays import Matrix, Vector
-from relnav.estimation.factored import scalar_update
+from relnav.estimation.factored import innovation_variance, scalar_update
 from relnav.navigation.block import (
     CLOCK,
     GAIN,
@@ -26,17 +26,12 @@ from relnav.navigation.block import (
     X_WORK,
     H,
 )
-from relnav.navigation.observation import (
-    POINT,
-    camera_position_dock,
-    linearise,
-    make_independent,
-    prepare,
-    uses_coordinates,
-)
+from relnav.navigation.observation import linearise, make_independent, prepare
+from relnav.navigation.sight import POINT, camera_position_dock, uses_coordinates
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, UPDATED
 
 MAX_ITERATIONS = 10
+LONE_GATE_SHARE = 0.01
 
 
 @kernel
@@ -129,6 +124,28 @@ def _bends(block: Matrix, at: Vector) -> bool:
 
 
 @kernel
+def _lone_beacon_is_telling(block: Matrix, track: Matrix) -> bool:
+    """Whether a single beacon, if it is single, is predicted so well that a glint would hardly pass for it.
+
+    Its gate, an ellipse of area pi g sqrt(det S), must cover less than 1 % of the detector; after a long coast it does
+    not, and the filter waits for two beacons.
+    """
+    lone, beacons = 0, 0
+    for i in range(3):
+        if block[VARIANCE, 2 * i] > 0.0 or block[VARIANCE, 2 * i + 1] > 0.0:
+            lone = i
+            beacons += 1
+    if beacons != 1:
+        return True
+    ud, hx, hy = track[1:7], block[H + 2 * lone], block[H + 2 * lone + 1]
+    noise = block[SENSOR, 3] ** 2
+    xx, yy = innovation_variance(ud, hx, hx) + noise, innovation_variance(ud, hy, hy) + noise
+    xy = innovation_variance(ud, hx, hy)
+    area = math.pi * block[GATE, 1] * math.sqrt(max(0.0, xx * yy - xy * xy))
+    return bool(area < LONE_GATE_SHARE * 4.0 * block[SENSOR, 1] * block[SENSOR, 2])
+
+
+@kernel
 def position_variance(track: Matrix) -> float:
     """Sum of the three position variances of a track (7, 6)."""
     total = 0.0
@@ -154,6 +171,8 @@ def correct(block: Matrix, track: Matrix, spots: Matrix) -> int:
         return PREDICTED
     if usable == 0 or not linearise(block, x, spots):
         return REJECTED
+    if uses_coordinates(block) and not _lone_beacon_is_telling(block, track):
+        return PREDICTED
     dof = 0
     for m in range(6):
         if block[VARIANCE, m] > 0.0:

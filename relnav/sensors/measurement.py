@@ -24,6 +24,8 @@ class Status(IntEnum):
     """The image is turned by more than 90 deg from the stated attitude: beacons A and B look swapped."""
     BEHIND = 7
     """A spot is seen of a beacon that the predicted state puts behind the camera."""
+    MISALIGNED = 8
+    """The camera attitude that the fix implies is more than 10 deg off the stated one: a glint, or a wrong attitude."""
 
 
 # The same numbers as plain integers, for compiled code.
@@ -35,6 +37,7 @@ NO_CONVERGENCE = int(Status.NO_CONVERGENCE)
 OUTSIDE_DOMAIN = int(Status.OUTSIDE_DOMAIN)
 SWAPPED = int(Status.SWAPPED)
 BEHIND = int(Status.BEHIND)
+MISALIGNED = int(Status.MISALIGNED)
 
 
 @dataclass(frozen=True)

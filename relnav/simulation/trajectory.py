@@ -57,6 +57,10 @@ class Approach:
         for name in ("duration_s", "rate_hz", "final_range_m", "speed_m_s"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
                 raise ValueError(f"{name} must be positive and finite; got {getattr(self, name)!r}")
+        if not all(math.isfinite(value) for value in self.start_m) or self.start_m[0] < self.final_range_m:
+            raise ValueError(f"start_m must be finite and not inside final_range_m; got {self.start_m!r}")
+        if not (math.isfinite(self.air_density_kg_m3) and self.air_density_kg_m3 >= 0.0):
+            raise ValueError(f"air_density_kg_m3 must be >= 0 and finite; got {self.air_density_kg_m3!r}")
 
 
 GUIDANCE_PERIOD_S = 1.0
@@ -173,7 +177,9 @@ def fly(model: Model, approach: Approach, rng: np.random.Generator) -> tuple[Vec
     state, command = np.empty((count, 6)), np.zeros((count, 3))
     n = model.orbit.mean_motion_rad_s
     _fly(y, environment, n, dcm_dock, port, profile, dt, noise, draws, state, command)
-    return np.arange(count, dtype=np.float64) * dt, state, command
+    if not np.isfinite(state).all():
+        raise ValueError("the chaser flew out of all numbers: speed, air density or range are beyond any spacecraft")
+    return np.arange(count, dtype=np.float64) / approach.rate_hz, state, command
 
 
 def _target_start(model: Model, approach: Approach) -> tuple[Vector, Vector]:

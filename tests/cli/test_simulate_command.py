@@ -41,6 +41,10 @@ def test_same_seed_same_file(tmp_path):
         (["--rate", "0"], "rate_hz must be positive and finite"),
         (["--outliers", "1.5"], "outliers is a probability"),
         (["--duration", "0.1"], "must give two epochs or more; got 1"),
+        (["--start-range", "nan"], "start_m must be finite"),
+        (["--start-range", "2"], "not inside final_range_m"),
+        (["--air-density", "-1"], "air_density_kg_m3 must be >= 0 and finite; got -1.0"),
+        (["--air-density", "1e30"], "flew out of all numbers"),
     ],
 )
 def test_wrong_use(tmp_path, capsys, options, message):

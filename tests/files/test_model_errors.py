@@ -17,7 +17,7 @@ CASES = {
     "f true": (FOCAL, FOCAL.replace("50.0", "true"), "focal_length_mm", "valid number; got True"),
     "f NaN": (FOCAL, FOCAL.replace("50.0", "nan"), "focal_length_mm", "a finite number is expected; got nan"),
     "f infinite": (FOCAL, FOCAL.replace("50.0", "inf"), "focal_length_mm", "a finite number is expected; got inf"),
-    "misspelt": (FOCAL, FOCAL.replace("focal_", "foccal_"), "foccal_length_mm", "did you mean 'focal_length_m'?"),
+    "misspelt": (FOCAL, FOCAL.replace("focal_", "foccal_"), "foccal_length_mm", "did you mean 'focal_length_mm'?"),
     "unit of another kind": (
         FOCAL,
         FOCAL.replace("_mm", "_deg"),

@@ -81,15 +81,16 @@ def test_a_good_epoch_ends_the_streak(vbar, hold):
     assert solution.restarts == 0
 
 
-def test_epochs_without_an_image_neither_count_nor_end_the_streak(vbar, hold, look):
+def test_an_epoch_without_an_image_ends_the_streak(vbar, hold, look):
+    """Rejections minutes apart, among images that show nothing, are glints and no lock-out."""
     t, truth, spots = hold
     moved = truth.copy()
     moved[HIT:, 0] -= 1.0
     spots = np.concatenate([spots[:HIT], look(vbar, moved[HIT:], seed=5)])
     spots[HIT + 1] = np.nan
     solution = relnav.filter_epochs(vbar, t, spots)
-    names = [relnav.EpochStatus(code).name for code in solution.status[HIT : HIT + 5]]
-    assert names == ["REJECTED", "PREDICTED", "REJECTED", "REJECTED", "STARTED"]
+    names = [relnav.EpochStatus(code).name for code in solution.status[HIT : HIT + 6]]
+    assert names == ["REJECTED", "PREDICTED", "REJECTED", "REJECTED", "REJECTED", "STARTED"]
 
 
 def test_one_false_beacon_of_three_is_no_lock_out(vbar, hold):
