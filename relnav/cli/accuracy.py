@@ -38,7 +38,10 @@ def command(model: str, runs: int, seed: int, json_path: Path | None, plot: Path
     check_distinct(json_path, plot)
     mission = load_model(model)
     with click.progressbar(
-        length=2 * runs, label=f"{runs} approaches, twice", file=sys.stderr, hidden=quiet or not sys.stderr.isatty()
+        length=3 * runs,
+        label=f"{runs} approaches, three times",
+        file=sys.stderr,
+        hidden=quiet or not sys.stderr.isatty(),
     ) as bar:
         report = measure_accuracy(mission, runs=runs, seed=seed, progress=bar.update)
     with ExitStack() as outputs:
@@ -71,12 +74,12 @@ def report_lines(report: "AccuracyReport") -> list[str]:
         )
     lines.append("consistency, state NEES over runs, epoch by epoch (honest: 95 % of epochs inside the 95 % band)")
     for entry in report.consistency:
-        verdict = "consistent" if entry.consistent else "NOT consistent"
+        verdict = ("not overconfident" if entry.one_sided else "consistent") if entry.consistent else "NOT consistent"
         if entry.consistent != entry.expected_consistent:
             verdict += ", NOT EXPECTED"
         nees = entry.nees
         lines.append(
-            f"  {entry.method:<42} mean {nees.mean:7.2f} of {nees.dof}, inside 95 %: {nees.inside_95:.3f}, "
+            f"  {entry.method:<44} mean {nees.mean:7.2f} of {nees.dof}, inside 95 %: {nees.inside_95:.3f}, "
             f"outside 99.99 %: {nees.outside_9999:.4f}; NIS/dof {entry.nis.ratio:.4f} of [{entry.nis.lower:.4f}, "
             f"{entry.nis.upper:.4f}]  {verdict}"
         )

@@ -17,11 +17,11 @@ def measure_accuracy(
     model : Model or str
         A loaded model, or what `load_model` takes; its `published.toml` holds the claims.
     runs : int
-        Simulated approaches of each of two campaigns.
+        Simulated approaches of each of three campaigns.
     seed : int
         Of everything random: the same seed, the same report.
     progress : callable, optional
-        Called with the number of runs just done, out of 2 * runs.
+        Called with the number of runs just done, out of 3 * runs.
 
     Returns
     -------

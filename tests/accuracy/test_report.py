@@ -77,6 +77,12 @@ def test_the_filter_settles_where_the_riccati_equation_says(report):
         assert len(row.gain) == 6
 
 
+def test_two_body_truth_alone_is_a_row_of_the_report(report):
+    rows = [row for row in report.consistency if row.one_sided]
+    assert len(rows) == 4
+    assert all(row.consistent and row.nees.mean < 6.3 for row in rows)
+
+
 def test_json_has_the_contract(report):
     value = report.to_dict()
     keys = {"quantity", "method", "range_m", "published", "measured", "unit", "statistic", "expected", "met"}
