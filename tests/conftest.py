@@ -127,6 +127,6 @@ def make_model(sensor: ThreeBeaconSensor) -> Callable[..., Model]:
             "process_noise": ProcessNoise(1e-10),
             "filter": FilterSettings(0.1),
         }
-        return Model(**{**given, **parts})  # type: ignore[arg-type]
+        return Model(**{**given, **parts})  # type: ignore[arg-type]  # parts by name
 
     return make

@@ -112,7 +112,8 @@ def run_campaign(
     -------
     True ranges (runs, n) m, and the outcome of each way.
     """
-    ranges, collected = [], {way: [] for way in ways}  # type: ignore[var-annotated]
+    ranges: list[Vector] = []
+    collected: dict[Way, list[tuple[Matrix, Matrix, Vector, float, int]]] = {way: [] for way in ways}
     for run in range(runs):
         log = simulate(model, approach, faults, seed=seed * 1_000_003 + run)
         camera = log.truth[:, :3] + model.dcm_cam_from_lvlh.T @ model.camera_lever_cam_m - model.port_position_m

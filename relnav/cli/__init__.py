@@ -30,7 +30,7 @@ class LazyGroup(click.Group):
         """Names of the commands."""
         return sorted(COMMANDS)
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002  (likewise)
         """Import and return one command."""
         if cmd_name not in COMMANDS:
             return None

@@ -66,7 +66,7 @@ def test_its_model_loads_in_si(registry, write):  # noqa: ARG001  (the registry 
     assert ship.provenance["sensor.arc_deg"] == "paper: Hadley 1731"
 
 
-def test_its_errors_are_told_the_same_way(registry, write):  # noqa: ARG001
+def test_its_errors_are_told_the_same_way(registry, write):  # noqa: ARG001  (likewise)
     with pytest.raises(relnav.ModelError, match=r"model.toml:7: sensor.arm_deg: unit 'deg' does not fit; write one of"):
         relnav.load_model(write(TEXT.replace("arm_cm", "arm_deg")))
     with pytest.raises(relnav.ModelError, match=r"model.toml:6: sensor.arc_deg: .*greater than 0; got -60.0"):
