@@ -10,6 +10,18 @@ from relnav.navigation.record import Solution
 
 QUANTITIES = ("range", "azimuth", "elevation")
 
+UNITS = {
+    "m": 1.0,
+    "rad": 1.0,
+    "deg": math.pi / 180.0,
+    "arcsec": math.pi / 648000.0,
+    "px": 1.0,
+    "s": 1.0,
+    "probability": 1.0,
+    "ratio": 1.0,
+}
+"""Units of published figures, and what one of each is in SI."""
+
 
 @dataclass(frozen=True)
 class Claim:
@@ -18,7 +30,7 @@ class Claim:
     Attributes
     ----------
     quantity, value, unit : str, float, str
-        What is claimed, in the paper's unit ("m", "deg").
+        What is claimed, in the paper's unit (one of `UNITS`).
     statistic, condition, page : str
         What kind of figure it is (1-sigma, max, unstated), where it holds, where it stands.
     expected : {"met", "not met"}
@@ -29,7 +41,7 @@ class Claim:
 
     quantity: str
     value: float
-    unit: Literal["m", "deg"]
+    unit: Literal["m", "rad", "deg", "arcsec", "px", "s", "probability", "ratio"]
     statistic: str
     condition: str
     page: str
@@ -37,9 +49,14 @@ class Claim:
     reason: str
 
     @property
+    def unit_si(self) -> float:
+        """What one of the claim's unit is in SI."""
+        return UNITS[self.unit]
+
+    @property
     def value_si(self) -> float:
-        """The figure in m or rad."""
-        return math.radians(self.value) if self.unit == "deg" else self.value
+        """The figure in SI units (m, rad)."""
+        return self.value * self.unit_si
 
 
 @dataclass(frozen=True)

@@ -6,45 +6,46 @@ Exit codes: 0 done, 1 accuracy not met, 2 wrong use, 3 bad input, 4 internal err
 import os
 import sys
 from importlib import import_module
+from typing import Any
 
 import click
 
 COMMANDS = {
-    "accuracy": "relnav.cli.accuracy",
-    "filter": "relnav.cli.filter",
-    "models": "relnav.cli.models",
-    "simulate": "relnav.cli.simulate",
+    "accuracy": ("relnav.cli.accuracy", "Measure what a sensor system reaches, beside what its paper claims."),
+    "filter": ("relnav.cli.filter", "Filter a log of spots into a track with covariance."),
+    "simulate": ("relnav.cli.simulate", "Simulate an approach: a log of spots and its truth."),
+    "models": ("relnav.cli.models", "List the shipped models, or show one with its sources."),
 }
-HELP = {
-    "accuracy": "Measure what a mission reaches, beside what its paper claims.",
-    "filter": "Filter a log of spots into a track with covariance.",
-    "simulate": "Simulate an approach: a log of spots and its truth.",
-    "models": "List the shipped models, or show one with its sources.",
-}
+"""Name -> module that holds it as `command`, and its line in the list."""
 
 
 class LazyGroup(click.Group):
-    """A group whose commands are imported when they are called."""
+    """A group whose commands are imported when they are called; `table` is like COMMANDS."""
+
+    def __init__(self, *args: Any, table: dict[str, tuple[str, str]], **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.table = table
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  (click's signature)
         """Names of the commands."""
-        return sorted(COMMANDS)
+        return sorted(self.table)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002  (likewise)
         """Import and return one command."""
-        if cmd_name not in COMMANDS:
+        if cmd_name not in self.table:
             return None
-        command: click.Command = import_module(COMMANDS[cmd_name]).command
+        command: click.Command = import_module(self.table[cmd_name][0]).command
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands without importing them."""
         with formatter.section("Commands"):
-            formatter.write_dl([(name, HELP[name]) for name in self.list_commands(ctx)])
+            formatter.write_dl([(name, self.table[name][1]) for name in self.list_commands(ctx)])
 
 
 @click.command(
     cls=LazyGroup,
+    table=COMMANDS,
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Example: relnav filter approach.csv --model three_beacon_psd --out track.csv",
 )

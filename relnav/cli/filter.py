@@ -54,7 +54,7 @@ def command(
     _choose_engine(log)
     from relnav.accuracy.published import compare_with_published
     from relnav.files.atomic import check_distinct, check_folder, replacing
-    from relnav.files.models import load_model, load_published
+    from relnav.files.models import load_mission, load_published
     from relnav.files.tables import check_format, write, write_json
 
     if out is not None:
@@ -63,7 +63,7 @@ def command(
     if json_path is not None:
         check_folder(json_path)
     check_distinct(log, out, json_path)
-    mission = load_model(model)
+    mission = load_mission(model)
     published = load_published(mission)
     solution = _filter(log, mission, method, projection, smooth, show_bar=not quiet and sys.stderr.isatty())
     comparisons = compare_with_published(solution, published)

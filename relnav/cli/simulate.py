@@ -40,7 +40,7 @@ def command(
     """Simulate an approach of MODEL: two-body truth under closed-loop guidance, imaged with noise and faults."""
     from relnav.errors import UsageError
     from relnav.files.atomic import check_distinct, check_folder, replacing
-    from relnav.files.models import load_model
+    from relnav.files.models import load_mission
     from relnav.files.simulated import write_log, write_truth
     from relnav.files.tables import check_format
     from relnav.simulation.detector import Faults
@@ -52,7 +52,7 @@ def command(
             check_format(path)
             check_folder(path)
     check_distinct(out, truth)
-    mission = load_model(model)
+    mission = load_mission(model)
     try:
         approach = Approach(
             duration_s=duration_s,

@@ -1,37 +1,45 @@
-"""The accuracy benchmark of a mission with the claims that stand beside its model."""
+"""The accuracy benchmark of a sensor system with the claims that stand beside its model."""
 
 from collections.abc import Callable
+from typing import Any
 
-from relnav.accuracy.report import AccuracyReport, measure
 from relnav.files.models import load_model, load_published
-from relnav.mission import Model
+from relnav.files.systems import resolve, system_of
 
 
 def measure_accuracy(
-    model: Model | str, *, runs: int = 200, seed: int = 7, progress: Callable[[int], None] | None = None
-) -> AccuracyReport:
-    """Measure single shots, filters and smoothers of a mission against truth and against its paper.
+    model: Any, *, runs: int | None = None, seed: int = 7, progress: Callable[[int], None] | None = None
+) -> Any:
+    """Measure a sensor system against truth and against its paper.
+
+    For the three-beacon sensor: single shots, filters and smoothers of a mission.
 
     Parameters
     ----------
     model : Model or str
         A loaded model, or what `load_model` takes; its `published.toml` holds the claims.
-    runs : int
-        Simulated approaches of each of three campaigns.
+    runs : int, optional
+        Simulated runs (three-beacon: approaches of each of three campaigns); the system's own default if left out.
     seed : int
         Of everything random: the same seed, the same report.
     progress : callable, optional
-        Called with the number of runs just done, out of 3 * runs.
+        Called with the number of runs just done.
 
     Returns
     -------
-    AccuracyReport
+    AccuracyReport or ClaimsReport
         `ok` is True if every row came out as `published.toml` expects.
 
     Raises
     ------
     ValueError
-        For fewer than two runs.
+        For fewer than two runs, or something that is not a model.
     """
     mission = load_model(model) if isinstance(model, str) else model
-    return measure(mission, load_published(mission), runs=runs, seed=seed, progress=progress)
+    system = system_of(mission)
+    if runs is not None and runs < 2:
+        raise ValueError(f"runs must be 2 or more; got {runs}")
+    measure = resolve(system.accuracy)
+    return measure(
+        mission, load_published(mission), runs=system.runs if runs is None else runs, seed=seed, progress=progress
+    )

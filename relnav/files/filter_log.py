@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from relnav.files.logs import read_log
-from relnav.files.models import load_model
+from relnav.files.models import load_mission
 from relnav.mission import Model
 from relnav.navigation.record import Solution
 from relnav.navigation.relative_position import filter_epochs
@@ -50,7 +50,7 @@ def filter_log(
     ModelError
         If the model cannot be loaded.
     """
-    mission = load_model(model) if isinstance(model, str) else model
+    mission = load_mission(model) if isinstance(model, str) else model
     log = read_log(Path(path))
     total = len(log.t_s)
     solution = filter_epochs(

@@ -9,13 +9,9 @@ from typing import Any
 
 from relnav.accuracy.published import Claim, ClaimException, Published
 from relnav.errors import ModelError, UnknownModelError
+from relnav.files.systems import SYSTEMS, resolve
 from relnav.files.toml_values import build, read_toml
 from relnav.mission import Model
-
-MODEL_CLASSES: dict[str, Any] = {
-    "three_beacon": Model,
-}
-"""The registry: `sensor_type` of a model file, and the dataclass whose fields are its sections."""
 
 
 def models_root() -> Path:
@@ -52,7 +48,7 @@ def find_model(name_or_path: str | os.PathLike[str]) -> Path:
     raise UnknownModelError(f"no model '{name}', neither shipped nor a folder or file; {hint}")
 
 
-def load_model(name_or_path: str | os.PathLike[str]) -> Model:
+def load_model(name_or_path: str | os.PathLike[str]) -> Any:
     """Load a mission model.
 
     Parameters
@@ -63,7 +59,8 @@ def load_model(name_or_path: str | os.PathLike[str]) -> Model:
     Returns
     -------
     Model
-        All values in SI units and radians, with their provenance.
+        All values in SI units and radians, with their provenance; the class is that of the file's `sensor_type`
+        (`Model` for three_beacon).
 
     Raises
     ------
@@ -73,10 +70,10 @@ def load_model(name_or_path: str | os.PathLike[str]) -> Model:
     path = find_model(name_or_path)
     table, problems = read_toml(path)
     kind, title = table.pop("sensor_type", None), table.pop("title", path.parent.name)
-    if kind not in MODEL_CLASSES:
-        problems.add("sensor_type", f"one of {', '.join(MODEL_CLASSES)} is expected; got {kind!r}")
+    if kind not in SYSTEMS:
+        problems.add("sensor_type", f"one of {', '.join(SYSTEMS)} is expected; got {kind!r}")
         problems.raise_if_any()
-    cls = MODEL_CLASSES[kind]
+    cls = resolve(SYSTEMS[str(kind)].mission)
     hints = typing.get_type_hints(cls)
     sections = {name: hint for name, hint in hints.items() if dataclasses.is_dataclass(hint)}
     provenance: dict[str, str] = {}
@@ -91,18 +88,34 @@ def load_model(name_or_path: str | os.PathLike[str]) -> Model:
     problems.raise_if_any()
     label = path.parent.name if path.name == "model.toml" else path.stem
     try:
-        model: Model = cls(name=label, title=str(title), provenance=provenance, path=str(path), **values)
+        return cls(name=label, title=str(title), provenance=provenance, path=str(path), **values)
     except ValueError as error:
         raise ModelError(f"{path}: {error}") from error
+
+
+def load_mission(name_or_path: str | os.PathLike[str]) -> Model:
+    """Load a model that a relative navigation filter can fly.
+
+    Raises
+    ------
+    ModelError
+        As `load_model`, and for a model of another kind.
+    """
+    model = load_model(name_or_path)
+    if not isinstance(model, Model):
+        raise ModelError(
+            f"{model.path}: a relative navigation mission is expected (sensor_type three_beacon); this model describes "
+            f"a {type(model).__name__}"
+        )
     return model
 
 
-def load_published(model: Model | str | os.PathLike[str]) -> Published:
+def load_published(model: Any) -> Published:
     """Claims in the `published.toml` beside a model, and what we find of them; empty if there is no such file.
 
     Parameters
     ----------
-    model : Model, str or path
+    model
         A loaded model, or what `load_model` takes.
 
     Raises
@@ -110,7 +123,7 @@ def load_published(model: Model | str | os.PathLike[str]) -> Published:
     ModelError
         If a claim is incomplete.
     """
-    path = Path(model.path) if isinstance(model, Model) else find_model(model)
+    path = find_model(model) if isinstance(model, str | os.PathLike) else Path(model.path)
     path = path.with_name("published.toml")
     if not path.is_file():
         return Published((), ())

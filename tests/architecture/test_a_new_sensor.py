@@ -7,7 +7,7 @@ import pytest
 from annotated_types import Gt
 
 import relnav
-from relnav.files.models import MODEL_CLASSES
+from relnav.files.systems import SYSTEMS, System
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ arm_cm = 22
 
 @pytest.fixture
 def registry(monkeypatch):
-    monkeypatch.setitem(MODEL_CLASSES, "sextant", Ship)
+    monkeypatch.setitem(SYSTEMS, "sextant", System(mission=f"{__name__}:Ship"))
 
 
 @pytest.fixture
@@ -76,3 +76,8 @@ def test_its_errors_are_told_the_same_way(registry, write):  # noqa: ARG001  (li
 def test_without_the_line_it_is_unknown(write):
     with pytest.raises(relnav.ModelError, match=r"sensor_type: one of three_beacon.* is expected; got 'sextant'"):
         relnav.load_model(write(TEXT))
+
+
+def test_a_filter_does_not_fly_it(registry, write):  # noqa: ARG001  (likewise)
+    with pytest.raises(relnav.ModelError, match=r"model.toml: a relative navigation mission is expected .* a Ship"):
+        relnav.filter_log("approach.csv", str(write(TEXT)))

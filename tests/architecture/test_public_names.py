@@ -19,9 +19,9 @@ def test_about_twenty_names():
 @pytest.mark.parametrize("name", relnav.__all__)
 def test_each_resolves_to_itself_and_has_a_docstring(name):
     value = getattr(relnav, name)
-    if name == "three_beacon":
+    if name in relnav._MODULES:
         assert isinstance(value, types.ModuleType)
-        assert value.__name__ == "relnav.sensors.three_beacon"
+        assert value.__name__ == f"relnav.sensors.{name}"
     else:
         assert callable(value), f"{name} is {value!r}"
         assert value.__name__ == name
@@ -41,7 +41,7 @@ def test_first_use_in_any_order(python):
 @pytest.mark.parametrize("name", relnav.__all__)
 def test_a_name_is_right_when_it_is_the_first(python, name):
     """Importing `relnav.files.filter_log` must not put the module in the function's place."""
-    kind = "module" if name == "three_beacon" else "type" if isinstance(getattr(relnav, name), type) else "function"
+    kind = "module" if name in relnav._MODULES else "type" if isinstance(getattr(relnav, name), type) else "function"
     code = f"import relnav; value = relnav.{name}; assert type(value).__name__ in ({kind!r}, 'EnumType'), type(value)"
     environment = {"RELNAV_JIT": "0"}  # a faster start
     done = python(code, environment=environment)

@@ -50,9 +50,8 @@ def test_help_shows_an_example(run, arguments, flag):
 
 
 def test_every_command_has_help_with_an_example(run):
-    from relnav.cli import COMMANDS, HELP
+    from relnav.cli import COMMANDS
 
-    assert set(COMMANDS) == set(HELP)
     listed = run("--help")[1]
     for name in COMMANDS:
         assert f"  {name} " in listed

@@ -1,0 +1,54 @@
+"""The accuracy report of a relative navigation mission as lines of text."""
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from relnav.accuracy.report import AccuracyReport
+
+
+def report_lines(report: "AccuracyReport") -> list[str]:
+    """The report for a reader."""
+    lines = [f"model {report.model}, {report.runs} approaches, seed {report.seed}; errors against truth, rms"]
+    method = ""
+    for row in report.rows:
+        if row.method != method:
+            method = row.method
+            lines.append(method)
+            lines.append("    range   quantity     published      rms      bias   1-sigma   99.73 %  within 1s / 3s")
+        verdict = ("met" if row.met else "not met") + ("" if row.as_expected else f", EXPECTED {row.expected}")
+        within = f"{row.coverage_1:.3f} / {row.coverage_3:.4f}"
+        lines.append(
+            f"  {row.range_m:5.2f} m   {row.quantity:<9} {row.published:8g} {row.unit:<3} {row.measured:9.5f} "
+            f"{row.bias:9.5f} {row.sigma:9.5f} {row.three_sigma:9.5f}  {within}  {verdict}"
+        )
+    lines.append("consistency, state NEES over runs, epoch by epoch (honest: 95 % of epochs inside the 95 % band)")
+    for entry in report.consistency:
+        verdict = ("not overconfident" if entry.one_sided else "consistent") if entry.consistent else "NOT consistent"
+        if entry.consistent != entry.expected_consistent:
+            verdict += ", NOT EXPECTED"
+        nees = entry.nees
+        lines.append(
+            f"  {entry.method:<44} mean {nees.mean:7.2f} of {nees.dof}, inside 95 %: {nees.inside_95:.3f}, "
+            f"outside 99.99 %: {nees.outside_9999:.4f}; NIS/dof {entry.nis.ratio:.4f} of [{entry.nis.lower:.4f}, "
+            f"{entry.nis.upper:.4f}]  {verdict}"
+        )
+    lines.extend(f"    {row.method}: {row.reason}" for row in report.consistency if not row.expected_consistent)
+    lines.append("settled filter on the docking axis, 1-sigma: Riccati equation | the filter itself after a long hold")
+    for place in report.settled:
+        riccati = (place.sigma_range_m, math.degrees(place.sigma_azimuth_rad), math.degrees(place.sigma_elevation_rad))
+        itself = (
+            place.reached_range_m,
+            math.degrees(place.reached_azimuth_rad),
+            math.degrees(place.reached_elevation_rad),
+        )
+        pairs = [f"{one:.5f} | {two:.5f}" for one, two in zip(riccati, itself, strict=True)]
+        worst = place.observability[-1] / place.observability[0]
+        lines.append(
+            f"  {place.method:<6} {place.range_m:5.2f} m   range {pairs[0]} m, azimuth {pairs[1]} deg, "
+            f"elevation {pairs[2]} deg; observability {worst:.1e}"
+        )
+    if not report.rows:
+        lines.append("no published.toml stands beside this model: nothing to compare with")
+    lines.append("every row came out as expected" if report.ok else "SOME ROWS DID NOT COME OUT AS EXPECTED")
+    return lines

@@ -1,0 +1,53 @@
+"""The registry: what stands behind a model file's `sensor_type`. A new sensor system is one entry here."""
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+
+@dataclass(frozen=True)
+class System:
+    """Where the pieces of one sensor system live, each as "module:name"; nothing is imported before it is needed.
+
+    Attributes
+    ----------
+    mission : str
+        Dataclass whose fields are the sections of the model file.
+    accuracy : str
+        Function (mission, published, *, runs, seed, progress) -> AccuracyReport or ClaimsReport.
+    runs : int
+        Runs of the accuracy benchmark unless the user says otherwise.
+    progress_steps : int
+        How often `progress` is called for a run.
+    """
+
+    mission: str
+    accuracy: str = ""
+    runs: int = 200
+    progress_steps: int = 1
+
+
+SYSTEMS: dict[str, System] = {
+    "three_beacon": System(mission="relnav.mission:Model", accuracy="relnav.accuracy.report:measure", progress_steps=3),
+}
+
+
+def resolve(place: str) -> Any:
+    """The object that "module:name" stands for."""
+    module, name = place.split(":")
+    return getattr(import_module(module), name)
+
+
+def system_of(mission: Any) -> System:
+    """The entry whose mission dataclass this loaded model is.
+
+    Raises
+    ------
+    ValueError
+        If it is none of them.
+    """
+    for system in SYSTEMS.values():
+        module, name = system.mission.split(":")
+        if type(mission).__name__ == name and type(mission).__module__ == module:
+            return system
+    raise ValueError(f"a loaded model is expected, relnav.load_model(...); got {mission!r}")
