@@ -10,7 +10,7 @@ from relnav.arrays import Matrix, Stack, Vector
 from relnav.estimation.consistency import Consistency, chi_square_interval
 from relnav.mission import Attitude, Model
 from relnav.navigation.docking_view import docking_view
-from relnav.navigation.relative_position import filter_epochs
+from relnav.navigation.log import filter_epochs
 from relnav.simulation.detector import Faults
 from relnav.simulation.scenario import SimulatedLog, simulate
 from relnav.simulation.trajectory import Approach

@@ -14,7 +14,7 @@ from relnav.accuracy.statistics import ErrorStatistics, NeesBand, error_statisti
 from relnav.arrays import Flags, Matrix, Vector
 from relnav.estimation.consistency import Consistency
 from relnav.mission import Model
-from relnav.navigation.relative_position import filter_epochs
+from relnav.navigation.log import filter_epochs
 from relnav.navigation.settled import settled_filter
 from relnav.simulation.detector import project_beacons
 from relnav.simulation.trajectory import Approach

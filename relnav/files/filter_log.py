@@ -7,8 +7,8 @@ from pathlib import Path
 from relnav.files.logs import read_log
 from relnav.files.models import load_mission
 from relnav.mission import Model
+from relnav.navigation.log import filter_epochs
 from relnav.navigation.record import Solution
-from relnav.navigation.relative_position import filter_epochs
 
 
 def filter_log(

@@ -25,11 +25,16 @@ class FilterRecord:
     Every attribute is computed when asked for, in SI units and radians; without a state yet they are NaN.
     """
 
-    __slots__ = ("_rows",)
+    __slots__ = ("_memory",)
 
-    def __init__(self, rows: Matrix) -> None:
-        """Take rows DOCK .. INNOVATION of a filter block as its own."""
-        self._rows = rows
+    def __init__(self, memory: bytes) -> None:
+        """Take a copy of the rows from DOCK on of a filter block."""
+        self._memory = memory
+
+    @property
+    def _rows(self) -> Matrix:
+        rows: Matrix = np.frombuffer(self._memory).reshape(-1, 6)
+        return rows
 
     def _at(self, row: int) -> Vector:
         out: Vector = self._rows[row - DOCK]
@@ -100,11 +105,12 @@ class FilterRecord:
 
     @property
     def innovation(self) -> Vector:
-        """Measured minus predicted, (6,): spots A'x, A'y, B'x, ... m, or range m, azimuth rad, elevation rad; else NaN.
+        """Measured minus predicted, two numbers a beacon: A'x, A'y, B'x, ... m, or range m, azimuth, elevation rad.
 
-        Of everything that was seen, before the gate.
+        Of everything that was seen, before the gate; NaN for the rest.
         """
-        return self._at(INNOVATION).copy()
+        numbers: Vector = self._rows[INNOVATION - DOCK :].ravel()[: 2 * int(self._at(CLOCK)[5])].copy()
+        return numbers
 
     @property
     def nis(self) -> float:
@@ -161,7 +167,7 @@ class Solution:
         Chaser relative to target, `lvlh_ccsds`.
     factor : (n, 21)
         Covariance as U D U^T: the upper triangle of `ud`, row by row, D on its diagonal.
-    innovation, nis, dof : (n, 6), (n,), (n,)
+    innovation, nis, dof : (n, 2 beacons), (n,), (n,)
         As in FilterRecord: of everything seen, before the gate.
     status, measurement_status : (n,)
         Codes of EpochStatus and Status.
