@@ -29,7 +29,7 @@ def range_azimuth_elevation(p: Vector, out: Vector) -> None:
 
 @straight_line(p=(3,), out=(3, 3))
 def range_azimuth_elevation_jacobian(p: Vector, out: Matrix) -> bool:
-    """Write d(range, azimuth, elevation)/dp into out (3, 3); False (and no angles) at the poles x = y = 0."""
+    """Write d(range, azimuth, elevation)/dp into out (3, 3); False (and no meaning) at the poles x = y = 0."""
     x, y, z = p[0], p[1], p[2]
     h2 = x * x + y * y
     r2 = h2 + z * z

@@ -63,6 +63,14 @@ def _take(track: Matrix, at: Vector, h: Vector, variance: float, residual: float
     return e * e, scalar_update(track[0], track[1:7], h, variance, e)
 
 
+@straight_line(track=(7, 6), at=(6,), h=("***000", "***000"), observed=(4,))
+def _take_beacon(track: Matrix, at: Vector, h: Matrix, observed: Vector) -> tuple[float, float, float, float]:
+    """`_take` both coordinates of a beacon: its gradient rows, and its residuals and variances."""
+    first, alpha_first = _take(track, at, h[0], observed[2], observed[0])
+    second, alpha_second = _take(track, at, h[1], observed[3], observed[1])
+    return first, alpha_first, second, alpha_second
+
+
 @kernel
 def _sweep(block: Matrix, track: Matrix, at: Vector) -> tuple[float, int]:
     """Update a copy of the track (7, 6) in X_WORK with every row in use; returns NIS (exact for at = prior) and dof."""
@@ -73,11 +81,16 @@ def _sweep(block: Matrix, track: Matrix, at: Vector) -> tuple[float, int]:
         for i in range(beacon_count(block)):
             row = beacon_row(block, i)
             observed = block[row + OBSERVED]
-            for k in range(2):
-                if observed[2 + k] > 0.0 and observed[4] > 0.0:
-                    e2, alpha = _take(work, at, block[row + GRADIENT + k], observed[2 + k], observed[k])
-                    nis += e2 / alpha
-                    dof += 1
+            if observed[4] > 0.0 and observed[2] > 0.0 and observed[3] > 0.0:
+                e2, alpha, f2, beta = _take_beacon(work, at, block[row + GRADIENT : row + GRADIENT + 2], observed)
+                nis += e2 / alpha + f2 / beta
+                dof += 2
+            elif observed[4] > 0.0:
+                for k in range(2):
+                    if observed[2 + k] > 0.0:
+                        e2, alpha = _take(work, at, block[row + GRADIENT + k], observed[2 + k], observed[k])
+                        nis += e2 / alpha
+                        dof += 1
     else:
         for m in range(3):
             if block[VARIANCE, m] > 0.0:

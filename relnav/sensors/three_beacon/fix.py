@@ -146,9 +146,9 @@ def measure_batch(
     rae: Matrix,
     covariance: Stack,
     status: Codes,
+    work: Matrix,
 ) -> None:
     """`measure_into` over images (n, 3, 2): rae (n, 3), covariance (n, 3, 3), status (n,); NaN where not OK."""
-    work = np.zeros((MEASURE_ROWS, 6))
     for e in range(spots.shape[0]):
         status[e] = measure_into(spots[e], f, half_x, half_y, sigma, a, b, projection, rae[e], covariance[e], work)
         if status[e] != OK:
