@@ -205,7 +205,9 @@ def _on_symbols(function: Callable[..., Any], tape: Tape, done: dict[Any, Any]) 
     spaces = dict(plain.__globals__)
     done[plain] = FunctionType(plain.__code__, spaces, plain.__name__, plain.__defaults__)
     spaces["math"] = SimpleNamespace(
-        sqrt=lambda value: tape.operation("sqrt", value), atan2=lambda y, x: tape.operation("atan2", y, x)
+        sqrt=lambda value: tape.operation("sqrt", value),
+        atan2=lambda y, x: tape.operation("atan2", y, x),
+        nan=float("nan"),
     )
     spaces["np"] = SimpleNamespace(zeros=lambda size: np.full(size, 0.0, dtype=object))
     spaces |= {"select": tape.select, "quotient": tape.quotient}

@@ -18,7 +18,7 @@ def wrap_angle(angle: float) -> float:
     return math.atan2(math.sin(angle), math.cos(angle))
 
 
-@kernel
+@straight_line(p=(3,), out=(3,))
 def range_azimuth_elevation(p: Vector, out: Vector) -> None:
     """Write (range m, azimuth rad, elevation rad) of the docking-frame position p (3,) m into out (3,)."""
     horizontal = math.sqrt(p[0] * p[0] + p[1] * p[1])

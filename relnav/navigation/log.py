@@ -20,7 +20,7 @@ from relnav.navigation.sight import attitude_changed
 from relnav.navigation.smoothing import nothing_later, pack_factors, smooth_run
 from relnav.navigation.step import step
 
-CHUNK = 20_000
+CHUNK = 65_536
 
 
 @dataclass(frozen=True)
@@ -194,7 +194,7 @@ def filter_epochs(
     """
     t, spots = _epochs(model, t_s, spots_m)
     n = len(t)
-    control = _controls(n, acceleration_m_s2, delta_v_m_s)
+    control = controls(n, acceleration_m_s2, delta_v_m_s)
     quaternion = _quaternions(n, q_cam_from_lvlh)
     log = LogFilter(model, method, projection=projection, engine=engine)
     epochs = Epochs.empty(n, len(model.beacons_lvlh_m))
@@ -221,7 +221,7 @@ def _epochs(model: Model, t_s: Vector, spots_m: Stack) -> tuple[Vector, Stack]:
     return t, spots
 
 
-def _controls(n: int, acceleration: Matrix | None, delta_v: Matrix | None) -> Matrix:
+def controls(n: int, acceleration: Matrix | None, delta_v: Matrix | None) -> Matrix:
     """Acceleration and impulse of each row, (n, 6), or (0, 6) if there are none."""
     if acceleration is None and delta_v is None:
         return np.empty((0, 6))
@@ -244,10 +244,10 @@ def _quaternions(n: int, q_cam_from_lvlh: Matrix | None) -> Matrix:
 
 
 def _levers(model: Model, n: int, quaternion: Matrix) -> Matrix:
-    """Camera from the chaser's centre of mass in `lvlh_ccsds`, (n, 3); one number repeated where it is held."""
+    """Camera from the chaser's centre of mass in `lvlh_ccsds`, (n, 3), or (1, 3) where it is held."""
     lever = model.camera_lever_cam_m
     if not np.any(lever) or len(quaternion) == 0:
-        return np.broadcast_to(model.dcm_cam_from_lvlh.T @ lever, (n, 3))
+        return (model.dcm_cam_from_lvlh.T @ lever)[None]
     out = np.empty((n, 3))
     dcm = np.empty((3, 3))
     for e in range(n):

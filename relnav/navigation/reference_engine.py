@@ -34,9 +34,9 @@ from relnav.navigation.block import (
     TRIAL,
     beacon_row,
 )
+from relnav.navigation.docking_view import UPPER
 from relnav.navigation.observation import rows_in_use
 from relnav.navigation.propagation import prepare_step
-from relnav.navigation.record import UPPER
 from relnav.navigation.sight import TIGHT_SHARE2, attitude_changed, camera_position_dock, uses_coordinates
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
 from relnav.navigation.step import WRONG_SHAPE, WRONG_TIME, start

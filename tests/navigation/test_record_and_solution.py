@@ -101,7 +101,7 @@ def test_angles_are_the_papers(vbar, drift, look):
 
 
 def test_progress_counts_every_epoch(vbar):
-    n = 45_000
+    n = 150_000
     calls = []
     relnav.filter_epochs(vbar, np.arange(n, dtype=float), np.full((n, 3, 2), np.nan), progress=calls.append)
     assert sum(calls) == n
