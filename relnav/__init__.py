@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from relnav.navigation.record import FilterRecord, Solution
     from relnav.navigation.relative_position import Navigator, filter_epochs
     from relnav.navigation.status import EpochStatus
-    from relnav.sensors import three_beacon
+    from relnav.sensors import three_beacon, three_marker
     from relnav.sensors.measurement import Measurement, Status
 
 _HOME = {
@@ -46,11 +46,12 @@ _HOME = {
     "filter_epochs": "relnav.navigation.relative_position",
     "EpochStatus": "relnav.navigation.status",
     "three_beacon": "relnav.sensors.three_beacon",
+    "three_marker": "relnav.sensors.three_marker",
     "Measurement": "relnav.sensors.measurement",
     "Status": "relnav.sensors.measurement",
 }
 
-_MODULES = ("three_beacon",)
+_MODULES = ("three_beacon", "three_marker")
 
 __all__ = [
     "AccuracyReport",
@@ -73,6 +74,7 @@ __all__ = [
     "load_published",
     "measure_accuracy",
     "three_beacon",
+    "three_marker",
     "write",
 ]
 

@@ -19,16 +19,25 @@ class System:
         Runs of the accuracy benchmark unless the user says otherwise.
     progress_steps : int
         How often `progress` is called for a run.
+    budget : str
+        Function (mission) -> report with `lines()` and `to_dict()`, for `relnav budget`; "" if it has none.
     """
 
     mission: str
     accuracy: str = ""
     runs: int = 200
     progress_steps: int = 1
+    budget: str = ""
 
 
 SYSTEMS: dict[str, System] = {
     "three_beacon": System(mission="relnav.mission:Model", accuracy="relnav.accuracy.report:measure", progress_steps=3),
+    "three_marker": System(
+        mission="relnav.sensors.three_marker.sensor:ThreeMarkerModel",
+        accuracy="relnav.accuracy.three_marker:measure",
+        runs=400,
+        budget="relnav.accuracy.three_marker_budget:budget",
+    ),
 }
 
 

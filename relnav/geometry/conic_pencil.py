@@ -2,9 +2,9 @@
 
 A conic is a symmetric 3 x 3 matrix in homogeneous (xi, eta, 1), kept as its six numbers (m00, m01, m11, m02, m12, m22).
 det(C1 + gamma C2) = k3 gamma^3 + k2 gamma^2 + k1 gamma + k0 has the degenerate members as roots (the pencil idea of
-Persson and Nordberg 2018 and Ding et al. 2023). Their leading coefficient k3 = det C2 vanishes in symmetric views, where
-solvers that divide by it lose roots; here the pencil is turned over so that the larger of k3, k0 leads, and both being
-zero has its own branch.
+Persson and Nordberg 2018 and Ding et al. 2023). The leading coefficient k3 = det C2 vanishes in symmetric views, and
+solvers that divide by it lose roots there; here the pencil is turned over so that the larger of k3, k0 leads, and both
+being zero has its own branch.
 """
 
 import math
@@ -158,7 +158,10 @@ def line_pair(m: Conic) -> tuple[bool, Line, Line]:
 
 @kernel
 def meet(line: Line, m: Conic) -> tuple[int, float, float, float, float]:
-    """Count (0 or 2) and points (xi, eta), (xi, eta) where a line meets a conic; a point at infinity is not finite."""
+    """Count and points (xi, eta), (xi, eta) where a line meets a conic; a point at infinity is not finite.
+
+    Count 2: two points; 1: the real part of two complex ones, where they come nearest; 0: the line is at infinity.
+    """
     l0, l1, l2 = line
     if l0 == 0.0 and l1 == 0.0:
         return 0, 0.0, 0.0, 0.0, 0.0
@@ -175,12 +178,11 @@ def meet(line: Line, m: Conic) -> tuple[int, float, float, float, float]:
         b = 2.0 * (m11 * s * t + m01 * t + m12 * s + m02)
         c = (m11 * t + 2.0 * m12) * t + m22
     discriminant = b * b - 4.0 * a * c
-    if discriminant < -_DOUBLE * (b * b + 4.0 * abs(a * c)):
-        return 0, 0.0, 0.0, 0.0, 0.0
+    count = 2 if discriminant >= -_DOUBLE * (b * b + 4.0 * abs(a * c)) else 1
     root = math.sqrt(max(0.0, discriminant))
     q = -0.5 * (b + root) if b >= 0.0 else -0.5 * (b - root)
     v0 = q / a if a != 0.0 else math.inf
     v1 = c / q if q != 0.0 else v0
     if first:
-        return 2, s * v0 + t, v0, s * v1 + t, v1
-    return 2, v0, s * v0 + t, v1, s * v1 + t
+        return count, s * v0 + t, v0, s * v1 + t, v1
+    return count, v0, s * v0 + t, v1, s * v1 + t

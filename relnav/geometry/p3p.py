@@ -6,7 +6,7 @@ A_ij = |s_i - s_j|^2 must agree,
     (d_i - d_j)^2 + d_i d_j e_ij = A_ij.                                                                          (1)
 
 The ratios d_1/d_3 = 1 + xi, d_2/d_3 = 1 + eta leave two conics in (xi, eta), met in `conic_pencil`. Chords, never
-1 - cos, and ratios about 1, scaled by the largest chord, keep every number of order one at any range, where cosines would
+1 - cos, and ratios about 1, scaled by the largest chord, keep every number of order one at any range; cosines would
 lose half of the digits. Up to four solutions; a double one (on the danger cylinder) may be reported twice.
 """
 
@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from relnav._kernel import kernel
-from relnav.arrays import Matrix, Stack
+from relnav.arrays import Matrix, Stack, Vector
 from relnav.geometry.conic_pencil import Conic, degenerate_member, line_pair, meet
 from relnav.geometry.rotation import triad
 
@@ -28,7 +28,7 @@ _MISFIT = 1e-8  # of A_ij: equation (1) left unsatisfied by more is no solution
 @kernel
 def _distance2(v: Matrix, i: int, j: int) -> float:
     d0, d1, d2 = v[i, 0] - v[j, 0], v[i, 1] - v[j, 1], v[i, 2] - v[j, 2]
-    return d0 * d0 + d1 * d1 + d2 * d2
+    return float(d0 * d0 + d1 * d1 + d2 * d2)
 
 
 @kernel
@@ -37,7 +37,7 @@ def _polish(
 ) -> tuple[bool, float, float, float]:
     """Newton on (1) from a root to a better one; False if the distances do not satisfy (1).
 
-    Other roots lie A/d away, so that a long step would jump to one of them: it is not taken, nor one that does not help.
+    Other roots lie A/d away: a step that long would jump to one of them and is not taken, nor one that does not help.
     """
     limit = 0.05 * min(A12, A13, A23) / max(d1, d2, d3)
     f12 = (d1 - d2) ** 2 + d1 * d2 * e12 - A12
@@ -95,8 +95,11 @@ def pose_of_congruent_triangles(p: Matrix, s: Matrix, pose: Matrix, work: Stack)
 
 
 @kernel
-def solve_p3p(rays: Matrix, points: Matrix, poses: Stack) -> int:
+def solve_p3p(rays: Matrix, points: Matrix, near: bool, poses: Stack) -> int:
     """Write every pose from which the points are seen along the rays into poses; returns how many, 0 to 4.
+
+    near: two complex solutions count as one pose, their real part. Noise turns two real solutions that lie close
+    together into such a pair; it satisfies (1) only nearly.
 
     rays (3, 3): unit vectors, camera axes, rows; points (3, 3): the same points in target axes, m. poses (7, 4, 3): the
     first that many hold rows 0-2 dcm_cam_from_target, row 3 the target's origin in camera axes, m; the rest is scratch.
@@ -123,13 +126,15 @@ def solve_p3p(rays: Matrix, points: Matrix, poses: Stack) -> int:
     p = poses[4]
     for line in (line0, line1):
         met, x0, y0, x1, y1 = meet(line, c2 if least_c2 else c1)
+        if met == 1 and not near:
+            continue
         for k in range(met):
             xi, eta = (scale * x0, scale * y0) if k == 0 else (scale * x1, scale * y1)
             if not (-1.0 < xi < math.inf and -1.0 < eta < math.inf):
                 continue
             d3 = math.sqrt(A23 / (eta * eta + (1.0 + eta) * e23))
             exact, d1, d2, d3 = _polish((1.0 + xi) * d3, (1.0 + eta) * d3, d3, e12, e13, e23, A12, A13, A23)
-            if not (exact and min(d1, d2, d3) > 0.0):
+            if not ((exact or met == 1) and min(d1, d2, d3) > 0.0):
                 continue
             for j in range(3):
                 p[i1, j], p[i2, j], p[i3, j] = d1 * rays[i1, j], d2 * rays[i2, j], d3 * rays[i3, j]
@@ -138,7 +143,14 @@ def solve_p3p(rays: Matrix, points: Matrix, poses: Stack) -> int:
     return count
 
 
-def p3p(rays: Matrix, points_m: Matrix) -> Stack:
+@kernel
+def camera_in_target(pose: Matrix, out: Vector) -> None:
+    """Write where the camera is, target axes, into out (3,): -C^T r of a pose (4, 3)."""
+    for j in range(3):
+        out[j] = -(pose[0, j] * pose[3, 0] + pose[1, j] * pose[3, 1] + pose[2, j] * pose[3, 2])
+
+
+def p3p(rays: Matrix, points_m: Matrix, *, near: bool = False) -> Stack:
     """Every pose from which three points are seen along three directions.
 
     Parameters
@@ -147,6 +159,8 @@ def p3p(rays: Matrix, points_m: Matrix) -> Stack:
         Unit vectors from the camera to the points, camera axes, rows. Not normalised here.
     points_m : (3, 3)
         The points in target axes, m, rows.
+    near : bool
+        Also the real part of each pair of complex solutions, as a start for noisy rays: it is no solution.
 
     Returns
     -------
@@ -163,4 +177,4 @@ def p3p(rays: Matrix, points_m: Matrix) -> Stack:
     if u.shape != (3, 3) or s.shape != (3, 3):
         raise ValueError(f"three rays and three points, rows of (3, 3), are expected; got shapes {u.shape}, {s.shape}")
     poses = np.empty((BLOCK, 4, 3))
-    return poses[: solve_p3p(u, s, poses)]
+    return poses[: solve_p3p(u, s, near, poses)]
