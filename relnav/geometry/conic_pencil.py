@@ -49,12 +49,8 @@ def _combination(m: Conic, gamma: float, n: Conic) -> Conic:
 
 
 @kernel
-def cubic_roots(k3: float, k2: float, k1: float, k0: float) -> tuple[int, float, float, float]:
-    """Count (1 or 3) and values of the real roots of k3 g^3 + k2 g^2 + k1 g + k0, with |k3| >= |k0|, k3 not 0.
-
-    Trigonometric or Cardano, then Newton: the closed form alone loses small roots beside a large one.
-    """
-    a, b, c = k2 / k3, k1 / k3, k0 / k3
+def _one_root(a: float, b: float, c: float) -> float:
+    """A real root of g^3 + a g^2 + b g + c, of three the one farthest from zero: Cardano or trigonometric, polished."""
     shift = -a / 3.0
     p = b - a * a / 3.0
     q = a * (2.0 * a * a / 27.0 - b / 3.0) + c
@@ -64,21 +60,39 @@ def cubic_roots(k3: float, k2: float, k1: float, k0: float) -> tuple[int, float,
         root = math.sqrt(discriminant)
         u = -half - root if half > 0.0 else -half + root
         u = math.copysign(math.pow(abs(u), 1.0 / 3.0), u)
-        count, g0, g1, g2 = 1, shift + u - (third / u if u != 0.0 else 0.0), 0.0, 0.0
+        g = shift + u - (third / u if u != 0.0 else 0.0)
     else:
         size = math.sqrt(max(0.0, -third))
         cube = size * size * size
         angle = math.acos(max(-1.0, min(1.0, -half / cube if cube > 0.0 else 0.0))) / 3.0
-        count = 3
-        g0 = shift + 2.0 * size * math.cos(angle)
-        g1 = shift + 2.0 * size * math.cos(angle - 2.0943951023931953)
-        g2 = shift + 2.0 * size * math.cos(angle + 2.0943951023931953)
+        g = shift + 2.0 * size * math.cos(angle if shift >= 0.0 else angle + 2.0943951023931953)
     for _ in range(3):
-        g0 -= _newton_step(a, b, c, g0)
-        if count == 3:
-            g1 -= _newton_step(a, b, c, g1)
-            g2 -= _newton_step(a, b, c, g2)
-    return count, g0, g1, g2
+        g -= _newton_step(a, b, c, g)
+    return g
+
+
+@kernel
+def cubic_roots(k3: float, k2: float, k1: float, k0: float) -> tuple[int, float, float, float]:
+    """Count (1 or 3) and values of the real roots of k3 g^3 + k2 g^2 + k1 g + k0, k3 not 0.
+
+    One root, then the quadratic that is left, divided out from the end that does not cancel: three roots by one formula
+    would lose small ones beside a large one. Two that coincide to rounding are real.
+    """
+    a, b, c = k2 / k3, k1 / k3, k0 / k3
+    g0 = _one_root(a, b, c)
+    if abs(g0 * g0 * g0) > abs(c):  # g^2 + m g + n is left
+        n = -c / g0
+        m = (n - b) / g0
+    else:
+        m = a + g0
+        n = b + m * g0
+    discriminant = m * m - 4.0 * n
+    if discriminant < -1e-13 * (m * m + 4.0 * abs(n)):
+        return 1, g0, 0.0, 0.0
+    root = math.sqrt(max(0.0, discriminant))
+    g1 = -0.5 * (m + root) if m >= 0.0 else -0.5 * (m - root)
+    g2 = n / g1 if g1 != 0.0 else 0.0
+    return 3, g0, g1 - _newton_step(a, b, c, g1), g2 - _newton_step(a, b, c, g2)
 
 
 @kernel

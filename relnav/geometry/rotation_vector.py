@@ -35,8 +35,8 @@ def rotation_vector_between(dcm: Matrix, reference: Matrix) -> Vector:
     if cosine > -0.9 or sine > 0.1:
         vector: Vector = sine_axis * (math.atan2(sine, cosine) / sine if sine > 1e-8 else 1.0)
         return vector
-    # near half a turn the antisymmetric part vanishes: the axis is the largest column of turn + 1
-    symmetric = 0.5 * (turn + turn.T) + np.eye(3)
+    # near half a turn the antisymmetric part vanishes; the symmetric one is cos 1 + (1 - cos) axis axis^T
+    symmetric = 0.5 * (turn + turn.T) - cosine * np.eye(3)
     axis: Vector = symmetric[:, int(np.argmax(np.diag(symmetric)))]
     axis = axis / np.linalg.norm(axis)
     sign = -1.0 if float(axis @ sine_axis) < 0.0 else 1.0

@@ -2,6 +2,7 @@
 
 from relnav.sensors.three_marker.as_published import closed_form_flat, closed_form_raised, depth_iteration, small_angle
 from relnav.sensors.three_marker.camera import project
+from relnav.sensors.three_marker.jacobians import SpotJacobians, spot_jacobians
 from relnav.sensors.three_marker.measure import measure, measure_image
 from relnav.sensors.three_marker.outcome import PoseMeasurement
 from relnav.sensors.three_marker.pose import Pose, Root
@@ -15,6 +16,7 @@ __all__ = [
     "Pose",
     "PoseMeasurement",
     "Root",
+    "SpotJacobians",
     "Spots",
     "ThreeMarkerModel",
     "View",
@@ -26,4 +28,5 @@ __all__ = [
     "measure_image",
     "project",
     "small_angle",
+    "spot_jacobians",
 ]

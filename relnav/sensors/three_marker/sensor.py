@@ -121,6 +121,8 @@ class Imager:
         Largest number a pixel can hold.
     threshold_sigma : float
         A pixel belongs to a spot where it stands this many noise sigmas above the background.
+    centroid_floor_px : float
+        1-sigma error of a centroid that more light does not lessen (unequal pixels, lens calibration), each coordinate.
     """
 
     spot_sigma_px: Positive
@@ -128,6 +130,7 @@ class Imager:
     electrons_per_dn: Positive
     saturation_dn: Positive
     threshold_sigma: Positive = 6.0
+    centroid_floor_px: NonNegative = 0.0
 
 
 @dataclass(frozen=True)

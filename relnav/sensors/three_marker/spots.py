@@ -25,14 +25,15 @@ class Spots:
     spots_px : (k, 2)
         Centroids x, y; pixel (0, 0) has its centre at (0.0, 0.0).
     covariance_px2 : (k, 2, 2)
-        Of each centroid, from read noise, shot noise and quantisation.
+        Of each centroid, from read noise, shot noise, quantisation and the imager's centroid floor.
     flux_dn : (k,)
         Sum above the background.
     radius_px : (k,)
         Root of the mean of the squared radii along and across, 1-sigma.
     saturated, blended, clipped : (k,)
         A pixel is full; the blob is not round or has several peaks (two markers, or motion); it touches the image's
-        edge. The covariance of such a spot is not to be trusted.
+        edge. The covariance of such a spot is not to be trusted. Two blobs less than about 1.5 of their 1-sigma radii
+        apart look like one round one and are not told.
     """
 
     spots_px: Matrix
@@ -132,7 +133,7 @@ def _measure_blob(
     centre = s @ at / flux
     d = at - centre
     variance = noise**2 + np.maximum(s, 0.0) / imager.electrons_per_dn
-    covariance = (d * variance[:, None]).T @ d / flux**2
+    covariance = (d * variance[:, None]).T @ d / flux**2 + imager.centroid_floor_px**2 * np.eye(2)
     moments = (d * s[:, None]).T @ d / flux
     if not moments.trace() > 2.0 * _HOT_PIXEL * imager.spot_sigma_px**2:
         return None
