@@ -66,8 +66,14 @@ def _one_root(a: float, b: float, c: float) -> float:
         cube = size * size * size
         angle = math.acos(max(-1.0, min(1.0, -half / cube if cube > 0.0 else 0.0))) / 3.0
         g = shift + 2.0 * size * math.cos(angle if shift >= 0.0 else angle + 2.0943951023931953)
+    value = ((g + a) * g + b) * g + c
     for _ in range(3):
-        g -= _newton_step(a, b, c, g)
+        slope = (3.0 * g + 2.0 * a) * g + b
+        trial = g - value / slope if slope != 0.0 else g
+        now = ((trial + a) * trial + b) * trial + c
+        if not abs(now) < abs(value):  # at a double root the step is all rounding
+            break
+        g, value = trial, now
     return g
 
 
@@ -92,14 +98,7 @@ def cubic_roots(k3: float, k2: float, k1: float, k0: float) -> tuple[int, float,
     root = math.sqrt(max(0.0, discriminant))
     g1 = -0.5 * (m + root) if m >= 0.0 else -0.5 * (m - root)
     g2 = n / g1 if g1 != 0.0 else 0.0
-    return 3, g0, g1 - _newton_step(a, b, c, g1), g2 - _newton_step(a, b, c, g2)
-
-
-@kernel
-def _newton_step(a: float, b: float, c: float, g: float) -> float:
-    slope = (3.0 * g + 2.0 * a) * g + b
-    step = (((g + a) * g + b) * g + c) / slope if slope != 0.0 else 0.0
-    return step if abs(step) < 0.1 * (abs(g) + abs(a)) else 0.0
+    return 3, g0, g1, g2
 
 
 @kernel
