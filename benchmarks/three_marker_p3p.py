@@ -210,7 +210,11 @@ def timing(rounds, seed):
             times[name].append((time.thread_time_ns() - began) / TIMED_VIEWS / 1000.0)
     reference = statistics.median(times["relnav, call"])
     return [
-        {"name": name, "us_median": statistics.median(values), "over_relnav_call": statistics.median(values) / reference}
+        {
+            "name": name,
+            "us_median": statistics.median(values),
+            "over_relnav_call": statistics.median(values) / reference,
+        }
         for name, values in times.items()
     ]
 

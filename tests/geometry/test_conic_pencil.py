@@ -77,7 +77,9 @@ def test_degenerate_member_is_degenerate_and_real():
             assert abs(point @ M @ point) < 1e-8 * np.abs(M).max() * (point @ point)
         real, l, g = line_pair(member)
         assert real
-        assert all(min(abs(np.dot(l, q)) / np.linalg.norm(l), abs(np.dot(g, q)) / np.linalg.norm(g)) < 1e-6 for q in points)
+        assert all(
+            min(abs(np.dot(l, q)) / np.linalg.norm(l), abs(np.dot(g, q)) / np.linalg.norm(g)) < 1e-6 for q in points
+        )
 
 
 def test_meet_lies_on_both():

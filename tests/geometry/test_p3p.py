@@ -27,9 +27,7 @@ def rays_of(points, dcm, position):
 
 def error(poses, dcm, position):
     """Of the solution nearest to the truth."""
-    sizes = [
-        max(np.abs(q[:3] - dcm).max(), np.linalg.norm(q[3] - position) / np.linalg.norm(position)) for q in poses
-    ]
+    sizes = [max(np.abs(q[:3] - dcm).max(), np.linalg.norm(q[3] - position) / np.linalg.norm(position)) for q in poses]
     return min(sizes, default=np.inf)
 
 

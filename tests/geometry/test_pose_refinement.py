@@ -108,7 +108,9 @@ def test_collinear_points_fix_no_pose():
     _, _, weights, _, dcm, position = example()
     points = np.outer(np.linspace(-0.3, 0.3, 5), [0.2, 0.5, 0.8])
     information = np.empty((6, 6))
-    pose_information(points, image(points, dcm, position), weights, np.vstack([dcm, position]), information, np.empty(6))
+    pose_information(
+        points, image(points, dcm, position), weights, np.vstack([dcm, position]), information, np.empty(6)
+    )
     assert not invertible(information)
 
 

@@ -9,9 +9,10 @@ from scipy import ndimage
 from relnav.arrays import Codes, Flags, Matrix, Stack, Vector
 from relnav.sensors.three_marker.sensor import Imager
 
-_MARGIN_PX = 2  # pixels around those above the threshold that belong to a spot: its faint rim
+_RIM = 0.5  # of the threshold: pixels above it that touch one above the threshold are of the same blob
+_MARGIN_PX = 2  # pixels around those that belong to a spot as well: its faint rim
 _ELONGATION = 1.25  # of the squared radii along and across: a round blob has 1, two equal ones 1.1 sigma apart 1.3
-_HOT_PIXEL = 0.25  # of the expected squared radius: anything narrower is no image of a lens
+_HOT_PIXEL = 0.3  # of the brightest pixel: its eight neighbours together hold more in any image that a lens makes
 _QUANTISATION_DN = 12.0**-0.5
 _LEAST_DIP = 5.0  # noise sigmas by which a second peak must stand out
 
@@ -86,10 +87,13 @@ def find_spots(image_dn: ArrayLike, imager: Imager) -> Spots:
     background, noise = _background(image, imager)
     image[~np.isfinite(image)] = background
     signal = image - background
+    level = imager.threshold_sigma * noise
     labels = np.zeros(image.shape, dtype=np.int64)
-    count = int(ndimage.label(signal > imager.threshold_sigma * noise, np.ones((3, 3), dtype=bool), output=labels))
+    ndimage.label(signal > _RIM * level, np.ones((3, 3), dtype=bool), output=labels)
+    seen = np.unique(labels[signal > level])
+    labels[~np.isin(labels, seen)] = 0
     boxes = ndimage.find_objects(labels)
-    found = [_measure_blob(image, signal, labels, k, boxes[k - 1], noise, imager) for k in range(1, count + 1)]
+    found = [_measure_blob(image, signal, labels, int(k), boxes[k - 1], noise, imager) for k in seen]
     blobs = sorted((blob for blob in found if blob is not None), key=lambda blob: -blob.flux)
     return Spots(
         np.array([blob.centre for blob in blobs]).reshape(-1, 2),
@@ -135,7 +139,9 @@ def _measure_blob(
     variance = noise**2 + np.maximum(s, 0.0) / imager.electrons_per_dn
     covariance = (d * variance[:, None]).T @ d / flux**2 + imager.centroid_floor_px**2 * np.eye(2)
     moments = (d * s[:, None]).T @ d / flux
-    if not moments.trace() > 2.0 * _HOT_PIXEL * imager.spot_sigma_px**2:
+    peak = int(np.argmax(s))
+    beside = np.abs(at - at[peak]).max(axis=1) == 1.0
+    if not float(s[beside].sum()) > _HOT_PIXEL * float(s[peak]):
         return None
     (across, along), axes = np.linalg.eigh(moments)
     spread = d @ axes
