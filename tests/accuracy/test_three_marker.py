@@ -127,13 +127,13 @@ def test_budget_is_what_trials_find(raised):
 
 @pytest.mark.parametrize(("h", "z_a", "z_b"), [(0.3, 0.3, -0.15), (0.15, 0.3, -0.15), (0.05, 0.3, -0.15)])
 def test_danger_range_of_a_raised_vertex(raised, h, z_a, z_b):
-    """r = h + z_a (z_a - z_b) / h: 0.75, 1.05 and 2.75 m."""
+    """At r = h + z_a (z_a - z_b) / h: 0.75, 1.05 and 2.75 m."""
     b = 0.3 * math.sqrt(0.75)
     model = with_markers(raised, ((0.0, b, -z_b), (0.0, -b, -z_b), (h, 0.0, -z_a)))
     (found,) = danger_ranges(model)
     assert found == pytest.approx(h + z_a * (z_a - z_b) / h, rel=1e-6)
-    sigma = [entry.tilt_sigma_rad for entry in budget(with_markers(
-        raised, model.markers.positions_m, focal_length_px=(500.0, 500.0)), (found * 1.001, found * 1.5)).rows]  # fmt: skip
+    wide = with_markers(raised, model.markers.positions_m, focal_length_px=(500.0, 500.0))
+    sigma = [entry.tilt_sigma_rad for entry in budget(wide, (found * 1.001, found * 1.5)).rows]
     assert sigma[0] > 20.0 * sigma[1]
 
 

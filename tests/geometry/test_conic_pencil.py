@@ -15,8 +15,8 @@ def matrix(m):
     return np.array([[m[0], m[1], m[3]], [m[1], m[2], m[4]], [m[3], m[4], m[5]]])
 
 
-def of_lines(l, g):
-    return np.outer(l, g) + np.outer(g, l)
+def of_lines(one, other):
+    return np.outer(one, other) + np.outer(other, one)
 
 
 @pytest.mark.parametrize("spread", [1.0, 1e4, 1e9])
@@ -48,11 +48,12 @@ def test_cubic_triple_root():
 def test_line_pair_is_what_was_multiplied():
     rng = np.random.default_rng(3)
     for _ in range(300):
-        lines = rng.normal(size=(2, 3))
-        real, l, g = line_pair(conic(of_lines(*lines)))
+        wanted = of_lines(*rng.normal(size=(2, 3)))
+        real, *lines = line_pair(conic(wanted))
         assert real
-        np.testing.assert_allclose(of_lines(l, g) / np.abs(of_lines(l, g)).max(), np.sign(np.sum(
-            of_lines(l, g) * of_lines(*lines))) * of_lines(*lines) / np.abs(of_lines(*lines)).max(), atol=1e-9)  # fmt: skip
+        got = of_lines(*lines)
+        scale = np.sum(got * wanted) / np.sum(got * got)
+        np.testing.assert_allclose(scale * got, wanted, atol=1e-9 * np.abs(wanted).max())
 
 
 def test_a_pair_of_imaginary_lines_is_not_real():
@@ -75,11 +76,10 @@ def test_degenerate_member_is_degenerate_and_real():
         assert abs(np.linalg.det(M)) < 1e-9 * np.abs(M).max() ** 3
         for point in points:
             assert abs(point @ M @ point) < 1e-8 * np.abs(M).max() * (point @ point)
-        real, l, g = line_pair(member)
+        real, *lines = line_pair(member)
         assert real
-        assert all(
-            min(abs(np.dot(l, q)) / np.linalg.norm(l), abs(np.dot(g, q)) / np.linalg.norm(g)) < 1e-6 for q in points
-        )
+        for point in points:
+            assert min(abs(np.dot(line, point)) / np.linalg.norm(line) for line in lines) < 1e-6
 
 
 def test_meet_lies_on_both():
@@ -98,7 +98,7 @@ def test_meet_lies_on_both():
 
 
 def test_meet_of_complex_points_is_their_real_part():
-    """y = 1 and the unit circle scaled by 0.8: x = +-0.6 i."""
+    """Y = 1 and the unit circle scaled by 0.8: x = +-0.6 i."""
     count, x, y, *_ = meet((0.0, 1.0, -1.0), conic(np.diag([1.0, 1.0, -0.64])))
     assert (count, x, y) == (1, pytest.approx(0.0), pytest.approx(1.0))
 

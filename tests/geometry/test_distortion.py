@@ -44,7 +44,7 @@ def test_there_and_back(lens):
 
 
 def test_an_image_beyond_the_fold_is_none():
-    """x (1 - 0.25 x^2) is at most 0.77, at x = 1.15: no point has its image at 1.0."""
+    """The most of x (1 - 0.25 x^2) is 0.77, at x = 1.15: no point has its image at 1.0."""
     image = np.array([[1.0, 0.0], [0.5, 0.0], [np.nan, 0.0]])
     back, _ = undistort(image, np.array([-0.25, 0.0, 0.0, 0.0, 0.0]))
     assert np.isnan(back[[0, 2]]).all()

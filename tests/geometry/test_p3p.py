@@ -40,7 +40,7 @@ def random_view(rng):
 
 
 def symmetric_view(rng):
-    """Exactly on the axis of a pattern with two equal sides, or three: where a pencil's leading coefficient vanishes."""
+    """Exactly on the axis of a pattern with two equal sides or three: a pencil's leading coefficient vanishes."""
     b, c, h, kind = rng.uniform(0.1, 0.6), rng.uniform(0.1, 0.6), rng.uniform(-0.5, 0.5), rng.integers(4)
     points = (
         np.array([[-b, c, 0.0], [b, c, 0.0], [0.0, 0.0, h]]),

@@ -69,7 +69,9 @@ def test_the_least_squares_pose(seed):
         return np.einsum("nji,nj->ni", chol, e).ravel()
 
     best = least_squares(residual, np.zeros(6), xtol=1e-15, ftol=1e-15, gtol=1e-15)
-    start = np.vstack([dcm @ Rotation.from_rotvec([0.1, -0.05, 0.08]).as_matrix(), position + [0.1, 0.05, -0.3]])
+    start = np.vstack(
+        [dcm @ Rotation.from_rotvec([0.1, -0.05, 0.08]).as_matrix(), position + np.array([0.1, 0.05, -0.3])]
+    )
     steps, misfit, pose, information = refine(points, xy, weights, start)
     assert 0 < steps < 15
     assert misfit == pytest.approx(2.0 * best.cost, rel=1e-9)

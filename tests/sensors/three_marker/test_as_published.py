@@ -122,11 +122,11 @@ def test_a_singular_view_has_no_small_angle_solution(own):
     """A vertex raised by 0.3 m seen from 0.75 m: the camera is on the danger cylinder."""
     R, h = 0.3, 0.3
     points = R * np.array([[-np.sqrt(0.75), 0, -0.5], [np.sqrt(0.75), 0, -0.5], [0.0, -h / R, 1.0]])
-    p = points + [0.0, 0.75, 0.0]
+    p = points + np.array([0.0, 0.75, 0.0])
     xy = np.stack([p[:, 0] / p[:, 1], -p[:, 2] / p[:, 1]], axis=-1)
     pose = small_angle(xy, points, own.cam_from_paper)
     assert np.isnan(pose).all()
-    p = points + [0.0, 0.9, 0.0]
+    p = points + np.array([0.0, 0.9, 0.0])
     xy = np.stack([p[:, 0] / p[:, 1], -p[:, 2] / p[:, 1]], axis=-1)
     np.testing.assert_allclose(small_angle(xy, points, own.cam_from_paper)[3], [0.0, 0.0, 0.9], atol=1e-12)
 

@@ -61,7 +61,7 @@ def test_what_is_not_visible(model):
 
 
 def test_a_fold_does_not_bring_back_what_is_outside(model):
-    """x (1 - 0.9 x^2) at x = 0.97 is 0.15: on the image, although the ray is far off it."""
+    """At x = 0.97, x (1 - 0.9 x^2) is 0.15: on the image, although the ray is far off it."""
     camera = dataclasses.replace(model.camera, distortion=(-0.9, 0.0, 0.0, 0.0, 0.0))
     p = np.array([[0.97 * 5.0, 0.0, 5.0], [0.1 * 5.0, 0.0, 5.0]])
     assert project(p, camera).visible.tolist() == [False, True]

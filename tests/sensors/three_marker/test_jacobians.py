@@ -8,6 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from relnav.sensors.three_marker import project, spot_jacobians
 
+ZERO = np.zeros(3)
+
 
 @pytest.fixture(scope="module")
 def scene(with_lens):
@@ -21,7 +23,7 @@ def scene(with_lens):
     return camera, points, dcm, np.array([0.3, -0.2, 4.0])
 
 
-def spots(scene, *, dr=0.0, theta=np.zeros(3), ds=0.0, dc=np.zeros(3), eps=np.zeros(3), alpha=np.zeros(3)):
+def spots(scene, *, dr=0.0, theta=ZERO, ds=0.0, dc=ZERO, eps=ZERO, alpha=ZERO):
     """Spots with everything a little off, by frames: target and chaser stand still in space, the camera may not."""
     camera, points, dcm, position = scene
     mount, lever = camera.dcm_cam_from_chaser, np.array(camera.position_m)
