@@ -11,7 +11,11 @@ rotation and position from the result. Only ratios mean anything on another mach
 
 import argparse
 import json
+import os
 import statistics
+import subprocess
+import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -165,6 +169,29 @@ def _loop(rays, points, poses, times):
     return total
 
 
+PLAIN = """
+import sys, time
+import numpy as np
+from relnav.geometry.p3p import p3p
+given = np.load(sys.argv[1])
+views = list(zip(given["rays"], given["points"]))
+began = time.thread_time_ns()
+for rays, points in views:
+    p3p(rays, points)
+print((time.thread_time_ns() - began) / len(views) / 1000.0)
+"""
+
+
+def _plain_python(chosen):
+    """Microseconds a call of the same lines uncompiled, in a process of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "views.npz"
+        np.savez(path, rays=[view[0] for view in chosen], points=[view[2] for view in chosen])
+        command = [sys.executable, "-c", PLAIN, str(path)]
+        done = subprocess.run(command, check=True, capture_output=True, text=True, env=os.environ | {"RELNAV_JIT": "0"})
+    return float(done.stdout)
+
+
 def timing(rounds, seed):
     """Median microseconds a call of each solver, on views that all of them solve alike."""
     chosen = []
@@ -208,6 +235,7 @@ def timing(rounds, seed):
             began = time.thread_time_ns()
             function()
             times[name].append((time.thread_time_ns() - began) / TIMED_VIEWS / 1000.0)
+    times["relnav, as plain Python"] = [_plain_python(chosen)]
     reference = statistics.median(times["relnav, call"])
     for name, values in times.items():
         if not name.startswith("relnav"):

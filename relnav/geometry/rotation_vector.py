@@ -1,4 +1,4 @@
-"""Small rotations: the rotation vector v with R = exp([v x]), its inverse, and the way to the nearest rotation."""
+"""Rotation vectors: dcm exp([v x]), and the v between two attitudes."""
 
 import math
 
@@ -42,11 +42,3 @@ def rotation_vector_between(dcm: Matrix, reference: Matrix) -> Vector:
     sign = -1.0 if float(axis @ sine_axis) < 0.0 else 1.0
     half_turn: Vector = sign * math.atan2(sine, cosine) * axis
     return half_turn
-
-
-def nearest_rotation(matrix: Matrix) -> Matrix:
-    """The rotation (3, 3) nearest to a matrix in the least-squares sense (its polar factor, determinant +1)."""
-    u, _, vt = np.linalg.svd(np.asarray(matrix, dtype=np.float64))
-    u[:, 2] *= np.sign(np.linalg.det(u @ vt))
-    rotation: Matrix = u @ vt
-    return rotation

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from relnav.geometry.rotation_vector import nearest_rotation, rotation_vector_between, turn_by_rotation_vector
+from relnav.geometry.rotation_vector import rotation_vector_between, turn_by_rotation_vector
 
 ANGLES = [0.0, 1e-12, 1e-9, 1e-6, 9.9e-5, 1.01e-4, 1e-3, 0.1, 1.0, 2.0, 3.0, 3.1, np.pi - 1e-6, np.pi - 1e-12]
 
@@ -35,13 +35,3 @@ def test_exactly_half_a_turn():
         v = rotation_vector_between(half, np.eye(3))
         assert np.linalg.norm(v) == pytest.approx(np.pi, abs=1e-12)
         assert abs(v @ unit) == pytest.approx(np.pi, abs=1e-12)
-
-
-def test_nearest_rotation():
-    rng = np.random.default_rng(2)
-    for _ in range(50):
-        dcm = Rotation.random(random_state=rng).as_matrix()
-        np.testing.assert_allclose(nearest_rotation(dcm * 1.3), dcm, atol=1e-12)
-        off = nearest_rotation(dcm + 1e-3 * rng.normal(size=(3, 3)))
-        np.testing.assert_allclose(off @ off.T, np.eye(3), atol=1e-12)
-        assert np.linalg.det(off) == pytest.approx(1.0)
