@@ -176,9 +176,9 @@ def _checked(
 
 
 def _roots(xy: Matrix, weights: Matrix, points: Matrix, belief: Pose | View, method: str) -> list[Root]:
-    start = small_angle(xy, points, belief.dcm_cam_from_target, passes=3 if method == "exact" else 1)
     if method == "exact":
-        return rank_roots(explaining_poses(xy, weights, points, start if np.isfinite(start).all() else None), belief)
+        return rank_roots(explaining_poses(xy, weights, points), belief)
+    start = small_angle(xy, points, belief.dcm_cam_from_target)
     if not np.isfinite(start).all():
         return []
     information = np.empty((6, 6))

@@ -110,20 +110,15 @@ def refined(xy: Matrix, weights: Matrix, points_m: Matrix, start: Matrix) -> tup
     return (pose, information, float(misfit)) if invertible(information) else None
 
 
-def explaining_poses(
-    xy: Matrix, weights: Matrix, points_m: Matrix, start: Matrix | None = None
-) -> list[tuple[Matrix, Matrix, float]]:
+def explaining_poses(xy: Matrix, weights: Matrix, points_m: Matrix) -> list[tuple[Matrix, Matrix, float]]:
     """Every pose (4, 3) that explains the normalised image (n, 2) of n >= 3 markers, its information and its misfit.
 
-    P3P of the widest triples, real solutions and pairs that noise may have made complex, each refined on all spots;
-    with `start` that pose as well.
+    P3P of the widest triples, real solutions and pairs that noise may have made complex, each refined on all spots.
     """
     rays = unit_rays(xy)
     starts = [
         pose for triple in triples(points_m) for pose in p3p(rays[list(triple)], points_m[list(triple)], near=True)
     ]
-    if start is not None:
-        starts.append(start)
     found: list[tuple[Matrix, Matrix, float]] = []
     for candidate in starts:
         result = refined(xy, weights, points_m, candidate)
