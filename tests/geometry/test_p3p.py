@@ -237,6 +237,27 @@ def test_where_the_camera_is():
     np.testing.assert_allclose(out, camera, atol=1e-14)
 
 
+@pytest.mark.parametrize("off_axis_deg", [0.0, 20.0, 45.0, 70.0, 85.0, 110.0, 150.0])
+def test_three_beacons_far_off_their_axis(off_axis_deg):
+    """Triangle of seed 000 (a = 0.3 m, equilateral) from any direction: the camera's position is among the results.
+
+    Its plane holds the docking axis, so that on the axis all three are seen on one line.
+    """
+    beacons = np.array([[0.0, 0.3, 0.0], [0.0, -0.3, 0.0], [0.3 * np.sqrt(3.0), 0.0, 0.0]])
+    rng = np.random.default_rng(21)
+    off = np.radians(off_axis_deg)
+    for _ in range(200):
+        turn, r = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.8, 10.0)
+        camera = r * np.array([np.cos(off), np.sin(off) * np.cos(turn), np.sin(off) * np.sin(turn)])
+        dcm = Rotation.random(random_state=rng).as_matrix()
+        poses, found = p3p(rays_of(beacons, dcm, -dcm @ camera), beacons), np.empty(3)
+        misses = []
+        for pose in poses:
+            camera_in_target(pose, found)
+            misses.append(np.linalg.norm(found - camera) / r)
+        assert min(misses) < 1e-6
+
+
 @kernel
 def _many(rays, points, poses, times):
     total = 0

@@ -5,6 +5,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from relnav._kernel import is_compiled, kernel
 from relnav.geometry.pose_refinement import (
     BEHIND,
     WORK_ROWS,
@@ -114,6 +115,38 @@ def test_collinear_points_fix_no_pose():
         points, image(points, dcm, position), weights, np.vstack([dcm, position]), information, np.empty(6)
     )
     assert not invertible(information)
+
+
+@kernel
+def _many(points, xy, weights, start, pose, information, work, times):
+    total = 0
+    for _ in range(times):
+        for i in range(4):
+            for j in range(3):
+                pose[i, j] = start[i, j]
+        steps, _misfit = refine_pose(points, xy, weights, pose, information, work)
+        total += steps
+    return total
+
+
+@pytest.mark.skipif(not is_compiled(), reason="plain Python allocates")
+def test_compiled_code_allocates_nothing():
+    from numba.core.runtime import _nrt_python, rtsys
+
+    points, xy, weights, _, dcm, position = example(noise=1e-4)
+    start = np.vstack([dcm, position + 0.05])
+    scratch = np.empty((4, 3)), np.empty((6, 6)), np.empty((WORK_ROWS, 6, 6))
+    assert _many(points, xy, weights, start, *scratch, 1) > 1
+    was_on = _nrt_python.memsys_stats_enabled()
+    _nrt_python.memsys_enable_stats()
+    counts = []
+    for times in (0, 1, 1000):
+        before = rtsys.get_allocation_stats().alloc
+        _many(points, xy, weights, start, *scratch, times)
+        counts.append(rtsys.get_allocation_stats().alloc - before)
+    if not was_on:
+        _nrt_python.memsys_disable_stats()
+    assert counts[0] == counts[1] == counts[2]
 
 
 def test_solve_positive():

@@ -31,7 +31,8 @@ class PoseMeasurement:
         Of (position error in camera axes, m; attitude error in target axes, rad); NaN unless `status` is OK.
     status : Status
         Why there is no value, if there is none. OUTSIDE_DOMAIN: another pose explains the spots as well (`roots`).
-        DEGENERATE: so near a singular view that no covariance describes the error.
+        DEGENERATE: so near a singular view that no covariance describes the error. NO_CONVERGENCE: no pose explains
+        the spots, or the best one misfits four spots or more by more than one in a million would by chance.
     ambiguity : float
         Twice the log of the odds of the first pose against the next under spots and prior; infinite if there is no
         other. Below 18.4 (odds of ten thousand) the status is OUTSIDE_DOMAIN.

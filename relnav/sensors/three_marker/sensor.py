@@ -112,7 +112,7 @@ class Imager:
     Attributes
     ----------
     spot_sigma_px : float
-        Radius (1-sigma of a Gaussian) of a distant marker's blob.
+        Radius (1-sigma of a Gaussian) of a distant marker's blob: what the simulator draws.
     read_noise_dn : float
         1-sigma noise of a dark pixel, in digital numbers.
     electrons_per_dn : float
