@@ -18,7 +18,6 @@ UNITS: dict[str, tuple[str, float]] = {
     "mrad": ("rad", 1e-3),
     "deg": ("rad", math.pi / 180.0),
     "arcsec": ("rad", math.pi / 648000.0),
-    "px": ("px", 1.0),
     "s": ("s", 1.0),
     "min": ("s", 60.0),
     "rad_s": ("rad_s", 1.0),
