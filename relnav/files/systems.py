@@ -15,19 +15,20 @@ class System:
         Dataclass whose fields are the sections of the model file.
     accuracy : str
         Function (mission, published, *, runs, seed, progress) -> AccuracyReport or ClaimsReport.
+    budget : str
+        Function (mission) -> report with `lines()` and `to_dict()`, for `relnav budget`; optionally
+        `change_lines(before, change)`, what a change of the design bought, `before` being the report before it.
     runs : int
         Runs of the accuracy benchmark unless the user says otherwise.
     progress_steps : int
         How often `progress` is called for a run.
-    budget : str
-        Function (mission) -> report with `lines()` and `to_dict()`, for `relnav budget`; "" if it has none.
     """
 
     mission: str
     accuracy: str = ""
+    budget: str = ""
     runs: int = 200
     progress_steps: int = 1
-    budget: str = ""
 
 
 SYSTEMS: dict[str, System] = {
