@@ -45,7 +45,11 @@ def test_claims_are_complete():
     [
         ("[1407.0, 1407.0]", "[1407.0, 0.0]", r"camera.focal_length_px: .*greater than 0"),
         ("[1024, 1024]", "[1024.5, 1024]", r"camera.image_size_px: .*integer"),
-        ("focal_length_px =", "focal_length_mm =", r"camera.focal_length_mm: unknown key; did you mean 'focal_length_px'"),
+        (
+            "focal_length_px =",
+            "focal_length_mm =",
+            r"camera.focal_length_mm: unknown key; did you mean 'focal_length_px'",
+        ),
         ("[0.3, 0.0, 0.0]]", "[0.3, 0.0]]", r"markers.positions_m"),
         (
             "[[0.0, 0.3, 0.3], [0.0, -0.3, 0.3], [0.3, 0.0, 0.0]]",

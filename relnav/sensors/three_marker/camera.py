@@ -36,6 +36,15 @@ def on_image(spots_px: Matrix, camera: MarkerCamera) -> Flags:
     return inside
 
 
+def usable_covariance(covariance_px2: Stack) -> Flags:
+    """Which spots' covariances (n, 2, 2) are finite, symmetric and positive definite."""
+    a, b, c, d = (covariance_px2[:, i, j] for i in (0, 1) for j in (0, 1))
+    with np.errstate(invalid="ignore", over="ignore"):
+        good = (a > 0.0) & (a * d - b * c > 0.0) & (np.abs(b - c) <= 1e-9 * np.sqrt(np.abs(a * d)))
+    usable: Flags = good & np.isfinite(covariance_px2).all(axis=(1, 2))
+    return usable
+
+
 def project(points_cam_m: Matrix, camera: MarkerCamera) -> Projection:
     """Spots of points (n, 3) m in camera axes."""
     p = np.asarray(points_cam_m, dtype=np.float64)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relnav.arrays import Matrix, Stack
+from relnav.arrays import Matrix
 from relnav.geometry.p3p import p3p
 from relnav.sensors.three_marker.camera import unit_rays
 from relnav.sensors.three_marker.pose import Pose, Root, explaining_poses, rank_roots
@@ -67,11 +67,3 @@ def labelled_roots(xy: Matrix, weights: Matrix, points_m: Matrix, prior: Pose | 
         for root in rank_roots(explaining_poses(xy[spot], weights[spot], points_m[marker]), prior):
             found.append(LabelledRoot(root, labels))
     return sorted(found, key=lambda entry: entry.root.score)
-
-
-def usable_covariance(covariance_px2: Stack) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Which spots' covariances (n, 2, 2) are finite, symmetric and positive definite."""
-    a, b, c, d = (covariance_px2[:, i, j] for i in (0, 1) for j in (0, 1))
-    with np.errstate(invalid="ignore", over="ignore"):
-        good = (a > 0.0) & (a * d - b * c > 0.0) & (np.abs(b - c) <= 1e-9 * np.sqrt(np.abs(a * d)))
-    return good & np.isfinite(covariance_px2).all(axis=(1, 2))

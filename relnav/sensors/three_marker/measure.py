@@ -9,8 +9,8 @@ from relnav.arrays import Matrix
 from relnav.geometry.pose_refinement import invertible, pose_information
 from relnav.sensors.measurement import Status
 from relnav.sensors.three_marker.as_published import small_angle
-from relnav.sensors.three_marker.camera import normalise, on_image
-from relnav.sensors.three_marker.labels import labelled_roots, usable_covariance
+from relnav.sensors.three_marker.camera import normalise, on_image, usable_covariance
+from relnav.sensors.three_marker.labels import labelled_roots
 from relnav.sensors.three_marker.outcome import PoseMeasurement, judged, no_measurement
 from relnav.sensors.three_marker.pose import Pose, Root, explaining_poses, is_gaussian, rank_roots
 from relnav.sensors.three_marker.sensor import Imager, MarkerCamera, Markers, View
