@@ -126,7 +126,7 @@ def solve_factored(ud: Matrix, rhs: Vector) -> None:
         for j in range(i + 1, 6):
             rhs[i] -= ud[i, j] * rhs[j]
     for i in range(6):
-        rhs[i] = quotient(rhs[i], ud[i, i], 0.0)
+        rhs[i] *= quotient(1.0, ud[i, i], 0.0)
     for i in range(6):
         for j in range(i):
             rhs[i] -= ud[j, i] * rhs[j]
