@@ -15,7 +15,7 @@ from relnav.arrays import Flags, Matrix, Vector
 from relnav.estimation.consistency import Consistency
 from relnav.estimation.factored import factorize
 from relnav.mission import Model
-from relnav.navigation.docking_view import UPPER, views
+from relnav.navigation.docking_view import LOWER, views
 from relnav.navigation.log import filter_epochs
 from relnav.navigation.settled import settled_filter
 from relnav.simulation.detector import project_beacons
@@ -247,7 +247,7 @@ def settled_rows(model: Model, rate_hz: float) -> list[SettledRow]:
             settled = settled_filter(model, place, rate_hz, method)
             state = np.zeros((1, 6))
             state[0, :3] = model.port_position_m + model.dcm_dock_from_lvlh.T @ place - lever
-            packed = factorize(0.5 * (settled.posterior + settled.posterior.T))[UPPER][None]
+            packed = factorize(0.5 * (settled.posterior + settled.posterior.T))[LOWER][None]
             view = views(state, packed, model.dcm_dock_from_lvlh, model.port_position_m, lever[None])
             sigma = np.sqrt(view[[3, 6, 8], 0]).tolist()
             reached = _held_filter(model, state[0], rate_hz, method)

@@ -1,9 +1,12 @@
-"""Covariance as P = U D U^T (U unit upper triangular, D diagonal >= 0): updates that cannot lose positive definiteness.
+"""Covariance as P = L D L^T (L unit lower triangular, D diagonal >= 0): updates that cannot lose positive definiteness.
 
 Bierman (1977), Factorization Methods for Discrete Sequential Estimation: the measurement update of ch. V and
-Thornton's time update by modified weighted Gram-Schmidt, ch. VI. It costs what Joseph's form costs and keeps all
-digits where that one and the textbook form fail. U and D share one matrix `ud` (6, 6): D on the diagonal, U above
-it, zeros below.
+Thornton's time update by modified weighted Gram-Schmidt, ch. VI, in the mirror: his U D U^T of the state with its
+components reversed. For a state (position, velocity) it is the better half: D begins with the position's variances, so
+positions that are known much better than velocities keep all digits of their covariance with them (with U D U^T 1e-5 is
+left of it in `tests/estimation/test_numerics.py`), and rows that see positions alone touch half of the columns. It
+costs what Joseph's form costs and keeps all digits where that one and the textbook form fail. L and D share one matrix
+`ld` (6, 6): D on the diagonal, L below it; what stands above is not used.
 """
 
 import numpy as np
@@ -13,8 +16,8 @@ from relnav.arrays import Matrix, Vector
 
 
 @kernel
-def factorize_into(p: Matrix, ud: Matrix) -> bool:
-    """Write the factors of the symmetric p (6, 6) into ud; False if p is not positive semidefinite.
+def factorize_into(p: Matrix, ld: Matrix) -> bool:
+    """Write the factors of the symmetric p (6, 6) into ld; False if p is not positive semidefinite.
 
     A pivot that is zero to rounding counts as zero, with its column: a direction without uncertainty.
     """
@@ -22,40 +25,40 @@ def factorize_into(p: Matrix, ud: Matrix) -> bool:
     growth = 1.0  # of rounding, by the smallest pivot so far beside its variance
     for i in range(size):
         for j in range(size):
-            ud[i, j] = p[i, j] if j >= i else 0.0
-    for j in range(size - 1, -1, -1):
-        d = ud[j, j]
+            ld[i, j] = p[i, j] if j <= i else 0.0
+    for j in range(size):
+        d = ld[j, j]
         zero = abs(d) <= 1e-14 * growth * p[j, j]
         if not (d >= 0.0 or zero):
             return False
-        for i in range(j):
-            entry = ud[i, j]
+        for i in range(j + 1, size):
+            entry = ld[i, j]
             if not zero:
-                ud[i, j] = entry / d
+                ld[i, j] = entry / d
             elif entry * entry <= 1e-14 * growth * p[i, i] * p[j, j]:
-                ud[i, j] = 0.0
+                ld[i, j] = 0.0
             else:
                 return False
         if zero:
             d = 0.0
-            ud[j, j] = 0.0
+            ld[j, j] = 0.0
         else:
             growth = max(growth, p[j, j] / d)
         if d > 0.0:
-            for i in range(j):
-                for k in range(i + 1):
-                    ud[k, i] -= ud[k, j] * d * ud[i, j]
+            for i in range(j + 1, size):
+                for k in range(i, size):
+                    ld[k, i] -= ld[k, j] * d * ld[i, j]
     return True
 
 
-@straight_line(ud=(6, 6), p=(6, 6))
-def compose_into(ud: Matrix, p: Matrix) -> None:
-    """Write P = U D U^T (6, 6) into p."""
+@straight_line(ld=(6, 6), p=(6, 6))
+def compose_into(ld: Matrix, p: Matrix) -> None:
+    """Write P = L D L^T (6, 6) into p."""
     for i in range(6):
-        for j in range(i, 6):
-            total = ud[j, j] * (1.0 if i == j else ud[i, j])
-            for k in range(j + 1, 6):
-                total += ud[i, k] * ud[k, k] * ud[j, k]
+        for j in range(i + 1):
+            total = ld[j, j] * (1.0 if i == j else ld[i, j])
+            for k in range(j):
+                total += ld[i, k] * ld[k, k] * ld[j, k]
             p[i, j] = total
             p[j, i] = total
 
@@ -69,92 +72,93 @@ def dot(a: Vector, b: Vector) -> float:
     return total
 
 
-def orthogonalise(w: Matrix, weights: Vector, ud: Matrix) -> None:
-    """Write the factors of W diag(weights) W^T into ud: modified weighted Gram-Schmidt, last row to first.
+def orthogonalise(w: Matrix, weights: Vector, ld: Matrix) -> None:
+    """Write the factors of W diag(weights) W^T into ld: modified weighted Gram-Schmidt, first row to last.
 
     w (6, m) is used up; weights (m,) >= 0. The product is positive semidefinite by construction, whatever the
     rounding. A part of `straight_line` functions.
     """
     weighted = np.zeros(w.shape[1])
-    for i in range(5, -1, -1):
+    for i in range(6):
         for k in range(w.shape[1]):
             weighted[k] = w[i, k] * weights[k]
         d = dot(w[i], weighted)
         inverse = quotient(1.0, d, 0.0)
-        for j in range(i):
+        for j in range(i + 1, 6):
             c = dot(w[j], weighted) * inverse
-            ud[j, i] = c
+            ld[j, i] = c
             for k in range(w.shape[1]):
                 w[j, k] -= c * w[i, k]
-        ud[i, i] = d
+        ld[i, i] = d
 
 
-def spread(m: Matrix, ud: Matrix, w: Matrix, weights: Vector) -> None:
-    """Write M U and D of the factors ud into w (6, 6) and weights (6,): the part of M P M^T in a sum."""
+def spread(m: Matrix, ld: Matrix, w: Matrix, weights: Vector) -> None:
+    """Write M L and D of the factors ld into w (6, 6) and weights (6,): the part of M P M^T in a sum."""
     for i in range(6):
         for k in range(6):
             total = m[i, k]
-            for j in range(k):
-                total += m[i, j] * ud[j, k]
+            for j in range(k + 1, 6):
+                total += m[i, j] * ld[j, k]
             w[i, k] = total
     for k in range(6):
-        weights[k] = ud[k, k]
+        weights[k] = ld[k, k]
 
 
-@straight_line(ud=(6, 6), phi=(6, 6), q_ud=(6, 6))
-def time_update_into(ud: Matrix, phi: Matrix, q_ud: Matrix) -> None:
-    """Replace the factors of P by those of Phi P Phi^T + Q, in place (Thornton): W = [Phi U | U_q], weights (D, D_q).
+@straight_line(ld=(6, 6), phi=(6, 6), q_ld=(6, 6))
+def time_update_into(ld: Matrix, phi: Matrix, q_ld: Matrix) -> None:
+    """Replace the factors of P by those of Phi P Phi^T + Q, in place (Thornton): W = [Phi L | L_q], weights (D, D_q).
 
-    q_ud (6, 6) are the factors of Q.
+    q_ld (6, 6) are the factors of Q.
     """
     w, weights = np.zeros((6, 12)), np.zeros(12)
-    spread(phi, ud, w[:, :6], weights[:6])
+    spread(phi, ld, w[:, :6], weights[:6])
     for i in range(6):
-        weights[6 + i] = q_ud[i, i]
+        weights[6 + i] = q_ld[i, i]
         w[i, 6 + i] = 1.0
-        for k in range(i + 1, 6):
-            w[i, 6 + k] = q_ud[i, k]
-    orthogonalise(w, weights, ud)
+        for k in range(i):
+            w[i, 6 + k] = q_ld[i, k]
+    orthogonalise(w, weights, ld)
 
 
-def solve_factored(ud: Matrix, rhs: Vector) -> None:
+def solve_factored(ld: Matrix, rhs: Vector) -> None:
     """Replace rhs (6,) by P^-1 rhs; along directions without uncertainty (D = 0) the result is 0.
 
     A part of `straight_line` functions.
     """
-    for i in range(5, -1, -1):
-        for j in range(i + 1, 6):
-            rhs[i] -= ud[i, j] * rhs[j]
-    for i in range(6):
-        rhs[i] *= quotient(1.0, ud[i, i], 0.0)
     for i in range(6):
         for j in range(i):
-            rhs[i] -= ud[j, i] * rhs[j]
+            rhs[i] -= ld[i, j] * rhs[j]
+    for i in range(6):
+        rhs[i] *= quotient(1.0, ld[i, i], 0.0)
+    for i in range(5, -1, -1):
+        for j in range(i + 1, 6):
+            rhs[i] -= ld[j, i] * rhs[j]
 
 
-@straight_line(x=(6,), ud=(6, 6), h=(6,))
-def scalar_update(x: Vector, ud: Matrix, h: Vector, r: float, residual: float) -> float:
+@straight_line(x=(6,), ld=(6, 6), h=(6,))
+def scalar_update(x: Vector, ld: Matrix, h: Vector, r: float, residual: float) -> float:
     """Update x (6,) and its factors by one scalar measurement, in place; return its innovation variance.
 
     residual = z - prediction from the present x; h (6,) its gradient; r >= 0 its variance (Bierman 1977, eq. V.3).
     With r = 0 and no prior uncertainty along h, nothing changes and 0 is returned. A perfect measurement (r = 0) makes
-    the first component that it sees known: beta = 0 there, and D becomes 0.
+    the last component that it sees known: beta = 0 there, and D becomes 0. Take it once: to rounding, the same again
+    would be news.
     """
     gain = np.zeros(6)
     alpha = r
-    for j in range(6):
+    for j in range(5, -1, -1):
         f = h[j]
-        for i in range(j):
-            f += ud[i, j] * h[i]
-        g = ud[j, j] * f
+        for i in range(j + 1, 6):
+            f += ld[i, j] * h[i]
+        g = ld[j, j] * f
         beta = alpha
         alpha = alpha + f * g
         gain[j] = g
         lam = quotient(-f, beta, 0.0)
-        ud[j, j] *= quotient(beta, alpha, 1.0)
-        for i in range(j):
-            u = ud[i, j]
-            ud[i, j] = u + lam * gain[i]
+        ld[j, j] *= quotient(beta, alpha, 1.0)
+        for i in range(j + 1, 6):
+            u = ld[i, j]
+            ld[i, j] = u + lam * gain[i]
             gain[i] += g * u
     scaled = quotient(residual, alpha, 0.0)
     for j in range(6):
@@ -162,16 +166,16 @@ def scalar_update(x: Vector, ud: Matrix, h: Vector, r: float, residual: float) -
     return alpha
 
 
-@straight_line(ud=(6, 6), h1=(6,), h2=(6,))
-def innovation_variance(ud: Matrix, h1: Vector, h2: Vector) -> float:
+@straight_line(ld=(6, 6), h1=(6,), h2=(6,))
+def innovation_variance(ld: Matrix, h1: Vector, h2: Vector) -> float:
     """h1 P h2^T, the prior covariance of two scalar measurements."""
     total = 0.0
     for j in range(6):
         f1, f2 = h1[j], h2[j]
-        for i in range(j):
-            f1 += ud[i, j] * h1[i]
-            f2 += ud[i, j] * h2[i]
-        total += f1 * ud[j, j] * f2
+        for i in range(j + 1, 6):
+            f1 += ld[i, j] * h1[i]
+            f2 += ld[i, j] * h2[i]
+        total += f1 * ld[j, j] * f2
     return total
 
 
@@ -199,7 +203,7 @@ def decorrelate(r: Matrix, factor: Matrix, variances: Vector) -> bool:
 
 
 def factorize(covariance: Matrix) -> Matrix:
-    """Factors `ud` (6, 6) of a covariance (6, 6).
+    """Factors `ld` (6, 6) of a covariance (6, 6).
 
     Raises
     ------
@@ -209,16 +213,16 @@ def factorize(covariance: Matrix) -> Matrix:
     p = np.ascontiguousarray(covariance, dtype=np.float64)
     if p.shape != (6, 6) or not np.allclose(p, p.T, rtol=1e-12, atol=0.0):
         raise ValueError("a covariance is a symmetric (6, 6) matrix")
-    ud = np.zeros((6, 6))
-    if not factorize_into(p, ud):
+    ld = np.zeros((6, 6))
+    if not factorize_into(p, ld):
         raise ValueError("the covariance is not positive semidefinite")
-    return ud
+    return ld
 
 
-def compose(ud: Matrix) -> Matrix:
+def compose(ld: Matrix) -> Matrix:
     """Covariances (..., 6, 6) of factors (..., 6, 6), exactly symmetric."""
-    factors = np.asarray(ud, dtype=np.float64)
+    factors = np.asarray(ld, dtype=np.float64)
     d = np.diagonal(factors, axis1=-2, axis2=-1)
-    u = np.triu(factors, 1) + np.eye(6)
-    p: Matrix = (u * d[..., None, :]) @ np.swapaxes(u, -1, -2)
+    lower = np.tril(factors, -1) + np.eye(6)
+    p: Matrix = (lower * d[..., None, :]) @ np.swapaxes(lower, -1, -2)
     return 0.5 * (p + np.swapaxes(p, -1, -2))

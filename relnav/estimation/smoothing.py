@@ -17,19 +17,19 @@ from relnav.estimation.factored import compose_into, orthogonalise, solve_factor
 
 
 @straight_line(
-    filtered=(7, 6), predicted=(7, 6), later=(7, 6), phi=(6, 6), phi_inverse=(6, 6), q_ud=(6, 6)
+    filtered=(7, 6), predicted=(7, 6), later=(7, 6), phi=(6, 6), phi_inverse=(6, 6), q_ld=(6, 6)
 )  # fmt: skip
 def smooth_step(
-    filtered: Matrix, predicted: Matrix, later: Matrix, phi: Matrix, phi_inverse: Matrix, q_ud: Matrix
+    filtered: Matrix, predicted: Matrix, later: Matrix, phi: Matrix, phi_inverse: Matrix, q_ld: Matrix
 ) -> None:
     """Replace `later`, the smoothed track of the epoch after, by the smoothed track of this epoch.
 
-    Tracks (7, 6) are state and factors: `filtered` of this epoch, `predicted` of the epoch after. q_ud (6, 6) factors
+    Tracks (7, 6) are state and factors: `filtered` of this epoch, `predicted` of the epoch after. q_ld (6, 6) factors
     of Q.
     """
     q, m, c, a, gain = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
     w, weights, x = np.zeros((6, 18)), np.zeros(18), np.zeros(6)
-    compose_into(q_ud, q)
+    compose_into(q_ld, q)
     for j in range(6):  # M = Q Pp^-1, row by row: Q and Pp are symmetric
         for i in range(6):
             m[j, i] = q[i, j]
@@ -50,7 +50,7 @@ def smooth_step(
             x[i] += c[i, j] * (later[0, j] - predicted[0, j])
     spread(a, filtered[1:7], w[:, :6], weights[:6])
     spread(c, later[1:7], w[:, 6:12], weights[6:12])
-    spread(c, q_ud, w[:, 12:], weights[12:])
+    spread(c, q_ld, w[:, 12:], weights[12:])
     orthogonalise(w, weights, later[1:7])
     for i in range(6):
         later[0, i] = x[i]
@@ -64,7 +64,7 @@ def rts_smooth(
     Parameters
     ----------
     filtered_state, filtered_factors : (n, 6), (n, 6, 6)
-        States and factors `ud` after each epoch's measurement.
+        States and factors `ld` after each epoch's measurement.
     phi, effect, q : (n - 1, 6, 6), (n - 1, 6), (n - 1, 6, 6)
         Transition, known input and process noise covariance from each epoch to the next.
 
@@ -78,11 +78,11 @@ def rts_smooth(
     later = np.concatenate([state[-1:], factors[-1]])
     for e in range(len(state) - 2, -1, -1):
         transition = np.ascontiguousarray(phi[e])
-        q_ud = factorize(q[e])
+        q_ld = factorize(q[e])
         filtered = np.concatenate([state[e : e + 1], factors[e]])
         predicted = filtered.copy()
         predicted[0] = transition @ state[e] + effect[e]
-        time_update_into(predicted[1:7], transition, q_ud)
-        smooth_step(filtered, predicted, later, transition, np.linalg.inv(transition), q_ud)
+        time_update_into(predicted[1:7], transition, q_ld)
+        smooth_step(filtered, predicted, later, transition, np.linalg.inv(transition), q_ld)
         state[e], factors[e] = later[0], later[1:7]
     return state, factors

@@ -53,7 +53,7 @@ WORK = 58  # 24 rows: scratch of the closed form, of a start, of a step
 DOCK = 82  # 3 rows: dcm_dock_from_lvlh | port position, lvlh_ccsds
 ATTITUDE = 85  # 3 rows: dcm_cam_from_lvlh | camera from the chaser's centre of mass, camera axes
 CLOCK = 88  # time of the last epoch, running, trial running, rejected streak, starts, number of beacons
-TRACK = 89  # 7 rows: state x, then factors ud
+TRACK = 89  # 7 rows: state x, then factors ld
 RESULT = 96  # status, NIS, dof, measurement status, iterations, groups used
 INNOVATION = 97  # two numbers a beacon, row after row; NaN where there is none
 

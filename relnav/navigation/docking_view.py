@@ -14,6 +14,8 @@ VIEW_ROWS = 30
 """Range, azimuth, elevation; the 6 elements of their covariance; the 21 of the state's, upper triangles by rows."""
 UPPER = np.triu_indices(6)
 """Rows and columns of the 21 numbers of a (6, 6) upper triangle."""
+LOWER = np.tril_indices(6)
+"""Rows and columns of the 21 numbers of packed factors."""
 UPPER_THREE = np.triu_indices(3)
 
 

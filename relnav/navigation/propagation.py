@@ -79,8 +79,8 @@ def prepare_step(block: Matrix, dt: float) -> None:
         effect[3 + i] += given[3 + i]
 
 
-@straight_line(track=(7, 6), phi=PHI_PATTERN, effect=(6,), q_ud=(6, 6))
-def carry(track: Matrix, phi: Matrix, effect: Vector, q_ud: Matrix) -> None:
+@straight_line(track=(7, 6), phi=PHI_PATTERN, effect=(6,), q_ld=(6, 6))
+def carry(track: Matrix, phi: Matrix, effect: Vector, q_ld: Matrix) -> None:
     """Carry the state and factors of a track (7, 6) over a step: x = Phi x + effect, P = Phi P Phi^T + Q."""
     x = np.zeros(6)
     for i in range(6):
@@ -90,7 +90,7 @@ def carry(track: Matrix, phi: Matrix, effect: Vector, q_ud: Matrix) -> None:
         x[i] = total
     for i in range(6):
         track[0, i] = x[i]
-    time_update_into(track[1:7], phi, q_ud)
+    time_update_into(track[1:7], phi, q_ld)
 
 
 @kernel

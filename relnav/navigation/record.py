@@ -9,7 +9,7 @@ import numpy as np
 from relnav.arrays import Codes, Flags, Matrix, Stack, Vector
 from relnav.estimation.consistency import Consistency, nis_consistency
 from relnav.navigation.block import ATTITUDE, CLOCK, DOCK, INNOVATION, RESULT, TRACK
-from relnav.navigation.docking_view import UPPER, symmetric, views
+from relnav.navigation.docking_view import LOWER, UPPER, symmetric, views
 from relnav.navigation.status import STARTED, UPDATED, EpochStatus
 from relnav.sensors.measurement import Status
 
@@ -64,8 +64,8 @@ class FilterRecord:
         """`docking_view.VIEW_ROWS` of this epoch, (30, 1)."""
         mount, dock = self._rows[ATTITUDE - DOCK : ATTITUDE + 3 - DOCK], self._rows[:3]
         lever = mount[:, :3].T @ mount[:, 3]
-        ud = self._rows[TRACK + 1 - DOCK : TRACK + 7 - DOCK] if self.has_state else np.full((6, 6), np.nan)
-        return views(self.state[None], ud[UPPER][None], dock[:, :3], dock[:, 3], lever[None])
+        ld = self._rows[TRACK + 1 - DOCK : TRACK + 7 - DOCK] if self.has_state else np.full((6, 6), np.nan)
+        return views(self.state[None], ld[LOWER][None], dock[:, :3], dock[:, 3], lever[None])
 
     @property
     def range_m(self) -> float:
@@ -165,7 +165,7 @@ class Solution:
     state : (n, 6)
         Chaser relative to target, `lvlh_ccsds`.
     factor : (n, 21)
-        Covariance as U D U^T: the upper triangle of `ud`, row by row, D on its diagonal.
+        Covariance as L D L^T: the lower triangle of `ld`, row by row, D on its diagonal.
     innovation, nis, dof : (n, 2 beacons), (n,), (n,)
         As in FilterRecord: of everything seen, before the gate.
     status, measurement_status : (n,)

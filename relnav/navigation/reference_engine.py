@@ -34,7 +34,7 @@ from relnav.navigation.block import (
     TRIAL,
     beacon_row,
 )
-from relnav.navigation.docking_view import UPPER
+from relnav.navigation.docking_view import LOWER
 from relnav.navigation.observation import rows_in_use
 from relnav.navigation.propagation import prepare_step
 from relnav.navigation.sight import TIGHT_SHARE2, attitude_changed, camera_position_dock, uses_coordinates
@@ -251,4 +251,4 @@ def run_reference(
         innovation[e] = block[INNOVATION:].ravel()[: innovation.shape[1]]
         running = engine.track is not None
         state[e] = block[TRACK] if running else math.nan
-        factor[e] = block[TRACK + 1 : TRACK + 7][UPPER] if running else math.nan
+        factor[e] = block[TRACK + 1 : TRACK + 7][LOWER] if running else math.nan

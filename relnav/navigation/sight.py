@@ -70,7 +70,7 @@ def _locate(track: Matrix, offset: Vector, dock: Matrix, place: Vector) -> bool:
     for i in range(3):
         s[i] = track[0, i] + offset[i]
         variance = variance + track[1 + i, i]
-        for j in range(i + 1, 6):
+        for j in range(i):
             variance = variance + track[1 + i, j] * track[1 + i, j] * track[1 + j, j]
     for i in range(3):
         place[i] = dock[i, 0] * s[0] + dock[i, 1] * s[1] + dock[i, 2] * s[2]
@@ -78,7 +78,7 @@ def _locate(track: Matrix, offset: Vector, dock: Matrix, place: Vector) -> bool:
     place[3], place[4] = range2, variance
     for j in range(6):  # differences of equal numbers: 0, or NaN for what is not a number
         nothing = nothing + (track[0, j] - track[0, j])
-        for i in range(j + 1):
+        for i in range(j, 6):
             nothing = nothing + (track[1 + i, j] - track[1 + i, j])
     return (abs(nothing) <= 0.0) & (variance < range2)
 

@@ -13,13 +13,13 @@ from relnav.navigation.status import STARTED, WAITING
 LATER_ROWS = 9
 
 
-@straight_line(ud=(6, 6), packed=(21,))
-def pack_factors(ud: Matrix, packed: Vector) -> None:
-    """Write the upper triangle of ud (6, 6), row by row, into packed (21,)."""
+@straight_line(ld=(6, 6), packed=(21,))
+def pack_factors(ld: Matrix, packed: Vector) -> None:
+    """Write the lower triangle of ld (6, 6), row by row, into packed (21,)."""
     at = 0
     for i in range(6):
-        for j in range(i, 6):
-            packed[at] = ud[i, j]
+        for j in range(i + 1):
+            packed[at] = ld[i, j]
             at += 1
 
 
@@ -29,16 +29,16 @@ def unpack_track(state: Vector, packed: Vector, track: Matrix) -> None:
     at = 0
     for i in range(6):
         track[0, i] = state[i]
-        for j in range(i, 6):
+        for j in range(i + 1):
             track[1 + i, j] = packed[at]
             at += 1
 
 
 @straight_line(
-    state=(6,), packed=(21,), later=(7, 6), phi=PHI_PATTERN, inverse=PHI_PATTERN, effect=(6,), q_ud=(6, 6)
+    state=(6,), packed=(21,), later=(7, 6), phi=PHI_PATTERN, inverse=PHI_PATTERN, effect=(6,), q_ld=(6, 6)
 )  # fmt: skip
 def smooth_packed(
-    state: Vector, packed: Vector, later: Matrix, phi: Matrix, inverse: Matrix, effect: Vector, q_ud: Matrix
+    state: Vector, packed: Vector, later: Matrix, phi: Matrix, inverse: Matrix, effect: Vector, q_ld: Matrix
 ) -> None:
     """Replace a filtered state (6,) and packed factors (21,) by the smoothed ones, and `later` by the same."""
     filtered, predicted = np.zeros((7, 6)), np.zeros((7, 6))
@@ -46,8 +46,8 @@ def smooth_packed(
     for i in range(7):
         for j in range(6):
             predicted[i, j] = filtered[i, j]
-    carry(predicted, phi, effect, q_ud)
-    smooth_step(filtered, predicted, later, phi, inverse, q_ud)
+    carry(predicted, phi, effect, q_ld)
+    smooth_step(filtered, predicted, later, phi, inverse, q_ld)
     for i in range(6):
         state[i] = later[0, i]
     pack_factors(later[1:7], packed)

@@ -47,10 +47,10 @@ LONE_GATE_SHARE = 0.01
 
 @straight_line(source=(7, 6), target=(7, 6))
 def copy_track(source: Matrix, target: Matrix) -> None:
-    """Copy a track: state and the upper triangle of its factors."""
-    for j in range(6):
-        target[0, j] = source[0, j]
-        for i in range(j + 1):
+    """Copy a track: state and the lower triangle of its factors."""
+    for i in range(6):
+        target[0, i] = source[0, i]
+        for j in range(i + 1):
             target[1 + i, j] = source[1 + i, j]
 
 
@@ -134,12 +134,12 @@ def _agreeing(block: Matrix, track: Matrix, passing: int) -> int:
     return 0
 
 
-@straight_line(ud=(6, 6), h=("***000", "***000"), observed=(4,))
-def _beacon_nis(ud: Matrix, h: Matrix, observed: Vector) -> float:
+@straight_line(ld=(6, 6), h=("***000", "***000"), observed=(4,))
+def _beacon_nis(ld: Matrix, h: Matrix, observed: Vector) -> float:
     """Squared innovation of a beacon's two coordinates under the prior, over their covariance."""
-    xx = innovation_variance(ud, h[0], h[0]) + observed[2]
-    yy = innovation_variance(ud, h[1], h[1]) + observed[3]
-    xy = innovation_variance(ud, h[0], h[1])
+    xx = innovation_variance(ld, h[0], h[0]) + observed[2]
+    yy = innovation_variance(ld, h[1], h[1]) + observed[3]
+    xy = innovation_variance(ld, h[0], h[1])
     x, y = observed[0], observed[1]
     return quotient(x * x * yy - 2.0 * x * y * xy + y * y * xx, xx * yy - xy * xy, 0.0)
 
@@ -147,12 +147,12 @@ def _beacon_nis(ud: Matrix, h: Matrix, observed: Vector) -> float:
 @kernel
 def _lone_nis(block: Matrix, track: Matrix, row: int) -> tuple[float, int]:
     """NIS and degrees of freedom of the beacon with these rows alone."""
-    ud, observed, h = track[1:7], block[row + OBSERVED], block[row + GRADIENT : row + GRADIENT + 2]
+    ld, observed, h = track[1:7], block[row + OBSERVED], block[row + GRADIENT : row + GRADIENT + 2]
     if observed[2] > 0.0 and observed[3] > 0.0:
-        return _beacon_nis(ud, h, observed), 2
+        return _beacon_nis(ld, h, observed), 2
     for k in range(2):
         if observed[2 + k] > 0.0:
-            return observed[k] ** 2 / (innovation_variance(ud, h[k], h[k]) + observed[2 + k]), 1
+            return observed[k] ** 2 / (innovation_variance(ld, h[k], h[k]) + observed[2 + k]), 1
     return 0.0, 0
 
 
@@ -216,10 +216,10 @@ def _lone_beacon_is_telling(block: Matrix, track: Matrix) -> bool:
             beacons += 1
     if beacons != 1:
         return True
-    ud, hx, hy, position = track[1:7], block[lone + GRADIENT], block[lone + GRADIENT + 1], block[lone + POSITION]
-    xx = innovation_variance(ud, hx, hx) + position[3] * position[3]
-    yy = innovation_variance(ud, hy, hy) + position[4] * position[4]
-    xy = innovation_variance(ud, hx, hy)
+    ld, hx, hy, position = track[1:7], block[lone + GRADIENT], block[lone + GRADIENT + 1], block[lone + POSITION]
+    xx = innovation_variance(ld, hx, hx) + position[3] * position[3]
+    yy = innovation_variance(ld, hy, hy) + position[4] * position[4]
+    xy = innovation_variance(ld, hx, hy)
     area = math.pi * gate_limit(block, 2) * math.sqrt(max(0.0, xx * yy - xy * xy))
     return bool(area < LONE_GATE_SHARE * 4.0 * block[SENSOR, 1] * block[SENSOR, 2])
 

@@ -13,7 +13,7 @@ from relnav.estimation.smoothing import smooth_step
 
 @pytest.fixture(scope="session")
 def time_update() -> Callable[[np.ndarray, np.ndarray, np.ndarray], None]:
-    """(ud, phi, factors of Q): replaces ud in place."""
+    """(ld, phi, factors of Q): replaces ld in place."""
     return time_update_into
 
 

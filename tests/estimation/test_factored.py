@@ -39,23 +39,23 @@ def assert_same(got: np.ndarray, expected: np.ndarray, tolerance: float) -> None
 @given(SEED)
 def test_round_trip(seed: int) -> None:
     p = random_covariance(np.random.default_rng(seed))
-    ud = factorize(p)
-    assert (np.diag(ud) > 0.0).all()
-    np.testing.assert_array_equal(np.tril(ud, -1), 0.0)
-    u, d = np.triu(ud, 1) + np.eye(6), np.diag(np.diag(ud))
+    ld = factorize(p)
+    assert (np.diag(ld) > 0.0).all()
+    np.testing.assert_array_equal(np.triu(ld, 1), 0.0)
+    u, d = np.tril(ld, -1) + np.eye(6), np.diag(np.diag(ld))
     assert_same(u @ d @ u.T, p, 2e-15)
-    assert_same(compose(ud), p, 2e-15)
-    np.testing.assert_array_equal(compose(ud), compose(ud).T)
+    assert_same(compose(ld), p, 2e-15)
+    np.testing.assert_array_equal(compose(ld), compose(ld).T)
     out = np.full((6, 6), np.nan)
-    compose_into(ud, out)
+    compose_into(ld, out)
     assert_same(out, p, 2e-15)
 
 
 def test_many_at_once() -> None:
     rng = np.random.default_rng(1)
     p = np.array([[random_covariance(rng) for _ in range(3)] for _ in range(2)])
-    ud = np.array([[factorize(q) for q in row] for row in p])
-    got = compose(ud)
+    ld = np.array([[factorize(q) for q in row] for row in p])
+    got = compose(ld)
     assert got.shape == (2, 3, 6, 6)
     for i in range(2):
         for j in range(3):
@@ -67,26 +67,26 @@ def test_many_at_once() -> None:
 def test_time_update(time_update, seed: int) -> None:
     rng = np.random.default_rng(seed)
     p, q, phi = random_covariance(rng, 1.0), random_covariance(rng, 1.0), rng.normal(size=(6, 6))
-    ud = factorize(p)
-    time_update(ud, phi, factorize(q))
+    ld = factorize(p)
+    time_update(ld, phi, factorize(q))
     expected = phi @ p @ phi.T + q
-    assert_same(compose(ud), expected, 1e-13)
-    np.testing.assert_array_equal(np.tril(ud, -1), 0.0)
-    assert (np.diag(ud) > 0.0).all()
+    assert_same(compose(ld), expected, 1e-13)
+    np.testing.assert_array_equal(np.triu(ld, 1), 0.0)
+    assert (np.diag(ld) > 0.0).all()
 
 
 def test_time_update_without_noise_and_without_uncertainty(time_update) -> None:
     rng = np.random.default_rng(4)
     p, phi, none = random_covariance(rng, 1.0), rng.normal(size=(6, 6)), np.zeros((6, 6))
-    ud = factorize(p)
-    time_update(ud, phi, none)
-    assert_same(compose(ud), phi @ p @ phi.T, 1e-13)
-    ud = np.zeros((6, 6))
-    time_update(ud, phi, factorize(p))
-    assert_same(compose(ud), p, 1e-14)
-    ud = np.zeros((6, 6))
-    time_update(ud, phi, none)
-    np.testing.assert_array_equal(ud, 0.0)
+    ld = factorize(p)
+    time_update(ld, phi, none)
+    assert_same(compose(ld), phi @ p @ phi.T, 1e-13)
+    ld = np.zeros((6, 6))
+    time_update(ld, phi, factorize(p))
+    assert_same(compose(ld), p, 1e-14)
+    ld = np.zeros((6, 6))
+    time_update(ld, phi, none)
+    np.testing.assert_array_equal(ld, 0.0)
 
 
 @settings(derandomize=True, max_examples=100, deadline=None)
@@ -96,24 +96,24 @@ def test_measurement_update(seed: int, log_r: float) -> None:
     rng = np.random.default_rng(seed)
     p, h, x = random_covariance(rng, 1.0), rng.normal(size=6), rng.normal(size=6)
     r, residual = 10.0**log_r, 0.7
-    ud, updated = factorize(p), x.copy()
+    ld, updated = factorize(p), x.copy()
     s = h @ p @ h + r
-    assert innovation_variance(ud, h, h) == pytest.approx(s - r, rel=1e-12)
-    assert scalar_update(updated, ud, h, r, residual) == pytest.approx(s, rel=1e-12)
+    assert innovation_variance(ld, h, h) == pytest.approx(s - r, rel=1e-12)
+    assert scalar_update(updated, ld, h, r, residual) == pytest.approx(s, rel=1e-12)
     k = p @ h / s
     np.testing.assert_allclose(updated, x + k * residual, rtol=0.0, atol=1e-12 * np.abs(k).max() + 1e-14)
     # Joseph's form, which is the textbook's without its cancellation
     j = np.eye(6) - np.outer(k, h)
-    assert_same(compose(ud), j @ p @ j.T + r * np.outer(k, k), 1e-10)
+    assert_same(compose(ld), j @ p @ j.T + r * np.outer(k, k), 1e-10)
 
 
 def test_a_zero_gradient_tells_nothing() -> None:
     p = random_covariance(np.random.default_rng(6))
-    ud, x = factorize(p), np.arange(6.0)
-    before = ud.copy()
-    assert scalar_update(x, ud, np.zeros(6), 2.0, 5.0) == 2.0
+    ld, x = factorize(p), np.arange(6.0)
+    before = ld.copy()
+    assert scalar_update(x, ld, np.zeros(6), 2.0, 5.0) == 2.0
     np.testing.assert_array_equal(x, np.arange(6.0))
-    np.testing.assert_array_equal(ud, before)
+    np.testing.assert_array_equal(ld, before)
 
 
 @settings(derandomize=True, max_examples=50, deadline=None)
@@ -136,9 +136,9 @@ def test_solve_leaves_out_what_is_known() -> None:
 def test_innovation_variance_of_two_measurements() -> None:
     rng = np.random.default_rng(8)
     p, h1, h2 = random_covariance(rng, 1.0), rng.normal(size=6), rng.normal(size=6)
-    ud = factorize(p)
-    assert innovation_variance(ud, h1, h2) == pytest.approx(h1 @ p @ h2, rel=1e-11)
-    assert innovation_variance(ud, h2, h1) == pytest.approx(h1 @ p @ h2, rel=1e-11)
+    ld = factorize(p)
+    assert innovation_variance(ld, h1, h2) == pytest.approx(h1 @ p @ h2, rel=1e-11)
+    assert innovation_variance(ld, h2, h1) == pytest.approx(h1 @ p @ h2, rel=1e-11)
 
 
 @pytest.mark.parametrize(

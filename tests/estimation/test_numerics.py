@@ -92,15 +92,15 @@ def positive_definite(p: np.ndarray) -> bool:
 
 def factored_filter(case: Case, time_update, update) -> list[np.ndarray]:
     """Factors after every epoch."""
-    ud, q_ud, out = factorize(np.eye(6) * case.prior), factorize(case.q), []
+    ld, q_ld, out = factorize(np.eye(6) * case.prior), factorize(case.q), []
     lower, variances = np.zeros((3, 3)), np.zeros(3)
     assert decorrelate(case.noise, lower, variances)
     rows = np.linalg.solve(lower, H)
     for _ in range(EPOCHS):
-        time_update(ud, PHI, q_ud)
+        time_update(ld, PHI, q_ld)
         for h, r in zip(rows, variances, strict=True):
-            update(np.zeros(6), ud, h, r, 0.0)
-        out.append(ud.copy())
+            update(np.zeros(6), ld, h, r, 0.0)
+        out.append(ld.copy())
     return out
 
 
@@ -132,8 +132,8 @@ def filterpy_filter(case: Case) -> list[np.ndarray]:
 def test_the_factored_filter_keeps_its_digits(name, compiled_time_update, compiled_update) -> None:
     case, (exact, _) = CASES[name], oracle(name)
     factors = factored_filter(case, compiled_time_update, compiled_update)
-    assert all((np.diag(ud) > 0.0).all() for ud in factors)  # D > 0: positive definite, whatever the condition
-    errors = [relative_error(compose(ud), p) for ud, p in zip(factors, exact, strict=True)]
+    assert all((np.diag(ld) > 0.0).all() for ld in factors)  # D > 0: positive definite, whatever the condition
+    errors = [relative_error(compose(ld), p) for ld, p in zip(factors, exact, strict=True)]
     assert max(errors) <= case.bound
     assert errors[-1] <= max(1e-9, 1e-1 * case.bound)
 
@@ -150,7 +150,7 @@ def test_the_common_forms_lose_them(name, form) -> None:
 def test_the_smoother_keeps_its_digits(name, compiled_time_update, compiled_update, compiled_smooth) -> None:
     """Backward over the same epochs, against Rauch, Tung and Striebel's difference in 120 digits."""
     case, (filtered, predicted) = CASES[name], oracle(name)
-    factors, q_ud = factored_filter(case, compiled_time_update, compiled_update), factorize(case.q)
+    factors, q_ld = factored_filter(case, compiled_time_update, compiled_update), factorize(case.q)
     later, inverse = np.zeros((7, 6)), transition(N, -DT)
     later[1:] = factors[-1]
     errors = []
@@ -162,8 +162,8 @@ def test_the_smoother_keeps_its_digits(name, compiled_time_update, compiled_upda
             here = np.zeros((7, 6))
             here[1:] = factors[e]
             ahead = here.copy()
-            compiled_time_update(ahead[1:], PHI, q_ud)
-            compiled_smooth(here, ahead, later, PHI, inverse, q_ud)
+            compiled_time_update(ahead[1:], PHI, q_ld)
+            compiled_smooth(here, ahead, later, PHI, inverse, q_ld)
             assert (np.diag(later[1:]) > 0.0).all()
             errors.append(relative_error(compose(later[1:]), smoothed))
     assert max(errors) <= 1e-6
@@ -171,10 +171,10 @@ def test_the_smoother_keeps_its_digits(name, compiled_time_update, compiled_upda
 
 def test_a_filter_without_process_noise_stays_definite(compiled_time_update, compiled_update) -> None:
     """100,000 epochs, q = 0: the covariance only shrinks (1e8 by `benchmarks/long_run.py`)."""
-    ud, nothing = factorize(np.eye(6) * 1e2), np.zeros((6, 6))
+    ld, nothing = factorize(np.eye(6) * 1e2), np.zeros((6, 6))
     for _ in range(100_000):
-        compiled_time_update(ud, PHI, nothing)
+        compiled_time_update(ld, PHI, nothing)
         for h in H:
-            compiled_update(np.zeros(6), ud, h, 1e-4, 0.0)
-    assert (np.diag(ud) > 0.0).all()
-    assert positive_definite(compose(ud))
+            compiled_update(np.zeros(6), ld, h, 1e-4, 0.0)
+    assert (np.diag(ld) > 0.0).all()
+    assert positive_definite(compose(ld))

@@ -69,18 +69,18 @@ def batch(phi, effect, q, rows):
 
 
 def filter_forward(phi, effect, q, rows):
-    x, ud = np.zeros(6), factorize(PRIOR)
+    x, ld = np.zeros(6), factorize(PRIOR)
     states, factors = [], []
     for e, measured in enumerate(rows):
         if e > 0:
             x = phi[e - 1] @ x + effect[e - 1]
-            time_update_into(ud, phi[e - 1], factorize(q[e - 1]))
+            time_update_into(ld, phi[e - 1], factorize(q[e - 1]))
         for axis, value in measured:
             h = np.zeros(6)
             h[axis] = 1.0
-            scalar_update(x, ud, h, SIGMA_M**2, value - x[axis])
+            scalar_update(x, ld, h, SIGMA_M**2, value - x[axis])
         states.append(x.copy())
-        factors.append(ud.copy())
+        factors.append(ld.copy())
     return np.array(states), np.array(factors)
 
 
@@ -108,17 +108,17 @@ def test_stays_positive_definite_where_the_textbook_form_does_not():
     """A prior 1e12 wider than the measurements: Pf + C (Ps - Pp) C^T loses definiteness, the sum form keeps it."""
     phi = np.array([transition(N_RAD_S, 1.0)] * 40)
     q = np.array([acceleration_noise(N_RAD_S, 1.0, 1e-18)] * 40)
-    x, ud = np.zeros(6), factorize(1e6 * np.eye(6))
+    x, ld = np.zeros(6), factorize(1e6 * np.eye(6))
     states, factors, plain, predicted = [], [], [], []
     for e in range(41):
         if e > 0:
-            time_update_into(ud, phi[e - 1], factorize(q[e - 1]))
-        predicted.append(compose(ud))
+            time_update_into(ld, phi[e - 1], factorize(q[e - 1]))
+        predicted.append(compose(ld))
         for axis in range(3):
-            scalar_update(x, ud, np.eye(6)[axis], 1e-12, 0.0)
+            scalar_update(x, ld, np.eye(6)[axis], 1e-12, 0.0)
         states.append(x.copy())
-        factors.append(ud.copy())
-        plain.append(compose(ud))
+        factors.append(ld.copy())
+        plain.append(compose(ld))
     _, smooth = rts_smooth(np.array(states), np.array(factors), phi, np.zeros((40, 6)), q)
     assert np.all(smooth.diagonal(axis1=1, axis2=2) > 0.0)
     textbook = plain[-1]
