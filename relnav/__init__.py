@@ -18,12 +18,13 @@ if TYPE_CHECKING:
     from relnav.files.accuracy import measure_accuracy
     from relnav.files.filter_log import filter_log
     from relnav.files.models import list_models, load_model, load_published
+    from relnav.files.sun_calibration import load_sun_calibration
     from relnav.files.tables import write
     from relnav.mission import Model
     from relnav.navigation.record import FilterRecord, Solution
     from relnav.navigation.relative_position import Navigator, filter_epochs
     from relnav.navigation.status import EpochStatus
-    from relnav.sensors import three_beacon
+    from relnav.sensors import aps_sun, three_beacon
     from relnav.sensors.measurement import Measurement, Status
 
 _HOME = {
@@ -38,6 +39,7 @@ _HOME = {
     "list_models": "relnav.files.models",
     "load_model": "relnav.files.models",
     "load_published": "relnav.files.models",
+    "load_sun_calibration": "relnav.files.sun_calibration",
     "write": "relnav.files.tables",
     "Model": "relnav.mission",
     "FilterRecord": "relnav.navigation.record",
@@ -45,12 +47,13 @@ _HOME = {
     "Navigator": "relnav.navigation.relative_position",
     "filter_epochs": "relnav.navigation.relative_position",
     "EpochStatus": "relnav.navigation.status",
+    "aps_sun": "relnav.sensors.aps_sun",
     "three_beacon": "relnav.sensors.three_beacon",
     "Measurement": "relnav.sensors.measurement",
     "Status": "relnav.sensors.measurement",
 }
 
-_MODULES = ("three_beacon",)
+_MODULES = ("aps_sun", "three_beacon")
 
 __all__ = [
     "AccuracyReport",
@@ -66,11 +69,13 @@ __all__ = [
     "Solution",
     "Status",
     "UsageError",
+    "aps_sun",
     "filter_epochs",
     "filter_log",
     "list_models",
     "load_model",
     "load_published",
+    "load_sun_calibration",
     "measure_accuracy",
     "three_beacon",
     "write",

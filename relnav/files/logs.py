@@ -6,7 +6,7 @@ it is an error. Infinities in spot columns go to the filter, which rejects them 
 
 import csv
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -63,7 +63,7 @@ def read_log(path: Path) -> Log:
         metadata, columns, values = _read_parquet(path)
         lines = np.arange(1, len(values) + 1, dtype=np.float64)
     else:
-        metadata, columns, values, lines = _read_csv(path)
+        metadata, columns, values, lines = read_csv(path)
     if len(values) == 0:
         raise LogError(f"{path}: no rows after the header; at least one epoch is expected")
     _check_values(values, lines, path, columns)
@@ -87,11 +87,22 @@ def read_log(path: Path) -> Log:
     )
 
 
-def _read_csv(path: Path) -> tuple[dict[str, str], Columns, Matrix, Vector]:
+def read_csv(
+    path: Path, parse: Callable[[list[str], str], Columns] = parse_header
+) -> tuple[dict[str, str], Columns, Matrix, Vector]:
+    """Metadata, columns, values in SI (n, columns in header order) and line numbers (n,) of a CSV table.
+
+    `parse` finds the columns in a header, as `parse_header` does.
+
+    Raises
+    ------
+    LogError
+        Naming file, line and column.
+    """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             metadata, header, line = _read_head(file, path)
-            columns = parse_header(header, f"{path}:{line}")
+            columns = parse(header, f"{path}:{line}")
             values, lines = _read_rows(file, path, columns, line)
     except UnicodeDecodeError as error:
         raise LogError(f"{path}: not a text file in UTF-8; a CSV log is expected") from error

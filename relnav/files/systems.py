@@ -29,6 +29,9 @@ class System:
 
 SYSTEMS: dict[str, System] = {
     "three_beacon": System(mission="relnav.mission:Model", accuracy="relnav.accuracy.report:measure", progress_steps=3),
+    "aps_sun": System(
+        mission="relnav.sensors.aps_sun.sensor:ApsSunModel", accuracy="relnav.accuracy.aps_sun:measure", runs=4
+    ),
 }
 
 
