@@ -9,8 +9,8 @@ import numpy as np
 from relnav.accuracy.claims import ClaimRow, ClaimsReport, claim_row
 from relnav.accuracy.published import Claim, Published
 from relnav.arrays import Matrix
-from relnav.geometry.projection_angles import direction_from_angles, tangents_from_direction
-from relnav.sensors.aps_sun.calibration import Calibration, calibrate, spot_to_direction
+from relnav.geometry.projection_angles import direction_from_angles
+from relnav.sensors.aps_sun.calibration import angles_of_spots, calibrate
 from relnav.sensors.aps_sun.centroid import centroid
 from relnav.sensors.aps_sun.patent import fit_patent, patent_angles, stage_one_angles
 from relnav.sensors.aps_sun.rays import pinhole_angles, project, tangents_from_spots
@@ -107,12 +107,6 @@ def noisy_spots(model: ApsSunModel, angles_rad: Matrix, rng: np.random.Generator
     )
 
 
-def calibrated_angles(calibration: Calibration, spots_px: Matrix) -> Matrix:
-    """(alpha, beta) (N, 2) rad of spots (N, 2) px."""
-    directions = np.array([spot_to_direction(calibration, x, y)[0] for x, y in spots_px.tolist()])
-    return np.arctan(tangents_from_direction(directions))
-
-
 def _one_run(model: ApsSunModel, rng: np.random.Generator) -> dict[tuple[str, str], Matrix]:
     """Errors (N, 2) rad by (method, quantity)."""
     edge = model.sensor.field_half_angle_rad
@@ -136,7 +130,7 @@ def _one_run(model: ApsSunModel, rng: np.random.Generator) -> dict[tuple[str, st
     for points in FEW:
         few = field_grid(model, math.isqrt(points))
         made = calibrate(noisy_spots(model, few, rng), direction_from_angles(*few.T), start).calibration
-        out[f"ray model, {points} points", STAGE_TWO] = calibrated_angles(made, spots) - test
+        out[f"ray model, {points} points", STAGE_TWO] = angles_of_spots(made.form, spots) - test
     out["ray model, 49 images", STAGE_TWO] = _image_errors(model, start, rng)
     return out
 
@@ -146,7 +140,7 @@ def _image_errors(model: ApsSunModel, start: ApsSunModel, rng: np.random.Generat
     few, edge = field_grid(model, 7), model.sensor.field_half_angle_rad
     made = calibrate(image_spots(model, few, rng), direction_from_angles(*few.T), start).calibration
     test = rng.uniform(-edge, edge, (TEST_IMAGES, 2))
-    return calibrated_angles(made, image_spots(model, test, rng)) - test
+    return angles_of_spots(made.form, image_spots(model, test, rng)) - test
 
 
 def image_spots(model: ApsSunModel, angles_rad: Matrix, rng: np.random.Generator) -> Matrix:

@@ -1,10 +1,9 @@
 """Where the sun stands seen from a spacecraft near the Earth, from a short series: within 2 arcsec from 1990 to 2050.
 
 The Earth's heliocentric place is the leading terms of VSOP87 (Bretagnon and Francou 1988, A&A 202, 309; version B,
-ecliptic and equinox of J2000), those of 70 (units of 1e-8 rad, or au) and more. Axes of what leaves are the mean
-equator and equinox of J2000, which are ICRS within 0.03 arcsec. The sun's own motion about the barycentre during the
-light's 8 minutes is left out (0.01 arcsec). Time is TT (or TDB) in seconds since J2000.0; UTC in its place would be 69 s
-late, 2.8 arcsec.
+ecliptic and equinox of J2000), those above some 7e-7 rad or au. Axes of what leaves are the mean equator and equinox of
+J2000, which are ICRS within 0.03 arcsec. The sun's own motion about the barycentre during the light's 8 minutes is left
+out (0.01 arcsec). Time is TT (or TDB) in seconds since J2000.0; UTC in its place would be 69 s late, 2.8 arcsec.
 """
 
 import math

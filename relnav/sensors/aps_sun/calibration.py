@@ -22,8 +22,8 @@ from relnav.sensors.aps_sun.sensor import ApsSunModel
 from relnav.sensors.aps_sun.table import DirectionTable
 
 CELLS, MOST_CELLS = 16, 64
-MOST_LOSS_RAD = 5e-6
-"""What compiling may cost, 0.0003 deg: cells are doubled until it is met."""
+MOST_LOSS_RAD = 1e-5
+"""What compiling may cost, 0.0006 deg: cells are doubled until it is met."""
 MARGIN_RAD = np.radians(1.0)
 """How far beyond the calibrated field a direction is still given."""
 METHODS = ("auto", "rays", "patent")
@@ -116,7 +116,7 @@ def calibrate(
     form: DirectionTable | PatentTables
     if method == "patent":
         form = fit_patent(xy, angles[:, 0], angles[:, 1])
-        error = _angles(form, xy) - angles
+        error = angles_of_spots(form, xy) - angles
         off = _patent_noise(error, start)
         name = "patent"
     else:
@@ -125,7 +125,7 @@ def calibrate(
         choice = choose_spline(xy, shifts, np.random.default_rng(seed)) if method == "auto" else None
         spline = choice.spline if choice is not None else None
         form, loss = compile_table(fit.model, spline)
-        error = _angles(form, xy) - angles
+        error = angles_of_spots(form, xy) - angles
         off = _calibration_noise(fit, choice, len(xy))
         name = "rays" if spline is None else "rays and spline"
     done = Calibration(name, form, sensor.field_half_angle_rad, sensor.spot_noise_px, off)
@@ -194,7 +194,7 @@ def _tangents(model: ApsSunModel, spline: SplineResidual | None, x: Vector, y: V
     return tangents.reshape(len(x), len(y), 2)
 
 
-def _angles(form: DirectionTable | PatentTables, spots_px: Matrix) -> Matrix:
+def angles_of_spots(form: DirectionTable | PatentTables, spots_px: Matrix) -> Matrix:
     """(alpha, beta) (N, 2) rad of many spots."""
     if isinstance(form, PatentTables):
         return patent_angles(form, spots_px)[0]

@@ -16,7 +16,7 @@ from relnav.sensors.measurement import Status
 
 THRESHOLD = 0.05
 """Of the peak above the background: what is subtracted. More costs light, less lets noise in."""
-NOISE_SIGMAS = 3.0
+NOISE_SIGMAS = 2.0
 SEEN_SIGMAS = 6.0
 MOST_SATURATED = 0.2
 SHAPE_ERROR_PX = 0.003

@@ -185,7 +185,10 @@ def _residuals(model_at: Callable[[Vector], ApsSunModel], s: Matrix, xy: Matrix)
 
 
 def _check_condition(J: Matrix, names: Sequence[str]) -> float:
-    unit = J / np.linalg.norm(J, axis=0)
+    length = np.linalg.norm(J, axis=0)
+    if not length.all():
+        raise ValueError(f"no spot depends on {names[int(np.argmin(length))]}; fit fewer parameters")
+    unit = J / length
     _, sizes, axes = np.linalg.svd(unit, full_matrices=False)
     condition = float(sizes[0] / sizes[-1]) if sizes[-1] > 0.0 else np.inf
     if not condition < MOST_CONDITION:

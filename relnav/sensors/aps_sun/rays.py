@@ -89,7 +89,11 @@ def tangents_from_spots(model: ApsSunModel, spots_px: ArrayLike) -> Matrix:
         miss = spots - project(model, direction_from_tangents(t))
         if not np.any(np.abs(miss) > SETTLED_PX):
             return t
-        t = t + np.linalg.solve(project_jacobian(model, t), miss[..., None])[..., 0]
+        J = project_jacobian(model, t)
+        a, b, c, d = J[..., 0, 0], J[..., 0, 1], J[..., 1, 0], J[..., 1, 1]
+        adjugate = np.stack([d * miss[..., 0] - b * miss[..., 1], a * miss[..., 1] - c * miss[..., 0]], axis=-1)
+        det = (a * d - b * c)[..., None]
+        t = t + adjugate / np.where(det > 0.0, det, np.nan)
     settled = np.all(np.abs(spots - project(model, direction_from_tangents(t))) < 1e3 * SETTLED_PX, axis=-1)
     return np.where(settled[..., None], t, np.nan)
 

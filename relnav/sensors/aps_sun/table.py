@@ -62,7 +62,8 @@ class DirectionTable:
         """Unit vectors (N, 3) of spots (N, 2) px; NaN outside the grid."""
         spots = np.ascontiguousarray(spots_px, dtype=np.float64)
         out = np.empty((len(spots), 3))
-        direction_batch(spots, self.grid, self.cells, out)
+        nx, ny = self.cells.shape[:2]
+        direction_batch(spots, self.grid, self.cells.reshape(nx * ny, 32), nx, ny, out)
         return out
 
     def tangents_with_slope(self, x_px: float, y_px: float) -> tuple[Vector, Matrix]:
@@ -82,25 +83,30 @@ class DirectionTable:
 
 
 @kernel
-def direction_batch(spots: Matrix, grid: Vector, cells: Matrix, out: Matrix) -> None:
-    """Write the unit vector of every spot (n, 2) px into out (n, 3); NaN outside the grid."""
-    nx, ny = cells.shape[0], cells.shape[1]
+def direction_batch(spots: Matrix, grid: Vector, cells: Matrix, nx: int, ny: int, out: Matrix) -> None:
+    """Write the unit vector of every spot (n, 2) px into out (n, 3); NaN outside the grid.
+
+    cells (nx ny, 32) are those of `DirectionTable` in one row a cell; written out, because literal places in a row are
+    what the compiler reads without looking at their sign.
+    """
+    x0, per_x, y0, per_y = grid[0], grid[1], grid[2], grid[3]
     for k in range(spots.shape[0]):
-        u, v = (spots[k, 0] - grid[0]) * grid[1], (spots[k, 1] - grid[2]) * grid[3]
+        u, v = (spots[k, 0] - x0) * per_x, (spots[k, 1] - y0) * per_y
         if not (u >= 0.0 and u <= nx and v >= 0.0 and v <= ny):
             out[k, 0] = out[k, 1] = out[k, 2] = math.nan
             continue
         i, j = min(int(u), nx - 1), min(int(v), ny - 1)
         u -= i
         v -= j
-        c = cells[i, j]
-        for axis in range(2):
-            value = 0.0
-            for p in range(3, -1, -1):
-                row = ((c[axis, p, 3] * v + c[axis, p, 2]) * v + c[axis, p, 1]) * v + c[axis, p, 0]
-                value = value * u + row
-            out[k, axis] = value
-        tx, ty = out[k, 0], out[k, 1]
+        c = cells[i * ny + j]
+        tx = ((c[15] * v + c[14]) * v + c[13]) * v + c[12]
+        ty = ((c[31] * v + c[30]) * v + c[29]) * v + c[28]
+        tx = tx * u + ((c[11] * v + c[10]) * v + c[9]) * v + c[8]
+        ty = ty * u + ((c[27] * v + c[26]) * v + c[25]) * v + c[24]
+        tx = tx * u + ((c[7] * v + c[6]) * v + c[5]) * v + c[4]
+        ty = ty * u + ((c[23] * v + c[22]) * v + c[21]) * v + c[20]
+        tx = tx * u + ((c[3] * v + c[2]) * v + c[1]) * v + c[0]
+        ty = ty * u + ((c[19] * v + c[18]) * v + c[17]) * v + c[16]
         z = 1.0 / math.sqrt(1.0 + tx * tx + ty * ty)
         out[k, 0] = tx * z
         out[k, 1] = ty * z
