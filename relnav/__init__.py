@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from relnav.navigation.record import FilterRecord, Solution
     from relnav.navigation.relative_position import Navigator, filter_epochs
     from relnav.navigation.status import EpochStatus
-    from relnav.sensors import aps_sun, three_beacon
+    from relnav.sensors import aps_sun, birefringent_sun, three_beacon
     from relnav.sensors.measurement import Measurement, Status
 
 _HOME = {
@@ -47,13 +47,14 @@ _HOME = {
     "Navigator": "relnav.navigation.relative_position",
     "filter_epochs": "relnav.navigation.relative_position",
     "EpochStatus": "relnav.navigation.status",
+    "birefringent_sun": "relnav.sensors.birefringent_sun",
     "aps_sun": "relnav.sensors.aps_sun",
     "three_beacon": "relnav.sensors.three_beacon",
     "Measurement": "relnav.sensors.measurement",
     "Status": "relnav.sensors.measurement",
 }
 
-_MODULES = ("aps_sun", "three_beacon")
+_MODULES = ("aps_sun", "birefringent_sun", "three_beacon")
 
 __all__ = [
     "AccuracyReport",
@@ -70,6 +71,7 @@ __all__ = [
     "Status",
     "UsageError",
     "aps_sun",
+    "birefringent_sun",
     "filter_epochs",
     "filter_log",
     "list_models",

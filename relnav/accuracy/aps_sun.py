@@ -163,6 +163,6 @@ def _rows(claim: Claim, published: Published, errors: dict[tuple[str, str], _Err
         value = error.three_rms if claim.statistic.startswith("3 sigma") else error.most
         row = claim_row(claim, published, method, value)
         if quantity == BEFORE:  # the claim is that there is so much to compensate
-            row = replace(row, met=value >= claim.value_si)
+            row = replace(row, met=bool(value >= claim.value_si))
         rows.append(row)
     return rows

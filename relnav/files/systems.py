@@ -32,6 +32,11 @@ SYSTEMS: dict[str, System] = {
     "aps_sun": System(
         mission="relnav.sensors.aps_sun.sensor:ApsSunModel", accuracy="relnav.accuracy.aps_sun:measure", runs=4
     ),
+    "birefringent_sun": System(
+        mission="relnav.sensors.birefringent_sun.sensor:BirefringentSunModel",
+        accuracy="relnav.accuracy.birefringent_sun:measure",
+        runs=10_000,
+    ),
 }
 
 

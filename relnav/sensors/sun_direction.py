@@ -1,4 +1,4 @@
-"""What a sun sensor returns, and the attitude observation that a filter makes of it."""
+"""How a sun sensor is mounted, what it returns, and the attitude observation that a filter makes of it."""
 
 from dataclasses import dataclass, replace
 
@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Vector
+from relnav.geometry.rotation import dcm_from_quaternion
 from relnav.sensors.measurement import Status
 
 
@@ -53,6 +54,21 @@ class SunDirection:
         if dcm.shape != (3, 3) or not np.allclose(dcm @ dcm.T, np.eye(3), atol=1e-6) or np.linalg.det(dcm) < 0.0:
             raise ValueError(f"a rotation matrix (3, 3) is expected; got {dcm.tolist()}")
         return replace(self, direction=_fixed(dcm @ self.direction), covariance=_fixed(dcm @ self.covariance @ dcm.T))
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """How the sensor sits in the chaser: v_body = R v_sensor, scalar last."""
+
+    q_body_from_sensor: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        dcm_from_quaternion(np.array(self.q_body_from_sensor))
+
+    @property
+    def dcm_body_from_sensor(self) -> Matrix:
+        """v_body = dcm @ v_sensor, (3, 3)."""
+        return dcm_from_quaternion(np.array(self.q_body_from_sensor))
 
 
 @dataclass(frozen=True)

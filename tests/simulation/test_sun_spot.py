@@ -33,7 +33,7 @@ def test_all_the_light_is_in_the_window_at_the_spots_place(model, angles):
     """The disc's centre of light lies where the ray trace has it, and outward by up to 0.03 px at the corner."""
     window = render_spot(model, direction(*angles), signal_e=1e4)
     total, centre, _ = moments(window.electrons)
-    assert total == pytest.approx(1e4, rel=1e-5)
+    assert total == pytest.approx(1e4, rel=3e-5)
     offset = centre + window.corner_px - project(model, direction(*angles))
     assert np.abs(offset).max() < 0.03
 

@@ -7,8 +7,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 
-from relnav.arrays import Matrix
-from relnav.geometry.rotation import dcm_from_quaternion
+from relnav.sensors.sun_direction import Mounting
 
 Positive = Annotated[float, Gt(0.0)]
 NonNegative = Annotated[float, Ge(0.0)]
@@ -131,21 +130,6 @@ class SpotImage:
     def electrons_per_count(self) -> float:
         """Conversion gain."""
         return self.full_scale_e / self.full_scale
-
-
-@dataclass(frozen=True)
-class Mounting:
-    """How the sensor sits in the chaser: v_body = R v_sensor, scalar last."""
-
-    q_body_from_sensor: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
-
-    def __post_init__(self) -> None:
-        dcm_from_quaternion(np.array(self.q_body_from_sensor))
-
-    @property
-    def dcm_body_from_sensor(self) -> Matrix:
-        """v_body = dcm @ v_sensor, (3, 3)."""
-        return dcm_from_quaternion(np.array(self.q_body_from_sensor))
 
 
 @dataclass(frozen=True)
