@@ -11,10 +11,10 @@ from relnav.accuracy.published import Claim, Published
 from relnav.arrays import Matrix
 from relnav.geometry.projection_angles import direction_from_angles
 from relnav.sensors.aps_sun.calibration import angles_of_spots, calibrate
-from relnav.sensors.aps_sun.centroid import centroid
 from relnav.sensors.aps_sun.patent import fit_patent, patent_angles, stage_one_angles
 from relnav.sensors.aps_sun.rays import pinhole_angles, project, tangents_from_spots
 from relnav.sensors.aps_sun.sensor import ApsSunModel
+from relnav.sensors.spot_centroid import centroid
 from relnav.simulation.sun_spot import read_out, render_spot
 
 TEST_POINTS = 5000

@@ -41,7 +41,9 @@ def draw_residual_maps(report: SunCalibrationReport, path: Path) -> None:
                 vmax=most,
             )
             three = 3.0 * float(np.sqrt(np.mean(degrees[:, column] ** 2)))
-            axis.set_title(f"{name} {when}: 3 rms {three:.4g} deg, max {np.abs(degrees[:, column]).max():.4g} deg")
+            axis.set_title(
+                f"{name} {when}: 3 rms {three:.4g} deg, max {np.abs(degrees[:, column]).max():.4g} deg", fontsize=10
+            )
             figure.colorbar(dots, ax=axis, label="deg")
     for axis in axes[1]:
         axis.set_xlabel("alpha, deg")

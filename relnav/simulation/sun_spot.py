@@ -11,7 +11,11 @@ import numpy as np
 
 from relnav.arrays import Matrix, Vector
 from relnav.sensors.aps_sun.rays import project
-from relnav.sensors.aps_sun.sensor import ApsSunModel, SpotImage
+from relnav.sensors.aps_sun.sensor import ApsSunModel
+from relnav.sensors.birefringent_sun.polarised import unpolarised_shares
+from relnav.sensors.birefringent_sun.sensor import BirefringentSunModel
+from relnav.sensors.birefringent_sun.spots import project as project_two
+from relnav.sensors.spot_centroid import SpotImage
 
 SUN_RADIUS_RAD = 4.65e-3
 """Angular radius of the sun at 1 au."""
@@ -55,8 +59,46 @@ def render_spot(
     if corner is None:
         corner = (int(np.rint(centre[0])) - size // 2, int(np.rint(centre[1])) - size // 2)
     points, weights = sun_disc(s, sun_radius_rad)
-    shape = _disc_on_pixels(project(model, points) - np.array(corner), weights, image, model.sensor.pixel_pitch_m)
+    spots = project(model, points) - np.array(corner)
+    shape = _disc_on_pixels(spots, weights, image, model.sensor.pixel_pitch_m, size)
     return Window(shape * (image.signal_e if signal_e is None else signal_e), corner)
+
+
+def render_two_spots(model: BirefringentSunModel, s: Vector, *, sun_radius_rad: float = SUN_RADIUS_RAD) -> Window:
+    """Expected image of the sun's two spots in a birefringent sensor, s (3,) a unit vector to the disc's centre.
+
+    The light that enters the crystal is shared between them as for sunlight. Behind a dot both are shadows of as many
+    electrons in a background that is even.
+
+    Raises
+    ------
+    ValueError
+        If the sun stands behind the sensor, or the two spots do not fit the window.
+    """
+    image, sensor = model.image, model.sensor
+    centres = project_two(sensor, s)
+    if not np.all(np.isfinite(centres)):
+        raise ValueError(f"no light comes through the crystal from {np.asarray(s).tolist()}")
+    size = image.window_px
+    middle = np.rint(centres.mean(axis=0)).astype(np.int64)
+    corner = middle - size // 2
+    points, weights = sun_disc(s, sun_radius_rad)
+    spots = project_two(sensor, points)
+    share = unpolarised_shares(sensor, np.asarray(s, dtype=np.float64))
+    electrons = np.zeros((size, size))
+    for k in range(2):
+        spread = np.abs(spots[:, k] - centres[k]).max() + image.hole_radius_m / sensor.pixel_pitch_m
+        half = int(np.ceil(spread + 5.0 * image.blur_px)) + 1
+        low = np.rint(centres[k]).astype(np.int64) - half
+        begin = low - corner
+        if np.any(begin < 0) or np.any(begin + 2 * half > size):
+            raise ValueError(f"the two spots of {np.asarray(s).tolist()} do not fit a window of {size} px")
+        part = _disc_on_pixels(spots[:, k] - low, weights, image, sensor.pixel_pitch_m, 2 * half)
+        rows, columns = slice(begin[1], begin[1] + 2 * half), slice(begin[0], begin[0] + 2 * half)
+        electrons[rows, columns] += image.signal_e * share[k] / share.sum() * part
+    if sensor.light_filter == "dot":
+        electrons = 1.2 * electrons.max() - electrons
+    return Window(electrons, (int(corner[0]), int(corner[1])))
 
 
 def read_out(window: Window, image: SpotImage, rng: np.random.Generator) -> Matrix:
@@ -99,20 +141,20 @@ def sun_disc(s: Vector, radius_rad: float) -> tuple[Matrix, Vector]:
     return points / np.linalg.norm(points, axis=1, keepdims=True), weights / weights.sum()
 
 
-def _disc_on_pixels(centres: Matrix, weights: Vector, image: SpotImage, pitch_m: float) -> Matrix:
-    """Share of the light in each pixel: blurred discs about centres (n, 2) px of the window, summed with weights."""
+def _disc_on_pixels(centres: Matrix, weights: Vector, image: SpotImage, pitch_m: float, size: int) -> Matrix:
+    """Share of the light in each pixel of a square: blurred discs about centres (n, 2) px, summed with weights."""
     from scipy.special import erfc
 
     radius = image.hole_radius_m / pitch_m
     nodes, node_weights = np.polynomial.legendre.leggauss(SUBPIXELS)
-    places = (np.arange(image.window_px)[:, None] + 0.5 * nodes).ravel()
+    places = (np.arange(size)[:, None] + 0.5 * nodes).ravel()
     dx2 = (places[None, :] - centres[:, 0, None]) ** 2
     dy2 = (places[None, :] - centres[:, 1, None]) ** 2
     fine = np.zeros((len(places), len(places)))
     for k, weight in enumerate(weights):
         rho = np.sqrt(dy2[k][:, None] + dx2[k][None, :])
         fine += weight * 0.5 * erfc((rho - radius) / (np.sqrt(2.0) * image.blur_px))
-    quadrature = np.tile(0.5 * node_weights, image.window_px)
+    quadrature = np.tile(0.5 * node_weights, size)
     fine *= quadrature[:, None] * quadrature[None, :]
-    shares: Matrix = fine.reshape(image.window_px, SUBPIXELS, image.window_px, SUBPIXELS).sum(axis=(1, 3))
+    shares: Matrix = fine.reshape(size, SUBPIXELS, size, SUBPIXELS).sum(axis=(1, 3))
     return shares / (np.pi * (radius**2 + image.blur_px**2))

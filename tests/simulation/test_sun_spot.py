@@ -7,7 +7,8 @@ import pytest
 
 import relnav
 from relnav.sensors.aps_sun.rays import project
-from relnav.simulation.sun_spot import Window, centroid_bound, read_out, render_spot, sun_disc
+from relnav.sensors.birefringent_sun.spots import project as two_spots
+from relnav.simulation.sun_spot import Window, centroid_bound, read_out, render_spot, render_two_spots, sun_disc
 
 
 @pytest.fixture(scope="module")
@@ -100,3 +101,63 @@ def test_the_bound_is_that_of_a_gaussian_spot(model):
 def test_no_light(model):
     with pytest.raises(ValueError, match="no light comes through the hole"):
         render_spot(model, np.array([0.6, 0.0, -0.8]))
+
+
+@pytest.fixture(scope="module")
+def crystal():
+    return relnav.load_model("birefringent_sun")
+
+
+@pytest.mark.parametrize("light_filter", ["hole", "dot", "lens"])
+def test_from_an_image_of_two_spots_to_the_direction(crystal, light_filter):
+    """The patent's three filters: 25 images each, right to 12 arcsec, errors as their covariances say."""
+    sensor = replace(
+        crystal.sensor,
+        light_filter=light_filter,
+        air_path_m=1e-3 if light_filter == "lens" else 0.0,
+        detector_size_px=(2048, 2048),
+        zero_spot_px=(1023.5, 1023.5),
+    )
+    model, rng, nees = replace(crystal, sensor=sensor), np.random.default_rng(6), []
+    for alpha, beta in rng.uniform(-40.0, 40.0, (25, 2)):
+        s = direction(alpha, beta)
+        window = render_two_spots(model, s)
+        seen = relnav.birefringent_sun.measure(read_out(window, model.image, rng), model, corner_px=window.corner_px)
+        assert seen.ok
+        assert np.degrees(np.linalg.norm(seen.direction - s)) * 3600.0 < 15.0
+        error = (s - seen.direction)[:2]
+        nees.append(error @ np.linalg.solve(seen.covariance[:2, :2], error))
+    assert 0.9 < np.mean(nees) < 3.6
+
+
+def test_two_spots_share_the_light_and_stand_where_they_should(crystal):
+    s = direction(20.0, -30.0)
+    window = render_two_spots(crystal, s)
+    assert window.electrons.sum() == pytest.approx(crystal.image.signal_e, rel=1e-4)
+    spots = two_spots(crystal.sensor, s)
+    middle = 0.5 * spots.sum(axis=0) - window.corner_px
+    _, centre, _ = moments(window.electrons)
+    np.testing.assert_allclose(centre, middle, atol=0.05 * np.linalg.norm(spots[1] - spots[0]))
+
+
+def test_an_image_without_two_spots(crystal):
+    s = direction(5.0, 5.0)
+    window = render_two_spots(crystal, s)
+    counts = read_out(window, crystal.image, np.random.default_rng(0))
+    measure = relnav.birefringent_sun.measure
+    assert measure(np.zeros((50, 50)), crystal).status is relnav.Status.NOT_SEEN
+    spots = two_spots(crystal.sensor, s) - window.corner_px
+    between = int(np.rint(spots[:, 0].mean()))
+    assert measure(counts[:, :between], crystal, corner_px=window.corner_px).status is relnav.Status.NOT_SEEN
+    cut = int(np.rint(spots[:, 0].max()))
+    assert measure(counts[:, :cut], crystal, corner_px=window.corner_px).status is relnav.Status.AT_EDGE
+    full = np.minimum(counts * 20.0, crystal.image.full_scale)
+    assert measure(full, crystal, corner_px=window.corner_px).status is relnav.Status.SATURATED
+
+
+def test_two_spots_that_cannot_be_drawn(crystal):
+    with pytest.raises(ValueError, match="no light comes through the crystal"):
+        render_two_spots(crystal, np.array([0.6, 0.0, -0.8]))
+    small = replace(crystal, image=replace(crystal.image, window_px=64))
+    with pytest.raises(ValueError, match="do not fit a window of 64 px"):
+        render_two_spots(small, direction(0.0, 0.0))

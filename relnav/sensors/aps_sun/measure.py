@@ -6,9 +6,9 @@ from numpy.typing import ArrayLike
 from relnav.arrays import Matrix, Vector
 from relnav.geometry.projection_angles import tangents_from_direction
 from relnav.sensors.aps_sun.calibration import MARGIN_RAD, Calibration, as_built, spot_to_direction
-from relnav.sensors.aps_sun.centroid import centroid
 from relnav.sensors.aps_sun.sensor import ApsSunModel
 from relnav.sensors.measurement import Status
+from relnav.sensors.spot_centroid import centroid
 from relnav.sensors.sun_direction import SunDirection, direction_with_covariance, no_direction
 
 

@@ -7,6 +7,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 
+from relnav.sensors.spot_centroid import SpotImage
 from relnav.sensors.sun_direction import Mounting
 
 Positive = Annotated[float, Gt(0.0)]
@@ -91,45 +92,6 @@ class Dome:
         reach = np.linalg.norm(self.centre_m) + np.hypot(*self.wedge_m) + self.thickness_m
         if self.thickness_m > 0.0 and reach >= self.radius_m:
             raise ValueError("the hole must lie inside the dome: centre, wedge and thickness reach beyond its radius")
-
-
-@dataclass(frozen=True)
-class SpotImage:
-    """Hole, exposure and read-out, from which an image of the spot follows.
-
-    Attributes
-    ----------
-    hole_radius_m, blur_px : float
-        Radius of the hole; Gaussian 1-sigma of what else blurs the spot.
-    signal_e, background_e, read_noise_e : float
-        Electrons of the whole spot; of the background and 1-sigma of the read-out in each pixel.
-    response_nonuniformity : float
-        1-sigma of the pixels' relative response.
-    bits, full_scale_e : int, float
-        Read-out: `full_scale_e` electrons read 2^bits - 1.
-    window_px : int
-        Side of the read-out window.
-    """
-
-    hole_radius_m: Positive
-    blur_px: Positive
-    signal_e: Positive
-    background_e: NonNegative
-    read_noise_e: Positive
-    response_nonuniformity: Annotated[float, Ge(0.0), Lt(0.2)]
-    bits: Annotated[int, Ge(6), Le(16)]
-    full_scale_e: Positive
-    window_px: Annotated[int, Ge(8), Le(256)]
-
-    @property
-    def full_scale(self) -> int:
-        """The largest count."""
-        return int(2**self.bits - 1)
-
-    @property
-    def electrons_per_count(self) -> float:
-        """Conversion gain."""
-        return self.full_scale_e / self.full_scale
 
 
 @dataclass(frozen=True)

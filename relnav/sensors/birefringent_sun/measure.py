@@ -7,6 +7,7 @@ from relnav.sensors.birefringent_sun.direction import direction_covariance, fit_
 from relnav.sensors.birefringent_sun.sensor import BirefringentSunModel
 from relnav.sensors.birefringent_sun.spots import direction_of_transverse, metres
 from relnav.sensors.measurement import Status
+from relnav.sensors.spot_centroid import centroids
 from relnav.sensors.sun_direction import SunDirection, direction_with_covariance, no_direction
 
 CHI2_LIMIT = 18.42
@@ -14,7 +15,11 @@ CHI2_LIMIT = 18.42
 
 
 def measure(
-    spots_px: ArrayLike, model: BirefringentSunModel, *, covariance_px2: ArrayLike | None = None
+    seen: ArrayLike,
+    model: BirefringentSunModel,
+    *,
+    covariance_px2: ArrayLike | None = None,
+    corner_px: tuple[float, float] = (0.0, 0.0),
 ) -> SunDirection:
     """Direction of the sun in sensor axes, from the ordinary and the extraordinary spot of one image.
 
@@ -23,19 +28,22 @@ def measure(
 
     Parameters
     ----------
-    spots_px : (2, 2)
+    seen : (2, 2) or (rows, columns)
         Centres (x, y) px of the two spots, in any order: which is which follows from how well they agree. A NaN row
-        is a spot not seen.
+        is a spot not seen. Or counts of a read-out window that holds both (the patent's steps 3 and 4).
     model : BirefringentSunModel
         A loaded model.
     covariance_px2 : (4, 4), optional
-        Of (x, y) of the first and the second row; the sensor's spot noise if left out.
+        Of (x, y) of the first and the second row; the sensor's spot noise if left out. An image brings its own.
+    corner_px : (2,)
+        Detector coordinates (x, y) of the window's first pixel, or what is to be added to the spots.
 
     Returns
     -------
     SunDirection
-        Bad data never raise: the status says why there is no value (NOT_SEEN, OFF_DETECTOR, DEGENERATE for spots too
-        close to be told apart, NO_CONVERGENCE for two that no sun direction explains, OUTSIDE_FIELD).
+        Bad data never raise: the status says why there is no value (NOT_SEEN, SATURATED, AT_EDGE, OFF_DETECTOR,
+        DEGENERATE for spots too close to be told apart, NO_CONVERGENCE for two that no sun direction explains,
+        OUTSIDE_FIELD).
 
     Raises
     ------
@@ -43,12 +51,23 @@ def measure(
         For another shape.
     """
     sensor = model.sensor
-    spots = np.asarray(spots_px, dtype=np.float64)
-    if spots.shape != (2, 2):
-        raise ValueError(f"spots_px has shape (2, 2), a row (x, y) in px for each spot; got {spots.shape}")
+    spots = np.asarray(seen, dtype=np.float64)
     noise = sensor.spot_noise_px**2 * np.eye(4) if covariance_px2 is None else np.asarray(covariance_px2, dtype=float)
     if noise.shape != (4, 4):
         raise ValueError(f"covariance_px2 has shape (4, 4); got {noise.shape}")
+    if spots.ndim != 2 or (spots.shape != (2, 2) and min(spots.shape) < 4):
+        raise ValueError(
+            f"two spots (2, 2) in px or an image (rows, columns) of counts are expected; got {spots.shape}"
+        )
+    if spots.shape != (2, 2):
+        found = centroids(spots, model.image, 2, dark=sensor.light_filter == "dot")
+        unusable = [spot.status for spot in found if not spot.ok]
+        if unusable:
+            return no_direction(unusable[0])
+        spots = np.array([[spot.x_px, spot.y_px] for spot in found])
+        noise = np.zeros((4, 4))
+        noise[:2, :2], noise[2:, 2:] = (spot.covariance_px2 for spot in found)
+    spots = spots + np.asarray(corner_px, dtype=np.float64)
     if not np.all(np.isfinite(spots)):
         return no_direction(Status.NOT_SEEN)
     if np.any((spots < -0.5) | (spots > np.array(sensor.detector_size_px) - 0.5)):

@@ -9,6 +9,7 @@ from annotated_types import Ge, Gt, Le, Lt
 
 from relnav.arrays import Vector
 from relnav.sensors.birefringent_sun.crystal import optic_axis
+from relnav.sensors.spot_centroid import SpotImage
 from relnav.sensors.sun_direction import Mounting
 
 Positive = Annotated[float, Gt(0.0)]
@@ -86,6 +87,7 @@ class BirefringentSunModel:
     name: str
     title: str
     sensor: BirefringentSunSensor
+    image: SpotImage
     mounting: Mounting
     provenance: Mapping[str, str] = field(default_factory=dict, compare=False, hash=False)
     path: str = field(default="", compare=False)

@@ -16,19 +16,19 @@ def frames(sensor, s, seed):
 
 
 def test_decentre_below_a_micrometre_from_1000_frames(sensor, cone):
-    """Within 30 deg, 1 um of noise, no attitude: the bound is 0.84 and 0.26 um, and 40 estimates reach it."""
+    """Within 30 deg, 1 um of noise, no attitude: the bound is 0.84 and 0.26 um, and 20 estimates reach it."""
     s = cone(30.0, 1000)
     bound = np.sqrt(np.diag(self_calibration_bound(sensor, s[:, :2], ZERO))) * sensor.pixel_pitch_m * 1e6
     assert bound == pytest.approx([0.84, 0.26], abs=0.03)
     true = replace(sensor, zero_spot_px=(513.0, 510.5))
     error, chi2 = [], []
-    for seed in range(40):
+    for seed in range(20):
         made = self_calibrate(sensor, frames(true, s, seed))
         error.append((made.values - true.zero_spot_px) * sensor.pixel_pitch_m * 1e6)
         chi2.append(made.chi2_per_dof)
         np.testing.assert_allclose(np.sqrt(np.diag(made.covariance)) * sensor.pixel_pitch_m * 1e6, bound, rtol=0.02)
-    # 40 draws know a standard deviation to 11 %
-    np.testing.assert_allclose(np.sqrt(np.mean(np.square(error), axis=0)), bound, rtol=0.35)
+    # 20 draws know a standard deviation to 16 %
+    np.testing.assert_allclose(np.sqrt(np.mean(np.square(error), axis=0)), bound, rtol=0.45)
     assert np.mean(chi2) == pytest.approx(1.0, abs=0.02)
     assert made.sensor.zero_spot_px == tuple(made.values)
 

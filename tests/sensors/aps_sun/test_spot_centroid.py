@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from relnav.sensors.aps_sun.centroid import centroid, centroid_patent
 from relnav.sensors.measurement import Status
+from relnav.sensors.spot_centroid import centroid, centroid_patent
 from relnav.simulation.sun_spot import centroid_bound, read_out, render_spot
 
 

@@ -6,14 +6,17 @@ centre toward the middle of the window, by up to 0.028 px at a threshold of 10 %
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Gt, Le, Lt
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Flags, Matrix
-from relnav.sensors.aps_sun.sensor import SpotImage
 from relnav.sensors.measurement import Status
 
+Positive = Annotated[float, Gt(0.0)]
+NonNegative = Annotated[float, Ge(0.0)]
 THRESHOLD = 0.05
 """Of the peak above the background: what is subtracted. More costs light, less lets noise in."""
 NOISE_SIGMAS = 2.0
@@ -21,6 +24,45 @@ SEEN_SIGMAS = 6.0
 MOST_SATURATED = 0.2
 SHAPE_ERROR_PX = 0.003
 """1-sigma of what the subtracted threshold leaves, over the spot's place within a pixel (up to 0.006 px)."""
+
+
+@dataclass(frozen=True)
+class SpotImage:
+    """Hole, exposure and read-out, from which an image of the spot follows.
+
+    Attributes
+    ----------
+    hole_radius_m, blur_px : float
+        Radius of the hole; Gaussian 1-sigma of what else blurs the spot.
+    signal_e, background_e, read_noise_e : float
+        Electrons of the whole spot; of the background and 1-sigma of the read-out in each pixel.
+    response_nonuniformity : float
+        1-sigma of the pixels' relative response.
+    bits, full_scale_e : int, float
+        Read-out: `full_scale_e` electrons read 2^bits - 1.
+    window_px : int
+        Side of the read-out window.
+    """
+
+    hole_radius_m: Positive
+    blur_px: Positive
+    signal_e: Positive
+    background_e: NonNegative
+    read_noise_e: Positive
+    response_nonuniformity: Annotated[float, Ge(0.0), Lt(0.2)]
+    bits: Annotated[int, Ge(6), Le(16)]
+    full_scale_e: Positive
+    window_px: Annotated[int, Ge(8), Le(256)]
+
+    @property
+    def full_scale(self) -> int:
+        """The largest count."""
+        return int(2**self.bits - 1)
+
+    @property
+    def electrons_per_count(self) -> float:
+        """Conversion gain."""
+        return self.full_scale_e / self.full_scale
 
 
 @dataclass(frozen=True)
@@ -65,7 +107,12 @@ def centroid_patent(image: ArrayLike, threshold: float = 0.0) -> tuple[float, fl
 
 
 def centroid(
-    image: ArrayLike, readout: SpotImage, *, threshold: float = THRESHOLD, background: float | None = None
+    image: ArrayLike,
+    readout: SpotImage,
+    *,
+    threshold: float = THRESHOLD,
+    background: float | None = None,
+    dark: bool = False,
 ) -> Spot:
     """Centre of the brightest spot of a window, with covariance.
 
@@ -79,6 +126,8 @@ def centroid(
         Subtracted, as a share of the peak; more where the noise asks for it.
     background : float, optional
         Counts; the median of the window's border if left out.
+    dark : bool
+        The shadow of a dot on a bright background, instead of the light of a hole.
 
     Returns
     -------
@@ -91,21 +140,44 @@ def centroid(
     ValueError
         For an image that is not two-dimensional, finite and 4 px or more on each side, or a threshold outside 0 to 0.9.
     """
+    return centroids(image, readout, 1, threshold=threshold, background=background, dark=dark)[0]
+
+
+def centroids(
+    image: ArrayLike,
+    readout: SpotImage,
+    count: int,
+    *,
+    threshold: float = THRESHOLD,
+    background: float | None = None,
+    dark: bool = False,
+) -> tuple[Spot, ...]:
+    """Centres of the `count` brightest separate spots of a window, brightest first; parameters as of `centroid`."""
     if not 0.0 <= threshold <= 0.9:
         raise ValueError(f"threshold is a share of the peak between 0 and 0.9; got {threshold}")
     g = _checked(image)
     border = np.concatenate([g[0], g[-1], g[1:-1, 0], g[1:-1, -1]])
     level = float(np.median(border)) if background is None else background
-    signal = g - level
+    signal = level - g if dark else g - level
     gain = readout.electrons_per_count
     quiet = math.sqrt(readout.read_noise_e**2 + max(level, 0.0) * gain) / gain + 1.0 / math.sqrt(12.0)
-    peak_row, peak_column = np.unravel_index(int(np.argmax(signal)), g.shape)
-    peak = float(signal[peak_row, peak_column])
-    if not peak > SEEN_SIGMAS * quiet:
-        return _none(Status.NOT_SEEN)
-    cut = max(threshold * peak, NOISE_SIGMAS * quiet)
+    found = []
+    for _ in range(count):
+        row, column = (int(k) for k in np.unravel_index(int(np.argmax(signal)), g.shape))
+        peak = float(signal[row, column])
+        if not peak > SEEN_SIGMAS * quiet:
+            found.append(_none(Status.NOT_SEEN))
+            continue
+        cut = max(threshold * peak, NOISE_SIGMAS * quiet)
+        used = _joined(signal > cut, row, column)
+        found.append(_centre(g, signal, used, cut, readout))
+        signal = np.where(used, 0.0, signal)
+    return tuple(found)
+
+
+def _centre(g: Matrix, signal: Matrix, used: Flags, cut: float, readout: SpotImage) -> Spot:
+    """Centre of the pixels `used`, with the threshold subtracted."""
     rows, columns = np.indices(g.shape)
-    used = _joined(signal > cut, int(peak_row), int(peak_column))
     weight = np.where(used, signal - cut, 0.0)
     total = float(weight.sum())
     x, y = float(np.sum(weight * columns)) / total, float(np.sum(weight * rows)) / total
@@ -113,6 +185,7 @@ def centroid(
         return _none(Status.AT_EDGE)
     if np.mean(g[used] >= readout.full_scale) > MOST_SATURATED:
         return _none(Status.SATURATED)
+    gain = readout.electrons_per_count
     variance = (readout.read_noise_e**2 + np.maximum(g, 0.0) * gain) / gain**2 + 1.0 / 12.0
     variance = np.where(used, variance + (readout.response_nonuniformity * signal) ** 2, 0.0)
     arm = np.stack([columns - x, rows - y])
