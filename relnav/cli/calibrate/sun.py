@@ -1,7 +1,7 @@
 """`relnav calibrate sun`: turntable angles and spots in, calibration file and report with residual maps out."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -89,8 +89,9 @@ def report_lines(report: "SunCalibrationReport") -> list[str]:
     lines = [
         f"{figures['points']} points{unseen}, model {figures['model']}, method: {figures['method']}, "
         f"field +-{figures['field_half_angle_deg']:.4g} deg",
-        _error_line("before", figures),
-        _error_line("after", figures) + "   (with the spot noise of the measurements)",
+        f"error of a plain hole: up to {figures['error_before_max_deg']:.4g} deg",
+        f"error calibrated: 3 sigma {figures['error_after_3rms_deg']:.4f} deg, at most "
+        f"{figures['error_after_max_deg']:.4f} deg, spot noise of the measurements included",
         f"spot noise stated {figures['spot_noise_px']:.4f} px, calibration itself off by "
         f"{figures['calibration_noise_px']:.4f} px (both in every covariance)",
     ]
@@ -109,11 +110,6 @@ def report_lines(report: "SunCalibrationReport") -> list[str]:
         tried = ", ".join(f"{name} {value:.4f}" for name, value in figures["held_out_rms_px"].items())
         lines.append(f"spline, rms of held-out points, px: {tried}")
     return lines + residual_map(report)
-
-
-def _error_line(when: str, figures: "dict[str, Any]") -> str:
-    three, most = figures[f"error_{when}_3rms_deg"], figures[f"error_{when}_max_deg"]
-    return f"error {when:<6}  3 rms {three:8.4f} deg   max {most:8.4f} deg"
 
 
 def residual_map(report: "SunCalibrationReport") -> list[str]:

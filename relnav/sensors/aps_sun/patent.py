@@ -180,6 +180,9 @@ def patent_batch(
         x_c = dx * (1.0 + r * (radial[0, 0] + r * (radial[0, 1] + r * radial[0, 2])))
         y_c = dy * (1.0 + r * (radial[1, 0] + r * (radial[1, 1] + r * radial[1, 2])))
         alpha, beta = DEG * math.atan(x_c / h), DEG * math.atan(y_c / h)
+        if not (abs(alpha) <= 90.0 and abs(beta) <= 90.0):
+            out[i, 0] = out[i, 1] = math.nan  # a spot that is none has no row
+            continue
         for axis in range(2):
             own, other = (alpha, beta) if axis == 0 else (beta, alpha)
             place = min(max(other + limit, 0.0), float(last))

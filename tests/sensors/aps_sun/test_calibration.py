@@ -17,7 +17,7 @@ from relnav.sensors.aps_sun.physical import (
 )
 from relnav.sensors.aps_sun.rays import project, tangents_from_spots
 from relnav.sensors.aps_sun.residual import choose_spline, fit_spline
-from relnav.sensors.aps_sun.table import DirectionTable
+from relnav.sensors.aps_sun.table import DirectionTable, direction_batch
 
 NOISE_PX = 0.03
 
@@ -137,6 +137,18 @@ def test_the_table_has_no_jumps(model):
     for x in table.x_px[1:-1]:
         left, right = (table.directions(np.column_stack([np.full(101, x + step), along])) for step in (-1e-9, 1e-9))
         assert np.degrees(np.abs(right - left).max()) < 1e-8
+
+
+def test_compiled_and_plain_are_the_same(model):
+    table, _ = compile_table(model, None, cells=8)
+    spots = np.random.default_rng(1).uniform(200.0, 800.0, (300, 2))
+    outs = []
+    for run in (direction_batch, getattr(direction_batch, "py_func", direction_batch)):
+        out = np.empty((300, 3))
+        run(spots, table.grid, table.cells.reshape(64, 32), 8, 8, out)
+        outs.append(out)
+    np.testing.assert_allclose(outs[0], outs[1], rtol=1e-14)
+    assert 0 < np.isnan(outs[0]).sum() < 300
 
 
 def test_outside_the_table_is_nan(model):

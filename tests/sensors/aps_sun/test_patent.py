@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from relnav.sensors.aps_sun.patent import fit_patent, paraxial, patent_angles, stage_one_angles
+from relnav.sensors.aps_sun.patent import fit_patent, paraxial, patent_angles, patent_batch, stage_one_angles
 from relnav.sensors.aps_sun.rays import project
 
 NOISE_PX = 0.03
@@ -168,6 +168,26 @@ def test_an_incomplete_grid_is_refused(bench, change, text):
     spots, angles = change(bench[0], bench[1])
     with pytest.raises(ValueError, match=text):
         fit_patent(spots, *np.radians(angles).T)
+
+
+def test_a_spot_that_is_none(tables):
+    out, valid = patent_angles(tables, np.array([[np.nan, 500.0], [np.inf, 500.0], [500.0, 500.0]]))
+    assert np.isnan(out[0]).all()
+    np.testing.assert_array_equal(valid, [False, False, True])
+
+
+def test_compiled_and_plain_are_the_same(bench, tables):
+    plain = getattr(patent_batch, "py_func", patent_batch)
+    for interpolate in (False, True):
+        outs = []
+        for run in (patent_batch, plain):
+            out = np.empty((200, 2))
+            run(
+                bench[2][:200].copy(), tables.x0_px, tables.y0_px, tables.h_px, tables.radial, tables.rows,
+                tables.limit_deg, interpolate, out,
+            )  # fmt: skip
+            outs.append(out)
+        np.testing.assert_allclose(outs[0], outs[1], rtol=1e-14)
 
 
 def test_wrong_use(tables):
