@@ -35,6 +35,7 @@ FREE = (
     "hole_height_m", "glass_thickness_m", "zero_spot_x_px", "zero_spot_y_px", "detector_tilt_x_rad",
     "detector_tilt_y_rad", "detector_rotation_rad", "misalignment_x_rad", "misalignment_y_rad",
 )  # fmt: skip
+COARSE = ("hole_height_m", "zero_spot_x_px", "zero_spot_y_px")
 FREE_DOME = ("dome_centre_x_m", "dome_centre_y_m", "dome_centre_z_m")
 MOST_CONDITION = 1e8
 STEP = 1e-3
@@ -70,9 +71,15 @@ class PhysicalFit:
 
 
 def default_free(model: ApsSunModel) -> tuple[str, ...]:
-    """Parameters that a calibration of this sensor should fit: the dome's only if there is one, likewise the glass."""
-    free = FREE + (FREE_DOME if model.dome.thickness_m > 0.0 else ())
-    return free if model.sensor.glass_thickness_m > 0.0 else tuple(n for n in free if n != "glass_thickness_m")
+    """Parameters that a calibration of this sensor should fit: the dome's only if there is one, likewise the glass.
+
+    A plain hole over a tilted detector is one over a level detector that is moved and misaligned: there the tilt stays.
+    """
+    dome, glass = model.dome.thickness_m > 0.0, model.sensor.glass_thickness_m > 0.0
+    left_out: tuple[str, ...] = () if glass else ("glass_thickness_m",)
+    if not (dome or glass):
+        left_out += ("detector_tilt_x_rad", "detector_tilt_y_rad")
+    return tuple(name for name in FREE + (FREE_DOME if dome else ()) if name not in left_out)
 
 
 def parameter_values(model: ApsSunModel, names: Sequence[str]) -> Vector:
@@ -145,6 +152,9 @@ def fit_physical(
             f"{len(names)} parameters need more than {len(names) // 2} spots (N, 2) with a direction (N, 3) each; got "
             f"{xy.shape} and {s.shape}"
         )
+    coarse = tuple(name for name in names if name in COARSE)
+    if coarse and coarse != names:  # from far off, all at once may lead out of what can be built
+        start = fit_physical(xy, s, start, free=coarse).model
     scale = np.array([PARAMETERS[name][3] for name in names])
     first = parameter_values(start, names)
 

@@ -47,6 +47,37 @@ def test_without_noise_the_fit_finds_the_sensor(model, points):
     np.testing.assert_allclose(fit.values, parameter_values(model, fit.free), rtol=1e-6, atol=1e-10)
 
 
+@pytest.mark.parametrize(("shift_px", "height", "glass"), [(100.0, 1.1, 1.0), (-200.0, 0.85, 1.3), (40.0, 1.2, 0.3)])
+def test_it_is_found_from_far_off(model, points, shift_px, height, glass):
+    """Zero spot 200 px, height 20 % and glass 70 % off lead to the same fit as the design does."""
+    spots, s = points(7)
+    near, start = fit_physical(spots, s, design(model)), design(model)
+    x, y = start.sensor.zero_spot_px
+    far = replace(
+        start.sensor,
+        zero_spot_px=(x + shift_px, y - shift_px),
+        hole_height_m=height * start.sensor.hole_height_m,
+        glass_thickness_m=glass * start.sensor.glass_thickness_m,
+        glass_depth_m=0.2e-3,
+    )
+    fit = fit_physical(spots, s, replace(start, sensor=far))
+    np.testing.assert_allclose(fit.values, near.values, rtol=1e-4, atol=1e-7)
+
+
+@pytest.mark.parametrize("glass_m", [0.0, 2e-3])
+def test_a_sensor_without_a_dome(model, unit, grid, glass_m):
+    """Without glass too it is a plain hole: a tilted detector is then found as a moved and misaligned one."""
+    flat = {"glass_thickness_m": glass_m, "glass_tilt_rad": (0.0, 0.0)}
+    bare = replace(without_dome(model), sensor=replace(model.sensor, **flat))
+    spots = project(bare, unit(grid(7)))
+    fit = fit_physical(spots, unit(grid(7)), without_dome(design(bare)))
+    assert fit.free == default_free(bare)
+    assert len(fit.free) == (9 if glass_m else 6)
+    assert fit.rms_px < 1e-6
+    if glass_m:
+        np.testing.assert_allclose(fit.values, parameter_values(bare, fit.free), rtol=1e-6, atol=1e-9)
+
+
 def test_parameter_jacobian(model, unit, grid, truth):
     s, names = unit(grid(3)), tuple(PARAMETERS)
     scale = np.array([PARAMETERS[name][3] for name in names])
