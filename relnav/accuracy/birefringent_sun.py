@@ -131,14 +131,15 @@ def measure(
             progress(1)
     edge = sensor.field_half_angle_rad
     sigmas = [direction_sigmas(sensor, s) for s in _random_directions(edge, 400, rng)]
-    both, shared, one, hole = (
-        np.sqrt(np.mean([getattr(entry, name) ** 2 for entry in sigmas]))
-        for name in ("both", "shared", "ordinary", "hole_same_depth")
+    both, shared, ordinary, extraordinary, hole = (
+        float(np.sqrt(np.mean([getattr(entry, name) ** 2 for entry in sigmas])))
+        for name in ("both", "shared", "ordinary", "extraordinary", "hole_same_depth")
     )
     figures = [
         (AXES, f"two spots, {runs} random crystals and directions", float(ranks.max())),
-        (OVER_ONE, "same noise in each spot", one / both),
-        (OVER_ONE, "light shared by the spots", one / shared),
+        (OVER_ONE, "over the ordinary, same noise in each spot", ordinary / both),
+        (OVER_ONE, "over the extraordinary, same noise in each spot", extraordinary / both),
+        (OVER_ONE, "light shared by the spots", ordinary / shared),
         (OVER_HOLE, "hole at the same depth", hole / both),
         (OVER_HOLE, "hole on the same detector", gain_on_the_same_detector(sensor, edge)[1]),
     ]
