@@ -23,8 +23,10 @@ def main() -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     worst = 0
     for model in relnav.list_models():
-        files = ["--json", str(options.out / f"{model}.json"), "--plot", str(options.out / f"{model}.png")]
-        worst = max(worst, run(["accuracy", model, "--runs", str(options.runs), "--seed", str(options.seed), *files]))
+        arguments = ["--seed", str(options.seed), "--json", str(options.out / f"{model}.json")]
+        if isinstance(relnav.load_model(model), relnav.Model):  # others have their own number of runs, and no picture
+            arguments += ["--runs", str(options.runs), "--plot", str(options.out / f"{model}.png")]
+        worst = max(worst, run(["accuracy", model, *arguments]))
     return worst
 
 

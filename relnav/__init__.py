@@ -18,13 +18,14 @@ if TYPE_CHECKING:
     from relnav.files.accuracy import measure_accuracy
     from relnav.files.filter_log import filter_log
     from relnav.files.models import list_models, load_model, load_published
+    from relnav.files.sun_calibration import load_sun_calibration
     from relnav.files.tables import write
     from relnav.mission import Model
     from relnav.navigation.log import filter_epochs
     from relnav.navigation.record import FilterRecord, Solution
     from relnav.navigation.relative_position import Navigator
     from relnav.navigation.status import EpochStatus
-    from relnav.sensors import three_beacon, three_marker
+    from relnav.sensors import aps_sun, birefringent_sun, three_beacon, three_marker
     from relnav.sensors.measurement import Measurement, Status
 
 _HOME = {
@@ -39,6 +40,7 @@ _HOME = {
     "list_models": "relnav.files.models",
     "load_model": "relnav.files.models",
     "load_published": "relnav.files.models",
+    "load_sun_calibration": "relnav.files.sun_calibration",
     "write": "relnav.files.tables",
     "Model": "relnav.mission",
     "FilterRecord": "relnav.navigation.record",
@@ -46,13 +48,15 @@ _HOME = {
     "Navigator": "relnav.navigation.relative_position",
     "filter_epochs": "relnav.navigation.log",
     "EpochStatus": "relnav.navigation.status",
+    "birefringent_sun": "relnav.sensors.birefringent_sun",
+    "aps_sun": "relnav.sensors.aps_sun",
     "three_beacon": "relnav.sensors.three_beacon",
     "three_marker": "relnav.sensors.three_marker",
     "Measurement": "relnav.sensors.measurement",
     "Status": "relnav.sensors.measurement",
 }
 
-_MODULES = ("three_beacon", "three_marker")
+_MODULES = ("aps_sun", "birefringent_sun", "three_beacon", "three_marker")
 
 __all__ = [
     "AccuracyReport",
@@ -68,11 +72,14 @@ __all__ = [
     "Solution",
     "Status",
     "UsageError",
+    "aps_sun",
+    "birefringent_sun",
     "filter_epochs",
     "filter_log",
     "list_models",
     "load_model",
     "load_published",
+    "load_sun_calibration",
     "measure_accuracy",
     "three_beacon",
     "three_marker",

@@ -6,7 +6,7 @@ it is an error. Infinities in spot columns go to the filter, which rejects them 
 
 import csv
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -65,18 +65,19 @@ class LogFile:
         For a file that cannot be read, and for a header that is not one of a log.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, parse: Callable[[list[str], str], Columns] = parse_header) -> None:
+        """Read the head; `parse` finds the columns in a header, as `parse_header` does."""
         self.path = path
         self._parquet = path.suffix.lower() == ".parquet"
         if self._parquet:
             from relnav.files.parquet import open_parquet
 
             self._file, self._names, self.metadata = open_parquet(path)
-            self.columns = parse_header(self._names, f"{path}:1")
+            self.columns = parse(self._names, f"{path}:1")
         else:
             with self._open() as file:
                 self.metadata, header, line = _read_head(file, path)
-                self.columns = parse_header(header, f"{path}:{line}")
+                self.columns = parse(header, f"{path}:{line}")
 
     def chunks(self) -> Iterator[Log]:
         """The log, piece after piece in SI units; at least one, none of them empty.
@@ -88,14 +89,19 @@ class LogFile:
             outside the spots, a time that repeats or goes back, a quaternion that is not a rotation.
         """
         t_before = -math.inf
-        for values, lines in self._parquet_rows() if self._parquet else self._csv_rows():
-            _to_si(values, self.columns)
+        for values, lines in self.rows():
             _check_values(values, lines, self.path, self.columns, t_before)
             piece = self._log(values)
             t_before = float(piece.t_s[-1])
             yield piece
         if t_before == -math.inf:
             raise LogError(f"{self.path}: no rows after the header; at least one epoch is expected")
+
+    def rows(self) -> Iterator[tuple[Matrix, Vector]]:
+        """Values in SI (m, columns in header order) and the line number of each row, piece after piece, unchecked."""
+        for values, lines in self._parquet_rows() if self._parquet else self._csv_rows():
+            _to_si(values, self.columns)
+            yield values, lines
 
     def _log(self, values: Matrix) -> Log:
         order = _order(self.columns)
@@ -129,7 +135,7 @@ class LogFile:
             raise LogError(f"{self.path}: cannot be read: {error.strerror}") from error
 
     def _csv_rows(self) -> Iterator[tuple[Matrix, Vector]]:
-        """Rows as they stand, columns in header order, and the line number of each row."""
+        """Rows as they stand in the file."""
         with self._open() as file:
             _, _, line = _read_head(file, self.path)
             while chunk := list(islice(file, CHUNK_LINES)):
@@ -163,6 +169,26 @@ def read_log(path: Path) -> Log:
 
     arrays = {name: join(name) for name in ("t_s", "spots_m", "acceleration_m_s2", "delta_v_m_s", "q_cam_from_lvlh")}
     return replace(pieces[0], **arrays)
+
+
+def read_csv(
+    path: Path, parse: Callable[[list[str], str], Columns] = parse_header
+) -> tuple[dict[str, str], Columns, Matrix, Vector]:
+    """Metadata, columns, values in SI (n, columns in header order) and line numbers (n,) of a CSV table.
+
+    `parse` finds the columns in a header, as `parse_header` does.
+
+    Raises
+    ------
+    LogError
+        Naming file, line and column.
+    """
+    file = LogFile(path, parse)
+    pieces = list(file.rows())
+    if not pieces:
+        return file.metadata, file.columns, np.empty((0, len(file.columns.index))), np.empty(0)
+    values, lines = zip(*pieces, strict=True)
+    return file.metadata, file.columns, np.concatenate(values), np.concatenate(lines)
 
 
 def _order(columns: Columns) -> dict[str, int]:

@@ -39,6 +39,14 @@ SYSTEMS: dict[str, System] = {
         runs=400,
         budget="relnav.accuracy.three_marker_budget:budget",
     ),
+    "aps_sun": System(
+        mission="relnav.sensors.aps_sun.sensor:ApsSunModel", accuracy="relnav.accuracy.aps_sun:measure", runs=4
+    ),
+    "birefringent_sun": System(
+        mission="relnav.sensors.birefringent_sun.sensor:BirefringentSunModel",
+        accuracy="relnav.accuracy.birefringent_sun:measure",
+        runs=10_000,
+    ),
 }
 
 

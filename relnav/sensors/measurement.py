@@ -26,6 +26,12 @@ class Status(IntEnum):
     """A spot is seen of a beacon that the predicted state puts behind the camera."""
     MISALIGNED = 8
     """The camera attitude that the fix implies is more than 10 deg off the stated one: a glint, or a wrong attitude."""
+    SATURATED = 9
+    """Too many of the spot's pixels are at full scale: its centre cannot be trusted."""
+    AT_EDGE = 10
+    """The spot touches the border of its window: part of it is cut off."""
+    OUTSIDE_FIELD = 11
+    """The direction lies outside the field that was calibrated."""
 
 
 # The same numbers as plain integers, for compiled code.

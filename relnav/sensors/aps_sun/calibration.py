@@ -1,0 +1,235 @@
+"""From measured spots to a calibration: ray model, spline where the data ask for one, compiled to a table."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from relnav.arrays import Matrix, Vector
+from relnav.geometry.projection_angles import (
+    direction_from_angles,
+    direction_from_tangents,
+    direction_jacobian,
+    tangents_from_direction,
+)
+from relnav.sensors.aps_sun.patent import PatentTables, fit_patent, patent_angles
+from relnav.sensors.aps_sun.physical import PhysicalFit, fit_physical, parameter_jacobian
+from relnav.sensors.aps_sun.rays import project, project_jacobian, tangents_from_spots
+from relnav.sensors.aps_sun.residual import ResidualChoice, SplineResidual, choose_spline
+from relnav.sensors.aps_sun.sensor import ApsSunModel
+from relnav.sensors.aps_sun.table import DirectionTable
+
+CELLS, MOST_CELLS = 16, 64
+MOST_LOSS_RAD = 1e-5
+"""What compiling may cost, 0.0006 deg: cells are doubled until it is met."""
+MARGIN_RAD = np.radians(1.0)
+"""How far beyond the calibrated field a direction is still given."""
+METHODS = ("auto", "rays", "patent")
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What turns a spot into a direction.
+
+    Attributes
+    ----------
+    method : str
+        "as built", "rays", "rays and spline", "patent".
+    form : DirectionTable or PatentTables
+        Run-time form.
+    field_half_angle_rad : float
+        Directions with both projection angles within this plus 1 deg are given.
+    spot_noise_px : float
+        1-sigma of a spot coordinate, where the measurement does not bring its own covariance.
+    calibration_noise_px : float
+        1-sigma of what the calibration itself is off, as an error of each spot coordinate; in every covariance.
+    """
+
+    method: str
+    form: DirectionTable | PatentTables
+    field_half_angle_rad: float
+    spot_noise_px: float
+    calibration_noise_px: float
+
+
+@dataclass(frozen=True)
+class CalibrationResult:
+    """A calibration with how it came about.
+
+    Attributes
+    ----------
+    calibration : Calibration
+        The result.
+    fit : PhysicalFit or None
+        Ray model; None for the patent's method.
+    residual : ResidualChoice or None
+        What was tried of splines.
+    compile_loss_rad : float
+        Largest difference of the table from what it was compiled of, halfway between nodes.
+    error_rad : (N, 2)
+        Calibrated minus stated (alpha, beta) at every calibration point.
+    """
+
+    calibration: Calibration
+    fit: PhysicalFit | None
+    residual: ResidualChoice | None
+    compile_loss_rad: float
+    error_rad: Matrix
+
+
+def calibrate(
+    spots_px: ArrayLike,
+    directions: ArrayLike,
+    start: ApsSunModel,
+    *,
+    method: str = "auto",
+    free: Sequence[str] | None = None,
+    seed: int = 0,
+) -> CalibrationResult:
+    """Calibrate from spots (N, 2) px and the unit directions (N, 3) that made them.
+
+    Parameters
+    ----------
+    start : ApsSunModel
+        Design values: start of the ray model, spot noise, field.
+    method : {"auto", "rays", "patent"}
+        "auto" adds a spline to the ray model if cross-validation finds that it helps; "patent" is seed 002 as written,
+        with the optical h.
+    free : sequence of str, optional
+        What the ray model fits (`PARAMETERS`).
+    seed : int
+        Of the folds of the cross-validation.
+
+    Raises
+    ------
+    ValueError
+        For an unknown method, too few points, or points that do not determine the model.
+    """
+    if method not in METHODS:
+        raise ValueError(f"method is one of {', '.join(METHODS)}; got {method!r}")
+    xy, s = np.asarray(spots_px, dtype=np.float64), np.asarray(directions, dtype=np.float64)
+    angles = np.arctan(tangents_from_direction(s))
+    sensor = start.sensor
+    fit, choice, loss = None, None, 0.0
+    form: DirectionTable | PatentTables
+    if method == "patent":
+        form = fit_patent(xy, angles[:, 0], angles[:, 1])
+        error = angles_of_spots(form, xy) - angles
+        off = _patent_noise(error, start)
+        name = "patent"
+    else:
+        fit = fit_physical(xy, s, start, free=free)
+        shifts = xy - project(fit.model, s)
+        choice = choose_spline(xy, shifts, np.random.default_rng(seed)) if method == "auto" else None
+        spline = choice.spline if choice is not None else None
+        form, loss = compile_table(fit.model, spline)
+        error = angles_of_spots(form, xy) - angles
+        off = _calibration_noise(fit, choice, len(xy))
+        name = "rays" if spline is None else "rays and spline"
+    done = Calibration(name, form, sensor.field_half_angle_rad, sensor.spot_noise_px, off)
+    return CalibrationResult(done, fit, choice, loss, error)
+
+
+@lru_cache(maxsize=8)
+def as_built(model: ApsSunModel) -> Calibration:
+    """The calibration that a model's own dimensions give, as if nothing had been measured."""
+    form, _ = compile_table(model, None)
+    sensor = model.sensor
+    return Calibration("as built", form, sensor.field_half_angle_rad, sensor.spot_noise_px, 0.0)
+
+
+def compile_table(
+    model: ApsSunModel, spline: SplineResidual | None, *, cells: int | None = None
+) -> tuple[DirectionTable, float]:
+    """Table of a ray model and its spline over the field and 1.5 deg more, and its largest error, rad.
+
+    Without `cells` (on each axis) they are doubled until the error is below `MOST_LOSS_RAD`.
+
+    Raises
+    ------
+    ValueError
+        If the ray model has no direction for some spot of the table.
+    """
+    edge = model.sensor.field_half_angle_rad + 1.5 * MARGIN_RAD
+    along, ends = np.linspace(-edge, edge, 41), np.full(41, edge)
+    sides = ((along, ends), (along, -ends), (ends, along), (-ends, along))
+    spots = project(model, np.concatenate([direction_from_angles(*side) for side in sides]))
+    low, high = spots.min(axis=0), spots.max(axis=0)
+    if not np.all(np.isfinite([low, high])):
+        raise ValueError("no light reaches the detector from the edge of the field; make field_half_angle smaller")
+    count = CELLS if cells is None else cells
+    while True:
+        x, y = (np.linspace(low[axis], high[axis], count + 1) for axis in range(2))
+        table = DirectionTable(x, y, _tangents(model, spline, x, y))
+        loss = _compile_loss(table, model, spline)
+        if cells is not None or loss <= MOST_LOSS_RAD or count >= MOST_CELLS:
+            return table, loss
+        count *= 2
+
+
+def _compile_loss(table: DirectionTable, model: ApsSunModel, spline: SplineResidual | None) -> float:
+    """Largest error of a table within the field at the middles of its cells, rad."""
+    x, y = (0.5 * (nodes[1:] + nodes[:-1]) for nodes in (table.x_px, table.y_px))
+    exact = _tangents(model, spline, x, y).reshape(-1, 2)
+    inside = np.all(np.abs(exact) <= np.tan(model.sensor.field_half_angle_rad), axis=1)
+    places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    return float(np.abs(table.directions(places[inside]) - direction_from_tangents(exact[inside])).max())
+
+
+def spot_to_direction(calibration: Calibration, x_px: float, y_px: float) -> tuple[Vector, Matrix]:
+    """Unit vector (3,) of a spot and its slope d(vector)/d(spot px) (3, 2); NaN outside the table."""
+    tangents, slope = calibration.form.tangents_with_slope(x_px, y_px)
+    return direction_from_tangents(tangents), direction_jacobian(tangents) @ slope
+
+
+def _tangents(model: ApsSunModel, spline: SplineResidual | None, x: Vector, y: Vector) -> Matrix:
+    """(tan alpha, tan beta) (nx, ny, 2) at a grid of spots."""
+    nodes = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    shift = spline.shift_px(nodes) if spline is not None else 0.0
+    tangents = tangents_from_spots(model, nodes - shift)
+    if not np.all(np.isfinite(tangents)):
+        raise ValueError("the ray model has no direction for some spots of the field; check the dimensions")
+    return tangents.reshape(len(x), len(y), 2)
+
+
+def angles_of_spots(form: DirectionTable | PatentTables, spots_px: Matrix) -> Matrix:
+    """(alpha, beta) (N, 2) rad of many spots."""
+    if isinstance(form, PatentTables):
+        return patent_angles(form, spots_px)[0]
+    return np.arctan(tangents_from_direction(form.directions(spots_px)))
+
+
+def _calibration_noise(fit: PhysicalFit, choice: ResidualChoice | None, points: int) -> float:
+    """1-sigma (px, each coordinate, mean over the field) of what fit and spline are off.
+
+    The larger of two: the fit's own covariance, and what held-out points show beyond the spot noise. The second counts
+    only if it is significant, two standard deviations of a mean square over so many points.
+    """
+    s = _over_the_field(fit.model)
+    moved = parameter_jacobian(fit.model, fit.free, s)
+    from_fit = 0.5 * float(np.mean(np.einsum("nij,jk,nik->n", moved, fit.covariance, moved)))
+    noise2 = fit.model.sensor.spot_noise_px**2
+    held_out = fit.chi2_per_dof * noise2
+    if choice is not None and choice.spline is not None:
+        held_out = choice.held_out_px2
+    excess = held_out - noise2
+    if excess < 2.0 * noise2 / np.sqrt(points):
+        excess = 0.0
+    return float(np.sqrt(max(from_fit, excess)))
+
+
+def _patent_noise(error_rad: Matrix, model: ApsSunModel) -> float:
+    """The same of the patent's tables: what its residual angles show beyond the spot noise, as spot error."""
+    tangents = tangents_from_direction(_over_the_field(model))
+    slopes = np.linalg.inv(project_jacobian(model, tangents)) / (1.0 + tangents**2)[..., None]
+    per_px2 = 0.5 * float(np.mean(np.sum(slopes**2, axis=(1, 2))))
+    return float(np.sqrt(max(float(np.mean(error_rad**2)) / per_px2 - model.sensor.spot_noise_px**2, 0.0)))
+
+
+def _over_the_field(model: ApsSunModel) -> Matrix:
+    """Directions (81, 3) on a grid over the field."""
+    along = np.linspace(-model.sensor.field_half_angle_rad, model.sensor.field_half_angle_rad, 9)
+    alpha, beta = np.meshgrid(along, along)
+    return direction_from_angles(alpha.ravel(), beta.ravel())

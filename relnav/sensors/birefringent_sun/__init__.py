@@ -1,0 +1,22 @@
+"""Birefringent sun sensor (seed 004): two spots from one crystal, and what they can and cannot say."""
+
+from relnav.sensors.birefringent_sun.measure import measure
+from relnav.sensors.birefringent_sun.observability import Observability, observability
+from relnav.sensors.birefringent_sun.polarised import PolarisedRoll, polarised_roll
+from relnav.sensors.birefringent_sun.self_calibration import SelfCalibration, self_calibrate
+from relnav.sensors.birefringent_sun.sensor import BirefringentSunModel
+from relnav.sensors.sun_direction import AttitudeObservation, SunDirection, attitude_observation
+
+__all__ = [
+    "AttitudeObservation",
+    "BirefringentSunModel",
+    "Observability",
+    "PolarisedRoll",
+    "SelfCalibration",
+    "SunDirection",
+    "attitude_observation",
+    "measure",
+    "observability",
+    "polarised_roll",
+    "self_calibrate",
+]

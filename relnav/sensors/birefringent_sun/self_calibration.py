@@ -1,0 +1,137 @@
+"""Constants of the sensor from its own frames, without any attitude: four coordinates, two unknowns a frame.
+
+Each frame's direction is eliminated, and what is left of its four coordinates speaks about the constants. A plain hole
+cannot do this: there a shift of the detector looks like another direction.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from relnav.arrays import Matrix, Stack, Vector
+from relnav.sensors.birefringent_sun.direction import fit_two_spots
+from relnav.sensors.birefringent_sun.sensor import BirefringentSunSensor
+from relnav.sensors.birefringent_sun.spots import spots_jacobian, spots_of_transverse
+
+# name: step of the numeric derivative, SI or px
+PARAMETERS = {
+    "zero_spot_x_px": 1e-3,
+    "zero_spot_y_px": 1e-3,
+    "crystal_thickness_m": 1e-8,
+    "axis_polar_rad": 1e-6,
+    "axis_azimuth_rad": 1e-6,
+    "ordinary_index": 1e-6,
+    "extraordinary_index": 1e-6,
+}
+PASSES = 8
+LEAST_SHARE = 1e-9
+"""Of what the spots would say of a constant if the directions were known, that must be left where they are not."""
+
+
+@dataclass(frozen=True)
+class SelfCalibration:
+    """Estimated constants.
+
+    Attributes
+    ----------
+    sensor : BirefringentSunSensor
+        With the estimates in place.
+    free : tuple of str
+        What was estimated.
+    values, covariance : (p,), (p, p)
+        Estimates and their covariance, units as the names say.
+    chi2_per_dof : float
+        1 if the model is right and the noise as stated.
+    """
+
+    sensor: BirefringentSunSensor
+    free: tuple[str, ...]
+    values: Vector
+    covariance: Matrix
+    chi2_per_dof: float
+
+
+def self_calibrate(
+    sensor: BirefringentSunSensor, spots_px: ArrayLike, *, free: Sequence[str] = ("zero_spot_x_px", "zero_spot_y_px")
+) -> SelfCalibration:
+    """Estimate constants from frames of labelled spots (N, 2, 2) px, rows o, e; Gauss-Newton from the sensor's values.
+
+    Raises
+    ------
+    ValueError
+        For another shape, unknown names, too few frames, spots without a direction, or frames that do not determine
+        the constants.
+    """
+    spots, names = np.asarray(spots_px, dtype=np.float64), tuple(free)
+    unknown = [name for name in names if name not in PARAMETERS]
+    if unknown:
+        raise ValueError(f"unknown parameter {unknown[0]!r}; known are {', '.join(PARAMETERS)}")
+    if spots.shape[1:] != (2, 2) or 2 * len(spots) <= len(names):
+        raise ValueError(f"more than {len(names) // 2} frames (N, 2, 2), rows o, e, are expected; got {spots.shape}")
+    noise = sensor.spot_noise_px
+    for _ in range(PASSES):
+        u, miss = _fitted(sensor, spots)
+        if not np.all(np.isfinite(miss)):
+            raise ValueError("some pair of spots has no sun direction; leave it out")
+        normal, right, alone = _reduced(sensor, names, u, miss)
+        if np.linalg.eigvalsh(normal / np.sqrt(np.outer(alone, alone)))[0] < LEAST_SHARE:
+            raise ValueError(f"these frames do not determine {', '.join(names)} together; spread them or free fewer")
+        sensor = _with(sensor, names, _values(sensor, names) + np.linalg.solve(normal, right))
+    u, miss = _fitted(sensor, spots)
+    normal, _, _ = _reduced(sensor, names, u, miss)
+    dof = 2 * len(spots) - len(names)
+    covariance = np.asarray(noise**2 * np.linalg.inv(normal), dtype=np.float64)
+    return SelfCalibration(sensor, names, _values(sensor, names), covariance, float(np.sum(miss**2) / noise**2 / dof))
+
+
+def self_calibration_bound(sensor: BirefringentSunSensor, u: ArrayLike, free: Sequence[str]) -> Matrix:
+    """Cramer-Rao bound (p, p) of the constants from frames of directions u (N, 2), without having made any image."""
+    u = np.asarray(u, dtype=np.float64)
+    normal, _, _ = _reduced(sensor, tuple(free), u, np.zeros((len(u), 4)))
+    return np.asarray(sensor.spot_noise_px**2 * np.linalg.inv(normal), dtype=np.float64)
+
+
+def _fitted(sensor: BirefringentSunSensor, spots_px: Stack) -> tuple[Matrix, Matrix]:
+    """Best directions u (N, 2) of every frame, and what is left of the spots (N, 4) px."""
+    pitch = sensor.pixel_pitch_m
+    measured = (spots_px - np.array(sensor.zero_spot_px)) * pitch
+    u = fit_two_spots(sensor, measured, pitch**2 * np.eye(4)).u
+    return u, ((measured - spots_of_transverse(sensor, u)) / pitch).reshape(-1, 4)
+
+
+def _reduced(
+    sensor: BirefringentSunSensor, names: tuple[str, ...], u: Matrix, miss: Matrix
+) -> tuple[Matrix, Vector, Vector]:
+    """Normal equations of the constants with every frame's direction eliminated, px.
+
+    Third: the diagonal that they would have if the directions were known.
+    """
+    along = spots_jacobian(sensor, u) / sensor.pixel_pitch_m
+    pseudo = np.linalg.solve(np.swapaxes(along, 1, 2) @ along, np.swapaxes(along, 1, 2))
+    free_part = np.eye(4) - along @ pseudo
+    values, columns = _values(sensor, names), []
+    for k, name in enumerate(names):
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = values.copy()
+            moved[k] += sign * PARAMETERS[name]
+            there = _with(sensor, names, moved)
+            ends.append(np.array(there.zero_spot_px) + spots_of_transverse(there, u) / there.pixel_pitch_m)
+        columns.append(((ends[0] - ends[1]) / (2.0 * PARAMETERS[name])).reshape(-1, 4))
+    whole = np.stack(columns, axis=-1)
+    flat: Matrix = (free_part @ whole).reshape(-1, len(names))
+    return flat.T @ flat, flat.T @ miss.ravel(), np.sum(whole**2, axis=(0, 1))
+
+
+def _values(sensor: BirefringentSunSensor, names: tuple[str, ...]) -> Vector:
+    place = {"zero_spot_x_px": 0, "zero_spot_y_px": 1}
+    return np.array([sensor.zero_spot_px[place[n]] if n in place else getattr(sensor, n) for n in names])
+
+
+def _with(sensor: BirefringentSunSensor, names: tuple[str, ...], values: Vector) -> BirefringentSunSensor:
+    changes = dict(zip(names, values.tolist(), strict=True))
+    x, y = sensor.zero_spot_px
+    zero = (changes.pop("zero_spot_x_px", x), changes.pop("zero_spot_y_px", y))
+    return replace(sensor, zero_spot_px=zero, **changes)

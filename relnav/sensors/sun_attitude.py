@@ -1,0 +1,69 @@
+"""All three axes of the attitude from the sun and a second vector: a star, the horizon, the way to the target.
+
+The sun alone leaves the turn about its own line unknown. A second vector at angle eta from it gives that turn with
+
+    sigma_roll^2 = (sigma_2^2 + cos^2(eta) sigma_sun^2) / sin^2(eta)
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from relnav.arrays import Matrix
+from relnav.geometry.rotation import triad
+from relnav.sensors.sun_direction import SunDirection, attitude_observation
+
+PASSES = 3
+CLOSEST_RAD = math.radians(1.0)
+
+
+def attitude_from_sun_and_vector(
+    sun_body: SunDirection, second_body: SunDirection, sun_inertial: ArrayLike, second_inertial: ArrayLike
+) -> tuple[Matrix, Matrix]:
+    """Least-squares attitude from two measured directions.
+
+    Parameters
+    ----------
+    sun_body, second_body : SunDirection
+        Measured, in body axes, each with its covariance.
+    sun_inertial, second_inertial : (3,)
+        Where they are, unit vectors.
+
+    Returns
+    -------
+    dcm_body_from_inertial : (3, 3)
+    covariance : (3, 3)
+        Of the small rotation vector e (body axes) of v_body_true = (I + [e x]) v_body_estimated, rad^2.
+
+    Raises
+    ------
+    ValueError
+        If the two vectors are less than a degree apart or opposite: the roll about them is then not known.
+    """
+    sun, second = np.asarray(sun_inertial, dtype=np.float64), np.asarray(second_inertial, dtype=np.float64)
+    apart = math.atan2(float(np.linalg.norm(np.cross(sun, second))), abs(float(sun @ second)))
+    if not apart >= CLOSEST_RAD:
+        raise ValueError(f"the second vector lies {math.degrees(apart):.3g} deg from the sun line; 1 deg is the least")
+    axes_body, axes_inertial = np.empty((3, 3)), np.empty((3, 3))
+    triad(np.array(sun_body.direction), np.array(second_body.direction), axes_body)
+    triad(sun, second, axes_inertial)
+    dcm: Matrix = axes_body.T @ axes_inertial
+    for _ in range(PASSES):
+        parts = [attitude_observation(sun_body, sun, dcm), attitude_observation(second_body, second, dcm)]
+        information = sum(p.jacobian.T @ np.linalg.solve(p.covariance, p.jacobian) for p in parts)
+        pull = sum(p.jacobian.T @ np.linalg.solve(p.covariance, p.innovation) for p in parts)
+        covariance: Matrix = np.linalg.inv(np.asarray(information))
+        dcm = _rotation(covariance @ pull) @ dcm
+    return dcm, covariance
+
+
+def _rotation(e: Matrix) -> Matrix:
+    """Rotation matrix of a rotation vector e (3,)."""
+    angle = float(np.linalg.norm(e))
+    if angle == 0.0:
+        return np.eye(3)
+    x, y, z = e / angle
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turn: Matrix = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
+    return turn
