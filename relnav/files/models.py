@@ -9,9 +9,11 @@ from typing import Any
 
 from relnav.accuracy.published import Claim, ClaimException, Published
 from relnav.errors import ModelError, UnknownModelError
+from relnav.files.psd_calibration import named_calibration
 from relnav.files.systems import SYSTEMS, resolve
 from relnav.files.toml_values import build, read_toml
 from relnav.mission import Model
+from relnav.sensors.three_beacon.calibration import Calibration
 
 
 def models_root() -> Path:
@@ -74,8 +76,7 @@ def load_model(name_or_path: str | os.PathLike[str]) -> Any:
         problems.add("sensor_type", f"one of {', '.join(SYSTEMS)} is expected; got {kind!r}")
         problems.raise_if_any()
     cls = resolve(SYSTEMS[str(kind)].mission)
-    hints = typing.get_type_hints(cls)
-    sections = {name: hint for name, hint in hints.items() if dataclasses.is_dataclass(hint)}
+    sections, optional = _sections(cls)
     provenance: dict[str, str] = {}
     values: dict[str, Any] = {}
     for name in table:
@@ -84,6 +85,11 @@ def load_model(name_or_path: str | os.PathLike[str]) -> Any:
             hint = f"did you mean [{near[0]}]?" if near else f"known sections are {', '.join(sections)}"
             problems.add(name, f"unknown section; {hint}")
     for name, section in sections.items():
+        if name in optional and name not in table:
+            continue
+        if section is Calibration:
+            values[name] = named_calibration(table[name], path, problems, provenance)
+            continue
         values[name] = build(section, table.get(name, {}), name, problems, provenance)
     problems.raise_if_any()
     label = path.parent.name if path.name == "model.toml" else path.stem
@@ -91,6 +97,18 @@ def load_model(name_or_path: str | os.PathLike[str]) -> Any:
         return cls(name=label, title=str(title), provenance=provenance, path=str(path), **values)
     except ValueError as error:
         raise ModelError(f"{path}: {error}") from error
+
+
+def _sections(cls: Any) -> tuple[dict[str, Any], set[str]]:
+    """Dataclasses that are sections of a mission's file, by name, and which of them may be left out (`X | None`)."""
+    sections, optional = {}, set()
+    for name, hint in typing.get_type_hints(cls).items():
+        choices = [choice for choice in typing.get_args(hint) or (hint,) if choice is not type(None)]
+        if len(choices) == 1 and dataclasses.is_dataclass(choices[0]):
+            sections[name] = choices[0]
+            if choices[0] is not hint:
+                optional.add(name)
+    return sections, optional
 
 
 def load_mission(name_or_path: str | os.PathLike[str]) -> Model:

@@ -1,0 +1,14 @@
+"""`relnav calibrate SENSOR`: from measurements of something known to a calibration that a model file can name."""
+
+import click
+
+from relnav.cli import LazyGroup
+
+COMMANDS = {
+    "psd": ("relnav.cli.calibrate.psd", "Fit a position-sensitive detector's distortion from a grid of known spots."),
+}
+
+
+@click.command(cls=LazyGroup, table=COMMANDS, epilog="Example: relnav calibrate psd grid.csv --out calibration.toml")
+def command() -> None:
+    """Calibrate a sensor from measurements of something known."""
