@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Gt, Lt
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix, Stack, Vector
 from relnav.geometry.rotation import dcm_from_quaternion
 from relnav.sensors.three_beacon.calibration import Calibration
 from relnav.sensors.three_beacon.light import Light
@@ -209,6 +209,10 @@ class Model:
         """1-sigma of a spot coordinate that a filter works with: its noise, and what a calibration leaves."""
         residual = 0.0 if self.calibration is None else self.calibration.residual_sigma_m
         return float(np.hypot(self.sensor.spot_noise_m, residual))
+
+    def corrected(self, spots_m: Stack) -> Stack:
+        """Spots (..., 2) m as the detector measures them, without its distortion as far as it is calibrated."""
+        return spots_m if self.calibration is None else self.calibration.correct(spots_m)
 
     @property
     def dcm_dock_from_lvlh(self) -> Matrix:

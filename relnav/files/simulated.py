@@ -1,5 +1,6 @@
 """A simulated log as files: the log as `relnav filter` reads it, and its truth."""
 
+import csv
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,8 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from relnav.arrays import Matrix
+from relnav.errors import UsageError
+from relnav.files.atomic import replacing
 from relnav.files.log_columns import ACCELERATION, SPOTS
+from relnav.files.raw_logs import COUNTS
 from relnav.files.tables import STATE_COLUMNS, check_format, relnav_version, write_table
+from relnav.sensors.three_beacon.pulses import NAMES
+from relnav.simulation.raw import RawLog
 from relnav.simulation.scenario import SimulatedLog
 
 LOG_COLUMNS = ("t_s", *(f"{base}_um" for base in SPOTS), *(f"{base}_m_s2" for base in ACCELERATION))
@@ -21,7 +27,30 @@ def write_log(log: SimulatedLog, path: str | os.PathLike[str], metadata: dict[st
     _write(Path(path), LOG_COLUMNS, np.column_stack([log.t_s, spots, log.acceleration_m_s2]), metadata)
 
 
-def write_truth(log: SimulatedLog, path: str | os.PathLike[str], metadata: dict[str, str] | None = None) -> None:
+def write_raw_log(log: RawLog, path: str | os.PathLike[str], metadata: dict[str, str] | None = None) -> None:
+    """Write a simulated raw log (.csv), a row a slot, in the columns that `relnav filter` reads.
+
+    Raises
+    ------
+    UsageError
+        For another ending: a raw log names its beacons in words.
+    """
+    target = Path(path)
+    if target.suffix.lower() != ".csv":
+        raise UsageError(f"{target}: a raw log ends in .csv; got '{target.suffix}'")
+    head = {"relnav": relnav_version(), "frame": "lvlh_ccsds"} | (metadata or {})
+    rows = np.column_stack([log.counts, log.acceleration_m_s2]).tolist()
+    with replacing(target) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        file.writelines(f"# {key} = {value}\n" for key, value in head.items())
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(("t_s", "beacon", *COUNTS, *(f"{base}_m_s2" for base in ACCELERATION)))
+        for t, beacon, row in zip(log.t_s.tolist(), log.beacon.tolist(), rows, strict=True):
+            writer.writerow((repr(t), NAMES[beacon], *(f"{count:.10g}" for count in row[:4]), *map(repr, row[4:])))
+
+
+def write_truth(
+    log: SimulatedLog | RawLog, path: str | os.PathLike[str], metadata: dict[str, str] | None = None
+) -> None:
     """Write a simulated log's true states (.csv or .parquet)."""
     _write(Path(path), TRUTH_COLUMNS, np.column_stack([log.t_s, log.truth]), metadata)
 

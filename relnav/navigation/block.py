@@ -64,7 +64,7 @@ def new_block(model: Model, method: str, projection: str) -> Matrix:
         sensor.focal_length_m,
         0.5 * sensor.detector_size_m[0],
         0.5 * sensor.detector_size_m[1],
-        sensor.spot_noise_m,
+        model.spot_sigma_m,
         sensor.beacon_half_spacing_m,
         sensor.beacon_c_distance_m,
     )

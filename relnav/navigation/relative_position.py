@@ -137,6 +137,7 @@ class Navigator:
         spots = np.ascontiguousarray(spots_m, np.float64)
         if spots.shape != (3, 2):
             raise ValueError(f"spots_m has shape (3, 2), rows A, B, C, columns x, y in metres; got {spots.shape}")
+        spots = self.model.corrected(spots)
         t = float(t_s)
         if not (self._last_t < t < math.inf):
             raise ValueError(f"t_s must be finite and after the last step's {self._last_t!r} s; got {t!r}")
@@ -249,6 +250,7 @@ def filter_epochs(
     block = _choose(model, method, projection, engine)
     reference = ReferenceEngine(block) if engine == "filterpy" else None
     t, spots = _epochs(t_s, spots_m)
+    spots = model.corrected(spots)
     n = len(t)
     control = _controls(n, acceleration_m_s2, delta_v_m_s)
     quaternion = _quaternions(n, q_cam_from_lvlh)

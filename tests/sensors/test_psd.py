@@ -123,7 +123,7 @@ def test_counts_round_down_and_end(detector):
 def test_status_of_slots(detector):
     dark = np.full(4, 1e-7)
     good = currents_of_spots(detector, SIZE, SPOTS[1], np.array(1e-6)) + dark
-    rows = np.array([good, good * [1, np.nan, 1, 1], dark, good + [0, 4e-5, 0, 0], good * [1, np.inf, 1, 1]])
+    rows = np.array([good, good * [1, np.nan, 1, 1], dark, good + np.array([0, 4e-5, 0, 0]), good * [1, np.inf, 1, 1]])
     status = slot_status(detector, rows, np.tile(dark, (5, 1)))
     expected = [SlotStatus.OK, SlotStatus.MISSING, SlotStatus.UNDER_RANGE, SlotStatus.SATURATED, SlotStatus.SATURATED]
     assert status.tolist() == [int(code) for code in expected]
