@@ -4,6 +4,7 @@ import dataclasses
 import difflib
 import os
 import typing
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from relnav.accuracy.published import Claim, ClaimException, Published
 from relnav.errors import ModelError, UnknownModelError
 from relnav.files.psd_calibration import named_calibration
 from relnav.files.systems import SYSTEMS, resolve
-from relnav.files.toml_values import build, read_toml
+from relnav.files.toml_values import build, change_value, read_toml
 from relnav.mission import Model
 from relnav.sensors.three_beacon.calibration import Calibration
 
@@ -50,13 +51,15 @@ def find_model(name_or_path: str | os.PathLike[str]) -> Path:
     raise UnknownModelError(f"no model '{name}', neither shipped nor a folder or file; {hint}")
 
 
-def load_model(name_or_path: str | os.PathLike[str]) -> Any:
+def load_model(name_or_path: str | os.PathLike[str], changes: Mapping[str, Any] | None = None) -> Any:
     """Load a mission model.
 
     Parameters
     ----------
     name_or_path : str or path
         A shipped name (`list_models`), a folder that holds a `model.toml`, or such a file.
+    changes : mapping, optional
+        Values that replace the file's, by key as a file writes it ("focal_length_mm" or "sensor.focal_length_mm").
 
     Returns
     -------
@@ -77,6 +80,8 @@ def load_model(name_or_path: str | os.PathLike[str]) -> Any:
         problems.raise_if_any()
     cls = resolve(SYSTEMS[str(kind)].mission)
     sections, optional = _sections(cls)
+    for key, value in (changes or {}).items():
+        change_value(table, sections, key, value)
     provenance: dict[str, str] = {}
     values: dict[str, Any] = {}
     for name in table:

@@ -15,6 +15,9 @@ class System:
         Dataclass whose fields are the sections of the model file.
     accuracy : str
         Function (mission, published, *, runs, seed, progress) -> AccuracyReport or ClaimsReport.
+    budget : str
+        Function (mission, before, change) -> report with `lines()` and `to_dict()`; `before` is the mission before
+        the changes that the text `change` names, or None.
     runs : int
         Runs of the accuracy benchmark unless the user says otherwise.
     progress_steps : int
@@ -23,12 +26,18 @@ class System:
 
     mission: str
     accuracy: str = ""
+    budget: str = ""
     runs: int = 200
     progress_steps: int = 1
 
 
 SYSTEMS: dict[str, System] = {
-    "three_beacon": System(mission="relnav.mission:Model", accuracy="relnav.accuracy.report:measure", progress_steps=3),
+    "three_beacon": System(
+        mission="relnav.mission:Model",
+        accuracy="relnav.accuracy.report:measure",
+        budget="relnav.accuracy.budget:budget_report",
+        progress_steps=3,
+    ),
 }
 
 
