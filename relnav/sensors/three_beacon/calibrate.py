@@ -16,7 +16,7 @@ import numpy as np
 from relnav.arrays import Matrix
 from relnav.sensors.three_beacon.calibration import Calibration, exponents, powers
 
-HIGHEST_ORDER = 7
+HIGHEST_ORDER = 10
 POINTS_PER_TERM = 1.5
 """An order is tried only while there are this many points a term."""
 SPARE_ORDERS = 2
