@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 @click.option("--j2", is_flag=True, help="Let the Earth be oblate.")
 @click.option("--air-density", "air_density_kg_m3", default=0.0, show_default=True, help="For drag, kg/m^3.")
 @click.option(
+    "--received-power", is_flag=True, help="Spot noise by received power, with its 1-sigma as columns of the log."
+)
+@click.option(
     "--raw", is_flag=True, help="Write converter counts, a row a slot, by the model's [detector] and [pulses]."
 )
 @click.option("--distortion", "distortion_um", default=0.0, help="With --raw: largest detection error, um.")
@@ -45,6 +48,7 @@ def command(
     speed_m_s: float,
     j2: bool,
     air_density_kg_m3: float,
+    received_power: bool,
     raw: bool,
     distortion_um: float,
     quiet: bool,
@@ -81,7 +85,10 @@ def command(
         elif distortion_um:
             raise UsageError("--distortion belongs to --raw: a log of spots has none")
         else:
-            log = simulate(mission, approach, Faults(dropout, outliers), seed)
+            if received_power and (mission.detector is None or mission.light is None):
+                raise UsageError(f"--received-power needs [detector] and [light]; model {mission.name} has not both")
+            faults = Faults(dropout, outliers)
+            log = simulate(mission, approach, faults, seed, by_received_power=received_power)
     except ValueError as error:
         raise UsageError(str(error)) from error
     metadata = {"model": mission.name, "seed": str(seed)}

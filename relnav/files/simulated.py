@@ -10,7 +10,7 @@ import numpy as np
 from relnav.arrays import Matrix
 from relnav.errors import UsageError
 from relnav.files.atomic import replacing
-from relnav.files.log_columns import ACCELERATION, SPOTS
+from relnav.files.log_columns import ACCELERATION, SPOT_SIGMAS, SPOTS
 from relnav.files.raw_logs import COUNTS
 from relnav.files.tables import STATE_COLUMNS, check_format, relnav_version, write_table
 from relnav.sensors.three_beacon.pulses import NAMES
@@ -24,7 +24,11 @@ TRUTH_COLUMNS = ("t_s", *STATE_COLUMNS)
 def write_log(log: SimulatedLog, path: str | os.PathLike[str], metadata: dict[str, str] | None = None) -> None:
     """Write a simulated log (.csv or .parquet) in the columns that `relnav filter` reads."""
     spots = log.spots_m.reshape(len(log.t_s), 6) * 1e6
-    _write(Path(path), LOG_COLUMNS, np.column_stack([log.t_s, spots, log.acceleration_m_s2]), metadata)
+    columns, parts = LOG_COLUMNS, [log.t_s, spots, log.acceleration_m_s2]
+    if log.sigma_m is not None:
+        columns = (*columns, *(f"{base}_um" for base in SPOT_SIGMAS))
+        parts.append(log.sigma_m.reshape(len(log.t_s), 6) * 1e6)
+    _write(Path(path), columns, np.column_stack(parts), metadata)
 
 
 def write_raw_log(log: RawLog, path: str | os.PathLike[str], metadata: dict[str, str] | None = None) -> None:

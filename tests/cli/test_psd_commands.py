@@ -135,3 +135,15 @@ def test_budget_without_tolerances(run, tmp_path):
     assert code == 2
     assert "a budget needs the section [tolerances]" in error
     assert run("budget", path, "--plot", tmp_path / "b.pdf")[0] == 2
+
+
+def test_spot_noise_by_received_power_is_in_the_log(run, tmp_path):
+    out = tmp_path / "log.csv"
+    code, _, _ = run("simulate", "three_beacon_psd", "--out", out, "--duration", "5", "--received-power")
+    assert code == 0
+    lines = [line for line in out.read_text().splitlines() if not line.startswith("#")]
+    header = lines[0].split(",")
+    first = dict(zip(header, map(float, lines[1].split(",")), strict=True))
+    assert first["sigma_spot_a_x_um"] == pytest.approx(24.4, abs=1.0)
+    assert first["sigma_spot_c_x_um"] < first["sigma_spot_a_x_um"]
+    assert run("filter", out, "--model", "three_beacon_psd")[0] == 0
