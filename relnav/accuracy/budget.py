@@ -96,6 +96,23 @@ class Budget:
             ],
         }
 
+    def lines(self) -> list[str]:
+        """For a reader."""
+        return _table(self)
+
+    def change_lines(self, before: "Budget", change: str) -> list[str]:
+        """What a change bought, for a reader: totals of the design before it and of this one."""
+        out = [f"what {change} buys: totals before -> after"]
+        for which, title in (("single", "one fix"), ("settled", "settled filter")):
+            for k, (name, unit, scale) in enumerate(QUANTITIES):
+                cells = []
+                for one, two in zip(before.places, self.places, strict=True):
+                    a, b = one.total(which)[k] * scale, two.total(which)[k] * scale
+                    if not (math.isnan(a) or math.isnan(b)):
+                        cells.append(f"{one.range_m:g} m {a:.4f} -> {b:.4f} (x {b / a:.2f})")
+                out.append(f"  {title}, {name}, {unit}: " + "; ".join(cells[::2]))
+        return out + ["  before: " + line for line in _field_lines(before)]
+
 
 def budget_of(model: Model, ranges_m: tuple[float, ...] = RANGES_M) -> Budget:
     """The error budget of a model by range, on the docking axis.
@@ -192,41 +209,6 @@ def _sigma(columns: Matrix) -> Vector:
 
 def _diagonal(covariance: Matrix) -> Vector:
     return np.asarray(np.sqrt(np.diag(covariance)))
-
-
-@dataclass(frozen=True)
-class BudgetReport:
-    """A model's budget, and that of the model before a change, if something was changed."""
-
-    budget: Budget
-    before: Budget | None
-    change: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """As plain values."""
-        before = None if self.before is None else self.before.to_dict()
-        return self.budget.to_dict() | {"change": self.change, "before": before}
-
-    def lines(self) -> list[str]:
-        """For a reader."""
-        out = _table(self.budget)
-        if self.before is not None:
-            out.append(f"what {self.change} buys: totals before -> after")
-            for which, title in (("single", "one fix"), ("settled", "settled filter")):
-                for k, (name, unit, scale) in enumerate(QUANTITIES):
-                    cells = []
-                    for one, two in zip(self.before.places, self.budget.places, strict=True):
-                        a, b = one.total(which)[k] * scale, two.total(which)[k] * scale
-                        cells.append(f"{one.range_m:g} m: {a:.4f} -> {b:.4f} (x {b / a:.2f})")
-                    shown = [cell for cell in cells if "nan" not in cell][::2]
-                    out.append(f"  {title}, {name}, {unit}: " + "; ".join(shown))
-            out.extend("  before: " + line.strip() for line in _field_lines(self.before))
-        return out
-
-
-def budget_report(mission: Model, before: Model | None = None, change: str = "") -> BudgetReport:
-    """The budget of a mission; with `before`, the mission before a change, also what the change buys."""
-    return BudgetReport(budget_of(mission), None if before is None else budget_of(before), change)
 
 
 def _table(budget: Budget) -> list[str]:

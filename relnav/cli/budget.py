@@ -34,26 +34,35 @@ def command(model: str, settings: tuple[str, ...], json_path: Path | None, plot:
         if path is not None:
             check_folder(path)
     check_distinct(json_path, plot)
-    changes = dict(_setting(text) for text in settings)
+    changes, change = dict(_setting(text) for text in settings), " ".join(settings)
     mission = load_model(model, changes)
-    before = load_model(model) if changes else None
     system = system_of(mission)
     if not system.budget:
         raise UsageError(f"{mission.name}: no error budget is known for this kind of sensor")
+    budget = resolve(system.budget)
     try:
-        report = resolve(system.budget)(mission, before, " ".join(settings))
+        report = budget(mission)
+        before = budget(load_model(model)) if changes else None
     except ValueError as error:
         raise UsageError(str(error)) from error
     with ExitStack() as outputs:
         if json_path is not None:
-            write_json(report.to_dict(), outputs.enter_context(replacing(json_path)))
+            figures = report.to_dict() | {"change": change, "before": None if before is None else before.to_dict()}
+            write_json(figures, outputs.enter_context(replacing(json_path)))
         if plot is not None:
             from relnav.files.budget_picture import draw_budget
 
-            draw_budget(report, outputs.enter_context(replacing(plot)))
+            draw_budget(report, outputs.enter_context(replacing(plot)), before, change)
         if not quiet:
-            for line in report.lines():
+            for line in report.lines() if before is None else [*report.lines(), *_change_lines(report, before, change)]:
                 click.echo(line)
+
+
+def _change_lines(report: Any, before: Any, change: str) -> list[str]:
+    if hasattr(report, "change_lines"):
+        lines: list[str] = report.change_lines(before, change)
+        return lines
+    return [f"before {change}:", *before.lines()]
 
 
 def _setting(text: str) -> tuple[str, Any]:

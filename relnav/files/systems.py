@@ -16,8 +16,8 @@ class System:
     accuracy : str
         Function (mission, published, *, runs, seed, progress) -> AccuracyReport or ClaimsReport.
     budget : str
-        Function (mission, before, change) -> report with `lines()` and `to_dict()`; `before` is the mission before
-        the changes that the text `change` names, or None.
+        Function (mission) -> report with `lines()` and `to_dict()`, for `relnav budget`; optionally
+        `change_lines(before, change)`, what a change of the design bought, `before` being the report before it.
     runs : int
         Runs of the accuracy benchmark unless the user says otherwise.
     progress_steps : int
@@ -35,7 +35,7 @@ SYSTEMS: dict[str, System] = {
     "three_beacon": System(
         mission="relnav.mission:Model",
         accuracy="relnav.accuracy.report:measure",
-        budget="relnav.accuracy.budget:budget_report",
+        budget="relnav.accuracy.budget:budget_of",
         progress_steps=3,
     ),
 }
