@@ -163,6 +163,7 @@ def summary_lines(
         lines.append(f"ignored columns: {solution.metadata['ignored columns']}")
     if "slots" in solution.metadata:
         lines.append(f"slots: {solution.metadata['slots']}; spot noise {solution.metadata['spot noise']}")
+        lines.append(f"beacons: {solution.metadata['beacons']}")
     if figures["started_s"] is None:
         reasons = solution.measurement_status
         names = [f"{Status(int(code)).name} {int((reasons == code).sum())}" for code in sorted(set(reasons.tolist()))]

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from relnav.accuracy.beacon_health import beacon_health, findings
 from relnav.errors import ModelError
 from relnav.files.raw_logs import RawSlots, read_raw_log
 from relnav.mission import Model
@@ -61,6 +62,8 @@ def filter_raw_log(
     solution.metadata["slots"] = ", ".join(f"{name} {count}" for name, count in counts.items() if count)
     noise = np.nanmean(slots.sigma_m**2) ** 0.5 if np.isfinite(slots.sigma_m).any() else np.nan
     solution.metadata["spot noise"] = f"{noise * 1e6:.3g} um rms, from the received power"
+    wrong = findings(beacon_health(model, slots, solution, raw.q_cam_from_lvlh))
+    solution.metadata["beacons"] = "; ".join(wrong) or "nothing wrong found"
     if raw.ignored:
         solution.metadata["ignored columns"] = ", ".join(raw.ignored)
     return solution

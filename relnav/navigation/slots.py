@@ -1,9 +1,9 @@
 """Filter a raw log: whole images until the filter has started, then every spot at its own time.
 
 A start needs one image of all three beacons; from then on the `spots` filter takes each slot's spot when it was seen.
-When the track is lost, or locked out (half of what is seen rejected for `restart_after_epochs` cycles), a new filter
-starts on images again. The closed form (`fix`) and an unknown attitude need all three beacons at once: they are given
-images throughout.
+When the track is lost, a new filter starts on images again. While it is locked out (half of what is seen rejected for
+`restart_after_epochs` cycles), a start is looked for beside it, and takes its place if there is one. The closed form
+(`fix`) and an unknown attitude need all three beacons at once: they are given images throughout.
 """
 
 import dataclasses
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from relnav.arrays import Matrix, Stack, Vector
+from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.mission import Model
 from relnav.navigation.record import PER_EPOCH, Solution
 from relnav.navigation.relative_position import filter_epochs
@@ -64,18 +64,25 @@ def filter_slots(
 
     if not each_slot:
         return run(0, images)
-    pieces, begin, n = [], 0, len(slots.t_s)
+    pieces: list[Solution] = []
+    n, begin, first = len(slots.t_s), 0, 0  # rows in all, rows answered, and where the filter at work begins
     while begin < n:
-        started = np.flatnonzero(run(begin, images[begin:]).status == STARTED)
-        if started.size == 0:
-            pieces.append(run(begin, images[begin:]))
-            break
-        switch = begin + int(started[0]) + 1
-        mixed = np.concatenate([images[begin:switch], spots[switch:]])
-        track = run(begin, mixed)
-        end = _end_of_track(track, mixed, switch - begin, model.filter.restart_after_epochs)
-        pieces.append(track if end == len(track) else run(begin, mixed[:end]))
-        begin += end
+        switch = min(n, first + _rows_to_start(run(first, images[first:])))
+        mixed = np.concatenate([images[first:switch], spots[switch:]])
+        track = run(first, mixed)
+        end = after = first + _lost(track, switch - first)
+        locked = first + _locked_out(track, mixed, switch - first, 3 * model.filter.restart_after_epochs)
+        locked = locked[locked < end]
+        while locked.size:
+            row = int(locked[0])
+            start = row + _rows_to_start(run(row, images[row:])) - 1
+            if start in locked:
+                end, after = start, row
+                break
+            locked = locked[locked > start]
+        whole = track if end == n else run(first, mixed[: end - first])  # a smoother must not look beyond its end
+        pieces.append(whole.part(begin - first, end - first))
+        begin, first = end, after
     return _joined(pieces)
 
 
@@ -87,19 +94,26 @@ def _with_noise_of(model: Model, slots: Slots) -> Model:
     return dataclasses.replace(model, sensor=dataclasses.replace(model.sensor, spot_noise_m=sigma))
 
 
-def _end_of_track(track: Solution, spots: Stack, first: int, cycles: int) -> int:
-    """Row at which the track is lost or locked out, or the number of rows if it is not."""
+def _rows_to_start(track: Solution) -> int:
+    """Rows up to and with the one that confirms a start; more than there are, if none does."""
+    started = np.flatnonzero(track.status == STARTED)
+    return int(started[0]) + 1 if started.size else len(track) + 1
+
+
+def _lost(track: Solution, first: int) -> int:
+    """Row at or after `first` at which the track is lost, or the number of rows if it is not."""
     lost = np.flatnonzero(track.status[first:] == WAITING)
-    end = first + int(lost[0]) if lost.size else len(track)
-    rows = np.flatnonzero(np.isfinite(spots[first:end]).any(axis=(1, 2))) + first
-    window = 3 * cycles
-    if len(rows) >= window:
-        rejected = np.isin(track.status[rows], (REJECTED, PARTIAL)).astype(np.float64)
-        share = np.convolve(rejected, np.ones(window), mode="valid") / window
-        locked = np.flatnonzero(share >= 0.5)
-        if locked.size:
-            end = min(end, int(rows[locked[0] + window - 1]) + 1)
-    return max(end, first)
+    return first + int(lost[0]) if lost.size else len(track)
+
+
+def _locked_out(track: Solution, spots: Stack, first: int, window: int) -> Codes:
+    """Rows at which half or more of the last `window` spots were rejected; `first` is where spots come singly."""
+    rows = np.flatnonzero(np.isfinite(spots[first:]).any(axis=(1, 2))) + first
+    if len(rows) < window:
+        return np.empty(0, dtype=np.int64)
+    rejected = np.isin(track.status[rows], (REJECTED, PARTIAL)).astype(np.float64)
+    share = np.convolve(rejected, np.ones(window), mode="valid") / window
+    return rows[window - 1 :][share >= 0.5]
 
 
 def _joined(pieces: list[Solution]) -> Solution:

@@ -9,6 +9,7 @@ from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.mission import Model
 from relnav.sensors.three_beacon.psd import counts_of_currents, currents_of_spots, noisy_currents
 from relnav.sensors.three_beacon.pulses import Pulses
+from relnav.simulation.beacon_faults import BeaconFault, in_slot, mirrored, shining
 from relnav.simulation.detector import background_current_a, photocurrents, project_beacons
 from relnav.simulation.distortion import Distortion
 from relnav.simulation.trajectory import Approach, fly
@@ -46,16 +47,24 @@ def slot_counts(
     dcm_cam_from_lvlh: Stack | None = None,
     distortion: Distortion | None = None,
     late_s: float = 0.0,
+    faults: tuple[BeaconFault, ...] = (),
+    t_s: Vector | None = None,
 ) -> Matrix:
     """Converter counts (n, 4) of slots of these beacons (n,) at true states (n, 6).
 
-    late_s: how late the receiver samples by the beacons' clock (`Pulses.lit`); attitude (n, 3, 3), the model's if left
-    out.
+    faults: of beacons, at the times t_s (n,) of the slots. late_s: how late the receiver samples by the beacons' clock
+    (`Pulses.lit`). Attitude (n, 3, 3), the model's if left out.
     """
     pulses = _pulses(model)
     detector, size = model.detector, model.sensor.detector_size_m
     spots = project_beacons(model, state, dcm_cam_from_lvlh)
     current = photocurrents(model, state, dcm_cam_from_lvlh)
+    if faults:
+        if t_s is None:
+            raise ValueError("faults happen at times: t_s (n,) is needed with them")
+        spots = mirrored(faults, t_s, spots, 0.5 * np.array(size), rng)
+        current = current * shining(faults, t_s)
+        beacon = in_slot(faults, t_s, beacon)
     if distortion is not None:
         spots = distortion.apply(spots)
     on = np.all(np.abs(spots) <= 0.5 * np.array(size), axis=-1)
@@ -77,6 +86,7 @@ def simulate_raw(
     *,
     distortion: Distortion | None = None,
     late_s: float = 0.0,
+    faults: tuple[BeaconFault, ...] = (),
 ) -> RawLog:
     """Simulate an approach as a raw log: a row a slot, at the model's time code (the approach's own rate is not used).
 
@@ -90,7 +100,7 @@ def simulate_raw(
     slots = dataclasses.replace(approach or Approach(), rate_hz=1.0 / pulses.slot_s)
     t, truth, command = fly(model, slots, flight)
     beacon = np.arange(len(t)) % pulses.slots
-    counts = slot_counts(model, truth, beacon, sensor, distortion=distortion, late_s=late_s)
+    counts = slot_counts(model, truth, beacon, sensor, distortion=distortion, late_s=late_s, faults=faults, t_s=t)
     return RawLog(t, beacon, counts, command, truth)
 
 
