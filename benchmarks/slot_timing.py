@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import relnav
-from relnav.navigation.relative_position import filter_epochs
+from relnav.navigation.log import filter_epochs
 from relnav.navigation.slots import filter_slots
 from relnav.sensors.three_beacon.psd import currents_of_counts
 from relnav.sensors.three_beacon.slots import read_slots

@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from relnav.files.models import list_models, load_model, load_published
     from relnav.files.tables import write
     from relnav.mission import Model
+    from relnav.navigation.log import filter_epochs
     from relnav.navigation.record import FilterRecord, Solution
-    from relnav.navigation.relative_position import Navigator, filter_epochs
+    from relnav.navigation.relative_position import Navigator
     from relnav.navigation.status import EpochStatus
     from relnav.sensors import three_beacon
     from relnav.sensors.measurement import Measurement, Status
@@ -43,7 +44,7 @@ _HOME = {
     "FilterRecord": "relnav.navigation.record",
     "Solution": "relnav.navigation.record",
     "Navigator": "relnav.navigation.relative_position",
-    "filter_epochs": "relnav.navigation.relative_position",
+    "filter_epochs": "relnav.navigation.log",
     "EpochStatus": "relnav.navigation.status",
     "three_beacon": "relnav.sensors.three_beacon",
     "Measurement": "relnav.sensors.measurement",

@@ -4,7 +4,7 @@ import hashlib
 import os
 from pathlib import Path
 
-LAST_COMPILED = "relative_position._run-*.nbi"
+LAST_COMPILED = "log._run-*.nbi"
 """Index of the log loop: it is compiled after everything that it calls."""
 
 

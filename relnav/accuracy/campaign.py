@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
-from relnav.estimation.consistency import Consistency, chi_square_interval
+from relnav.estimation.consistency import Consistency, consistency_of_sum
 from relnav.mission import Attitude, Model
-from relnav.navigation.docking_view import docking_view
-from relnav.navigation.relative_position import filter_epochs
+from relnav.navigation.docking_view import views
+from relnav.navigation.log import filter_epochs
 from relnav.simulation.detector import Faults
 from relnav.simulation.scenario import SimulatedLog, simulate
 from relnav.simulation.trajectory import Approach
@@ -75,8 +75,8 @@ def filtered(model: Model, log: SimulatedLog, way: Way) -> tuple[Matrix, Matrix,
         smooth=way.smooth,
     )
     lever = model.dcm_cam_from_lvlh.T @ model.camera_lever_cam_m
-    zero = np.zeros((len(log.t_s), 6, 6))
-    truth, _ = docking_view(log.truth, zero, model.dcm_dock_from_lvlh, model.port_position_m, lever)
+    no_factors = np.zeros((len(log.t_s), 21))
+    truth = views(log.truth, no_factors, model.dcm_dock_from_lvlh, model.port_position_m, lever[None])[:3].T
     error = solution.state - log.truth
     known = np.isfinite(error).all(axis=1)
     nees = np.full(len(error), np.nan)
@@ -90,11 +90,6 @@ def filtered(model: Model, log: SimulatedLog, way: Way) -> tuple[Matrix, Matrix,
         float(solution.nis[used].sum()),
         int(solution.dof[used].sum()),
     )
-
-
-def _nis(total: float, dof: int) -> Consistency:
-    lower, upper = chi_square_interval(max(1, dof))
-    return Consistency("NIS", total / max(1, dof), lower, upper, dof, 0.95)
 
 
 def run_campaign(
@@ -125,5 +120,7 @@ def run_campaign(
     outcomes = {}
     for way, parts in collected.items():
         error, sigma, nees, nis, dof = zip(*parts, strict=True)
-        outcomes[way] = Outcome(np.array(error), np.array(sigma), np.array(nees), _nis(sum(nis), sum(dof)))
+        outcomes[way] = Outcome(
+            np.array(error), np.array(sigma), np.array(nees), consistency_of_sum("NIS", sum(nis), sum(dof))
+        )
     return np.array(ranges), outcomes

@@ -121,21 +121,39 @@ class Comparison:
         return self.sigma / self.claim.value
 
 
+class PublishedTrend:
+    """The comparison with the published figures, taken part after part of a solution."""
+
+    def __init__(self, published: Published) -> None:
+        self._claims = [claim for claim in published.claims if claim.quantity in QUANTITIES]
+        self._sigma = [math.nan] * len(self._claims)
+        self._met_from = [math.nan] * len(self._claims)
+
+    def take(self, part: Solution) -> None:
+        """Go on with the next epochs."""
+        sigma = part.docking_sigma
+        known = np.isfinite(sigma).all(axis=1)
+        if not known.any():
+            return
+        times = part.t_s[known]
+        for k, claim in enumerate(self._claims):
+            column = sigma[known, QUANTITIES.index(claim.quantity)]
+            self._sigma[k] = float(column[-1])
+            outside = np.flatnonzero(column > claim.value_si)
+            if outside.size:
+                first = int(outside[-1]) + 1
+                self._met_from[k] = float(times[first]) if first < len(times) else math.nan
+            elif math.isnan(self._met_from[k]):
+                self._met_from[k] = float(times[0])
+
+    def comparisons(self) -> tuple[Comparison, ...]:
+        """One for each claim, as of the last epoch taken."""
+        figures = zip(self._claims, self._sigma, self._met_from, strict=True)
+        return tuple(Comparison(claim, sigma / claim.unit_si, met_from) for claim, sigma, met_from in figures)
+
+
 def compare_with_published(solution: Solution, published: Published) -> tuple[Comparison, ...]:
     """Set the solution's reported 1-sigma of range, azimuth and elevation against the published figures."""
-    sigma, t = solution.docking_sigma, solution.t_s
-    known = np.isfinite(sigma).all(axis=1)
-    out = []
-    for claim in published.claims:
-        if claim.quantity not in QUANTITIES:
-            continue
-        column = sigma[:, QUANTITIES.index(claim.quantity)]
-        if not known.any():
-            out.append(Comparison(claim, math.nan, math.nan))
-            continue
-        within, times = column[known] <= claim.value_si, t[known]
-        outside = np.flatnonzero(~within)
-        first = 0 if outside.size == 0 else int(outside[-1]) + 1
-        last = float(column[known][-1]) * claim.value / claim.value_si
-        out.append(Comparison(claim, last, float(times[first]) if first < len(times) else math.nan))
-    return tuple(out)
+    trend = PublishedTrend(published)
+    trend.take(solution)
+    return trend.comparisons()

@@ -13,8 +13,10 @@ from relnav.accuracy.single_shot import single_shots
 from relnav.accuracy.statistics import ErrorStatistics, NeesBand, error_statistics, nees_band
 from relnav.arrays import Flags, Matrix, Vector
 from relnav.estimation.consistency import Consistency
+from relnav.estimation.factored import factorize
 from relnav.mission import Model
-from relnav.navigation.relative_position import filter_epochs
+from relnav.navigation.docking_view import UPPER, views
+from relnav.navigation.log import filter_epochs
 from relnav.navigation.settled import settled_filter
 from relnav.simulation.detector import project_beacons
 from relnav.simulation.trajectory import Approach
@@ -237,8 +239,6 @@ def _held_filter(model: Model, state: Vector, rate_hz: float, method: str) -> li
 
 def settled_rows(model: Model, rate_hz: float) -> list[SettledRow]:
     """Steady state of both methods on the docking axis."""
-    from relnav.navigation.docking_view import docking_view
-
     rows = []
     lever = model.dcm_cam_from_lvlh.T @ model.camera_lever_cam_m
     for method in ("fix", "spots"):
@@ -247,10 +247,9 @@ def settled_rows(model: Model, rate_hz: float) -> list[SettledRow]:
             settled = settled_filter(model, place, rate_hz, method)
             state = np.zeros((1, 6))
             state[0, :3] = model.port_position_m + model.dcm_dock_from_lvlh.T @ place - lever
-            _, covariance = docking_view(
-                state, settled.posterior[None], model.dcm_dock_from_lvlh, model.port_position_m, lever
-            )
-            sigma = np.sqrt(np.diag(covariance[0])).tolist()
+            packed = factorize(0.5 * (settled.posterior + settled.posterior.T))[UPPER][None]
+            view = views(state, packed, model.dcm_dock_from_lvlh, model.port_position_m, lever[None])
+            sigma = np.sqrt(view[[3, 6, 8], 0]).tolist()
             reached = _held_filter(model, state[0], rate_hz, method)
             rows.append(
                 SettledRow(

@@ -8,7 +8,7 @@ import numpy as np
 from relnav.accuracy.statistics import ErrorStatistics, error_statistics
 from relnav.arrays import Matrix, Vector
 from relnav.mission import Model
-from relnav.sensors.three_beacon.fix import measure_batch
+from relnav.sensors.three_beacon.fix import MEASURE_ROWS, measure_batch
 from relnav.sensors.three_beacon.measure import PROJECTIONS
 
 QUANTITIES = ("range", "azimuth", "elevation")
@@ -71,6 +71,7 @@ def single_shots(
         rae,
         covariance,
         status,
+        np.zeros((MEASURE_ROWS, 6)),
     )
     sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     statistics = [error_statistics(rae[:, i] - truth[i], sigma[:, i]) for i in range(3)]

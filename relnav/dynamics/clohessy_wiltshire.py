@@ -14,6 +14,9 @@ from relnav._kernel import kernel
 from relnav.arrays import Matrix, Vector
 from relnav.geometry.frames import DCM_LVLH_CCSDS_FROM_RSW
 
+PHI_PATTERN = ("10**0*", "0*00*0", "00**0*", "00**0*", "0*00*0", "00**0*")
+"""Where Phi is always 1 or 0: y goes its own way (a test holds `transition` to it)."""
+
 
 @kernel
 def theta_minus_sin(theta: float) -> float:

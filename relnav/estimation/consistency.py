@@ -63,14 +63,19 @@ def chi_square_interval(dof: int, probability: float = 0.95) -> tuple[float, flo
     return float(chdtri(dof, 1.0 - tail)) / dof, float(chdtri(dof, tail)) / dof
 
 
+def consistency_of_sum(quantity: str, total: float, dof: int, probability: float = 0.95) -> Consistency:
+    """Consistency of a sum of squared normalised errors with so many degrees of freedom."""
+    if dof == 0:
+        return Consistency(quantity, float("nan"), float("nan"), float("nan"), 0, probability)
+    lower, upper = chi_square_interval(dof, probability)
+    return Consistency(quantity, total / dof, lower, upper, dof, probability)
+
+
 def nis_consistency(nis: Vector, dof: Codes, probability: float = 0.95) -> Consistency:
     """Consistency of normalised innovations squared, (n,) with their degrees of freedom (n,); NaN are left out."""
     used = np.isfinite(nis) & (np.asarray(dof) > 0)
     total = int(np.sum(np.asarray(dof)[used]))
-    if total == 0:
-        return Consistency("NIS", float("nan"), float("nan"), float("nan"), 0, probability)
-    lower, upper = chi_square_interval(total, probability)
-    return Consistency("NIS", float(np.sum(np.asarray(nis)[used]) / total), lower, upper, total, probability)
+    return consistency_of_sum("NIS", float(np.sum(np.asarray(nis)[used])), total, probability)
 
 
 def nees(errors: Matrix, covariances: Matrix) -> Vector:
@@ -84,8 +89,4 @@ def nees(errors: Matrix, covariances: Matrix) -> Vector:
 def nees_consistency(values: Vector, state_size: int, probability: float = 0.95) -> Consistency:
     """Consistency of NEES values (n,) of a state with state_size components, from independent runs."""
     finite = np.asarray(values)[np.isfinite(values)]
-    total = int(finite.size) * state_size
-    if total == 0:
-        return Consistency("NEES", float("nan"), float("nan"), float("nan"), 0, probability)
-    lower, upper = chi_square_interval(total, probability)
-    return Consistency("NEES", float(np.sum(finite) / total), lower, upper, total, probability)
+    return consistency_of_sum("NEES", float(np.sum(finite)), int(finite.size) * state_size, probability)

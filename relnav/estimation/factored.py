@@ -8,7 +8,7 @@ it, zeros below.
 
 import numpy as np
 
-from relnav._kernel import kernel
+from relnav._kernel import kernel, quotient, straight_line
 from relnav.arrays import Matrix, Vector
 
 
@@ -48,7 +48,7 @@ def factorize_into(p: Matrix, ud: Matrix) -> bool:
     return True
 
 
-@kernel
+@straight_line(ud=(6, 6), p=(6, 6))
 def compose_into(ud: Matrix, p: Matrix) -> None:
     """Write P = U D U^T (6, 6) into p."""
     for i in range(6):
@@ -60,12 +60,11 @@ def compose_into(ud: Matrix, p: Matrix) -> None:
             p[j, i] = total
 
 
-@kernel
 def orthogonalise(w: Matrix, weights: Matrix, ud: Matrix) -> None:
     """Write the factors of sum_m W_m diag(weights_m) W_m^T into ud: modified weighted Gram-Schmidt, last row to first.
 
     w (6 m, 6) holds the m matrices W_m (6, 6) below one another, and is used up; weights (m, 6) >= 0. The sum is
-    positive semidefinite by construction, whatever the rounding.
+    positive semidefinite by construction, whatever the rounding. A part of `straight_line` functions.
     """
     parts = weights.shape[0]
     for i in range(5, -1, -1):
@@ -73,7 +72,7 @@ def orthogonalise(w: Matrix, weights: Matrix, ud: Matrix) -> None:
         for part in range(parts):
             for k in range(6):
                 d += w[6 * part + i, k] * w[6 * part + i, k] * weights[part, k]
-        inverse = 1.0 / d if d > 0.0 else 0.0
+        inverse = quotient(1.0, d, 0.0)
         for j in range(i):
             c = 0.0
             for part in range(parts):
@@ -81,14 +80,12 @@ def orthogonalise(w: Matrix, weights: Matrix, ud: Matrix) -> None:
                     c += w[6 * part + i, k] * weights[part, k] * w[6 * part + j, k]
             c *= inverse
             ud[j, i] = c
-            ud[i, j] = 0.0
             for part in range(parts):
                 for k in range(6):
                     w[6 * part + j, k] -= c * w[6 * part + i, k]
         ud[i, i] = d
 
 
-@kernel
 def spread(m: Matrix, ud: Matrix, w: Matrix, weights: Vector) -> None:
     """Write M U and D of the factors ud into w (6, 6) and weights (6,): the part of M P M^T in a sum."""
     for i in range(6):
@@ -101,40 +98,46 @@ def spread(m: Matrix, ud: Matrix, w: Matrix, weights: Vector) -> None:
         weights[k] = ud[k, k]
 
 
-@kernel
-def time_update_into(ud: Matrix, phi: Matrix, q_ud: Matrix, w: Matrix, weights: Matrix) -> None:
-    """Replace the factors of P by those of Phi P Phi^T + Q, in place (Thornton).
+@straight_line(ud=(6, 6), phi=(6, 6), q_ud=(6, 6))
+def time_update_into(ud: Matrix, phi: Matrix, q_ud: Matrix) -> None:
+    """Replace the factors of P by those of Phi P Phi^T + Q, in place (Thornton): W = [Phi U | U_q], weights (D, D_q).
 
-    q_ud (6, 6) are the factors of Q; w (12, 6) and weights (2, 6) scratch: W = [Phi U | U_q], weights (D, D_q).
+    q_ud (6, 6) are the factors of Q.
     """
+    w, weights = np.zeros((12, 6)), np.zeros((2, 6))
     spread(phi, ud, w, weights[0])
     for i in range(6):
         weights[1, i] = q_ud[i, i]
-        for k in range(6):
-            w[6 + i, k] = 1.0 if i == k else (q_ud[i, k] if i < k else 0.0)
+        w[6 + i, i] = 1.0
+        for k in range(i + 1, 6):
+            w[6 + i, k] = q_ud[i, k]
     orthogonalise(w, weights, ud)
 
 
-@kernel
 def solve_factored(ud: Matrix, rhs: Vector) -> None:
-    """Replace rhs (6,) by P^-1 rhs; along directions without uncertainty (D = 0) the result is 0."""
+    """Replace rhs (6,) by P^-1 rhs; along directions without uncertainty (D = 0) the result is 0.
+
+    A part of `straight_line` functions.
+    """
     for i in range(5, -1, -1):
         for j in range(i + 1, 6):
             rhs[i] -= ud[i, j] * rhs[j]
     for i in range(6):
-        rhs[i] = rhs[i] / ud[i, i] if ud[i, i] > 0.0 else 0.0
+        rhs[i] = quotient(rhs[i], ud[i, i], 0.0)
     for i in range(6):
         for j in range(i):
             rhs[i] -= ud[j, i] * rhs[j]
 
 
-@kernel
-def scalar_update(x: Vector, ud: Matrix, h: Vector, r: float, residual: float, gain: Vector) -> float:
+@straight_line(x=(6,), ud=(6, 6), h=(6,))
+def scalar_update(x: Vector, ud: Matrix, h: Vector, r: float, residual: float) -> float:
     """Update x (6,) and its factors by one scalar measurement, in place; return its innovation variance.
 
-    residual = z - prediction from the present x; h (6,) its gradient; r >= 0 its variance; gain (6,) scratch
-    (Bierman 1977, eq. V.3). With r = 0 and no prior uncertainty along h, nothing changes and 0 is returned.
+    residual = z - prediction from the present x; h (6,) its gradient; r >= 0 its variance (Bierman 1977, eq. V.3).
+    With r = 0 and no prior uncertainty along h, nothing changes and 0 is returned. A perfect measurement (r = 0) makes
+    the first component that it sees known: beta = 0 there, and D becomes 0.
     """
+    gain = np.zeros(6)
     alpha = r
     for j in range(6):
         f = h[j]
@@ -142,32 +145,21 @@ def scalar_update(x: Vector, ud: Matrix, h: Vector, r: float, residual: float, g
             f += ud[i, j] * h[i]
         g = ud[j, j] * f
         beta = alpha
-        alpha += f * g
+        alpha = alpha + f * g
         gain[j] = g
-        if alpha > 0.0:
-            if beta > 0.0:
-                lam = -f / beta
-                ud[j, j] *= beta / alpha
-                for i in range(j):
-                    u = ud[i, j]
-                    ud[i, j] = u + lam * gain[i]
-                    gain[i] += g * u
-            else:
-                # Perfect measurement so far (beta = 0): gain[0..j-1] are zero and this component is now known.
-                ud[j, j] = 0.0
-                for i in range(j):
-                    gain[i] += g * ud[i, j]
-        else:
-            for i in range(j):
-                gain[i] += g * ud[i, j]
-    if alpha > 0.0:
-        scaled = residual / alpha
-        for j in range(6):
-            x[j] += gain[j] * scaled
+        lam = quotient(-f, beta, 0.0)
+        ud[j, j] *= quotient(beta, alpha, 1.0)
+        for i in range(j):
+            u = ud[i, j]
+            ud[i, j] = u + lam * gain[i]
+            gain[i] += g * u
+    scaled = quotient(residual, alpha, 0.0)
+    for j in range(6):
+        x[j] += gain[j] * scaled
     return alpha
 
 
-@kernel
+@straight_line(ud=(6, 6), h1=(6,), h2=(6,))
 def innovation_variance(ud: Matrix, h1: Vector, h2: Vector) -> float:
     """h1 P h2^T, the prior covariance of two scalar measurements."""
     total = 0.0
@@ -180,28 +172,27 @@ def innovation_variance(ud: Matrix, h1: Vector, h2: Vector) -> float:
     return total
 
 
-@kernel
 def decorrelate(r: Matrix, factor: Matrix, variances: Vector) -> bool:
     """Write L (unit lower triangular) and d with r = L diag(d) L^T into factor and variances; False if not definite.
 
-    r is square in its first columns, as many as it has rows. Measurements z with covariance r become independent as
-    L^-1 z (forward substitution), with variances d.
+    Measurements z with covariance r (m, m) become independent as L^-1 z (forward substitution), with variances d. A
+    part of `straight_line` functions.
     """
     size = r.shape[0]
+    definite: bool = r[0, 0] > 0.0
     for j in range(size):
         d = r[j, j]
         for k in range(j):
             d -= factor[j, k] * factor[j, k] * variances[k]
-        if not d > 0.0:
-            return False
+        definite = definite & (d > 0.0)
         variances[j] = d
         factor[j, j] = 1.0
         for i in range(j + 1, size):
             total = r[i, j]
             for k in range(j):
                 total -= factor[i, k] * factor[j, k] * variances[k]
-            factor[i, j] = total / d
-    return True
+            factor[i, j] = quotient(total, d, 0.0)
+    return definite
 
 
 def factorize(covariance: Matrix) -> Matrix:

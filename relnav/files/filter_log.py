@@ -4,13 +4,14 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from relnav.files.filter_file import log_metadata
 from relnav.files.logs import read_log
 from relnav.files.models import load_mission
 from relnav.files.raw_filter import filter_raw_log
 from relnav.files.raw_logs import is_raw_log
 from relnav.mission import Model
+from relnav.navigation.log import filter_epochs
 from relnav.navigation.record import Solution
-from relnav.navigation.relative_position import filter_epochs
 
 
 def filter_log(
@@ -69,8 +70,5 @@ def filter_log(
         smooth=smooth,
         progress=None if progress is None else lambda done: progress(done, total),
     )
-    solution.metadata["log"] = Path(path).name
-    solution.metadata.update({f"log.{key}": value for key, value in log.metadata.items()})
-    if log.ignored:
-        solution.metadata["ignored columns"] = ", ".join(log.ignored)
+    solution.metadata.update(log_metadata(log.path, log.metadata, log.ignored))
     return solution

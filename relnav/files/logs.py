@@ -7,10 +7,11 @@ it is an error. Infinities in spot columns go to the filter, which rejects them 
 import csv
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from relnav.errors import LogError
 from relnav.files.log_columns import ACCELERATION, DELTA_V, QUATERNION, SPOTS, Columns, parse_header
 from relnav.files.units import to_si
 
-CHUNK_LINES = 20_000
+CHUNK_LINES = 65_536
 
 
 @dataclass(frozen=True)
@@ -50,62 +51,118 @@ class Log:
     ignored: tuple[str, ...]
 
 
-def read_log(path: Path) -> Log:
-    """Read a log: Parquet if the file's name ends so, else CSV.
+class LogFile:
+    """An opened log, to be read in chunks, as often as one likes.
+
+    Attributes
+    ----------
+    path, metadata, columns
+        The file, `key = value` of its head, and where its quantities stand.
 
     Raises
     ------
     LogError
-        Naming file, line and column: for a row with a wrong number of cells, text in a number, an empty cell outside
-        the spots, a time that repeats or goes back, a quaternion that is not a rotation, a missing column.
+        For a file that cannot be read, and for a header that is not one of a log.
     """
-    if path.suffix.lower() == ".parquet":
-        metadata, columns, values = _read_parquet(path)
-        lines = np.arange(1, len(values) + 1, dtype=np.float64)
-    else:
-        metadata, columns, values, lines = _read_csv(path)
-    if len(values) == 0:
-        raise LogError(f"{path}: no rows after the header; at least one epoch is expected")
-    _check_values(values, lines, path, columns)
 
-    def group(bases: tuple[str, ...]) -> Matrix | None:
-        if not columns.has(bases):
-            return None
-        return np.stack([values[:, _order(columns)[base]] for base in bases], axis=1)
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._parquet = path.suffix.lower() == ".parquet"
+        if self._parquet:
+            from relnav.files.parquet import open_parquet
 
-    spots = group(SPOTS)
-    assert spots is not None
-    return Log(
-        path=path,
-        t_s=values[:, _order(columns)["t"]].copy(),
-        spots_m=spots.reshape(-1, 3, 2),
-        acceleration_m_s2=group(ACCELERATION),
-        delta_v_m_s=group(DELTA_V),
-        q_cam_from_lvlh=group(QUATERNION),
-        metadata=metadata,
-        ignored=columns.ignored,
-    )
+            self._file, self._names, self.metadata = open_parquet(path)
+            self.columns = parse_header(self._names, f"{path}:1")
+        else:
+            with self._open() as file:
+                self.metadata, header, line = _read_head(file, path)
+                self.columns = parse_header(header, f"{path}:{line}")
+
+    def chunks(self) -> Iterator[Log]:
+        """The log, piece after piece in SI units; at least one, none of them empty.
+
+        Raises
+        ------
+        LogError
+            Naming file, line and column: for a row with a wrong number of cells, text in a number, an empty cell
+            outside the spots, a time that repeats or goes back, a quaternion that is not a rotation.
+        """
+        t_before = -math.inf
+        for values, lines in self._parquet_rows() if self._parquet else self._csv_rows():
+            _to_si(values, self.columns)
+            _check_values(values, lines, self.path, self.columns, t_before)
+            piece = self._log(values)
+            t_before = float(piece.t_s[-1])
+            yield piece
+        if t_before == -math.inf:
+            raise LogError(f"{self.path}: no rows after the header; at least one epoch is expected")
+
+    def _log(self, values: Matrix) -> Log:
+        order = _order(self.columns)
+
+        def group(bases: tuple[str, ...]) -> Matrix | None:
+            if not self.columns.has(bases):
+                return None
+            return np.stack([values[:, order[base]] for base in bases], axis=1)
+
+        spots = group(SPOTS)
+        assert spots is not None
+        return Log(
+            path=self.path,
+            t_s=values[:, order["t"]].copy(),
+            spots_m=spots.reshape(-1, 3, 2),
+            acceleration_m_s2=group(ACCELERATION),
+            delta_v_m_s=group(DELTA_V),
+            q_cam_from_lvlh=group(QUATERNION),
+            metadata=self.metadata,
+            ignored=self.columns.ignored,
+        )
+
+    @contextmanager
+    def _open(self) -> Iterator[TextIO]:
+        try:
+            with self.path.open(encoding="utf-8-sig", newline="") as file:
+                yield file
+        except UnicodeDecodeError as error:
+            raise LogError(f"{self.path}: not a text file in UTF-8; a CSV log is expected") from error
+        except OSError as error:
+            raise LogError(f"{self.path}: cannot be read: {error.strerror}") from error
+
+    def _csv_rows(self) -> Iterator[tuple[Matrix, Vector]]:
+        """Rows as they stand, columns in header order, and the line number of each row."""
+        with self._open() as file:
+            _, _, line = _read_head(file, self.path)
+            while chunk := list(islice(file, CHUNK_LINES)):
+                kept = [(line + k, text) for k, text in enumerate(chunk, start=1) if text.strip()]
+                line += len(chunk)
+                if kept:
+                    fast = _parse_fast([text for _, text in kept], self.columns)
+                    values = fast if fast is not None else _parse_slowly(kept, self.path, self.columns)
+                    yield values, np.array([number for number, _ in kept], dtype=np.float64)
+
+    def _parquet_rows(self) -> Iterator[tuple[Matrix, Vector]]:
+        from relnav.files.parquet import read_batches
+
+        row = 1
+        names = [self._names[i] for i in self.columns.index.values()]
+        for values in read_batches(self._file, self.path, names):
+            if len(values):
+                yield values, np.arange(row, row + len(values), dtype=np.float64)
+                row += len(values)
 
 
-def _read_csv(path: Path) -> tuple[dict[str, str], Columns, Matrix, Vector]:
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            metadata, header, line = _read_head(file, path)
-            columns = parse_header(header, f"{path}:{line}")
-            values, lines = _read_rows(file, path, columns, line)
-    except UnicodeDecodeError as error:
-        raise LogError(f"{path}: not a text file in UTF-8; a CSV log is expected") from error
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror}") from error
-    return metadata, columns, values, lines
+def read_log(path: Path) -> Log:
+    """Read a log whole: Parquet if the file's name ends so, else CSV. Errors as for `LogFile`."""
+    pieces = list(LogFile(path).chunks())
+    if len(pieces) == 1:
+        return pieces[0]
 
+    def join(name: str) -> Any:
+        parts = [getattr(piece, name) for piece in pieces]
+        return None if parts[0] is None else np.concatenate(parts)
 
-def _read_parquet(path: Path) -> tuple[dict[str, str], Columns, Matrix]:
-    from relnav.files.parquet import open_parquet, read_columns
-
-    file, names, metadata = open_parquet(path)
-    columns = parse_header(names, f"{path}:1")
-    return metadata, columns, _to_si(read_columns(file, path, [names[i] for i in columns.index.values()]), columns)
+    arrays = {name: join(name) for name in ("t_s", "spots_m", "acceleration_m_s2", "delta_v_m_s", "q_cam_from_lvlh")}
+    return replace(pieces[0], **arrays)
 
 
 def _order(columns: Columns) -> dict[str, int]:
@@ -132,35 +189,12 @@ def _read_head(file: TextIO, path: Path) -> tuple[dict[str, str], list[str], int
     raise LogError(f"{path}: the file is empty; a header line and one row an epoch are expected")
 
 
-def _read_rows(file: TextIO, path: Path, columns: Columns, head_lines: int) -> tuple[Matrix, Vector]:
-    """All rows in SI units, columns in header order, and the line number of each row."""
-    parts, numbers = [], []
-    line = head_lines
-    for chunk in _chunks(file):
-        kept = [(line + k, text) for k, text in enumerate(chunk, start=1) if text.strip()]
-        line += len(chunk)
-        if kept:
-            texts = [text for _, text in kept]
-            fast = _parse_fast(texts, columns)
-            parts.append(fast if fast is not None else _parse_slowly(kept, path, columns))
-            numbers.append(np.array([number for number, _ in kept]))
-    if not parts:
-        return np.empty((0, len(columns.index))), np.empty(0)
-    return _to_si(np.concatenate(parts), columns), np.concatenate(numbers)
-
-
-def _to_si(values: Matrix, columns: Columns) -> Matrix:
-    """The values with each column times its factor, in place."""
+def _to_si(values: Matrix, columns: Columns) -> None:
+    """Multiply each column by its factor, in place."""
     for position, base in enumerate(columns.index):
         factor = columns.factor[base]
         if factor != 1.0:
             values[:, position] = to_si(values[:, position], factor)
-    return values
-
-
-def _chunks(file: TextIO) -> Iterator[list[str]]:
-    while chunk := list(islice(file, CHUNK_LINES)):
-        yield chunk
 
 
 def _parse_fast(texts: list[str], columns: Columns) -> Matrix | None:
@@ -205,7 +239,7 @@ def _parse_slowly(kept: list[tuple[int, str]], path: Path, columns: Columns) -> 
     return out
 
 
-def _check_values(values: Matrix, lines: Vector, path: Path, columns: Columns) -> None:
+def _check_values(values: Matrix, lines: Vector, path: Path, columns: Columns, t_before: float) -> None:
     for position, base in enumerate(columns.index):
         if base in SPOTS:
             continue
@@ -215,12 +249,13 @@ def _check_values(values: Matrix, lines: Vector, path: Path, columns: Columns) -
             name = columns.names[columns.index[base]]
             raise LogError(f"{path}:{int(lines[bad[0]])}: column '{name}' is {came}; only a spot may be missing")
     t = values[:, _order(columns)["t"]]
-    late = np.flatnonzero(np.diff(t) <= 0.0)
+    before = np.concatenate([[t_before], t[:-1]])
+    late = np.flatnonzero(t <= before)
     if late.size:
-        row = int(late[0]) + 1
-        what = "repeats" if t[row] == t[row - 1] else "goes back from"
+        row = int(late[0])
+        what = "repeats" if t[row] == before[row] else "goes back from"
         raise LogError(
-            f"{path}:{int(lines[row])}: time {t[row]:.15g} s {what} {t[row - 1]:.15g} s of the row before; "
+            f"{path}:{int(lines[row])}: time {t[row]:.15g} s {what} {before[row]:.15g} s of the row before; "
             "sort the log by time and keep one row an epoch"
         )
     if columns.has(QUATERNION):

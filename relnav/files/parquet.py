@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from relnav.arrays import Matrix
+from relnav.arrays import Matrix, Vector
 from relnav.errors import LogError, UsageError
 from relnav.files.units import split_unit
 
@@ -48,8 +48,8 @@ def open_parquet(path: Path) -> tuple[Any, list[str], dict[str, str]]:
     return file, list(file.schema_arrow.names), metadata
 
 
-def read_columns(file: Any, path: Path, names: list[str]) -> Matrix:
-    """The named columns as float64 (n, len(names)); null becomes NaN.
+def read_batches(file: Any, path: Path, names: list[str]) -> Iterator[Matrix]:
+    """The named columns as float64 (m, len(names)), batch after batch; null becomes NaN.
 
     Raises
     ------
@@ -57,26 +57,29 @@ def read_columns(file: Any, path: Path, names: list[str]) -> Matrix:
         For a column that does not hold numbers.
     """
     pyarrow = require_pyarrow()
-    out = np.empty((file.metadata.num_rows, len(names)))
     row = 0
     try:
         for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=names):
+            out = np.empty((len(names), len(batch)))
             for position, name in enumerate(names):
                 column = batch.column(name)
                 if not (pyarrow.types.is_floating(column.type) or pyarrow.types.is_integer(column.type)):
                     raise LogError(f"{path}: column '{name}' holds {column.type}; numbers are expected")
-                values = column.cast(pyarrow.float64()).to_numpy(zero_copy_only=False)
-                out[row : row + len(batch), position] = values
+                out[position] = column.cast(pyarrow.float64()).to_numpy(zero_copy_only=False)
             row += len(batch)
+            yield out.T
     except (pyarrow.ArrowException, OSError) as error:
         raise LogError(f"{path}: damaged after row {row}: {error}") from error
-    return out
 
 
 def write_parquet(
-    path: Path, columns: tuple[str, ...], parts: Iterator[Matrix], metadata: dict[str, str], integers: tuple[int, ...]
+    path: Path,
+    columns: tuple[str, ...],
+    parts: Iterator[list[Vector]],
+    metadata: dict[str, str],
+    integers: tuple[int, ...],
 ) -> None:
-    """Write tables (m, len(columns)) one after the other; NaN becomes null; units go into the columns' metadata."""
+    """Write tables, columns of equal length, one after the other; NaN becomes null; units go into their metadata."""
     pyarrow = require_pyarrow()
     from pyarrow import parquet
 
@@ -92,9 +95,9 @@ def write_parquet(
     with parquet.ParquetWriter(path, schema, compression="snappy", use_dictionary=False) as writer:
         for part in parts:
             arrays = [
-                pyarrow.array(part[:, index].astype(np.int8))
+                pyarrow.array(column.astype(np.int8))
                 if index in integers
-                else pyarrow.array(np.ascontiguousarray(part[:, index]), from_pandas=True)
-                for index in range(len(columns))
+                else pyarrow.array(np.ascontiguousarray(column), from_pandas=bool(np.isnan(column).any()))
+                for index, column in enumerate(part)
             ]
             writer.write_table(pyarrow.Table.from_arrays(arrays, schema=schema))

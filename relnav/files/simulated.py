@@ -2,17 +2,15 @@
 
 import csv
 import os
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from relnav.arrays import Matrix
 from relnav.errors import UsageError
 from relnav.files.atomic import replacing
 from relnav.files.log_columns import ACCELERATION, SPOT_SIGMAS, SPOTS
 from relnav.files.raw_logs import COUNTS
-from relnav.files.tables import STATE_COLUMNS, check_format, relnav_version, write_table
+from relnav.files.tables import STATE_COLUMNS, Table, check_format, relnav_version, write_table
 from relnav.sensors.three_beacon.pulses import NAMES
 from relnav.simulation.raw import RawLog
 from relnav.simulation.scenario import SimulatedLog
@@ -24,11 +22,11 @@ TRUTH_COLUMNS = ("t_s", *STATE_COLUMNS)
 def write_log(log: SimulatedLog, path: str | os.PathLike[str], metadata: dict[str, str] | None = None) -> None:
     """Write a simulated log (.csv or .parquet) in the columns that `relnav filter` reads."""
     spots = log.spots_m.reshape(len(log.t_s), 6) * 1e6
-    columns, parts = LOG_COLUMNS, [log.t_s, spots, log.acceleration_m_s2]
+    columns, table = LOG_COLUMNS, [log.t_s, *spots.T, *log.acceleration_m_s2.T]
     if log.sigma_m is not None:
         columns = (*columns, *(f"{base}_um" for base in SPOT_SIGMAS))
-        parts.append(log.sigma_m.reshape(len(log.t_s), 6) * 1e6)
-    _write(Path(path), columns, np.column_stack(parts), metadata)
+        table.extend(log.sigma_m.reshape(len(log.t_s), 6).T * 1e6)
+    _write(Path(path), columns, table, metadata)
 
 
 def write_raw_log(log: RawLog, path: str | os.PathLike[str], metadata: dict[str, str] | None = None) -> None:
@@ -56,14 +54,10 @@ def write_truth(
     log: SimulatedLog | RawLog, path: str | os.PathLike[str], metadata: dict[str, str] | None = None
 ) -> None:
     """Write a simulated log's true states (.csv or .parquet)."""
-    _write(Path(path), TRUTH_COLUMNS, np.column_stack([log.t_s, log.truth]), metadata)
+    _write(Path(path), TRUTH_COLUMNS, [log.t_s, *log.truth.T], metadata)
 
 
-def _write(path: Path, columns: tuple[str, ...], rows: Matrix, metadata: dict[str, str] | None) -> None:
+def _write(path: Path, columns: tuple[str, ...], table: Table, metadata: dict[str, str] | None) -> None:
     check_format(path)
     head = {"relnav": relnav_version(), "frame": "lvlh_ccsds"} | (metadata or {})
-
-    def parts() -> Iterator[Matrix]:
-        yield rows
-
-    write_table(path, columns, parts(), head, ())
+    write_table(path, columns, iter([table]), head, ())

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from relnav.arrays import Matrix
+from relnav.arrays import Vector
 from relnav.errors import UsageError
 from relnav.files.atomic import replacing
-from relnav.navigation.record import UPPER, Solution
+from relnav.navigation.docking_view import UPPER
+from relnav.navigation.record import DIAGONAL, Solution
 
 STATE = ("x", "y", "z", "vx", "vy", "vz")
 STATE_UNITS = ("m", "m", "m", "m_s", "m_s", "m_s")
@@ -31,7 +32,7 @@ COLUMNS = (
     *COVARIANCE_COLUMNS,
 )
 INTEGERS = (COLUMNS.index("dof"), COLUMNS.index("accepted"))
-ROWS_AT_ONCE = 20_000
+ROWS_AT_ONCE = 65_536
 
 
 def relnav_version() -> str:
@@ -42,40 +43,49 @@ def relnav_version() -> str:
         return "unknown"
 
 
-def metadata(solution: Solution) -> dict[str, str]:
+def head(model: str, method: str, smoothed: bool) -> dict[str, str]:
     """Frame, units, model and version, as they head every table."""
     return {
         "relnav": relnav_version(),
         "frame": "lvlh_ccsds: origin target's centre of mass, x V-bar, y = -h, z nadir; velocity in the turning frame",
         "units": "SI; angles in degrees; covariance in SI (m, m/s)",
-        "model": solution.model,
-        "method": solution.method + (", smoothed" if solution.smoothed else ""),
-        "restarts": str(solution.restarts),
-    } | {key: str(value) for key, value in solution.metadata.items()}
+        "model": model,
+        "method": method + (", smoothed" if smoothed else ""),
+    }
 
 
-def _parts(solution: Solution) -> Iterator[Matrix]:
-    """Table rows (m, 43), part after part: a long solution's covariances are never all in memory."""
-    scale = np.array([1.0, 180.0 / np.pi, 180.0 / np.pi])
+Table = list[Vector]
+"""Rows as columns: one array (m,) for each."""
+
+
+def rows_of(part: Solution) -> Table:
+    """The columns `COLUMNS` of some epochs."""
+    view, degrees = part.view, 180.0 / np.pi
+    sigma_docking = np.sqrt(view[[3, 6, 8]])
+    return [
+        part.t_s,
+        *part.state.T,
+        view[0],
+        view[1] * degrees,
+        view[2] * degrees,
+        *np.sqrt(view[9:][DIAGONAL]),
+        sigma_docking[0],
+        sigma_docking[1] * degrees,
+        sigma_docking[2] * degrees,
+        part.nis,
+        part.dof,
+        part.accepted,
+        *view[9:],
+    ]
+
+
+def _parts(solution: Solution) -> Iterator[Table]:
+    """Part after part: a long solution's covariances are never all in memory."""
     for begin in range(0, len(solution), ROWS_AT_ONCE):
-        part = solution.part(begin, begin + ROWS_AT_ONCE)
-        covariance = part.covariance
-        yield np.column_stack(
-            [
-                part.t_s,
-                part.state,
-                part.docking * scale,
-                np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)),
-                part.docking_sigma * scale,
-                part.nis,
-                part.dof,
-                part.accepted,
-                covariance[:, UPPER[0], UPPER[1]],
-            ]
-        )
+        yield rows_of(solution.part(begin, begin + ROWS_AT_ONCE))
 
 
-def _cells(row: list[float], integers: tuple[int, ...]) -> list[str]:
+def _cells(row: tuple[float, ...], integers: tuple[int, ...]) -> list[str]:
     cells = ["" if value != value else repr(value) for value in row]
     for index in integers:
         cells[index] = str(int(row[index]))
@@ -99,26 +109,29 @@ def write(solution: Solution, path: str | os.PathLike[str]) -> None:
     """
     target = Path(path)
     check_format(target)
-    write_table(target, COLUMNS, _parts(solution), metadata(solution), INTEGERS)
+    stated = head(solution.model, solution.method, solution.smoothed)
+    stated |= {key: str(value) for key, value in solution.metadata.items()}
+    write_table(target, COLUMNS, _parts(solution), stated, INTEGERS)
 
 
 def write_table(
-    path: Path, columns: tuple[str, ...], parts: Iterator[Matrix], head: dict[str, str], integers: tuple[int, ...]
+    path: Path, columns: tuple[str, ...], parts: Iterator[Table], stated: dict[str, str], integers: tuple[int, ...]
 ) -> None:
-    """Write rows (m, len(columns)), part after part, as CSV or Parquet by the file's ending; whole or not at all."""
+    """Write rows, part after part, as CSV or Parquet by the file's ending; whole or not at all."""
     with replacing(path) as temporary:
         if path.suffix.lower() == ".parquet":
             from relnav.files.parquet import write_parquet
 
-            write_parquet(temporary, columns, parts, head, integers)
+            write_parquet(temporary, columns, parts, stated, integers)
             return
         with temporary.open("w", newline="", encoding="utf-8") as file:
-            for key, value in head.items():
+            for key, value in stated.items():
                 file.write(f"# {key} = {value}\n")
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(columns)
-            for rows in parts:
-                writer.writerows(_cells(row, integers) for row in rows.tolist())
+            for part in parts:
+                rows = zip(*(column.tolist() for column in part), strict=True)
+                writer.writerows(_cells(row, integers) for row in rows)
 
 
 def check_format(path: Path) -> None:

@@ -6,7 +6,7 @@ toward y, and elevation is positive toward -z. They are not the (elevation towar
 
 import math
 
-from relnav._kernel import kernel
+from relnav._kernel import kernel, quotient, straight_line
 from relnav.arrays import Matrix, Vector
 
 
@@ -18,7 +18,7 @@ def wrap_angle(angle: float) -> float:
     return math.atan2(math.sin(angle), math.cos(angle))
 
 
-@kernel
+@straight_line(p=(3,), out=(3,))
 def range_azimuth_elevation(p: Vector, out: Vector) -> None:
     """Write (range m, azimuth rad, elevation rad) of the docking-frame position p (3,) m into out (3,)."""
     horizontal = math.sqrt(p[0] * p[0] + p[1] * p[1])
@@ -27,23 +27,32 @@ def range_azimuth_elevation(p: Vector, out: Vector) -> None:
     out[2] = math.atan2(-p[2], horizontal)
 
 
-@kernel
+@straight_line(p=(3,), out=(3, 3))
 def range_azimuth_elevation_jacobian(p: Vector, out: Matrix) -> bool:
-    """Write d(range, azimuth, elevation)/dp into out (3, 3); False (and zeros) at the poles x = y = 0."""
+    """Write d(range, azimuth, elevation)/dp into out (3, 3); False (and no meaning) at the poles x = y = 0."""
     x, y, z = p[0], p[1], p[2]
     h2 = x * x + y * y
     r2 = h2 + z * z
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = 0.0
-    if not h2 > 1e-24 * r2:
-        return False
+    regular: bool = h2 > 1e-24 * r2
     h = math.sqrt(h2)
     r = math.sqrt(r2)
-    out[0, 0], out[0, 1], out[0, 2] = x / r, y / r, z / r
-    out[1, 0], out[1, 1] = -y / h2, x / h2
-    out[2, 0], out[2, 1], out[2, 2] = x * z / (h * r2), y * z / (h * r2), -h / r2
-    return True
+    per_r, per_h2, per_h_r2 = quotient(1.0, r, 0.0), quotient(1.0, h2, 0.0), quotient(1.0, h * r2, 0.0)
+    out[0, 0], out[0, 1], out[0, 2] = x * per_r, y * per_r, z * per_r
+    out[1, 0], out[1, 1], out[1, 2] = -y * per_h2, x * per_h2, 0.0
+    out[2, 0], out[2, 1], out[2, 2] = x * z * per_h_r2, y * z * per_h_r2, -h2 * per_h_r2
+    return regular
+
+
+@straight_line(p=(3,), q=(3,), out=(3,))
+def docking_difference(p: Vector, q: Vector, out: Vector) -> None:
+    """Write (range, azimuth, elevation) of p minus that of q into out (3,), the angles within [-pi, pi].
+
+    Each angle as atan2 of the sine and cosine of the difference: no wrapping, no digits lost between close points.
+    """
+    hp, hq = math.sqrt(p[0] * p[0] + p[1] * p[1]), math.sqrt(q[0] * q[0] + q[1] * q[1])
+    out[0] = math.sqrt(hp * hp + p[2] * p[2]) - math.sqrt(hq * hq + q[2] * q[2])
+    out[1] = math.atan2(q[0] * p[1] - q[1] * p[0], q[0] * p[0] + q[1] * p[1])
+    out[2] = math.atan2(hp * q[2] - hq * p[2], hp * hq + p[2] * q[2])
 
 
 @kernel

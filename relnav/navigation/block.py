@@ -1,11 +1,13 @@
 """One float64 matrix, six columns wide, that holds a filter: constants, state, inputs, results and scratch.
 
 One array crosses from Python into compiled code in 0.2 us; ten would cost a microsecond. Rows have names; a (6, 6)
-matrix takes six rows. `Navigator` writes the constants once; `step` owns the rest.
+matrix takes six rows. The rows that depend on the number of beacons come last; LAYOUT says where. `Navigator` writes
+the constants once; `step` owns the rest.
 """
 
 import numpy as np
 
+from relnav._kernel import kernel
 from relnav.arrays import Matrix
 from relnav.estimation.gating import gate_limits
 from relnav.mission import Model
@@ -15,51 +17,76 @@ from relnav.sensors.three_beacon.measure import PROJECTIONS
 SENSOR = 0  # f, half width x, half width y, spot sigma, a, b   (m)
 SETTINGS = 1  # projection, method, attitude known, restart after, mean motion, acceleration noise density
 CONTROL = 2  # magnitude sigma, direction sigma, correlation time, initial velocity sigma
-GATE = 3  # chi-square limits for 1 .. 6 degrees of freedom
-BEACONS = 4  # 3 rows: beacons A, B, C from the target's centre of mass, lvlh_ccsds
+LAYOUT = 3  # number of beacons; first row of the gate limits, of the beacons, of what KEPT copies
 
-# What a record keeps: one piece, DOCK .. INNOVATION
-DOCK = 7  # 3 rows: dcm_dock_from_lvlh | port position, lvlh_ccsds
-ATTITUDE = 10  # 3 rows: dcm_cam_from_lvlh | camera from the chaser's centre of mass, camera axes
-CLOCK = 13  # time of the last epoch, running, trial running, rejected streak, starts, prior position variance
-TRACK = 14  # 7 rows: state x, then factors ud
-RESULT = 21  # status, NIS, dof, measurement status, iterations, groups used
-INNOVATION = 22  # NaN where there is none
-RECORD_END = 23
+# Derived from the attitude (`sight.set_attitude`)
+CAM_FROM_DOCK = 4  # 3 rows: dcm_cam_from_dock
+OFFSET = 7  # camera minus chaser's centre of mass, minus the port: camera from O = state + OFFSET, lvlh_ccsds
 
 # State that lasts from step to step
-TRIAL = 23  # 7 rows: the start under test, state and factors
+TRIAL = 8  # 7 rows: the start under test, state and factors
 P_ROWS = 7  # rows of a track
-STEP_KEY = 30  # dt and acceleration for which the three below were computed; then whether an impulse was in them
-PHI = 31  # 6 rows: transition
-Q_FACTORS = 37  # 6 rows: factors of the process noise
-EFFECT = 43  # what the control adds to the state
+STEP_KEY = 15  # dt and acceleration for which the three below were computed; then whether an impulse was in them
+PHI = 16  # 6 rows: transition
+Q_FACTORS = 22  # 6 rows: factors of the process noise
+EFFECT = 28  # what the control adds to the state
 
 # Input of one step
-INPUT = 44  # acceleration, delta-v
+INPUT = 29  # acceleration, delta-v
 
-# Scratch
-H = 45  # 6 rows: measurement rows
-RESIDUAL = 51  # innovations of the rows of H
-VARIANCE = 52  # their variances; 0 = row not used
-R_FACTOR = 53  # 3 rows: L of R = L diag L^T (methods whose noise is correlated)
-VALUE = 56  # what was measured, (range, azimuth, elevation) or invariants
-X_WORK = 57  # 7 rows: state and factors during the update
-X_AT = 64  # point of linearisation
-GAIN = 65
-KEPT = 66  # 2 rows: RESULT and INNOVATION of the track while a trial is tested
-WORK = 68  # 45 rows: scratch of the sensor's closed form and of the time update
-ROWS = 113
+# Scratch of the update
+X_WORK = 30  # 7 rows: state and factors during the update
+X_AT = 37  # point of linearisation
+PLACE = 38  # camera from O in the docking frame at the prediction (3), its range^2, the prior's position variance
+RAYS = 39  # 3 rows: rays of the measured spots, camera axes
+FIX_AT = 42  # position of the fix (3), docking frame
+VALUE = 43  # invariants measured (3), then those at the prediction (3)
+INVERSE = 44  # 3 rows: (dg/dp)^-1
+JACOBIAN = 47  # 3 rows: d value / d spots
+H = 50  # 3 rows: measurement rows of a fix or of invariants, made independent
+RESIDUAL = 53  # their innovations, independent (3) and as they are (3)
+VARIANCE = 54  # variances of the independent rows; 0 = row not used
+R_FACTOR = 55  # 3 rows: L of R = L diag L^T
+WORK = 58  # 24 rows: scratch of the closed form, of a start, of a step
+
+# What a record keeps: one piece, DOCK .. the innovations
+DOCK = 82  # 3 rows: dcm_dock_from_lvlh | port position, lvlh_ccsds
+ATTITUDE = 85  # 3 rows: dcm_cam_from_lvlh | camera from the chaser's centre of mass, camera axes
+CLOCK = 88  # time of the last epoch, running, trial running, rejected streak, starts, number of beacons
+TRACK = 89  # 7 rows: state x, then factors ud
+RESULT = 96  # status, NIS, dof, measurement status, iterations, groups used
+INNOVATION = 97  # two numbers a beacon, row after row; NaN where there is none
+
+# A beacon's four rows, from LAYOUT's second number on
+BEACON_ROWS = 4
+POSITION = 0  # position from the target's centre of mass, lvlh_ccsds (3); sigma of its spot x, y; squared distance
+OBSERVED = 1  # residual x, y; variance x, y (0 = coordinate not used)
+GRADIENT = 2  # 2 rows: measurement rows
 
 METHODS = {"spots": 0, "fix": 1}
 SPOTS = 0
 FIX = 1
 
 
+def rows_for(numbers: int) -> int:
+    """Rows that so many numbers fill."""
+    return -(-numbers // 6)
+
+
+def record_end(beacons: int) -> int:
+    """Row after the last that a record keeps."""
+    return INNOVATION + rows_for(2 * beacons)
+
+
 def new_block(model: Model, method: str, projection: str) -> Matrix:
-    """A filter that has seen nothing yet, (ROWS, 6)."""
-    block = np.zeros((ROWS, 6))
+    """A filter that has seen nothing yet, (rows, 6)."""
     sensor, noise, settings = model.sensor, model.process_noise, model.filter
+    beacons = model.beacons_lvlh_m
+    count = len(beacons)
+    gate = record_end(count)
+    first_beacon = gate + rows_for(2 * count)
+    kept = first_beacon + BEACON_ROWS * count
+    block = np.zeros((kept + gate - RESULT, 6))
     block[SENSOR] = (
         sensor.focal_length_m,
         0.5 * sensor.detector_size_m[0],
@@ -82,11 +109,31 @@ def new_block(model: Model, method: str, projection: str) -> Matrix:
         noise.control_correlation_time_s,
         settings.initial_velocity_sigma_m_s,
     )
-    block[GATE] = gate_limits(settings.gate_probability)
+    block[LAYOUT, :4] = count, gate, first_beacon, kept
+    block[CLOCK, 0], block[CLOCK, 5] = -np.inf, count
+    block[gate:first_beacon].ravel()[: 2 * count] = gate_limits(settings.gate_probability, 2 * count)
     block[DOCK : DOCK + 3, :3] = model.dcm_dock_from_lvlh
     block[DOCK : DOCK + 3, 3] = model.port_position_m
-    block[ATTITUDE : ATTITUDE + 3, :3] = model.dcm_cam_from_lvlh
     block[ATTITUDE : ATTITUDE + 3, 3] = model.camera_lever_cam_m
-    block[BEACONS : BEACONS + 3, :3] = model.beacons_lvlh_m
+    block[first_beacon:kept:BEACON_ROWS, :3] = beacons
+    block[first_beacon:kept:BEACON_ROWS, 3:5] = model.spot_sigma_m
     block[STEP_KEY] = np.nan
     return block
+
+
+@kernel
+def beacon_count(block: Matrix) -> int:
+    """Number of beacons."""
+    return int(block[LAYOUT, 0])
+
+
+@kernel
+def beacon_row(block: Matrix, beacon: int) -> int:
+    """First of the four rows of a beacon."""
+    return int(block[LAYOUT, 2]) + BEACON_ROWS * beacon
+
+
+@kernel
+def gate_limit(block: Matrix, dof: int) -> float:
+    """Chi-square limit for so many degrees of freedom."""
+    return float(block[int(block[LAYOUT, 1]) + (dof - 1) // 6, (dof - 1) % 6])

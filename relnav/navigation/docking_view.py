@@ -1,46 +1,90 @@
 """The state as the docking sensor describes it: range, azimuth, elevation, with the covariance J P J^T."""
 
+import math
+
 import numpy as np
 
+from relnav._kernel import kernel, select, straight_line
 from relnav.arrays import Matrix, Stack, Vector
+from relnav.estimation.factored import compose_into
+from relnav.geometry.spherical import range_azimuth_elevation, range_azimuth_elevation_jacobian
+from relnav.navigation.smoothing import unpack_track
+
+VIEW_ROWS = 30
+"""Range, azimuth, elevation; the 6 elements of their covariance; the 21 of the state's, upper triangles by rows."""
+UPPER = np.triu_indices(6)
+"""Rows and columns of the 21 numbers of a (6, 6) upper triangle."""
+UPPER_THREE = np.triu_indices(3)
 
 
-def docking_view(
-    state: Matrix, covariance: Stack, dcm_dock_from_lvlh: Matrix, port_m: Vector, lever_lvlh_m: Vector
-) -> tuple[Matrix, Stack]:
-    """Range m, azimuth rad, elevation rad of the camera in the docking frame (seed 000 eq. (13)), and covariance.
+@straight_line(state=(6,), packed=(21,), dock=(3, 3), port=(3,), lever=(3,), out=(VIEW_ROWS,))
+def _view(state: Vector, packed: Vector, dock: Matrix, port: Vector, lever: Vector, out: Vector) -> None:
+    """Seed 000 eq. (13) and J P J^T for one state with packed factors; no angles at the poles x = y = 0."""
+    track, covariance = np.zeros((7, 6)), np.zeros((6, 6))
+    s, p, to_angles, j = np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
+    unpack_track(state, packed, track)
+    compose_into(track[1:7], covariance)
+    for i in range(3):
+        s[i] = state[i] + lever[i] - port[i]
+    for i in range(3):
+        p[i] = dock[i, 0] * s[0] + dock[i, 1] * s[1] + dock[i, 2] * s[2]
+    range_azimuth_elevation(p, out)
+    regular = range_azimuth_elevation_jacobian(p, to_angles)
+    for i in range(3):
+        for k in range(3):
+            for m in range(3):
+                j[i, k] += to_angles[i, m] * dock[m, k]
+    at = 3
+    for i in range(3):
+        for k in range(i, 3):
+            total = 0.0
+            for m in range(3):
+                for n in range(3):
+                    total += j[i, m] * covariance[m, n] * j[k, n]
+            out[at] = total if i == k == 0 else select(regular, total, math.nan)
+            at += 1
+    for i in range(6):
+        for k in range(i, 6):
+            out[at] = covariance[i, k]
+            at += 1
+
+
+@kernel
+def _views(
+    state: Matrix, factor: Matrix, dock: Matrix, port: Vector, lever: Matrix, out: Matrix, scratch: Vector
+) -> None:
+    held = lever.shape[0] == 1
+    for e in range(state.shape[0]):
+        _view(state[e], factor[e], dock, port, lever[0 if held else e], scratch)
+        for row in range(VIEW_ROWS):
+            out[row, e] = scratch[row]
+
+
+def views(state: Matrix, factor: Matrix, dcm_dock_from_lvlh: Matrix, port_m: Vector, lever_lvlh_m: Matrix) -> Matrix:
+    """The camera's range, azimuth and elevation, their covariance, and the state's, (30, n): `VIEW_ROWS`.
 
     Parameters
     ----------
-    state : (n, 6)
-        Relative states, `lvlh_ccsds`.
-    covariance : (n, 6, 6)
-        Their covariances.
+    state, factor : (n, 6), (n, 21)
+        Relative states, `lvlh_ccsds`, and their packed factors.
     dcm_dock_from_lvlh : (3, 3)
         Orientation of the docking frame.
     port_m : (3,)
         O from the target's centre of mass, `lvlh_ccsds`.
-    lever_lvlh_m : (3,) or (n, 3)
+    lever_lvlh_m : (1, 3) or (n, 3)
         Camera from the chaser's centre of mass, `lvlh_ccsds`.
-
-    Returns
-    -------
-    (n, 3) values and (n, 3, 3) covariances; NaN at the poles x = y = 0.
     """
-    p = (state[:, :3] + lever_lvlh_m - port_m) @ dcm_dock_from_lvlh.T
-    x, y, z = p[:, 0], p[:, 1], p[:, 2]
-    h = np.hypot(x, y)
-    r = np.hypot(h, z)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        rae = np.stack([r, np.arctan2(y, x), np.arctan2(-z, h)], axis=-1)
-        zero = np.zeros_like(x)
-        jacobian = np.stack(
-            [
-                np.stack([x / r, y / r, z / r], axis=-1),
-                np.stack([-y / h**2, x / h**2, zero], axis=-1),
-                np.stack([x * z / (h * r**2), y * z / (h * r**2), -h / r**2], axis=-1),
-            ],
-            axis=-2,
-        )
-    j = jacobian @ dcm_dock_from_lvlh
-    return rae, j @ covariance[:, :3, :3] @ np.swapaxes(j, -1, -2)
+    out = np.empty((VIEW_ROWS, len(state)))
+    dock, port, lever = (np.ascontiguousarray(x, dtype=np.float64) for x in (dcm_dock_from_lvlh, port_m, lever_lvlh_m))
+    _views(np.ascontiguousarray(state), np.ascontiguousarray(factor), dock, port, lever, out, np.empty(VIEW_ROWS))
+    return out
+
+
+def symmetric(upper: Matrix) -> Stack:
+    """Symmetric matrices (n, m, m) from the rows of their upper triangles (m (m + 1) / 2, n)."""
+    size = 3 if len(upper) == 6 else 6
+    rows, columns = UPPER_THREE if size == 3 else UPPER
+    out = np.empty((upper.shape[1], size, size))
+    out[:, rows, columns] = upper.T
+    out[:, columns, rows] = upper.T
+    return out

@@ -4,20 +4,35 @@
 `spots`, attitude unknown: the attitude-free invariants of the rays (three beacons: three, two beacons: one).
 `fix`: range, azimuth and elevation of the closed form, with R = J S J^T evaluated at the PREDICTED geometry: at the
 measured spots R would depend on their noise, and fewer epochs stay consistent. Only while the prediction is no better
-than a guess (sigma above 2 % of the range) is R taken at the fix itself.
+than a guess (sigma above 2 % of the range) is R taken at the fix itself. From a good prediction the fix is found by
+Newton's method alone: it is the same root as that of the closed form's passes, which are needed from nowhere.
+
+Rows of a beacon stand with the beacon, independent. Those of a fix or of invariants are correlated: they are kept as
+L^-1 z and L^-1 H with R = L diag(VARIANCE) L^T.
 """
 
-from relnav._kernel import kernel
-from relnav.arrays import Matrix, Vector
+import numpy as np
+
+from relnav._kernel import kernel, straight_line
+from relnav.arrays import Codes, Matrix, Vector
 from relnav.estimation.factored import decorrelate
-from relnav.geometry.pinhole import project, project_jacobian_row, unit_ray
 from relnav.geometry.rotation import triad
-from relnav.geometry.spherical import range_azimuth_elevation, range_azimuth_elevation_jacobian, wrap_angle
+from relnav.geometry.spherical import docking_difference, range_azimuth_elevation_jacobian
 from relnav.navigation.block import (
     ATTITUDE,
+    CAM_FROM_DOCK,
     DOCK,
     FIX,
+    FIX_AT,
+    GRADIENT,
+    INVERSE,
+    JACOBIAN,
+    OBSERVED,
+    OFFSET,
+    PLACE,
+    POSITION,
     R_FACTOR,
+    RAYS,
     RESIDUAL,
     SENSOR,
     SETTINGS,
@@ -26,128 +41,201 @@ from relnav.navigation.block import (
     VARIANCE,
     WORK,
     H,
+    beacon_count,
+    beacon_row,
 )
 from relnav.navigation.sight import (
-    IMAGE,
-    JACOBIAN,
-    LOCAL,
-    P_DOCK,
-    POINT,
-    RAYS,
     attitude_known,
-    beacon_in_camera,
     camera_position_dock,
     fix_of_spots,
+    implied_attitude,
     prior_is_tight,
+    see_beacon,
     uses_coordinates,
 )
-from relnav.sensors.measurement import (
-    BEHIND,
-    DEGENERATE,
-    NO_CONVERGENCE,
-    NOT_SEEN,
-    OFF_DETECTOR,
-    OK,
-)
-from relnav.sensors.three_beacon.fix import (
-    PERSPECTIVE,
-    WORK_ROWS,
-    coordinate_usable,
-    fix_jacobian,
-    perspective_jacobian,
-)
+from relnav.sensors.measurement import DEGENERATE, NO_CONVERGENCE, NOT_SEEN, OFF_DETECTOR, OK, OUTSIDE_DOMAIN
+from relnav.sensors.three_beacon.fix import PERSPECTIVE, coordinate_usable, image_rays, image_usable
 from relnav.sensors.three_beacon.invariants import invariants, position_gradient, rays_from_position, spot_gradient
+from relnav.sensors.three_beacon.parallel import solve_parallel_jacobian
+from relnav.sensors.three_beacon.perspective import (
+    chord_step,
+    gradient_inverse,
+    implicit_jacobian,
+    inside_domain,
+    settle,
+)
+
+TRIANGLE_ROWS = 9  # from the first beacon's rows to the third's position
 
 
 @kernel
-def _predicted_rays(block: Matrix, spots: Matrix, p_fix: Vector, p: Vector, rays: Matrix) -> bool:
-    """Write into rays (3 rows) the unit rays that a camera at p (docking frame) would see, in camera axes.
+def take_in_coordinates(block: Matrix, spots: Matrix) -> tuple[int, int, int]:
+    """Decide which coordinates of the spots (n, 2) m can be used; (beacons seen, coordinates usable, Status code)."""
+    sensor = block[SENSOR]
+    seen, usable, status = 0, 0, OK
+    for i in range(beacon_count(block)):
+        row = beacon_row(block, i)
+        position, observed = block[row + POSITION], block[row + OBSERVED]
+        observed[2], observed[3], observed[4] = 0.0, 0.0, 1.0
+        x, y = spots[i, 0], spots[i, 1]
+        if x != x and y != y:
+            continue
+        seen += 1
+        on_x, on_y = coordinate_usable(x, sensor[1]), coordinate_usable(y, sensor[2])
+        if (x == x and not on_x) or (y == y and not on_y):
+            status = OFF_DETECTOR
+            continue
+        if on_x:
+            observed[2] = position[3] * position[3]
+            usable += 1
+        if on_y:
+            observed[3] = position[4] * position[4]
+            usable += 1
+    return seen, usable, status if seen > 0 else NOT_SEEN
 
-    The attitude is the known one, or the one that turns the rays of the fix p_fix into the measured ones (triad).
-    """
-    sensor, work, local = block[SENSOR], block[WORK : WORK + WORK_ROWS], block[LOCAL : LOCAL + 3]
-    if attitude_known(block):
-        for i in range(3):
-            for j in range(3):
-                local[i, j] = 0.0  # dcm_cam_from_dock
-                for k in range(3):
-                    local[i, j] += block[ATTITUDE + i, k] * block[DOCK + j, k]
-    else:
-        rays_from_position(p_fix, sensor[4], sensor[5], work[0:3], work[3])
-        for i in range(3):
-            unit_ray(spots[i, 0], spots[i, 1], sensor[0], work[4 + i])
+
+@kernel
+def linearise_coordinates(block: Matrix, x: Vector, spots: Matrix) -> int:
+    """Write residuals and rows of the beacons in use at x; returns how many coordinates are behind (dropped)."""
+    mount, f = block[ATTITUDE : ATTITUDE + 3], block[SENSOR, 0]
+    dropped = 0
+    for i in range(beacon_count(block)):
+        row = beacon_row(block, i)
+        observed = block[row + OBSERVED]
+        if observed[2] > 0.0 or observed[3] > 0.0:
+            depth = see_beacon(x, mount, block[row + POSITION], f, spots[i], block[row + OBSERVED : row + GRADIENT + 2])
+            if not depth > 0.0:
+                dropped += int(observed[2] > 0.0) + int(observed[3] > 0.0)
+                observed[2], observed[3] = 0.0, 0.0
+    return dropped
+
+
+@straight_line(jacobian=(3, 6), triangle=(TRIANGLE_ROWS, 6), factor=(3, 3), variances=(3,))
+def correlated_noise(jacobian: Matrix, triangle: Matrix, factor: Matrix, variances: Vector) -> bool:
+    """Write L and d of R = J S J^T = L diag(d) L^T; S from the spots' sigmas in the beacons' POSITION rows."""
+    r, scaled = np.zeros((3, 3)), np.zeros((3, 6))
+    for i in range(3):
+        for k in range(6):
+            scaled[i, k] = jacobian[i, k] * triangle[4 * (k // 2), 3 + k % 2]
+    for i in range(3):
         for j in range(3):
-            work[7, j] = work[0, j] - work[1, j]
-            work[8, j] = work[0, j] + work[1, j]
-            work[9, j] = work[4, j] - work[5, j]
-            work[10, j] = work[4, j] + work[5, j]
-        if not triad(work[7], work[8], work[11:14]) or not triad(work[9], work[10], work[14:17]):
-            return False
-        for i in range(3):
+            for k in range(6):
+                r[i, j] += scaled[i, k] * scaled[j, k]
+    return decorrelate(r, factor, variances)
+
+
+@straight_line(
+    p=(3,), inverse=(3, 3), u=(3, 3), triangle=(TRIANGLE_ROWS, 6), factor=(3, 3), variances=(3,)
+)  # fmt: skip
+def fix_noise(
+    p: Vector, inverse: Matrix, u: Matrix, f: float, triangle: Matrix, factor: Matrix, variances: Vector
+) -> bool:
+    """Write L and d of the noise of (range, azimuth, elevation) at p, seen along camera-frame rays u.
+
+    inverse (3, 3) is (dg/dp)^-1 at p. False where singular.
+    """
+    to_angles, to_position, jacobian = np.zeros((3, 3)), np.zeros((3, 6)), np.zeros((3, 6))
+    regular = range_azimuth_elevation_jacobian(p, to_angles)
+    implicit_jacobian(inverse, u, f, to_position)
+    for i in range(3):
+        for k in range(6):
             for j in range(3):
-                local[i, j] = 0.0
-                for k in range(3):
-                    local[i, j] += work[14 + k, i] * work[11 + k, j]
-    rays_from_position(p, sensor[4], sensor[5], work[0:3], work[3])
+                jacobian[i, k] += to_angles[i, j] * to_position[j, k]
+    return regular & correlated_noise(jacobian, triangle, factor, variances)
+
+
+@straight_line(p=(3,), cam_from_dock=(3, 3), out=(3, 3))
+def rays_in_camera(p: Vector, a: float, b: float, cam_from_dock: Matrix, out: Matrix) -> bool:
+    """Write the unit rays from p to beacons A, B, C in camera axes into out (3, 3); False if one points backward."""
+    u, distance = np.zeros((3, 3)), np.zeros(3)
+    rays_from_position(p, a, b, u, distance)
     for i in range(3):
         for k in range(3):
-            rays[i, k] = local[k, 0] * work[i, 0] + local[k, 1] * work[i, 1] + local[k, 2] * work[i, 2]
-        if not rays[i, 2] > 0.0:
-            return False
+            out[i, k] = cam_from_dock[k, 0] * u[i, 0] + cam_from_dock[k, 1] * u[i, 1] + cam_from_dock[k, 2] * u[i, 2]
+    forward: bool = (out[0, 2] > 0.0) & (out[1, 2] > 0.0) & (out[2, 2] > 0.0)
+    return forward
+
+
+@kernel
+def _attitude_of_image(block: Matrix, dcm: Matrix, work: Matrix) -> bool:
+    """Write into dcm the rotation (triad) that turns the rays of the fix into the measured ones. work (14, 6)."""
+    seen, distance = work[0:3], work[3]
+    rays_from_position(block[FIX_AT], block[SENSOR, 4], block[SENSOR, 5], seen, distance)
+    for j in range(3):
+        work[4, j] = seen[0, j] - seen[1, j]
+        work[5, j] = seen[0, j] + seen[1, j]
+        work[6, j] = block[RAYS, j] - block[RAYS + 1, j]
+        work[7, j] = block[RAYS, j] + block[RAYS + 1, j]
+    if not triad(work[4], work[5], work[8:11]) or not triad(work[6], work[7], work[11:14]):
+        return False
+    for i in range(3):
+        for j in range(3):
+            dcm[i, j] = 0.0
+            for k in range(3):
+                dcm[i, j] += work[11 + k, i] * work[8 + k, j]
     return True
 
 
 @kernel
-def _noise_from_jacobian(block: Matrix, jacobian: Matrix) -> bool:
-    """R = s^2 J J^T of the rows of jacobian (m, 6), decorrelated into R_FACTOR and VARIANCE."""
-    sigma2 = block[SENSOR, 3] ** 2
-    size = jacobian.shape[0]
-    r = block[LOCAL : LOCAL + size]
-    for i in range(size):
-        for j in range(size):
-            total = 0.0
-            for k in range(6):
-                total += jacobian[i, k] * jacobian[j, k]
-            r[i, j] = sigma2 * total
-    return decorrelate(r, block[R_FACTOR : R_FACTOR + 3], block[VARIANCE])
+def _fix_near_prediction(block: Matrix, spots: Matrix) -> int:
+    """Position of the image by Newton's method from the prediction (PLACE); NO_CONVERGENCE if that does not settle."""
+    sensor, place, p, rays = block[SENSOR], block[PLACE], block[FIX_AT], block[RAYS : RAYS + 3]
+    status = image_usable(spots, sensor[1], sensor[2])
+    if status != OK:
+        return status
+    inverse, g = block[INVERSE : INVERSE + 3], block[VALUE]
+    image_rays(spots, sensor[0], rays)
+    invariants(rays, g)
+    if not gradient_inverse(place, sensor[4], sensor[5], inverse):
+        return NO_CONVERGENCE
+    p[0], p[1], p[2] = place[0], place[1], place[2]
+    chord_step(g, sensor[4], sensor[5], p, inverse)
+    if not settle(g, sensor[4], sensor[5], p, block[WORK : WORK + 3]):
+        return NO_CONVERGENCE
+    if not inside_domain(p, sensor[5]):
+        return OUTSIDE_DOMAIN
+    return implied_attitude(block, p)
 
 
 @kernel
-def _prepare_fix(block: Matrix, x: Vector, spots: Matrix) -> int:
+def _prepare_position(block: Matrix, spots: Matrix) -> int:
     """Take the closed form (or its invariants) as the measurement, noise at the predicted geometry."""
-    sensor, p, fix = block[SENSOR], block[P_DOCK], block[IMAGE]
-    rays, jacobian = block[RAYS : RAYS + 3], block[JACOBIAN : JACOBIAN + 3]
-    status = fix_of_spots(block, spots, fix)
+    sensor, fix, inverse = block[SENSOR], block[FIX_AT], block[INVERSE : INVERSE + 3]
+    factor, variance, jacobian = block[R_FACTOR : R_FACTOR + 3], block[VARIANCE], block[JACOBIAN : JACOBIAN + 3]
+    first = beacon_row(block, 0)
+    triangle = block[first : first + TRIANGLE_ROWS]
+    f, a, b = sensor[0], sensor[4], sensor[5]
+    exact = block[SETTINGS, 0] == PERSPECTIVE
+    tight = prior_is_tight(block)
+    status = _fix_near_prediction(block, spots) if exact and tight else NO_CONVERGENCE
+    near = status == OK
+    if status in (NO_CONVERGENCE, OUTSIDE_DOMAIN):
+        status = fix_of_spots(block, spots, fix)
     if status != OK:
         return status
-    camera_position_dock(block, x, p)
-    if not prior_is_tight(block, x):
-        p[0], p[1], p[2] = fix[0], fix[1], fix[2]
-    if not _predicted_rays(block, spots, fix, p, rays):
+    p = block[PLACE] if tight else fix
+    if not (near or gradient_inverse(p, a, b, inverse)):
         return NO_CONVERGENCE
-    f = sensor[0]
+    dcm, rays = block[CAM_FROM_DOCK : CAM_FROM_DOCK + 3], block[WORK : WORK + 3]
+    if not attitude_known(block):
+        dcm = block[WORK + 3 : WORK + 6]
+        if not _attitude_of_image(block, dcm, block[WORK + 6 : WORK + 20]):
+            return NO_CONVERGENCE
+    if not rays_in_camera(p, a, b, dcm, rays):
+        return NO_CONVERGENCE
+    if block[SETTINGS, 1] == FIX and exact:
+        return OK if fix_noise(p, inverse, rays, f, triangle, factor, variance) else DEGENERATE
     if block[SETTINGS, 1] == FIX:
-        range_azimuth_elevation(fix, block[VALUE])
-        work = block[WORK : WORK + WORK_ROWS]
-        projection = int(block[SETTINGS, 0])
-        if projection == PERSPECTIVE:
-            usable = perspective_jacobian(p, rays, f, sensor[4], sensor[5], jacobian, work)
-        else:
-            predicted = block[LOCAL : LOCAL + 3]
-            for i in range(3):
-                predicted[i, 0] = f * rays[i, 0] / rays[i, 2]
-                predicted[i, 1] = f * rays[i, 1] / rays[i, 2]
-            usable = fix_jacobian(p, predicted, f, sensor[4], sensor[5], projection, jacobian, work)
-        if not usable:
+        predicted = block[WORK + 3 : WORK + 6]
+        for i in range(3):
+            predicted[i, 0] = f * rays[i, 0] / rays[i, 2]
+            predicted[i, 1] = f * rays[i, 1] / rays[i, 2]
+        if not solve_parallel_jacobian(predicted, f, a, b, jacobian):
             return NO_CONVERGENCE
     else:
-        spot_gradient(rays, f, jacobian, block[WORK : WORK + 9])
-        for i in range(3):
-            unit_ray(spots[i, 0], spots[i, 1], f, rays[i])
-        invariants(rays, block[VALUE])
-    if not _noise_from_jacobian(block, jacobian):
-        return DEGENERATE
-    return OK
+        invariants(block[RAYS : RAYS + 3], block[VALUE])
+        spot_gradient(rays, f, jacobian)
+    return OK if correlated_noise(jacobian, triangle, factor, variance) else DEGENERATE
 
 
 @kernel
@@ -167,158 +255,132 @@ def _prepare_pair(block: Matrix, spots: Matrix) -> bool:
     Only from a tight prior: the angle bends by (dx / r)^2 / 2 of itself, 2e-4 then, beside noise of 1e-2 in one image.
     From a wide one (after a long gap) it would make the filter overconfident; it then waits for three beacons.
     """
-    f, rays, jacobian = block[SENSOR, 0], block[RAYS : RAYS + 3], block[JACOBIAN : JACOBIAN + 3]
-    missing = _unseen(spots)
-    row = 0
+    rays, jacobian, scratch = block[RAYS : RAYS + 3], block[JACOBIAN : JACOBIAN + 3], block[WORK : WORK + 6]
+    missing, row = _unseen(spots), 0
+    image_rays(spots, block[SENSOR, 0], scratch[0:3])
     for i in range(3):
         if i != missing:
-            unit_ray(spots[i, 0], spots[i, 1], f, rays[row])
+            for j in range(3):
+                rays[row, j] = scratch[i, j]
             row += 1
     rays[2, 0], rays[2, 1], rays[2, 2] = 0.0, 0.0, 1.0  # any ray: g1 does not use it
     invariants(rays, block[VALUE])
-    spot_gradient(rays, f, jacobian, block[WORK : WORK + 9])
-    return _noise_from_jacobian(block, jacobian[0:1])
+    spot_gradient(rays, block[SENSOR, 0], jacobian)
+    variance, column = 0.0, 0
+    for i in range(3):
+        if i != missing:
+            for k in range(2):
+                variance += (jacobian[0, column] * block[beacon_row(block, i), 3 + k]) ** 2
+                column += 1
+    block[VARIANCE, 0] = variance
+    return variance > 0.0
 
 
 @kernel
-def prepare(block: Matrix, x: Vector, spots: Matrix) -> tuple[int, int, int]:
-    """Decide what of the image is used and with which noise, at the predicted state x.
+def prepare_position(block: Matrix, spots: Matrix) -> tuple[int, int, int]:
+    """Decide what a fix or invariants of the image give, and with which noise, at PLACE.
 
-    Returns (groups seen, rows usable, Status code). Rows of H in use have VARIANCE > 0. A group is what the gate
-    takes or leaves as one: a beacon, or the whole fix.
+    Returns (groups seen, rows usable, Status code): the whole image is one group.
     """
-    variance = block[VARIANCE]
-    sensor, c, image = block[SENSOR], block[POINT], block[IMAGE]
-    seen, whole, usable, status = 0, 0, 0, OK
-    for m in range(6):
-        variance[m] = 0.0
+    variance, seen, whole = block[VARIANCE], 0, 0
+    variance[0], variance[1], variance[2] = 0.0, 0.0, 0.0
     for i in range(3):
-        present, good, off = False, 0, False
-        for k in range(2):
-            value = spots[i, k]
-            if value == value:
-                present = True
-                if coordinate_usable(value, sensor[1 + k]):
-                    variance[2 * i + k] = sensor[3] * sensor[3]
-                    good += 1
-                else:
-                    off = True
-        if off:
-            variance[2 * i], variance[2 * i + 1] = 0.0, 0.0
-            good, status = 0, OFF_DETECTOR
-        if present:
+        x, y = spots[i, 0], spots[i, 1]
+        if x == x or y == y:
             seen += 1
-        if good == 2:
+        if coordinate_usable(x, block[SENSOR, 1]) and coordinate_usable(y, block[SENSOR, 2]):
             whole += 1
-        usable += good
-    if uses_coordinates(block):
-        for i in range(3):
-            beacon_in_camera(block, x, i, c)
-            if not project(c, sensor[0], image):
-                for k in range(2):
-                    if variance[2 * i + k] > 0.0:
-                        usable -= 1
-                        variance[2 * i + k] = 0.0
-                        status = BEHIND
-        return seen, usable, status if seen > 0 else NOT_SEEN
     if seen == 0:
         return 0, 0, NOT_SEEN
-    for m in range(6):
-        variance[m] = 0.0
-    pair = block[SETTINGS, 1] == SPOTS and seen == 2 and whole == 2 and prior_is_tight(block, x)
-    if pair:
+    if block[SETTINGS, 1] == SPOTS and seen == 2 and whole == 2 and prior_is_tight(block):
         if _prepare_pair(block, spots):
             return 1, 1, OK
         return 1, 0, DEGENERATE
-    status = _prepare_fix(block, x, spots)
+    status = _prepare_position(block, spots)
     if status == OK:
         return 1, 3, OK
-    for m in range(6):
-        variance[m] = 0.0
+    variance[0], variance[1], variance[2] = 0.0, 0.0, 0.0
     return 0 if status == NOT_SEEN else 1, 0, status
 
 
-@kernel
-def _linearise_coordinates(block: Matrix, x: Vector, spots: Matrix) -> bool:
-    f, c, image, row = block[SENSOR, 0], block[POINT], block[IMAGE], block[LOCAL]
-    for i in range(3):
-        if not (block[VARIANCE, 2 * i] > 0.0 or block[VARIANCE, 2 * i + 1] > 0.0):
-            continue
-        beacon_in_camera(block, x, i, c)
-        if not project(c, f, image):
-            return False
-        for k in range(2):
-            m = 2 * i + k
-            project_jacobian_row(c, f, k, row)
-            for j in range(3):
-                total = 0.0
-                for q in range(3):
-                    total -= row[q] * block[ATTITUDE + q, j]
-                block[H + m, j] = total
-                block[H + m, 3 + j] = 0.0
-            block[RESIDUAL, m] = spots[i, k] - image[k]
-    return True
+@straight_line(p=(3,), fix=(3,), dock=(3, 3), factor=(3, 3), h=(3, 6), residual=(6,))
+def fix_rows(p: Vector, fix: Vector, dock: Matrix, factor: Matrix, h: Matrix, residual: Vector) -> bool:
+    """Write the independent rows of (range, azimuth, elevation) at p, and the residuals of the fix, both kinds."""
+    to_angles, difference = np.zeros((3, 3)), np.zeros(3)
+    regular = range_azimuth_elevation_jacobian(p, to_angles)
+    docking_difference(fix, p, difference)
+    for m in range(3):
+        residual[3 + m] = difference[m]
+        residual[m] = difference[m]
+        for k in range(m):
+            residual[m] -= factor[m, k] * residual[k]
+        for j in range(3):
+            h[m, j] = to_angles[m, 0] * dock[0, j] + to_angles[m, 1] * dock[1, j] + to_angles[m, 2] * dock[2, j]
+            for k in range(m):
+                h[m, j] -= factor[m, k] * h[k, j]
+    return regular
 
 
 @kernel
-def _linearise_position(block: Matrix, x: Vector, spots: Matrix) -> bool:
-    """`fix` and invariants: h and dh/dp in the docking frame, turned into the state's axes."""
-    sensor, p, d, value = block[SENSOR], block[P_DOCK], block[JACOBIAN : JACOBIAN + 3], block[VALUE]
-    predicted, distance, rays = block[POINT], block[IMAGE], block[RAYS : RAYS + 3]
-    size = 0
-    while size < 3 and block[VARIANCE, size] > 0.0:
-        size += 1
-    camera_position_dock(block, x, p)
-    if block[SETTINGS, 1] == FIX:
-        range_azimuth_elevation(p, predicted)
-        if not range_azimuth_elevation_jacobian(p, d):
-            return False
-        for m in range(3):
-            difference = value[m] - predicted[m]
-            block[RESIDUAL, m] = wrap_angle(difference) if m > 0 else difference
-    else:
-        rays_from_position(p, sensor[4], sensor[5], rays, distance)
-        if size == 1:  # a pair: put its two beacons first, so that g1 is its chord
-            missing = _unseen(spots)
-            row = 0
-            for i in range(3):
-                if i != missing:
-                    distance[row] = distance[i]
-                    for j in range(3):
-                        rays[row, j] = rays[i, j]
-                    row += 1
-        invariants(rays, predicted)
-        position_gradient(rays, distance, d, block[WORK : WORK + 9])
-        for m in range(size):
-            block[RESIDUAL, m] = value[m] - predicted[m]
+def _linearise_invariants(block: Matrix, p: Vector, spots: Matrix) -> None:
+    """Write the independent rows of the invariants (three, or one of a pair) at p (3,), docking frame."""
+    sensor, work = block[SENSOR], block[WORK : WORK + 12]
+    rays, distance, predicted, d, residual = work[0:3], work[3], work[4], work[5:8], block[RESIDUAL]
+    size = 3 if block[VARIANCE, 1] > 0.0 else 1
+    rays_from_position(p, sensor[4], sensor[5], rays, distance)
+    if size == 1:  # a pair: put its two beacons first, so that g1 is its chord
+        missing, row = _unseen(spots), 0
+        for i in range(3):
+            if i != missing:
+                distance[row] = distance[i]
+                for j in range(3):
+                    rays[row, j] = rays[i, j]
+                row += 1
+    invariants(rays, predicted)
+    position_gradient(rays, distance, d)
     for m in range(size):
+        residual[3 + m] = block[VALUE, m] - predicted[m]
+        residual[m] = residual[3 + m]
+        for k in range(m):
+            residual[m] -= block[R_FACTOR + m, k] * residual[k]
         for j in range(3):
             total = 0.0
             for q in range(3):
                 total += d[m, q] * block[DOCK + q, j]
+            for k in range(m):
+                total -= block[R_FACTOR + m, k] * block[H + k, j]
             block[H + m, j] = total
-            block[H + m, 3 + j] = 0.0
+
+
+@kernel
+def linearise_position(block: Matrix, x: Vector, spots: Matrix) -> bool:
+    """Write the independent rows of the fix or the invariants at the state x; False if there are none there."""
+    p, dock = block[WORK + 12], block[DOCK : DOCK + 3]
+    camera_position_dock(x, block[OFFSET], dock, p)
+    if block[SETTINGS, 1] == FIX:
+        factor, h = block[R_FACTOR : R_FACTOR + 3], block[H : H + 3]
+        return bool(fix_rows(p, block[FIX_AT], dock, factor, h, block[RESIDUAL]))
+    _linearise_invariants(block, p, spots)
     return True
 
 
-@kernel
-def linearise(block: Matrix, x: Vector, spots: Matrix) -> bool:
-    """Write residuals and rows of H at the state x for the rows in use; False if the image is impossible there."""
-    if uses_coordinates(block):
-        return _linearise_coordinates(block, x, spots)
-    return _linearise_position(block, x, spots)
+def rows_in_use(block: Matrix) -> tuple[Matrix, Vector, Matrix, Codes]:
+    """What the last image gave, as matrices: H (m, 6), residuals (m,), R (m, m), and the group of each row (m,).
 
-
-@kernel
-def make_independent(block: Matrix) -> None:
-    """Turn correlated rows into independent ones: residuals and H by L^-1 (no work for detector coordinates)."""
-    if uses_coordinates(block):
-        return
-    for m in range(3):
-        if not block[VARIANCE, m] > 0.0:
-            return
-        for k in range(m):
-            entry = block[R_FACTOR + m, k]
-            block[RESIDUAL, m] -= entry * block[RESIDUAL, k]
-            for j in range(6):
-                block[H + m, j] -= entry * block[H + k, j]
+    Residuals and rows are those of the measured values themselves, correlated as R says. For other estimators.
+    """
+    if not uses_coordinates(block):
+        size = int(np.sum(block[VARIANCE, :3] > 0.0))
+        lower = np.tril(block[R_FACTOR : R_FACTOR + size, :size], -1) + np.eye(size)
+        r = lower @ np.diag(block[VARIANCE, :size]) @ lower.T
+        return lower @ block[H : H + size], block[RESIDUAL, 3 : 3 + size].copy(), r, np.zeros(size, dtype=np.int64)
+    h, residual, variance, groups = [], [], [], []
+    for i in range(beacon_count(block)):
+        row = beacon_row(block, i)
+        for k in range(2):
+            if block[row + OBSERVED, 2 + k] > 0.0:
+                h.append(block[row + GRADIENT + k].copy())
+                residual.append(block[row + OBSERVED, k])
+                variance.append(block[row + OBSERVED, 2 + k])
+                groups.append(i)
+    return np.array(h).reshape(-1, 6), np.array(residual), np.diag(variance), np.array(groups, dtype=np.int64)

@@ -2,9 +2,11 @@
 
 import math
 
-from relnav._kernel import kernel
-from relnav.arrays import Matrix
-from relnav.dynamics.clohessy_wiltshire import acceleration_effect_into, transition_into
+import numpy as np
+
+from relnav._kernel import kernel, straight_line
+from relnav.arrays import Matrix, Vector
+from relnav.dynamics.clohessy_wiltshire import PHI_PATTERN, acceleration_effect_into, transition_into
 from relnav.dynamics.process_noise import acceleration_noise_into
 from relnav.estimation.factored import factorize_into, time_update_into
 from relnav.navigation.block import (
@@ -77,22 +79,21 @@ def prepare_step(block: Matrix, dt: float) -> None:
         effect[3 + i] += given[3 + i]
 
 
-@kernel
-def advance(block: Matrix, track: Matrix) -> None:
-    """Carry the state and factors of a track (7, 6) over the prepared step."""
-    x, scratch, effect = track[0], block[WORK + 14], block[EFFECT]
-    phi = block[PHI : PHI + 6]
+@straight_line(track=(7, 6), phi=PHI_PATTERN, effect=(6,), q_ud=(6, 6))
+def carry(track: Matrix, phi: Matrix, effect: Vector, q_ud: Matrix) -> None:
+    """Carry the state and factors of a track (7, 6) over a step: x = Phi x + effect, P = Phi P Phi^T + Q."""
+    x = np.zeros(6)
     for i in range(6):
         total = effect[i]
         for j in range(6):
-            total += phi[i, j] * x[j]
-        scratch[i] = total
+            total = total + phi[i, j] * track[0, j]
+        x[i] = total
     for i in range(6):
-        x[i] = scratch[i]
-    time_update_into(
-        track[1:7],
-        phi,
-        block[Q_FACTORS : Q_FACTORS + 6],
-        block[WORK : WORK + 12],
-        block[WORK + 12 : WORK + 14],
-    )
+        track[0, i] = x[i]
+    time_update_into(track[1:7], phi, q_ud)
+
+
+@kernel
+def advance(block: Matrix, track: Matrix) -> None:
+    """Carry the state and factors of a track (7, 6) over the prepared step."""
+    carry(track, block[PHI : PHI + 6], block[EFFECT], block[Q_FACTORS : Q_FACTORS + 6])

@@ -8,15 +8,14 @@ import numpy as np
 
 from relnav.arrays import Codes, Flags, Matrix, Stack, Vector
 from relnav.estimation.consistency import Consistency, nis_consistency
-from relnav.estimation.factored import compose
 from relnav.navigation.block import ATTITUDE, CLOCK, DOCK, INNOVATION, RESULT, TRACK
-from relnav.navigation.docking_view import docking_view
+from relnav.navigation.docking_view import UPPER, symmetric, views
 from relnav.navigation.status import STARTED, UPDATED, EpochStatus
 from relnav.sensors.measurement import Status
 
-PER_EPOCH = ("t_s", "state", "factor", "innovation", "nis", "dof", "status", "measurement_status", "lever_lvlh_m")
-UPPER = np.triu_indices(6)
-"""Rows and columns of the 21 numbers that a (6, 6) matrix of factors is packed into."""
+PER_EPOCH = ("t_s", "state", "factor", "innovation", "nis", "dof", "status", "measurement_status")
+DIAGONAL = np.flatnonzero(np.equal(*UPPER))
+"""Which of the 21 elements are variances."""
 
 
 class FilterRecord:
@@ -25,11 +24,16 @@ class FilterRecord:
     Every attribute is computed when asked for, in SI units and radians; without a state yet they are NaN.
     """
 
-    __slots__ = ("_rows",)
+    __slots__ = ("_memory",)
 
-    def __init__(self, rows: Matrix) -> None:
-        """Take rows DOCK .. INNOVATION of a filter block as its own."""
-        self._rows = rows
+    def __init__(self, memory: bytes) -> None:
+        """Take a copy of the rows from DOCK on of a filter block."""
+        self._memory = memory
+
+    @property
+    def _rows(self) -> Matrix:
+        rows: Matrix = np.frombuffer(self._memory).reshape(-1, 6)
+        return rows
 
     def _at(self, row: int) -> Vector:
         out: Vector = self._rows[row - DOCK]
@@ -53,58 +57,58 @@ class FilterRecord:
     @property
     def covariance(self) -> Matrix:
         """Covariance of `state`, (6, 6)."""
-        if not self.has_state:
-            return np.full((6, 6), np.nan)
-        return compose(self._rows[TRACK + 1 - DOCK : TRACK + 7 - DOCK])
+        return symmetric(self._view()[9:])[0]
 
-    def _view(self) -> tuple[Vector, Matrix]:
+    def _view(self) -> Matrix:
+        """`docking_view.VIEW_ROWS` of this epoch, (30, 1)."""
         mount, dock = self._rows[ATTITUDE - DOCK : ATTITUDE + 3 - DOCK], self._rows[:3]
         lever = mount[:, :3].T @ mount[:, 3]
-        rae, covariance = docking_view(self.state[None], self.covariance[None], dock[:, :3], dock[:, 3], lever)
-        return rae[0], covariance[0]
+        ud = self._rows[TRACK + 1 - DOCK : TRACK + 7 - DOCK] if self.has_state else np.full((6, 6), np.nan)
+        return views(self.state[None], ud[UPPER][None], dock[:, :3], dock[:, 3], lever[None])
 
     @property
     def range_m(self) -> float:
         """Distance of the camera from O."""
-        return float(self._view()[0][0])
+        return float(self._view()[0, 0])
 
     @property
     def azimuth_rad(self) -> float:
         """Azimuth of the camera in the docking frame, atan2(y, x)."""
-        return float(self._view()[0][1])
+        return float(self._view()[1, 0])
 
     @property
     def elevation_rad(self) -> float:
         """Elevation of the camera in the docking frame, atan2(-z, hypot(x, y))."""
-        return float(self._view()[0][2])
+        return float(self._view()[2, 0])
 
     @property
     def docking_covariance(self) -> Matrix:
         """Covariance of (range m, azimuth rad, elevation rad), (3, 3)."""
-        return self._view()[1]
+        return symmetric(self._view()[3:9])[0]
 
     @property
     def sigma_range_m(self) -> float:
         """1-sigma of the range."""
-        return float(np.sqrt(self._view()[1][0, 0]))
+        return float(np.sqrt(self._view()[3, 0]))
 
     @property
     def sigma_azimuth_rad(self) -> float:
         """1-sigma of the azimuth."""
-        return float(np.sqrt(self._view()[1][1, 1]))
+        return float(np.sqrt(self._view()[6, 0]))
 
     @property
     def sigma_elevation_rad(self) -> float:
         """1-sigma of the elevation."""
-        return float(np.sqrt(self._view()[1][2, 2]))
+        return float(np.sqrt(self._view()[8, 0]))
 
     @property
     def innovation(self) -> Vector:
-        """Measured minus predicted, (6,): spots A'x, A'y, B'x, ... m, or range m, azimuth rad, elevation rad; else NaN.
+        """Measured minus predicted, two numbers a beacon: A'x, A'y, B'x, ... m, or range m, azimuth, elevation rad.
 
-        Of everything that was seen, before the gate.
+        Of everything that was seen, before the gate; NaN for the rest.
         """
-        return self._at(INNOVATION).copy()
+        numbers: Vector = self._rows[INNOVATION - DOCK :].ravel()[: 2 * int(self._at(CLOCK)[5])].copy()
+        return numbers
 
     @property
     def nis(self) -> float:
@@ -140,8 +144,7 @@ class FilterRecord:
         """One line for the console."""
         if not self.has_state:
             return f"FilterRecord(t_s={self.t_s:.12g}, {self.status.name}: {self.measurement_status.name})"
-        rae, covariance = self._view()
-        s = np.sqrt(np.diag(covariance))
+        rae, s = self._view()[:3, 0], np.sqrt(self._view()[[3, 6, 8], 0])
         return (
             f"FilterRecord(t_s={self.t_s:.12g}, {self.status.name}, range {rae[0]:.4f} +- {s[0]:.4f} m, "
             f"azimuth {np.degrees(rae[1]):.4f} +- {np.degrees(s[1]):.4f} deg, "
@@ -161,7 +164,7 @@ class Solution:
         Chaser relative to target, `lvlh_ccsds`.
     factor : (n, 21)
         Covariance as U D U^T: the upper triangle of `ud`, row by row, D on its diagonal.
-    innovation, nis, dof : (n, 6), (n,), (n,)
+    innovation, nis, dof : (n, 2 beacons), (n,), (n,)
         As in FilterRecord: of everything seen, before the gate.
     status, measurement_status : (n,)
         Codes of EpochStatus and Status.
@@ -171,7 +174,7 @@ class Solution:
         How often a confirmed start replaced a locked-out track.
     smoothed : bool
         Whether states and covariances rest on the measurements after them too; NIS is the filter's either way.
-    dcm_dock_from_lvlh, port_m, lever_lvlh_m : (3, 3), (3,), (n, 3)
+    dcm_dock_from_lvlh, port_m, lever_lvlh_m : (3, 3), (3,), (n, 3) or (1, 3)
         Docking frame, port and camera lever arm, from which `docking` is computed when asked for.
     metadata : dict
         What else a reader should know (source file, the log's own metadata).
@@ -195,35 +198,34 @@ class Solution:
     metadata: dict[str, Any] = field(default_factory=dict)
 
     @cached_property
-    def _docking(self) -> tuple[Matrix, Stack]:
-        return docking_view(self.state, self.covariance, self.dcm_dock_from_lvlh, self.port_m, self.lever_lvlh_m)
+    def view(self) -> Matrix:
+        """Range, azimuth, elevation, their covariance and the state's, as rows (30, n): `docking_view.VIEW_ROWS`."""
+        return views(self.state, self.factor, self.dcm_dock_from_lvlh, self.port_m, self.lever_lvlh_m)
 
     @property
     def docking(self) -> Matrix:
         """Range m, azimuth rad, elevation rad of the camera in the docking frame, (n, 3)."""
-        return self._docking[0]
+        return self.view[:3].T
 
     @property
     def docking_covariance(self) -> Stack:
         """Covariance of `docking`, (n, 3, 3)."""
-        return self._docking[1]
+        return symmetric(self.view[3:9])
 
     @property
     def covariance(self) -> Stack:
         """Covariances of the states, (n, 6, 6)."""
-        ud = np.zeros((len(self.t_s), 6, 6))
-        ud[:, UPPER[0], UPPER[1]] = self.factor
-        return compose(ud)
+        return symmetric(self.view[9:])
 
     @property
     def sigma(self) -> Matrix:
         """1-sigma of each state component, (n, 6)."""
-        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+        return np.sqrt(self.view[9:][DIAGONAL].T)
 
     @property
     def docking_sigma(self) -> Matrix:
         """1-sigma of range m, azimuth rad, elevation rad, (n, 3)."""
-        return np.sqrt(np.diagonal(self.docking_covariance, axis1=1, axis2=2))
+        return np.sqrt(self.view[[3, 6, 8]].T)
 
     @property
     def range_m(self) -> Vector:
@@ -250,6 +252,8 @@ class Solution:
         """Epochs begin .. end - 1 as a solution of their own (views, not copies)."""
         cut = slice(begin, end)
         arrays: dict[str, Any] = {name: getattr(self, name)[cut] for name in PER_EPOCH}
+        if len(self.lever_lvlh_m) > 1:
+            arrays["lever_lvlh_m"] = self.lever_lvlh_m[cut]
         return replace(self, **arrays)
 
     def nis_consistency(self, probability: float = 0.95) -> Consistency:

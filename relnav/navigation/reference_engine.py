@@ -15,29 +15,32 @@ from relnav.geometry.rotation import dcm_from_quaternion
 from relnav.navigation.block import (
     ATTITUDE,
     CLOCK,
+    DOCK,
     EFFECT,
-    GATE,
+    GRADIENT,
     INNOVATION,
     INPUT,
+    LAYOUT,
+    OBSERVED,
+    OFFSET,
     PHI,
+    PLACE,
+    POSITION,
     Q_FACTORS,
-    R_FACTOR,
-    RESIDUAL,
     RESULT,
     SENSOR,
     SETTINGS,
     TRACK,
     TRIAL,
-    VARIANCE,
-    H,
+    beacon_row,
 )
-from relnav.navigation.observation import linearise, prepare
+from relnav.navigation.docking_view import UPPER
+from relnav.navigation.observation import rows_in_use
 from relnav.navigation.propagation import prepare_step
-from relnav.navigation.record import UPPER
-from relnav.navigation.sight import camera_position_dock, uses_coordinates
+from relnav.navigation.sight import TIGHT_SHARE2, attitude_changed, camera_position_dock, uses_coordinates
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
-from relnav.navigation.step import start
-from relnav.navigation.update import LONE_GATE_SHARE, MAX_ITERATIONS
+from relnav.navigation.step import WRONG_SHAPE, WRONG_TIME, start
+from relnav.navigation.update import LONE_GATE_SHARE, MAX_ITERATIONS, bends, linearise_again, observe
 from relnav.sensors.measurement import OK
 
 
@@ -54,6 +57,10 @@ class ReferenceEngine:
     def step(self, t: float, spots: Matrix) -> int:
         """Take one image, as `relnav.navigation.step.step` does; results go to the same rows."""
         block = self.block
+        if spots.shape != (block[LAYOUT, 0], 2):
+            return WRONG_SHAPE
+        if not block[CLOCK, 0] < t < math.inf:
+            return WRONG_TIME
         tracks = [track for track in (self.track, self.trial) if track is not None]
         if tracks:
             prepare_step(block, t - block[CLOCK, 0])
@@ -71,13 +78,19 @@ class ReferenceEngine:
         block[RESULT, 0] = status
         return status
 
+    def _place(self, track: ReferenceTrack) -> tuple[float, float]:
+        """PLACE of a track; returns its squared range and position variance."""
+        place = self.block[PLACE]
+        camera_position_dock(track.state.copy(), self.block[OFFSET], self.block[DOCK : DOCK + 3], place)
+        place[3], place[4] = place[:3] @ place[:3], np.trace(track.covariance[:3, :3])
+        return float(place[3]), float(place[4])
+
     def _usable(self, track: ReferenceTrack | None) -> ReferenceTrack | None:
-        """The track, unless its prediction says nothing any more, as `step.is_usable` decides."""
+        """The track, unless its prediction says nothing any more, as `sight.locate` decides."""
         if track is None or not (np.isfinite(track.state).all() and np.isfinite(track.covariance).all()):
             return None
-        p = np.empty(3)
-        camera_position_dock(self.block, np.ascontiguousarray(track.state), p)
-        return track if np.trace(track.covariance[:3, :3]) < p @ p else None
+        range2, variance = self._place(track)
+        return track if variance < range2 else None
 
     def _step_track(self, spots: Matrix) -> int:
         block = self.block
@@ -92,27 +105,28 @@ class ReferenceEngine:
                 self.streak, self.trial = 0, None
             if self.streak < block[SETTINGS, 3]:
                 return status
-        kept = block[RESULT : INNOVATION + 1].copy()
+        results = block[RESULT : int(block[LAYOUT, 1])]
+        kept = results.copy()
         if self._look_for_start(spots):
             return STARTED
         reason = block[RESULT, 3]
-        block[RESULT : INNOVATION + 1] = kept
+        results[:] = kept
         if self.track is None:
             block[RESULT, 3] = reason
         return status
 
     def _clear(self) -> None:
         self.block[RESULT] = (0.0, math.nan, 0.0, 0.0, 0.0, 0.0)
-        self.block[INNOVATION] = math.nan
+        self.block[INNOVATION : int(self.block[LAYOUT, 1])] = math.nan
 
     def _look_for_start(self, spots: Matrix) -> bool:
         block = self.block
         if self.trial is not None:
-            p = np.empty(3)
-            camera_position_dock(block, np.ascontiguousarray(self.trial.state), p)
-            tight = np.trace(self.trial.covariance[:3, :3]) < 4e-4 * (p @ p)
+            range2, variance = self._place(self.trial)
+            tight = variance < TIGHT_SHARE2 * range2
             outcome = self._correct(self.trial, spots)
-            agrees = outcome == UPDATED and block[RESULT, 2] == (6 if uses_coordinates(block) else 3)
+            full = 2 * block[LAYOUT, 0] if uses_coordinates(block) else 3
+            agrees = outcome == UPDATED and block[RESULT, 2] == full
             if agrees and not tight:
                 return False
             if agrees:
@@ -128,73 +142,87 @@ class ReferenceEngine:
     def _correct(self, track: ReferenceTrack, spots: Matrix) -> int:
         block, x, p = self.block, track.state.copy(), track.covariance.copy()
         self._clear()
-        block[CLOCK, 5] = np.trace(p[:3, :3])
-        seen, usable, block[RESULT, 3] = prepare(block, x, spots)
+        self._place(track)
+        seen, usable, block[RESULT, 3] = observe(block, x, spots)
         if seen == 0:
             return PREDICTED
-        if usable == 0 or not linearise(block, x, spots):
+        if usable == 0:
             return REJECTED
-        rows = np.flatnonzero(block[VARIANCE] > 0.0)
-        if uses_coordinates(block) and len(set(rows // 2)) == 1:
-            both = block[H + 2 * (rows[0] // 2) : H + 2 * (rows[0] // 2) + 2]
-            s = both @ p @ both.T + block[SENSOR, 3] ** 2 * np.eye(2)
-            area = math.pi * block[GATE, 1] * math.sqrt(max(0.0, np.linalg.det(s)))
-            if not area < LONE_GATE_SHARE * 4.0 * block[SENSOR, 1] * block[SENSOR, 2]:
-                return PREDICTED
-        block[INNOVATION, rows] = block[RESIDUAL, rows]
-        block[RESULT, 1], block[RESULT, 2] = self._update(track, x, x, p, rows), len(rows)
-        if uses_coordinates(block):
-            rows = self._gate(track, x, p, rows)
-            passed = len(set(rows // 2))
+        h, residual, _, groups = rows_in_use(block)
+        coordinates = uses_coordinates(block)
+        if coordinates and len(set(groups)) == 1 and not self._lone_beacon_is_telling(int(groups[0]), p):
+            return PREDICTED
+        numbers = block[INNOVATION : int(block[LAYOUT, 1])].ravel()
+        numbers[_places(block, groups) if coordinates else range(len(h))] = residual
+        block[RESULT, 1], block[RESULT, 2] = self._update(track, x, x, p, np.arange(len(h))), len(h)
+        rows = np.arange(len(h))
+        if coordinates:
+            rows = self._gate(track, x, p, groups)
+            passed = len(set(groups[rows]))
         else:
-            passed = int(block[RESULT, 1] <= block[GATE, len(rows) - 1])
+            passed = int(block[RESULT, 1] <= self._limit(len(h)))
         if passed == 0:
             track.set(x, p)
             return REJECTED
-        linearise(block, x, spots)
         self._update(track, x, x, p, rows)
         at, iterations = x, 1
-        while iterations < MAX_ITERATIONS and self._bends(track.state, at):
+        while iterations < MAX_ITERATIONS and bends(block, at, track.state.copy()):
             at = track.state.copy()
-            if not linearise(block, at, spots):
+            if not linearise_again(block, at, spots):
                 break
             self._update(track, at, x, p, rows)
             iterations += 1
         block[RESULT, 4], block[RESULT, 5] = iterations, passed
         return UPDATED if passed == seen else PARTIAL
 
-    def _update(self, track: ReferenceTrack, at: Vector, x: Vector, p: Matrix, rows: Codes) -> float:
-        """Update from the prior (x, p) with the given rows, linearised at `at`; returns NIS."""
-        block = self.block
-        h = block[H : H + 6][rows]
-        variances = np.diag(block[VARIANCE, rows])
-        if uses_coordinates(block):
-            r = variances
-        else:
-            lower = np.tril(block[R_FACTOR : R_FACTOR + 3, :3], -1)[: len(rows), : len(rows)] + np.eye(len(rows))
-            r = lower @ variances @ lower.T
-        track.set(x, p)
-        return track.measurement_update(h, r, block[RESIDUAL, rows] - h @ (x - at))
+    def _limit(self, dof: int) -> float:
+        return float(self.block[int(self.block[LAYOUT, 1]) :].ravel()[dof - 1])
 
-    def _gate(self, track: ReferenceTrack, x: Vector, p: Matrix, rows: Codes) -> Codes:
+    def _lone_beacon_is_telling(self, beacon: int, p: Matrix) -> bool:
+        block = self.block
+        first = beacon_row(block, beacon)
+        both, sigma = block[first + GRADIENT : first + GRADIENT + 2], block[first + POSITION, 3:5]
+        s = both @ p @ both.T + np.diag(sigma**2)
+        area = math.pi * self._limit(2) * math.sqrt(max(0.0, np.linalg.det(s)))
+        return bool(area < LONE_GATE_SHARE * 4.0 * block[SENSOR, 1] * block[SENSOR, 2])
+
+    def _update(self, track: ReferenceTrack, at: Vector, x: Vector, p: Matrix, rows: Codes) -> float:
+        """Update from the prior (x, p) with some of the rows in use, linearised at `at`; returns NIS."""
+        h, residual, r, _ = rows_in_use(self.block)
+        track.set(x, p)
+        return track.measurement_update(h[rows], r[np.ix_(rows, rows)], residual[rows] - h[rows] @ (x - at))
+
+    def _gate(self, track: ReferenceTrack, x: Vector, p: Matrix, groups: Codes) -> Codes:
         """Rows of the beacons that are credible alone and together, as `update` decides."""
 
+        def rows(beacons: list[int]) -> Codes:
+            return np.flatnonzero(np.isin(groups, beacons))
+
+        def nis(beacons: list[int]) -> float:
+            return self._update(track, x, x, p, rows(beacons))
+
         def credible(beacons: list[int]) -> bool:
-            chosen = rows[np.isin(rows // 2, beacons)]
-            limit = self.block[GATE, len(chosen) - 1]
-            return len(chosen) > 0 and self._update(track, x, x, p, chosen) <= limit
+            return len(beacons) > 0 and nis(beacons) <= self._limit(len(rows(beacons)))
 
-        good = [i for i in range(3) if credible([i])]
+        good = [i for i in sorted(set(groups)) if credible([i])]
         if good and not credible(good):
-            pairs = [pair for pair in ([1, 2], [0, 2], [0, 1]) if len(good) == 3 and credible(pair)]
-            good = pairs[0] if len(pairs) == 1 else []
-        return rows[np.isin(rows // 2, good)]
+            while len(good) > 2:
+                fewer = [[j for j in good if j != i] for i in good]
+                agreeing = [beacons for beacons in fewer if credible(beacons)]
+                good = min(fewer, key=nis)
+                if len(agreeing) == 1 or (len(agreeing) > 1 and len(good) > 2):
+                    return rows(good)
+            good = []
+        return rows(good)
 
-    def _bends(self, state: Vector, at: Vector) -> bool:
-        sensor, p = self.block[SENSOR], np.empty(3)
-        camera_position_dock(self.block, np.ascontiguousarray(at), p)
-        nearest2 = float(np.sum((p - [sensor[5], 0.0, 0.0]) ** 2))
-        return bool(sensor[0] * np.sum((state[:3] - at[:3]) ** 2) > 0.1 * sensor[3] * nearest2)
+
+def _places(block: Matrix, groups: Codes) -> list[int]:
+    """Places of the coordinates in use among the innovations."""
+    out: list[int] = []
+    for beacon in sorted(set(groups)):
+        used = block[beacon_row(block, int(beacon)) + OBSERVED, 2:4] > 0.0
+        out.extend(2 * int(beacon) + k for k in range(2) if used[k])
+    return out
 
 
 def run_reference(
@@ -216,9 +244,11 @@ def run_reference(
             block[INPUT] = control[e]
         if len(quaternion):
             block[ATTITUDE : ATTITUDE + 3, :3] = dcm_from_quaternion(quaternion[e])
+            attitude_changed(block)
         status = engine.step(float(t[e]), spots[e])
         codes[e] = int(block[RESULT, 2]), status, int(block[RESULT, 3])
-        nis[e], innovation[e] = block[RESULT, 1], block[INNOVATION]
+        nis[e] = block[RESULT, 1]
+        innovation[e] = block[INNOVATION:].ravel()[: innovation.shape[1]]
         running = engine.track is not None
         state[e] = block[TRACK] if running else math.nan
         factor[e] = block[TRACK + 1 : TRACK + 7][UPPER] if running else math.nan

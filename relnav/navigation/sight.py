@@ -2,20 +2,28 @@
 
 import math
 
-from relnav._kernel import kernel
+import numpy as np
+
+from relnav._kernel import kernel, quotient, straight_line
 from relnav.arrays import Matrix, Vector
-from relnav.navigation.block import ATTITUDE, BEACONS, CLOCK, DOCK, SENSOR, SETTINGS, SPOTS, WORK
+from relnav.navigation.block import (
+    ATTITUDE,
+    CAM_FROM_DOCK,
+    DOCK,
+    OFFSET,
+    PLACE,
+    RAYS,
+    SENSOR,
+    SETTINGS,
+    SPOTS,
+    WORK,
+)
 from relnav.sensors.measurement import MISALIGNED, OK, SWAPPED
 from relnav.sensors.three_beacon.fix import RAYS_ROW, WORK_ROWS, solve_fix
 from relnav.sensors.three_beacon.invariants import rays_from_position
 
-# Rows of WORK; the first belong to the closed form
-P_DOCK = WORK + WORK_ROWS
-JACOBIAN = P_DOCK + 1  # 3 rows
-LOCAL = P_DOCK + 4  # 3 rows
-RAYS = P_DOCK + 7  # 3 rows
-POINT = P_DOCK + 10
-IMAGE = P_DOCK + 11
+COS_MISALIGNED = 0.984807753012208  # 10 deg
+TIGHT_SHARE2 = 4e-4  # of the range squared: position sigma below 2 % of the range
 
 
 @kernel
@@ -30,75 +38,143 @@ def uses_coordinates(block: Matrix) -> bool:
     return bool(block[SETTINGS, 1] == SPOTS and block[SETTINGS, 2] > 0.0)
 
 
-@kernel
-def camera_position_dock(block: Matrix, x: Vector, p: Vector) -> None:
-    """Write the camera's position in the docking frame of the state x into p (3,): lever arms included."""
-    s0, s1, s2 = x[0], x[1], x[2]
-    for k in range(3):
-        lever = block[ATTITUDE + k, 3]
-        s0 += block[ATTITUDE + k, 0] * lever
-        s1 += block[ATTITUDE + k, 1] * lever
-        s2 += block[ATTITUDE + k, 2] * lever
-    s0 -= block[DOCK, 3]
-    s1 -= block[DOCK + 1, 3]
-    s2 -= block[DOCK + 2, 3]
-    for k in range(3):
-        p[k] = block[DOCK + k, 0] * s0 + block[DOCK + k, 1] * s1 + block[DOCK + k, 2] * s2
+@straight_line(dock=(3, 4), mount=(3, 4), cam_from_dock=(3, 3), offset=(3,))
+def _combine_attitude(dock: Matrix, mount: Matrix, cam_from_dock: Matrix, offset: Vector) -> None:
+    """Write mount dock^T and mount^T lever - port; the fourth columns of mount and dock are lever and port."""
+    for i in range(3):
+        offset[i] = mount[0, i] * mount[0, 3] + mount[1, i] * mount[1, 3] + mount[2, i] * mount[2, 3] - dock[i, 3]
+        for j in range(3):
+            cam_from_dock[i, j] = mount[i, 0] * dock[j, 0] + mount[i, 1] * dock[j, 1] + mount[i, 2] * dock[j, 2]
 
 
 @kernel
-def beacon_in_camera(block: Matrix, x: Vector, beacon: int, c: Vector) -> None:
-    """Write beacon `beacon` in camera axes, seen from the camera of the state x, into c (3,)."""
-    d0, d1, d2 = block[BEACONS + beacon, 0] - x[0], block[BEACONS + beacon, 1] - x[1], block[BEACONS + beacon, 2] - x[2]
-    for k in range(3):
-        c[k] = (
-            block[ATTITUDE + k, 0] * d0
-            + block[ATTITUDE + k, 1] * d1
-            + block[ATTITUDE + k, 2] * d2
-            - block[ATTITUDE + k, 3]
-        )
+def attitude_changed(block: Matrix) -> None:
+    """Derive what follows from ATTITUDE and DOCK; called whenever ATTITUDE was written."""
+    _combine_attitude(
+        block[DOCK : DOCK + 3],
+        block[ATTITUDE : ATTITUDE + 3],
+        block[CAM_FROM_DOCK : CAM_FROM_DOCK + 3],
+        block[OFFSET],
+    )
 
 
-COS_MISALIGNED = 0.984807753012208  # 10 deg
+@straight_line(track=(7, 6), offset=(3,), dock=(3, 3), place=(5,))
+def _locate(track: Matrix, offset: Vector, dock: Matrix, place: Vector) -> bool:
+    """Write PLACE for a predicted track; False if the track says nothing any more.
 
-
-@kernel
-def fix_of_spots(block: Matrix, spots: Matrix, p: Vector) -> int:
-    """Closed form of the spots into p (3,) m, docking frame; a Status code.
-
-    Where the attitude is known, the camera attitude that the fix implies must be the stated one to 10 deg, by the line
-    from B to A and the line of sight: far more than any attitude hold is off, far less than a glint or a pair of
-    exchanged beacons turns the image.
+    It must hold numbers only, and a position sigma below the range: over a long gap a prediction becomes worthless (and
+    over an absurd one overflows), and images could then be believed anywhere.
     """
-    sensor = block[SENSOR]
-    projection = int(block[SETTINGS, 0])
-    work = block[WORK : WORK + WORK_ROWS]
-    status = solve_fix(spots, sensor[0], sensor[1], sensor[2], sensor[4], sensor[5], projection, p, work)
-    if status != OK or not attitude_known(block):
-        return status
-    rays_from_position(p, sensor[4], sensor[5], work[0:3], work[3])
-    along, across = 0.0, 0.0  # of A - B and of A + B: measured against predicted, camera axes
+    s = np.zeros(3)
+    range2, variance, nothing = 0.0, 0.0, 0.0
+    for i in range(3):
+        s[i] = track[0, i] + offset[i]
+        variance = variance + track[1 + i, i]
+        for j in range(i + 1, 6):
+            variance = variance + track[1 + i, j] * track[1 + i, j] * track[1 + j, j]
+    for i in range(3):
+        place[i] = dock[i, 0] * s[0] + dock[i, 1] * s[1] + dock[i, 2] * s[2]
+        range2 = range2 + place[i] * place[i]
+    place[3], place[4] = range2, variance
+    for j in range(6):  # differences of equal numbers: 0, or NaN for what is not a number
+        nothing = nothing + (track[0, j] - track[0, j])
+        for i in range(j + 1):
+            nothing = nothing + (track[1 + i, j] - track[1 + i, j])
+    return (abs(nothing) <= 0.0) & (variance < range2)
+
+
+@kernel
+def locate(block: Matrix, track: Matrix) -> bool:
+    """Write PLACE for a predicted track (7, 6); False if the track says nothing any more."""
+    return bool(_locate(track, block[OFFSET], block[DOCK : DOCK + 3], block[PLACE]))
+
+
+@kernel
+def prior_is_tight(block: Matrix) -> bool:
+    """Whether the predicted geometry (PLACE) can stand for the true one: position sigma below 2 % of the range."""
+    return bool(block[PLACE, 4] < TIGHT_SHARE2 * block[PLACE, 3])
+
+
+@straight_line(x=(3,), offset=(3,), dock=(3, 3), p=(3,))
+def camera_position_dock(x: Vector, offset: Vector, dock: Matrix, p: Vector) -> None:
+    """Write the camera's position in the docking frame of the state x into p (3,): lever arms included."""
+    s = np.zeros(3)
+    for i in range(3):
+        s[i] = x[i] + offset[i]
+    for i in range(3):
+        p[i] = dock[i, 0] * s[0] + dock[i, 1] * s[1] + dock[i, 2] * s[2]
+
+
+@straight_line(x=(3,), mount=(3, 4), position=(6,), spot=(2,), rows=(3, 6))
+def see_beacon(x: Vector, mount: Matrix, position: Vector, f: float, spot: Vector, rows: Matrix) -> float:
+    """Write a beacon's OBSERVED residual and GRADIENT rows, and its squared distance; returns its depth, m.
+
+    position: the beacon's POSITION row; rows: its OBSERVED and GRADIENT rows. h(x) = central projection,
+    c = mount (beacon - x) - lever; dh/dx = -f/Z (e_axis - (c_axis/Z) e_z) mount.
+    """
+    d, c = np.zeros(3), np.zeros(3)
+    for i in range(3):
+        d[i] = position[i] - x[i]
+    distance2 = 0.0
+    for i in range(3):
+        c[i] = mount[i, 0] * d[0] + mount[i, 1] * d[1] + mount[i, 2] * d[2] - mount[i, 3]
+        distance2 = distance2 + c[i] * c[i]
+    position[5] = distance2
+    near = quotient(1.0, c[2], 0.0)
+    g = f * near
+    for axis in range(2):
+        slope = c[axis] * near
+        rows[0, axis] = spot[axis] - f * slope
+        for j in range(3):
+            rows[1 + axis, j] = g * (slope * mount[2, j] - mount[axis, j])
+    depth: float = c[2]
+    return depth
+
+
+@straight_line(p=(3,), u=(3, 3), cam_from_dock=(3, 3))
+def _alignment(p: Vector, u: Matrix, cam_from_dock: Matrix, a: float, b: float) -> tuple[float, float]:
+    """Cosines between the measured (u) and the predicted line from B to A, and line of sight; p, docking frame."""
+    v, distance = np.zeros((3, 3)), np.zeros(3)
+    rays_from_position(p, a, b, v, distance)
+    along, across = 0.0, 0.0
     d2, o2, e2, q2 = 0.0, 0.0, 0.0, 0.0
     for k in range(3):
         d, o = 0.0, 0.0
         for j in range(3):
-            axis = 0.0  # dcm_cam_from_dock[k, j]
-            for m in range(3):
-                axis += block[ATTITUDE + k, m] * block[DOCK + j, m]
-            d += axis * (work[0, j] - work[1, j])
-            o += axis * (work[0, j] + work[1, j])
-        e, q = work[RAYS_ROW, k] - work[RAYS_ROW + 1, k], work[RAYS_ROW, k] + work[RAYS_ROW + 1, k]
-        along += d * e
-        across += o * q
+            d = d + cam_from_dock[k, j] * (v[0, j] - v[1, j])
+            o = o + cam_from_dock[k, j] * (v[0, j] + v[1, j])
+        e, q = u[0, k] - u[1, k], u[0, k] + u[1, k]
+        along = along + d * e
+        across = across + o * q
         d2, o2, e2, q2 = d2 + d * d, o2 + o * o, e2 + e * e, q2 + q * q
-    if along > COS_MISALIGNED * math.sqrt(d2 * e2) and across > COS_MISALIGNED * math.sqrt(o2 * q2):
+    return quotient(along, math.sqrt(d2 * e2), 0.0), quotient(across, math.sqrt(o2 * q2), 0.0)
+
+
+@kernel
+def implied_attitude(block: Matrix, p: Vector) -> int:
+    """Whether the attitude that the fix p of RAYS implies is the stated one, to 10 deg; a Status code.
+
+    By the line from B to A and the line of sight: far more than any attitude hold is off, far less than a glint or a
+    pair of exchanged beacons turns the image.
+    """
+    if not attitude_known(block):
+        return OK
+    along, across = _alignment(
+        p, block[RAYS : RAYS + 3], block[CAM_FROM_DOCK : CAM_FROM_DOCK + 3], block[SENSOR, 4], block[SENSOR, 5]
+    )
+    if along > COS_MISALIGNED and across > COS_MISALIGNED:
         return OK
     return SWAPPED if along < 0.0 else MISALIGNED
 
 
 @kernel
-def prior_is_tight(block: Matrix, x: Vector) -> bool:
-    """Whether the predicted geometry can stand for the true one: position sigma below 2 % of the range."""
-    p = block[POINT]
-    camera_position_dock(block, x, p)
-    return bool(block[CLOCK, 5] < 4e-4 * (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]))
+def fix_of_spots(block: Matrix, spots: Matrix, p: Vector) -> int:
+    """Closed form of the spots (rows A, B, C) into p (3,) m, docking frame, their rays into RAYS; a Status code."""
+    sensor, work = block[SENSOR], block[WORK : WORK + WORK_ROWS]
+    status = solve_fix(spots, sensor[0], sensor[1], sensor[2], sensor[4], sensor[5], int(block[SETTINGS, 0]), p, work)
+    if status != OK:
+        return status
+    for i in range(3):
+        for j in range(3):
+            block[RAYS + i, j] = work[RAYS_ROW + i, j]
+    return implied_attitude(block, p)

@@ -13,8 +13,8 @@ import numpy as np
 
 from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.mission import Model
+from relnav.navigation.log import filter_epochs
 from relnav.navigation.record import PER_EPOCH, Solution
-from relnav.navigation.relative_position import filter_epochs
 from relnav.navigation.status import PARTIAL, REJECTED, STARTED, WAITING
 from relnav.sensors.three_beacon.slots import Slots
 
@@ -121,5 +121,7 @@ def _joined(pieces: list[Solution]) -> Solution:
     if len(pieces) == 1:
         return pieces[0]
     arrays: dict[str, Any] = {name: np.concatenate([getattr(piece, name) for piece in pieces]) for name in PER_EPOCH}
+    if all(len(piece.lever_lvlh_m) == len(piece) for piece in pieces):
+        arrays["lever_lvlh_m"] = np.concatenate([piece.lever_lvlh_m for piece in pieces])
     starts = int((arrays["status"] == STARTED).sum())
     return dataclasses.replace(pieces[0], **arrays, restarts=max(0, starts - 1))

@@ -26,3 +26,5 @@ PARTIAL = int(EpochStatus.PARTIAL)
 REJECTED = int(EpochStatus.REJECTED)
 PREDICTED = int(EpochStatus.PREDICTED)
 STARTED = int(EpochStatus.STARTED)
+LOST = -1
+"""Within one step: the track was worthless and has been dropped."""

@@ -9,15 +9,17 @@ state once is enough.
 
 import math
 
-from relnav._kernel import kernel
+from relnav._kernel import kernel, straight_line
 from relnav.arrays import Matrix, Vector
 from relnav.estimation.factored import innovation_variance, scalar_update
 from relnav.navigation.block import (
-    CLOCK,
-    GAIN,
-    GATE,
+    DOCK,
+    GRADIENT,
     INNOVATION,
+    OBSERVED,
+    OFFSET,
     P_ROWS,
+    POSITION,
     RESIDUAL,
     RESULT,
     SENSOR,
@@ -25,102 +27,157 @@ from relnav.navigation.block import (
     X_AT,
     X_WORK,
     H,
+    beacon_count,
+    beacon_row,
+    gate_limit,
 )
-from relnav.navigation.observation import linearise, make_independent, prepare
-from relnav.navigation.sight import POINT, camera_position_dock, uses_coordinates
-from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, UPDATED
+from relnav.navigation.observation import (
+    linearise_coordinates,
+    linearise_position,
+    prepare_position,
+    take_in_coordinates,
+)
+from relnav.navigation.sight import locate, uses_coordinates
+from relnav.navigation.status import LOST, PARTIAL, PREDICTED, REJECTED, UPDATED
+from relnav.sensors.measurement import BEHIND
 
 MAX_ITERATIONS = 10
 LONE_GATE_SHARE = 0.01
 
 
-@kernel
-def copy_rows(source: Matrix, target: Matrix) -> None:
-    """Copy a matrix with six columns."""
-    for i in range(source.shape[0]):
-        for j in range(6):
-            target[i, j] = source[i, j]
-
-
-@kernel
-def _take(block: Matrix, at: Vector, m: int) -> float:
-    """Take row m into X_WORK, linearised at `at`; returns its squared innovation over its variance."""
-    x = block[X_WORK]
-    e = block[RESIDUAL, m]
+@straight_line(source=(7, 6), target=(7, 6))
+def copy_track(source: Matrix, target: Matrix) -> None:
+    """Copy a track: state and the upper triangle of its factors."""
     for j in range(6):
-        e -= block[H + m, j] * (x[j] - at[j])
-    alpha = scalar_update(x, block[X_WORK + 1 : X_WORK + 7], block[H + m], block[VARIANCE, m], e, block[GAIN])
-    return float(e * e / alpha)
+        target[0, j] = source[0, j]
+        for i in range(j + 1):
+            target[1 + i, j] = source[1 + i, j]
+
+
+@straight_line(track=(7, 6), at=(6,), h="***000")
+def _take(track: Matrix, at: Vector, h: Vector, variance: float, residual: float) -> tuple[float, float]:
+    """Update a track with one row, linearised at `at`; returns its squared innovation and the innovation's variance."""
+    e = residual
+    for j in range(3):
+        e = e - h[j] * (track[0, j] - at[j])
+    return e * e, scalar_update(track[0], track[1:7], h, variance, e)
+
+
+@straight_line(track=(7, 6), at=(6,), h=("***000", "***000"), observed=(4,))
+def _take_beacon(track: Matrix, at: Vector, h: Matrix, observed: Vector) -> tuple[float, float, float, float]:
+    """`_take` both coordinates of a beacon: its gradient rows, and its residuals and variances."""
+    first, alpha_first = _take(track, at, h[0], observed[2], observed[0])
+    second, alpha_second = _take(track, at, h[1], observed[3], observed[1])
+    return first, alpha_first, second, alpha_second
 
 
 @kernel
-def _sweep(block: Matrix, track: Matrix, at: Vector) -> float:
-    """Update a copy of the track (7, 6) in X_WORK with every row in use; returns their NIS (exact for at = prior)."""
-    copy_rows(track, block[X_WORK : X_WORK + P_ROWS])
-    nis = 0.0
-    for m in range(6):
-        if block[VARIANCE, m] > 0.0:
-            nis += _take(block, at, m)
-    return nis
-
-
-@kernel
-def _groups_nis(block: Matrix, track: Matrix, groups: int) -> tuple[float, int]:
-    """NIS and degrees of freedom of a set of beacons (bit i of `groups` = beacon i) under the prior."""
-    copy_rows(track, block[X_WORK : X_WORK + P_ROWS])
+def _sweep(block: Matrix, track: Matrix, at: Vector) -> tuple[float, int]:
+    """Update a copy of the track (7, 6) in X_WORK with every row in use; returns NIS (exact for at = prior) and dof."""
+    work = block[X_WORK : X_WORK + P_ROWS]
+    copy_track(track, work)
     nis, dof = 0.0, 0
-    for m in range(6):
-        if block[VARIANCE, m] > 0.0 and (groups >> (m // 2)) & 1:
-            nis += _take(block, track[0], m)
-            dof += 1
+    if uses_coordinates(block):
+        for i in range(beacon_count(block)):
+            row = beacon_row(block, i)
+            observed = block[row + OBSERVED]
+            if observed[4] > 0.0 and observed[2] > 0.0 and observed[3] > 0.0:
+                e2, alpha, f2, beta = _take_beacon(work, at, block[row + GRADIENT : row + GRADIENT + 2], observed)
+                nis += e2 / alpha + f2 / beta
+                dof += 2
+            elif observed[4] > 0.0:
+                for k in range(2):
+                    if observed[2 + k] > 0.0:
+                        e2, alpha = _take(work, at, block[row + GRADIENT + k], observed[2 + k], observed[k])
+                        nis += e2 / alpha
+                        dof += 1
+    else:
+        for m in range(3):
+            if block[VARIANCE, m] > 0.0:
+                e2, alpha = _take(work, at, block[H + m], block[VARIANCE, m], block[RESIDUAL, m])
+                nis += e2 / alpha
+                dof += 1
     return nis, dof
 
 
 @kernel
-def _credible(block: Matrix, track: Matrix, groups: int) -> bool:
-    nis, dof = _groups_nis(block, track, groups)
-    return dof > 0 and nis <= block[GATE, dof - 1]
+def _credible(block: Matrix, track: Matrix) -> tuple[bool, float]:
+    """Whether the beacons in the group under test (OBSERVED[4]) agree with the prior and one another; their NIS."""
+    nis, dof = _sweep(block, track, track[0])
+    return dof > 0 and nis <= gate_limit(block, dof), nis
 
 
 @kernel
-def _gate_groups(block: Matrix, track: Matrix) -> int:
+def _agreeing(block: Matrix, track: Matrix, passing: int) -> int:
+    """Shrink a contradictory group under test until it agrees; returns its size, 0 if nothing can be told.
+
+    One beacon at a time is left out, the one without which the rest agree best. Two beacons that agree are believed
+    only if no other two do: two glints may.
+    """
+    count = beacon_count(block)
+    while passing > 2:
+        best, least, agreeing = -1, math.inf, 0
+        for i in range(count):
+            observed = block[beacon_row(block, i) + OBSERVED]
+            if observed[4] > 0.0:
+                observed[4] = 0.0
+                credible, nis = _credible(block, track)
+                observed[4] = 1.0
+                if credible:
+                    agreeing += 1
+                if best < 0 or nis < least:
+                    best, least = i, nis
+        block[beacon_row(block, best) + OBSERVED, 4] = 0.0
+        passing -= 1
+        if agreeing == 1 or (agreeing > 1 and passing > 2):
+            return passing
+    return 0
+
+
+@kernel
+def _gate_beacons(block: Matrix, track: Matrix) -> int:
     """Drop the rows of beacons that are not credible; returns how many beacons pass.
 
     Each beacon must be credible alone, and those left together: while the prior is wide a glint can pass alone but
-    contradict the others. Then the one pair that agrees is kept; if no pair does, or more than one, none is.
+    contradict the others.
     """
-    groups = 0
-    for i in range(3):
-        if _credible(block, track, 1 << i):
-            groups |= 1 << i
-    if groups > 0 and not _credible(block, track, groups):
-        agreeing, found = 0, 0
-        if groups == 7:
-            for i in range(3):
-                if _credible(block, track, 7 - (1 << i)):
-                    agreeing += 1
-                    found = 7 - (1 << i)
-        groups = found if agreeing == 1 else 0
-    passed = 0
-    for i in range(3):
-        if (groups >> i) & 1:
-            passed += 1
-        else:
-            block[VARIANCE, 2 * i] = 0.0
-            block[VARIANCE, 2 * i + 1] = 0.0
-    return passed
+    count, passing = beacon_count(block), 0
+    for i in range(count):
+        block[beacon_row(block, i) + OBSERVED, 4] = 0.0
+    for i in range(count):
+        observed = block[beacon_row(block, i) + OBSERVED]
+        observed[4] = 1.0
+        credible, _ = _credible(block, track)
+        observed[4] = 0.0
+        observed[5] = 1.0 if credible else 0.0
+        passing += int(credible)
+    for i in range(count):
+        observed = block[beacon_row(block, i) + OBSERVED]
+        observed[4] = observed[5]
+    if passing > 0:
+        together, _ = _credible(block, track)
+        if not together:
+            passing = _agreeing(block, track, passing)
+    for i in range(count):
+        observed = block[beacon_row(block, i) + OBSERVED]
+        if passing == 0 or not observed[4] > 0.0:
+            observed[2], observed[3] = 0.0, 0.0
+    return passing
 
 
 @kernel
-def _bends(block: Matrix, at: Vector) -> bool:
-    """Whether the step from `at` to X_WORK is long enough for a second linearisation to matter."""
-    p, sensor = block[POINT], block[SENSOR]
-    camera_position_dock(block, at, p)
-    d2 = (p[0] - sensor[5]) ** 2 + p[1] * p[1] + p[2] * p[2]
-    moved = 0.0
+def bends(block: Matrix, at: Vector, x: Vector) -> bool:
+    """Whether the step between two states is long enough for a second linearisation to matter."""
+    nearest2, moved2 = math.inf, 0.0
+    for i in range(beacon_count(block)):
+        position = block[beacon_row(block, i) + POSITION]
+        d2 = 0.0
+        for j in range(3):
+            d2 += (position[j] - at[j] - block[OFFSET, j] - block[DOCK + j, 3]) ** 2
+        nearest2 = min(nearest2, d2)
     for j in range(3):
-        moved += (block[X_WORK, j] - at[j]) ** 2
-    return bool(sensor[0] * moved > 0.1 * sensor[3] * d2)
+        moved2 += (x[j] - at[j]) ** 2
+    return bool(block[SENSOR, 0] * moved2 > 0.1 * block[SENSOR, 3] * nearest2)
 
 
 @kernel
@@ -131,79 +188,109 @@ def _lone_beacon_is_telling(block: Matrix, track: Matrix) -> bool:
     not, and the filter waits for two beacons.
     """
     lone, beacons = 0, 0
-    for i in range(3):
-        if block[VARIANCE, 2 * i] > 0.0 or block[VARIANCE, 2 * i + 1] > 0.0:
-            lone = i
+    for i in range(beacon_count(block)):
+        row = beacon_row(block, i)
+        if block[row + OBSERVED, 2] > 0.0 or block[row + OBSERVED, 3] > 0.0:
+            lone = row
             beacons += 1
     if beacons != 1:
         return True
-    ud, hx, hy = track[1:7], block[H + 2 * lone], block[H + 2 * lone + 1]
-    noise = block[SENSOR, 3] ** 2
-    xx, yy = innovation_variance(ud, hx, hx) + noise, innovation_variance(ud, hy, hy) + noise
+    ud, hx, hy, position = track[1:7], block[lone + GRADIENT], block[lone + GRADIENT + 1], block[lone + POSITION]
+    xx = innovation_variance(ud, hx, hx) + position[3] * position[3]
+    yy = innovation_variance(ud, hy, hy) + position[4] * position[4]
     xy = innovation_variance(ud, hx, hy)
-    area = math.pi * block[GATE, 1] * math.sqrt(max(0.0, xx * yy - xy * xy))
+    area = math.pi * gate_limit(block, 2) * math.sqrt(max(0.0, xx * yy - xy * xy))
     return bool(area < LONE_GATE_SHARE * 4.0 * block[SENSOR, 1] * block[SENSOR, 2])
 
 
 @kernel
-def position_variance(track: Matrix) -> float:
-    """Sum of the three position variances of a track (7, 6)."""
-    total = 0.0
-    for i in range(3):
-        total += track[1 + i, i]
-        for j in range(i + 1, 6):
-            total += track[1 + i, j] * track[1 + i, j] * track[1 + j, j]
-    return float(total)
+def clear_results(block: Matrix) -> None:
+    """No NIS, no innovations, nothing used."""
+    result = block[RESULT]
+    result[1], result[2], result[4], result[5] = math.nan, 0.0, 0.0, 0.0
+    for k in range(2 * beacon_count(block)):
+        block[INNOVATION + k // 6, k % 6] = math.nan
+
+
+@kernel
+def _keep_innovations(block: Matrix) -> None:
+    if uses_coordinates(block):
+        for i in range(beacon_count(block)):
+            observed = block[beacon_row(block, i) + OBSERVED]
+            for k in range(2):
+                if observed[2 + k] > 0.0:
+                    block[INNOVATION + (2 * i + k) // 6, (2 * i + k) % 6] = observed[k]
+    else:
+        for m in range(3):
+            if block[VARIANCE, m] > 0.0:
+                block[INNOVATION, m] = block[RESIDUAL, 3 + m]
+
+
+@kernel
+def observe(block: Matrix, x: Vector, spots: Matrix) -> tuple[int, int, int]:
+    """Decide what of the image is used and with which noise, and linearise it, at the predicted state x (and PLACE).
+
+    Returns (groups seen, rows usable, Status code). A group is what the gate takes or leaves as one: a beacon, or the
+    whole fix.
+    """
+    if uses_coordinates(block):
+        seen, usable, reason = take_in_coordinates(block, spots)
+        dropped = linearise_coordinates(block, x, spots)
+        return seen, usable - dropped, BEHIND if dropped > 0 else reason
+    seen, usable, reason = prepare_position(block, spots)
+    if usable > 0 and not linearise_position(block, x, spots):
+        usable = 0
+    return seen, usable, reason
+
+
+@kernel
+def linearise_again(block: Matrix, x: Vector, spots: Matrix) -> bool:
+    """Linearise what is in use at another state; False if the image is impossible there."""
+    if uses_coordinates(block):
+        return linearise_coordinates(block, x, spots) == 0
+    return linearise_position(block, x, spots)
 
 
 @kernel
 def correct(block: Matrix, track: Matrix, spots: Matrix) -> int:
-    """Update a track (7, 6), state and factors, with one image (3, 2) m; returns an epoch status, details in RESULT."""
-    x, result, innovation = track[0], block[RESULT], block[INNOVATION]
-    result[1], result[2], result[4] = math.nan, 0.0, 0.0
-    for m in range(6):
-        innovation[m] = math.nan
-    block[CLOCK, 5] = position_variance(track)
-    seen, usable, reason = prepare(block, x, spots)
+    """Update a track (7, 6), state and factors, with one image (n, 2) m; returns an epoch status, details in RESULT."""
+    x, result, work = track[0], block[RESULT], block[X_WORK : X_WORK + P_ROWS]
+    clear_results(block)
+    if not locate(block, track):
+        return LOST
+    seen, usable, reason = observe(block, x, spots)
     result[3] = reason
-    result[5] = 0.0
     if seen == 0:
         return PREDICTED
-    if usable == 0 or not linearise(block, x, spots):
+    if usable == 0:
         return REJECTED
-    if uses_coordinates(block) and not _lone_beacon_is_telling(block, track):
+    coordinates = uses_coordinates(block)
+    if coordinates and not _lone_beacon_is_telling(block, track):
         return PREDICTED
-    dof = 0
-    for m in range(6):
-        if block[VARIANCE, m] > 0.0:
-            innovation[m] = block[RESIDUAL, m]
-            dof += 1
-    make_independent(block)
-    nis = _sweep(block, track, x)
+    _keep_innovations(block)
+    nis, dof = _sweep(block, track, x)
     result[1], result[2] = nis, dof
     passed = seen
-    if uses_coordinates(block):
-        if usable < 2 * seen or not nis <= block[GATE, 0]:
-            passed = _gate_groups(block, track)
+    if coordinates:  # a part's NIS is at most the whole's, and no whole beacon has fewer than two degrees of freedom
+        if usable < 2 * seen or not nis <= gate_limit(block, 2):
+            passed = _gate_beacons(block, track)
             if passed > 0:
                 _sweep(block, track, x)
-    elif not nis <= block[GATE, dof - 1]:
+    elif not nis <= gate_limit(block, dof):
         passed = 0
     if passed == 0:
         return REJECTED
     at = block[X_AT]
     iterations = 1
     while iterations < MAX_ITERATIONS:
-        source = block[X_AT] if iterations > 1 else x
-        if not _bends(block, source):
+        if not bends(block, at if iterations > 1 else x, work[0]):
             break
         for j in range(6):
-            at[j] = block[X_WORK, j]
-        if not linearise(block, at, spots):
+            at[j] = work[0, j]
+        if not linearise_again(block, at, spots):
             break
-        make_independent(block)
         _sweep(block, track, at)
         iterations += 1
     result[4], result[5] = iterations, passed
-    copy_rows(block[X_WORK : X_WORK + P_ROWS], track)
+    copy_track(work, track)
     return UPDATED if passed == seen else PARTIAL

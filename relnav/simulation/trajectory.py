@@ -95,14 +95,15 @@ def _fly(
     draws: Matrix,
     state: Matrix,
     command: Matrix,
+    scratch: Matrix,
 ) -> None:
     """Write truth (m, 6) and the commanded acceleration over the interval that ends at each row, (m, 3).
 
     profile: start range, final range, speed, guidance steps, thrust scale error. noise: amplitudes of the white
     acceleration, and of the control's errors in size and direction; draws (m, 7): standard normal, or (0, 7).
+    scratch (28, 3): zeros.
     """
-    axes, work = np.empty((3, 3)), np.empty((23, 3))
-    order, executed = np.zeros(3), np.zeros(3)
+    axes, work, order, executed = scratch[0:3], scratch[3:26], scratch[26], scratch[27]
     relative_state(y, axes, state[0])
     hold = int(profile[3])
     for row in range(1, state.shape[0]):
@@ -176,7 +177,7 @@ def fly(model: Model, approach: Approach, rng: np.random.Generator) -> tuple[Vec
     draws = rng.normal(size=(count if approach.assumed_noise else 0, 7))
     state, command = np.empty((count, 6)), np.zeros((count, 3))
     n = model.orbit.mean_motion_rad_s
-    _fly(y, environment, n, dcm_dock, port, profile, dt, noise, draws, state, command)
+    _fly(y, environment, n, dcm_dock, port, profile, dt, noise, draws, state, command, np.zeros((28, 3)))
     if not np.isfinite(state).all():
         raise ValueError("the chaser flew out of all numbers: speed, air density or range are beyond any spacecraft")
     return np.arange(count, dtype=np.float64) / approach.rate_hz, state, command

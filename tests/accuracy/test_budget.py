@@ -12,7 +12,7 @@ from relnav.accuracy.field import field_limits, saturation_range_m
 from relnav.accuracy.sensitivity import sensitivity, settled
 from relnav.accuracy.statistics import error_statistics
 from relnav.navigation.settled import settled_filter
-from relnav.sensors.three_beacon.fix import measure_batch
+from relnav.sensors.three_beacon.fix import MEASURE_ROWS, measure_batch
 
 FACING = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])  # cam x = -y, y = +z, z = -x of the dock
 RANGES = (4.5, 6.5, 9.0)
@@ -47,7 +47,7 @@ def fixes(model, spots):
     rae, covariance, status = np.empty((n, 3)), np.empty((n, 3, 3)), np.empty(n, dtype=np.int64)
     measure_batch(
         np.ascontiguousarray(spots), s.focal_length_m, math.inf, math.inf, s.spot_noise_m, s.beacon_half_spacing_m,
-        s.beacon_c_distance_m, 0, rae, covariance, status,
+        s.beacon_c_distance_m, 0, rae, covariance, status, np.zeros((MEASURE_ROWS, 6)),
     )  # fmt: skip
     assert (status == 0).mean() > 0.999
     return rae

@@ -41,7 +41,7 @@ def toy(root, tmp_path):
     package = tmp_path / "site" / "toy"
     package.mkdir(parents=True)
     (package / "__init__.py").write_text("")
-    for name in ("_kernel.py", "_cache.py"):
+    for name in ("_kernel.py", "_trace.py", "_cache.py"):
         (package / name).write_text((root / "relnav" / name).read_text().replace("from relnav.", "from toy."))
     (package / "callee.py").write_text(CALLEE.format(factor=3.0))
     (package / "caller.py").write_text(CALLER)

@@ -48,7 +48,7 @@ def test_at_hand_only_under_the_stamp_of_this_version(monkeypatch, tmp_path):
 
     folder = tmp_path / "navigation_0123"
     folder.mkdir()
-    index = folder / "relative_position._run-1.py311.nbi"
+    index = folder / "log._run-1.py311.nbi"
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "none"))
     monkeypatch.setattr(_cache, "__file__", str(tmp_path / "package" / "_cache.py"))

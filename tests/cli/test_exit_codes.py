@@ -49,7 +49,7 @@ def test_wrong_use_is_2(run, short_log, tmp_path, monkeypatch, name):
 
 def test_the_output_is_checked_before_the_work(run, short_log, monkeypatch):
     """An hour's log is not filtered for a folder that is not there."""
-    monkeypatch.setattr("relnav.files.filter_log.read_log", lambda *_: pytest.fail("the log was read"))
+    monkeypatch.setattr("relnav.files.logs.LogFile.chunks", lambda *_: pytest.fail("the log was read"))
     assert run("filter", short_log, *MODEL, "--out", "none/track.csv")[0] == 2
     assert run("filter", short_log, *MODEL, "--out", "track.xyz")[0] == 2
     assert run("filter", short_log, *MODEL, "--json", "none/summary.json")[0] == 2
@@ -99,7 +99,7 @@ def test_an_internal_error_is_4_and_asks_for_a_report(run, short_log, tmp_path, 
     def broken(*_, **__):
         raise ZeroDivisionError("division by zero")
 
-    monkeypatch.setattr("relnav.files.filter_log.filter_epochs", broken)
+    monkeypatch.setattr("relnav.navigation.log.LogFilter.forward", broken)
     code, _, err = run("filter", short_log, *MODEL, "--out", tmp_path / "track.csv")
     assert code == 4
     assert "internal error, please report it: ZeroDivisionError: division by zero (RELNAV_DEBUG=1 shows where)" in err
@@ -113,7 +113,7 @@ def test_a_full_disk_is_3_and_leaves_nothing(run, short_log, tmp_path, monkeypat
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("relnav.Solution.part", full)
+    monkeypatch.setattr("relnav.files.filter_file.rows_of", full)
     code, out, err = run("filter", short_log, *MODEL, "--out", tmp_path / "track.csv")
     assert code == 3
     assert "No space left on device; nothing was written" in err
@@ -142,9 +142,9 @@ def test_an_interruption_is_130_and_leaves_nothing(run, short_log, tmp_path, mon
         raise KeyboardInterrupt
 
     place = {
-        "reading": "relnav.files.filter_log.read_log",
-        "filtering": "relnav.files.filter_log.filter_epochs",
-        "writing": "relnav.Solution.part",
+        "reading": "relnav.files.logs.LogFile.chunks",
+        "filtering": "relnav.navigation.log.LogFilter.forward",
+        "writing": "relnav.files.filter_file.rows_of",
     }
     monkeypatch.setattr(place[where], interrupt)
     (tmp_path / "track.csv").write_text("of yesterday")

@@ -96,7 +96,7 @@ def test_swapped_beacons_are_told(run, short_log):
     assert code == 0
     assert "NOT STARTED: no epoch was confirmed by the next" in out
     assert "SWAPPED" in out
-    assert "are beacons A and B exchanged?" in out
+    assert "A and B exchanged?" in out
 
 
 def test_a_log_of_one_row(run, short_log, tmp_path):

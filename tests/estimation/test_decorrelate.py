@@ -51,7 +51,7 @@ def test_scalar_updates_of_decorrelated_measurements_are_the_joint_update(seed: 
     nis = 0.0
     for i in range(3):
         residual = values[i] - rows[i] @ got
-        nis += residual**2 / scalar_update(got, ud, np.ascontiguousarray(rows[i]), variances[i], residual, np.zeros(6))
+        nis += residual**2 / scalar_update(got, ud, np.ascontiguousarray(rows[i]), variances[i], residual)
     np.testing.assert_allclose(got, expected_x, rtol=0.0, atol=1e-10)
     np.testing.assert_allclose(compose(ud), expected_p, rtol=0.0, atol=1e-11 * p.max())
     assert nis == pytest.approx((z - h @ x) @ np.linalg.solve(s, z - h @ x), rel=1e-8)

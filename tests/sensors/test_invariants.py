@@ -78,7 +78,7 @@ def test_position_gradient(truth, range_m, azimuth, elevation) -> None:
     nearest = float(np.linalg.norm(truth.beacons - p, axis=1).min())
     u = rays_to_beacons(truth, p)
     got = np.zeros((3, 3))
-    position_gradient(u, np.linalg.norm(truth.beacons - p, axis=1), got, np.zeros((9, 3)))
+    position_gradient(u, np.linalg.norm(truth.beacons - p, axis=1), got)
     expected = truth.derivative(lambda q: numbers(rays_to_beacons(truth, q)), p, 1e-2 * nearest)
     np.testing.assert_allclose(got, expected, rtol=0.0, atol=1e-6 * np.abs(expected).max())
 
@@ -95,7 +95,7 @@ def test_spot_gradient(truth, roll, range_m, azimuth, elevation) -> None:
 
     v = np.column_stack([spots, np.full(3, truth.f)])
     got = np.zeros((3, 6))
-    spot_gradient(v / np.linalg.norm(v, axis=1, keepdims=True), truth.f, got, np.zeros((9, 3)))
+    spot_gradient(v / np.linalg.norm(v, axis=1, keepdims=True), truth.f, got)
     expected = truth.derivative(of_spots, spots, 1e-4)
     np.testing.assert_allclose(got, expected, rtol=0.0, atol=1e-7 * np.abs(expected).max())
 
@@ -104,7 +104,7 @@ def test_on_the_axis_each_number_has_an_axis_of_its_own(truth) -> None:
     """What makes the fix regular where the printed formulas are 0/0: range, azimuth, elevation in turn."""
     u = rays_to_beacons(truth, np.array([6.5, 0.0, 0.0]))
     got = np.zeros((3, 3))
-    position_gradient(u, np.linalg.norm(truth.beacons - [6.5, 0.0, 0.0], axis=1), got, np.zeros((9, 3)))
+    position_gradient(u, np.linalg.norm(truth.beacons - [6.5, 0.0, 0.0], axis=1), got)
     off = got - np.diag(np.diag(got))
     np.testing.assert_allclose(off, 0.0, atol=1e-17)
     assert (np.abs(np.diag(got)) > 1e-4).all()

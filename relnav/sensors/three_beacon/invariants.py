@@ -9,11 +9,13 @@ elevation, each with its sign (angles between the rays alone lose the sign of el
 
 import math
 
-from relnav._kernel import kernel
+import numpy as np
+
+from relnav._kernel import select, straight_line
 from relnav.arrays import Matrix, Vector
 
 
-@kernel
+@straight_line(u=(3, 3), g=(3,))
 def invariants(u: Matrix, g: Vector) -> None:
     """Write (g1, g2, g3) of the unit rays u (rows A, B, C; three columns used) into g (3,)."""
     g[0] = 0.0
@@ -29,9 +31,8 @@ def invariants(u: Matrix, g: Vector) -> None:
     )
 
 
-@kernel
 def invariant_gradients(u: Matrix, out: Matrix) -> None:
-    """Write d g[number] / d u[beacon] into the rows 3 number + beacon of out (9, 3).
+    """Write d g[number] / d u[beacon] into the rows 3 number + beacon of out (9, 3). A part of what follows.
 
     Of g1: 2 (u_A - u_B), -2 (u_A - u_B), 0; of g2: u_C, -u_C, u_A - u_B; of g3 = det(u_A, u_B, u_C): u_B x u_C,
     u_C x u_A, u_A x u_B.
@@ -48,7 +49,7 @@ def invariant_gradients(u: Matrix, out: Matrix) -> None:
         out[6 + i, 2] = u[j, 0] * u[k, 1] - u[j, 1] * u[k, 0]
 
 
-@kernel
+@straight_line(p=(3,), u=(3, 3), distance=(3,))
 def rays_from_position(p: Vector, a: float, b: float, u: Matrix, distance: Vector) -> None:
     """Write the unit rays (docking axes) from p (3,) m to beacons A, B, C into u, and their lengths into distance."""
     for i in range(3):
@@ -56,43 +57,46 @@ def rays_from_position(p: Vector, a: float, b: float, u: Matrix, distance: Vecto
         v1 = (a if i == 0 else (-a if i == 1 else 0.0)) - p[1]
         v2 = -p[2]
         d = math.sqrt(v0 * v0 + v1 * v1 + v2 * v2)
+        near = 1.0 / d
         distance[i] = d
-        u[i, 0], u[i, 1], u[i, 2] = v0 / d, v1 / d, v2 / d
+        u[i, 0], u[i, 1], u[i, 2] = v0 * near, v1 * near, v2 * near
 
 
-@kernel
-def position_gradient(u: Matrix, distance: Vector, out: Matrix, work: Matrix) -> None:
-    """Write dg/dp into out (3, 3): du_i/dp = -(I - u_i u_i^T) / d_i. work (9, 3) scratch."""
-    invariant_gradients(u, work)
+@straight_line(u=(3, 3), distance=(3,), out=(3, 3))
+def position_gradient(u: Matrix, distance: Vector, out: Matrix) -> None:
+    """Write dg/dp into out (3, 3): du_i/dp = -(I - u_i u_i^T) / d_i."""
+    gradients = np.zeros((9, 3))
+    invariant_gradients(u, gradients)
     for number in range(3):
         x, y, z = 0.0, 0.0, 0.0
         for i in range(3):
-            g0, g1, g2 = work[3 * number + i, 0], work[3 * number + i, 1], work[3 * number + i, 2]
-            along = g0 * u[i, 0] + g1 * u[i, 1] + g2 * u[i, 2]
+            g = gradients[3 * number + i]
+            along = g[0] * u[i, 0] + g[1] * u[i, 1] + g[2] * u[i, 2]
             near = 1.0 / distance[i]
-            x -= (g0 - along * u[i, 0]) * near
-            y -= (g1 - along * u[i, 1]) * near
-            z -= (g2 - along * u[i, 2]) * near
+            x -= (g[0] - along * u[i, 0]) * near
+            y -= (g[1] - along * u[i, 1]) * near
+            z -= (g[2] - along * u[i, 2]) * near
         out[number, 0], out[number, 1], out[number, 2] = x, y, z
 
 
-@kernel
-def spot_gradient(u: Matrix, f: float, out: Matrix, work: Matrix) -> None:
+@straight_line(u=(3, 3), out=(3, 6))
+def spot_gradient(u: Matrix, f: float, out: Matrix) -> None:
     """Write dg/d(A'x, A'y, B'x, B'y, C'x, C'y) into out (3, 6), for camera-frame rays u, per unit of f.
 
-    du/dx_j = (e_j - u u_j) u_z / f (geometry.pinhole.unit_ray). work (9, 3) scratch.
+    du/dx_j = (e_j - u u_j) u_z / f (geometry.pinhole.unit_ray).
     """
-    invariant_gradients(u, work)
+    gradients = np.zeros((9, 3))
+    invariant_gradients(u, gradients)
     for number in range(3):
         for i in range(3):
-            g0, g1, g2 = work[3 * number + i, 0], work[3 * number + i, 1], work[3 * number + i, 2]
-            along = g0 * u[i, 0] + g1 * u[i, 1] + g2 * u[i, 2]
+            g = gradients[3 * number + i]
+            along = g[0] * u[i, 0] + g[1] * u[i, 1] + g[2] * u[i, 2]
             scale = u[i, 2] / f
-            out[number, 2 * i] = (g0 - along * u[i, 0]) * scale
-            out[number, 2 * i + 1] = (g1 - along * u[i, 1]) * scale
+            out[number, 2 * i] = (g[0] - along * u[i, 0]) * scale
+            out[number, 2 * i + 1] = (g[1] - along * u[i, 1]) * scale
 
 
-@kernel
+@straight_line(m=(3, 3), out=(3, 3))
 def invert_three(m: Matrix, out: Matrix) -> bool:
     """Write the inverse of m (3, 3) into out by cofactors; False if m is singular to 1e-10 of its rows' lengths."""
     c00 = m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]
@@ -101,10 +105,9 @@ def invert_three(m: Matrix, out: Matrix) -> bool:
     det = m[0, 0] * c00 + m[0, 1] * c01 + m[0, 2] * c02
     scale2 = 1.0
     for i in range(3):
-        scale2 *= m[i, 0] * m[i, 0] + m[i, 1] * m[i, 1] + m[i, 2] * m[i, 2]
-    if not abs(det) > 1e-10 * math.sqrt(scale2):
-        return False
-    d = 1.0 / det
+        scale2 = scale2 * (m[i, 0] * m[i, 0] + m[i, 1] * m[i, 1] + m[i, 2] * m[i, 2])
+    regular: bool = abs(det) > 1e-10 * math.sqrt(scale2)
+    d = 1.0 / select(regular, det, 1.0)
     out[0, 0], out[1, 0], out[2, 0] = c00 * d, c01 * d, c02 * d
     out[0, 1] = (m[0, 2] * m[2, 1] - m[0, 1] * m[2, 2]) * d
     out[1, 1] = (m[0, 0] * m[2, 2] - m[0, 2] * m[2, 0]) * d
@@ -112,4 +115,4 @@ def invert_three(m: Matrix, out: Matrix) -> bool:
     out[0, 2] = (m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]) * d
     out[1, 2] = (m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]) * d
     out[2, 2] = (m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]) * d
-    return True
+    return regular

@@ -11,7 +11,9 @@ there can be up to four, and a status says so.
 
 import math
 
-from relnav._kernel import kernel
+import numpy as np
+
+from relnav._kernel import kernel, straight_line
 from relnav.arrays import Matrix, Vector
 from relnav.sensors.measurement import DEGENERATE, NO_CONVERGENCE, OK, OUTSIDE_DOMAIN
 from relnav.sensors.three_beacon.invariants import (
@@ -25,6 +27,7 @@ from relnav.sensors.three_beacon.parallel import direction_from_ratios
 
 MAX_PASSES = 40
 MAX_NEWTON = 12
+MAX_CHORDS = 4
 
 
 @kernel
@@ -92,33 +95,61 @@ def _closed_form_pass(u: Matrix, a: float, b: float, w: Vector, p: Vector, v: Ma
     return True
 
 
-@kernel
-def _newton(g: Vector, a: float, b: float, p: Vector, work: Matrix) -> bool:
-    """Newton on g(p) = g from p, in place; False if it does not settle. work (20, 6) scratch.
+@straight_line(p=(3,), inverse=(3, 3))
+def gradient_inverse(p: Vector, a: float, b: float, inverse: Matrix) -> bool:
+    """Write (dg/dp)^-1 at the position p into inverse (3, 3); False where it does not exist."""
+    u, distance, dg = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3))
+    rays_from_position(p, a, b, u, distance)
+    position_gradient(u, distance, dg)
+    return invert_three(dg, inverse)
 
-    It converges quadratically: a relative step below 3e-8 leaves an error of the order of its square.
+
+@straight_line(g=(3,), p=(3,), inverse=(3, 3))
+def chord_step(g: Vector, a: float, b: float, p: Vector, inverse: Matrix) -> tuple[float, float]:
+    """Move p (3,) by inverse (g - g(p)), in place; returns the sums of the steps' and of the position's sizes."""
+    u, distance, got = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+    rays_from_position(p, a, b, u, distance)
+    invariants(u, got)
+    size, scale = 0.0, 0.0
+    for i in range(3):
+        step = inverse[i, 0] * (g[0] - got[0]) + inverse[i, 1] * (g[1] - got[1]) + inverse[i, 2] * (g[2] - got[2])
+        p[i] += step
+        size += abs(step)
+        scale += abs(p[i])
+    return size, scale
+
+
+@straight_line(g=(3,), p=(3,), inverse=(3, 3))
+def newton_step(g: Vector, a: float, b: float, p: Vector, inverse: Matrix) -> tuple[bool, float, float]:
+    """`chord_step` with the inverse at p itself, which is written into inverse (3, 3); False first if there is none."""
+    regular = gradient_inverse(p, a, b, inverse)
+    size, scale = chord_step(g, a, b, p, inverse)
+    return regular, size, scale
+
+
+@kernel
+def settle(g: Vector, a: float, b: float, p: Vector, inverse: Matrix) -> bool:
+    """Newton on g(p) = g from p, in place; False if it does not settle. inverse (3, 3) is scratch.
+
+    Newton's error after a step of size s is C s^2. Steps that keep the last inverse (chords) multiply it by C s at less
+    than half the price: they finish once s is below 1e-3 of p, when C s is seen in the ratio of two sizes.
     """
-    u, dg, inverse, gradients = work[0:3], work[3:6], work[6:9], work[9:18]
-    distance, got = work[18], work[19]
     last = math.inf
     for _ in range(MAX_NEWTON):
-        rays_from_position(p, a, b, u, distance)
-        invariants(u, got)
-        position_gradient(u, distance, dg, gradients)
-        if not invert_three(dg, inverse):
-            return False
-        r0, r1, r2 = g[0] - got[0], g[1] - got[1], g[2] - got[2]
-        size, scale = 0.0, 0.0
-        for i in range(3):
-            step = inverse[i, 0] * r0 + inverse[i, 1] * r1 + inverse[i, 2] * r2
-            p[i] += step
-            size += abs(step)
-            scale += abs(p[i])
-        if not size < scale:
+        regular, size, scale = newton_step(g, a, b, p, inverse)
+        if not regular or not size < scale:
             return False
         if size < 3e-8 * scale or (size < 1e-6 * scale and size >= 0.5 * last):  # the second: at the rounding
             return True
         last = size
+        if size < 1e-3 * scale:
+            for _ in range(MAX_CHORDS):
+                moved, scale = chord_step(g, a, b, p, inverse)
+                if moved * moved < 1e-16 * scale * size:
+                    return True
+                if not moved < 0.1 * size:
+                    break
+                size = moved
     return False
 
 
@@ -126,9 +157,9 @@ def _newton(g: Vector, a: float, b: float, p: Vector, work: Matrix) -> bool:
 def solve_perspective(u: Matrix, a: float, b: float, p: Vector, work: Matrix) -> int:
     """Write the sensor's position (3,) m in the docking frame into p, from camera-frame unit rays u (rows A, B, C).
 
-    Exact, any camera attitude; returns a Status code. work (24, 6) is scratch.
+    Exact, any camera attitude; returns a Status code. work (12, 6) is scratch.
     """
-    w, g, trial = work[20], work[21], work[22]
+    w, g, trial = work[6], work[7], work[8]
     norm = 0.0
     for j in range(3):
         w[j] = u[0, j] + u[1, j]
@@ -151,7 +182,7 @@ def solve_perspective(u: Matrix, a: float, b: float, p: Vector, work: Matrix) ->
         scale = abs(p[0]) + abs(p[1]) + abs(p[2])
         if moved < tolerance * scale:
             trial[0], trial[1], trial[2] = p[0], p[1], p[2]
-            if _newton(g, a, b, trial, work[0:20]):
+            if settle(g, a, b, trial, work[9:12]):
                 p[0], p[1], p[2] = trial[0], trial[1], trial[2]
                 if not inside_domain(p, b):
                     return OUTSIDE_DOMAIN
@@ -160,20 +191,24 @@ def solve_perspective(u: Matrix, a: float, b: float, p: Vector, work: Matrix) ->
     return NO_CONVERGENCE
 
 
-@kernel
-def position_jacobian(p: Vector, u: Matrix, f: float, a: float, b: float, jacobian: Matrix, work: Matrix) -> bool:
-    """Write dp/d(A'x, A'y, B'x, B'y, C'x, C'y) into jacobian (3, 6), m per unit of f; False where singular.
-
-    p (3,) m is the pose and u its camera-frame rays: by the implicit function theorem J = (dg/dp)^-1 dg/ds, which is
-    the upper half of the inverse of the 6 x 6 projection Jacobian (a test holds the two equal). work (22, 6) scratch.
-    """
-    v, dp, ds, inverse, gradients, distance = work[0:3], work[3:6], work[6:9], work[9:12], work[12:21], work[21]
-    rays_from_position(p, a, b, v, distance)
-    position_gradient(v, distance, dp, gradients)
-    spot_gradient(u, f, ds, gradients)
-    if not invert_three(dp, inverse):
-        return False
+@straight_line(inverse=(3, 3), u=(3, 3), jacobian=(3, 6))
+def implicit_jacobian(inverse: Matrix, u: Matrix, f: float, jacobian: Matrix) -> None:
+    """Write dp/d(spots) = (dg/dp)^-1 dg/ds into jacobian (3, 6), from the inverse at p and its camera-frame rays u."""
+    ds = np.zeros((3, 6))
+    spot_gradient(u, f, ds)
     for i in range(3):
         for j in range(6):
             jacobian[i, j] = inverse[i, 0] * ds[0, j] + inverse[i, 1] * ds[1, j] + inverse[i, 2] * ds[2, j]
-    return True
+
+
+@straight_line(p=(3,), u=(3, 3), jacobian=(3, 6))
+def position_jacobian(p: Vector, u: Matrix, f: float, a: float, b: float, jacobian: Matrix) -> bool:
+    """Write dp/d(A'x, A'y, B'x, B'y, C'x, C'y) into jacobian (3, 6), m per unit of f; False where singular.
+
+    p (3,) m is the pose and u its camera-frame rays: by the implicit function theorem J = (dg/dp)^-1 dg/ds, which is
+    the upper half of the inverse of the 6 x 6 projection Jacobian (a test holds the two equal).
+    """
+    inverse = np.zeros((3, 3))
+    regular = gradient_inverse(p, a, b, inverse)
+    implicit_jacobian(inverse, u, f, jacobian)
+    return regular

@@ -1,0 +1,178 @@
+"""The figures of one filtered log, gathered part after part, so that a log of any length can be summed up."""
+
+import math
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from relnav.accuracy.published import Comparison, Published, PublishedTrend
+from relnav.estimation.consistency import Consistency, consistency_of_sum
+from relnav.navigation.record import Solution
+from relnav.navigation.status import EpochStatus
+from relnav.sensors.measurement import Status
+
+
+class RunSummary:
+    """What became of the epochs, NIS over those used whole, and the reported sigma beside the published figures.
+
+    Attributes
+    ----------
+    model, method, smoothed, gate_probability
+        What was run.
+    epochs, t_first_s, t_last_s : int, float, float
+        How many, from when to when.
+    counts, reasons : Counter
+        Epochs by EpochStatus; and by Status of their measurement.
+    started_s, known_s : float
+        First time with a state, last time with one; NaN if there is none.
+    restarts : int
+        How often a confirmed start replaced a track.
+    last : EpochStatus
+        Of the last epoch.
+    ignored : str
+        Columns of the log that nobody used.
+    notes : tuple of str
+        What else there is to say of the log, for a reader.
+    """
+
+    def __init__(self, published: Published, gate_probability: float) -> None:
+        self.gate_probability = gate_probability
+        self.model, self.method, self.smoothed, self.restarts = "", "", False, 0
+        self.epochs, self.t_first_s, self.t_last_s = 0, math.nan, math.nan
+        self.started_s, self.known_s = math.nan, math.nan
+        self.counts: Counter[int] = Counter()
+        self.reasons: Counter[int] = Counter()
+        self.last = EpochStatus.WAITING
+        self.ignored = ""
+        self.notes: tuple[str, ...] = ()
+        self._trend = PublishedTrend(published)
+        self._used, self._used_dof, self._seen, self._seen_dof, self._seen_epochs = 0.0, 0, 0.0, 0, 0
+
+    def take(self, part: Solution) -> None:
+        """Go on with the next epochs; at least one."""
+        self.model, self.method, self.smoothed, self.restarts = part.model, part.method, part.smoothed, part.restarts
+        if self.epochs == 0:
+            self.t_first_s = float(part.t_s[0])
+        self.epochs += len(part)
+        self.t_last_s = float(part.t_s[-1])
+        self.last = EpochStatus(int(part.status[-1]))
+        for counter, codes in ((self.counts, part.status), (self.reasons, part.measurement_status)):
+            values, numbers = np.unique(codes, return_counts=True)
+            counter.update(dict(zip(values.tolist(), numbers.tolist(), strict=True)))
+        started = part.t_s[part.status == EpochStatus.STARTED]
+        if len(started) and math.isnan(self.started_s):
+            self.started_s = float(started[0])
+        known = part.t_s[part.status != EpochStatus.WAITING]
+        if len(known):
+            self.known_s = float(known[-1])
+        used = part.accepted & np.isfinite(part.nis) & (part.dof > 0)
+        self._used += float(part.nis[used].sum())
+        self._used_dof += int(part.dof[used].sum())
+        seen = part.dof > 0
+        self._seen += float(part.nis[seen].sum())
+        self._seen_dof += int(part.dof[seen].sum())
+        self._seen_epochs += int(seen.sum())
+        self._trend.take(part)
+
+    @property
+    def accepted(self) -> int:
+        """Epochs of which everything that was seen was used."""
+        return self.counts[EpochStatus.UPDATED] + self.counts[EpochStatus.STARTED]
+
+    @property
+    def refused(self) -> int:
+        """Epochs with something rejected."""
+        return self.counts[EpochStatus.PARTIAL] + self.counts[EpochStatus.REJECTED]
+
+    @property
+    def refused_unexplained(self) -> bool:
+        """Whether more was rejected than the gate alone explains."""
+        chance = 3.0 * (1.0 - self.gate_probability) * self._seen_epochs
+        return bool(self.restarts or self.refused > chance + 5.0 * chance**0.5 + 3.0)
+
+    @property
+    def nis(self) -> Consistency:
+        """NIS of the epochs that were used whole."""
+        return consistency_of_sum("NIS", self._used, self._used_dof)
+
+    @property
+    def nis_all_per_dof(self) -> float:
+        """NIS of everything that was seen, per degree of freedom."""
+        return self._seen / max(1, self._seen_dof)
+
+    @property
+    def comparisons(self) -> tuple[Comparison, ...]:
+        """Reported sigma at the end beside each published figure."""
+        return self._trend.comparisons()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figures as plain values."""
+        return {
+            "model": self.model,
+            "method": self.method,
+            "smoothed": self.smoothed,
+            "epochs": self.epochs,
+            "t_first_s": self.t_first_s,
+            "t_last_s": self.t_last_s,
+            "started_s": None if math.isnan(self.started_s) else self.started_s,
+            "restarts": self.restarts,
+            "epochs_by_status": {status.name.lower(): self.counts[status] for status in EpochStatus},
+            "accepted": self.accepted,
+            "nis_per_dof": self.nis.ratio,
+            "nis_interval": [self.nis.lower, self.nis.upper],
+            "nis_consistent": self.nis.consistent,
+            "nis_all_per_dof": self.nis_all_per_dof,
+            "refused_unexplained": self.refused_unexplained,
+            "rows": [
+                {
+                    "quantity": row.claim.quantity,
+                    "published": row.claim.value,
+                    "unit": row.claim.unit,
+                    "statistic": row.claim.statistic,
+                    "sigma_at_end": row.sigma,
+                    "ratio": row.ratio,
+                    "met_from_s": row.met_from_s,
+                }
+                for row in self.comparisons
+            ],
+        }
+
+    def lines(self, log: str) -> list[str]:
+        """The figures for a reader."""
+        method = self.method + (", smoothed" if self.smoothed else "")
+        span = f"{self.epochs} epochs, {self.t_first_s:.12g} s to {self.t_last_s:.12g} s"
+        lines = [f"{log}: {span}; model {self.model}, method {method}"]
+        if self.ignored:
+            lines.append(f"ignored columns: {self.ignored}")
+        lines.extend(self.notes)
+        if math.isnan(self.started_s):
+            names = [f"{Status(code).name} {count}" for code, count in sorted(self.reasons.items())]
+            lines.append(
+                f"NOT STARTED: no epoch was confirmed by the next; measurements by outcome: {', '.join(names)}"
+            )
+            if self.reasons[Status.SWAPPED]:
+                lines.append("  SWAPPED: the image is upside down for the stated attitude; A and B exchanged?")
+            return lines
+        counts = self.counts
+        lines.append(
+            f"started at {self.started_s:.12g} s, restarts {self.restarts}; epochs used whole {self.accepted}, "
+            f"in part {counts[EpochStatus.PARTIAL]}, rejected {counts[EpochStatus.REJECTED]}, "
+            f"without a measurement {counts[EpochStatus.PREDICTED]}, without a state {counts[EpochStatus.WAITING]}"
+        )
+        lines.append(f"{self.nis} (epochs used whole)")
+        if self.refused_unexplained:
+            lines.append(
+                f"  BUT {self.refused} epochs had spots rejected, more than the gate alone explains, and restarts are "
+                f"{self.restarts}; NIS of all that was seen: {self.nis_all_per_dof:.3g} per degree of freedom"
+            )
+        if self.last == EpochStatus.WAITING:
+            lines.append("  THE TRACK IS LOST at the end of the log: its uncertainty outgrew the range")
+        if self.comparisons:
+            lines.append(f"1-sigma at {self.known_s:.12g} s   reported    published   ratio   within it from")
+            for row in self.comparisons:
+                since = f"{row.met_from_s:.12g} s" if row.met_from_s == row.met_from_s else "never"
+                value = f"{row.sigma:.5f} {row.claim.unit}"
+                claim = f"{row.claim.value:g} {row.claim.unit}"
+                lines.append(f"  {row.claim.quantity:<16}{value:>12}{claim:>13}{row.ratio:>8.3f}   {since}")
+        return lines

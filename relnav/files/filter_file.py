@@ -1,0 +1,204 @@
+"""From a log file to a track file in bounded memory: the log is streamed, however long it is.
+
+Smoothing runs three times over the log. The first pass filters, keeps the log's numbers in a temporary file and the
+filter as it stands before each chunk. The second goes backward, chunk by chunk (filtered again from where it stood),
+and keeps what stands after each chunk. With that the third smooths every chunk by itself, in order, and writes it.
+The chunks run on the same kernels as a log in memory: the bits are the same.
+"""
+
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any
+
+import numpy as np
+
+from relnav.accuracy.run_summary import RunSummary
+from relnav.arrays import Matrix, Stack, Vector
+from relnav.files.logs import Log, LogFile
+from relnav.files.models import load_mission, load_published
+from relnav.files.raw_filter import filter_raw_log
+from relnav.files.raw_logs import is_raw_log
+from relnav.files.tables import COLUMNS, INTEGERS, Table, head, rows_of, write, write_table
+from relnav.mission import Model
+from relnav.navigation.log import Epochs, LogFilter, controls
+from relnav.navigation.record import Solution
+from relnav.navigation.smoothing import nothing_later
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    t: Vector
+    spots: Stack
+    control: Matrix
+    quaternion: Matrix
+
+
+def filter_file(
+    path: str | os.PathLike[str],
+    model: Model | str,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    method: str = "spots",
+    projection: str | None = None,
+    smooth: bool = False,
+    progress: Callable[[int], None] | None = None,
+) -> RunSummary:
+    """Filter a log of spots from file to file; memory does not grow with the log.
+
+    Parameters
+    ----------
+    path : str or path
+        The log, as for `filter_log`.
+    model, method, projection, smooth
+        As for `filter_log`.
+    out : str or path, optional
+        The track, `.csv` or `.parquet`, as `write` writes it; whole or not at all.
+    progress : callable, optional
+        Called with the number of epochs just worked through; with `smooth` each counts three times.
+
+    Returns
+    -------
+    RunSummary
+        What became of the epochs, with the reported sigma beside the published figures.
+
+    Raises
+    ------
+    LogError, ModelError, UsageError
+        As `filter_log` and `write`.
+    """
+    mission = load_mission(model) if isinstance(model, str) else model
+    if is_raw_log(Path(path)):
+        return _filter_raw_file(Path(path), mission, out, method, projection, smooth)
+    log = LogFile(Path(path))
+    run = _Run(mission, log, LogFilter(mission, method, projection=projection), progress)
+    summary = RunSummary(load_published(mission), mission.filter.gate_probability)
+    summary.ignored = ", ".join(log.columns.ignored)
+
+    def parts() -> Iterator[Table]:
+        for solution in run.smoothed() if smooth else run.filtered():
+            summary.take(solution)
+            yield rows_of(solution)
+
+    if out is None:
+        for _ in parts():
+            pass
+    else:
+        stated = head(mission.name, method, smooth) | log_metadata(log.path, log.metadata, log.columns.ignored)
+        write_table(Path(out), COLUMNS, parts(), stated, INTEGERS)
+    return summary
+
+
+def _filter_raw_file(
+    path: Path, model: Model, out: str | os.PathLike[str] | None, method: str, projection: str | None, smooth: bool
+) -> RunSummary:
+    """A raw log is filtered in memory: a start may have to be looked for in the rest of it."""
+    solution = filter_raw_log(path, model, method=method, projection=projection, smooth=smooth)
+    summary = RunSummary(load_published(model), model.filter.gate_probability)
+    said = solution.metadata
+    summary.ignored = said.get("ignored columns", "")
+    summary.notes = (f"slots: {said['slots']}; spot noise {said['spot noise']}", f"beacons: {said['beacons']}")
+    summary.take(solution)
+    if out is not None:
+        write(solution, out)
+    return summary
+
+
+def log_metadata(path: Path, metadata: dict[str, str], ignored: tuple[str, ...]) -> dict[str, str]:
+    """What a track says of the log it came from."""
+    said = {"log": path.name} | {f"log.{key}": value for key, value in metadata.items()}
+    return said | ({"ignored columns": ", ".join(ignored)} if ignored else {})
+
+
+class _Run:
+    """One log on its way through one filter."""
+
+    def __init__(self, model: Model, log: LogFile, log_filter: LogFilter, progress: Callable[[int], None] | None):
+        self.beacons = len(model.beacons_lvlh_m)
+        self.log, self.filter, self.progress = log, log_filter, progress
+
+    def _chunks(self) -> Iterator[_Chunk]:
+        for piece in self.log.chunks():
+            yield _chunk(piece)
+
+    def _forward(self, chunk: _Chunk) -> Epochs:
+        epochs = Epochs.empty(len(chunk.t), self.beacons)
+        self.filter.forward(chunk.t, chunk.spots, chunk.control, chunk.quaternion, epochs)
+        if self.progress is not None:
+            self.progress(len(chunk.t))
+        return epochs
+
+    def _solution(self, chunk: _Chunk, epochs: Epochs, *, smoothed: bool) -> Solution:
+        return self.filter.solution(chunk.t, chunk.quaternion, epochs, smoothed=smoothed)
+
+    def filtered(self) -> Iterator[Solution]:
+        """The log's epochs, filtered, chunk after chunk."""
+        for chunk in self._chunks():
+            yield self._solution(chunk, self._forward(chunk), smoothed=False)
+
+    def smoothed(self) -> Iterator[Solution]:
+        """The log's epochs, smoothed, chunk after chunk."""
+        before: list[Matrix] = []
+        with _Spool(self.beacons) as spool:
+            for chunk in self._chunks():
+                before.append(self.filter.block.copy())
+                spool.append(chunk)
+                epochs = self._forward(chunk)
+            restarts = self.filter.restarts
+            after = [nothing_later() for _ in before]
+            for k in range(len(before) - 1, 0, -1):
+                chunk = spool[k]
+                if k < len(before) - 1:
+                    self.filter.block[:] = before[k]
+                    epochs = self._forward(chunk)
+                after[k - 1][:] = after[k]
+                self.filter.backward(chunk.t, chunk.control, epochs, after[k - 1])
+            for k, start in enumerate(before):
+                chunk = spool[k]
+                if len(before) > 1:
+                    self.filter.block[:] = start
+                    epochs = self._forward(chunk)
+                self.filter.backward(chunk.t, chunk.control, epochs, after[k])
+                yield self._solution(chunk, epochs, smoothed=True)
+            assert self.filter.restarts == restarts
+
+
+def _chunk(piece: Log) -> _Chunk:
+    n = len(piece.t_s)
+    control = controls(n, piece.acceleration_m_s2, piece.delta_v_m_s)
+    quaternion = np.empty((0, 4)) if piece.q_cam_from_lvlh is None else piece.q_cam_from_lvlh
+    return _Chunk(piece.t_s, piece.spots_m, control, quaternion)
+
+
+class _Spool:
+    """Chunks in a temporary file, to be read back in any order."""
+
+    def __init__(self, beacons: int) -> None:
+        self.beacons = beacons
+        self._file: IO[Any] = tempfile.TemporaryFile(prefix="relnav-")  # noqa: SIM115  (closed by __exit__)
+        self._entries: list[tuple[int, int, bool, bool]] = []
+
+    def __enter__(self) -> "_Spool":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._file.close()
+
+    def append(self, chunk: _Chunk) -> None:
+        """Keep one more chunk."""
+        self._entries.append((self._file.tell(), len(chunk.t), len(chunk.control) > 0, len(chunk.quaternion) > 0))
+        for array in (chunk.t, chunk.spots, chunk.control, chunk.quaternion):
+            self._file.write(np.ascontiguousarray(array).data)
+
+    def __getitem__(self, k: int) -> _Chunk:
+        start, n, controlled, turned = self._entries[k]
+        self._file.seek(start)
+
+        def take(*shape: int) -> Any:
+            count = int(np.prod(shape))
+            return np.frombuffer(self._file.read(8 * count)).reshape(shape)
+
+        return _Chunk(take(n), take(n, self.beacons, 2), take(n if controlled else 0, 6), take(n if turned else 0, 4))

@@ -1,0 +1,39 @@
+"""The filter that a user chose: checked, and as a fresh block; and what else is checked of a caller's arrays."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from relnav.arrays import Matrix
+from relnav.mission import Model
+from relnav.navigation.block import ATTITUDE, METHODS, new_block
+from relnav.navigation.sight import attitude_changed
+from relnav.sensors.three_beacon.measure import PROJECTIONS
+
+ENGINES = ("compiled", "filterpy")
+
+
+def choose(model: Model, method: str, projection: str | None, engine: str) -> Matrix:
+    """A fresh block of the filter; ValueError for an unknown method, projection or engine."""
+    if not isinstance(model, Model):
+        raise ValueError(f"model is a loaded mission, relnav.load_model(...); got {model!r}")
+    if engine not in ENGINES:
+        raise ValueError(f'engine must be "compiled" or "filterpy"; got {engine!r}')
+    if method not in METHODS:
+        raise ValueError(f'method must be "spots" or "fix"; got {method!r}')
+    name = model.sensor.projection if projection is None else projection
+    if name not in PROJECTIONS:
+        raise ValueError(f'projection must be "perspective" or "parallel"; got {name!r}')
+    block = new_block(model, method, name)
+    block[ATTITUDE : ATTITUDE + 3, :3] = model.dcm_cam_from_lvlh
+    attitude_changed(block)
+    return block
+
+
+def vector(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Matrix:
+    """A caller's array as float64; ValueError for another shape, or what is not finite."""
+    array = np.asarray(value, dtype=np.float64)
+    if array.shape != shape:
+        raise ValueError(f"{name} has shape {shape}; got {array.shape}")
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{name} must be finite; got {array.tolist()}")
+    return array

@@ -1,0 +1,257 @@
+"""The filter over a log: forward chunk by chunk, and backward from what stands after a chunk.
+
+Chunks follow one another on one block, so a log in pieces gives the same bits as the log in one piece.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from relnav._kernel import kernel
+from relnav.arrays import Codes, Matrix, Stack, Vector
+from relnav.geometry.rotation import dcm_from_quaternion_into
+from relnav.mission import Model
+from relnav.navigation.block import ATTITUDE, CLOCK, INNOVATION, INPUT, RESULT, SETTINGS, TRACK
+from relnav.navigation.choice import choose, vector
+from relnav.navigation.record import Solution
+from relnav.navigation.reference_engine import ReferenceEngine, run_reference
+from relnav.navigation.sight import attitude_changed
+from relnav.navigation.smoothing import nothing_later, pack_factors, smooth_run
+from relnav.navigation.step import step
+
+CHUNK = 65_536
+
+
+@dataclass(frozen=True)
+class Epochs:
+    """What the filter says of n epochs.
+
+    state (n, 6), factor (n, 21), innovation (n, 2 beacons), nis (n,); codes (n, 3): dof, EpochStatus, Status.
+    """
+
+    state: Matrix
+    factor: Matrix
+    innovation: Matrix
+    nis: Vector
+    codes: Codes
+
+    @classmethod
+    def empty(cls, n: int, beacons: int) -> "Epochs":
+        """Room for n epochs."""
+        codes = np.empty((n, 3), dtype=np.int64)
+        return cls(np.empty((n, 6)), np.empty((n, 21)), np.empty((n, 2 * beacons)), np.empty(n), codes)
+
+    def part(self, cut: slice) -> "Epochs":
+        """Some of the epochs (views, not copies)."""
+        return Epochs(*(getattr(self, entry.name)[cut] for entry in fields(self)))
+
+
+@kernel
+def _run(
+    block: Matrix,
+    t: Vector,
+    spots: Stack,
+    control: Matrix,
+    quaternion: Matrix,
+    state: Matrix,
+    factor: Matrix,
+    innovation: Matrix,
+    nis: Vector,
+    codes: Codes,
+) -> None:
+    """`step` over epochs; control (n, 6) and quaternion (n, 4) may be empty."""
+    controlled, turned, numbers = control.shape[0] > 0, quaternion.shape[0] > 0, innovation.shape[1]
+    for e in range(t.shape[0]):
+        if controlled:
+            for j in range(6):
+                block[INPUT, j] = control[e, j]
+        if turned:
+            dcm_from_quaternion_into(quaternion[e], block[ATTITUDE : ATTITUDE + 3])
+            attitude_changed(block)
+        codes[e, 1] = step(block, t[e], spots[e])
+        codes[e, 0] = int(block[RESULT, 2])
+        codes[e, 2] = int(block[RESULT, 3])
+        nis[e] = block[RESULT, 1]
+        for k in range(numbers):
+            innovation[e, k] = block[INNOVATION + k // 6, k % 6]
+        if block[CLOCK, 1] > 0.0:
+            for i in range(6):
+                state[e, i] = block[TRACK, i]
+            pack_factors(block[TRACK + 1 : TRACK + 7], factor[e])
+        else:
+            for i in range(6):
+                state[e, i] = np.nan
+            for i in range(21):
+                factor[e, i] = np.nan
+
+
+class LogFilter:
+    """A filter that is fed a log in chunks, forward; and each chunk backward, once what comes after it is known."""
+
+    def __init__(
+        self, model: Model, method: str = "spots", *, projection: str | None = None, engine: str = "compiled"
+    ) -> None:
+        """As for `Navigator`."""
+        self.model, self.method = model, method
+        self.block = choose(model, method, projection, engine)
+        self._reference = ReferenceEngine(self.block) if engine == "filterpy" else None
+
+    def forward(self, t: Vector, spots: Stack, control: Matrix, quaternion: Matrix, epochs: Epochs) -> None:
+        """Filter the next epochs.
+
+        t (n,), spots (n, beacons, 2), control (n, 6) or (0, 6), quaternion (n, 4) or (0, 4).
+        """
+        if len(quaternion):
+            self.block[SETTINGS, 2] = 1.0
+        spots = self.model.corrected(spots)
+        arguments = (
+            self.block,
+            t,
+            spots,
+            control,
+            quaternion,
+            epochs.state,
+            epochs.factor,
+            epochs.innovation,
+            epochs.nis,
+            epochs.codes,
+        )
+        if self._reference is None:
+            _run(*arguments)
+        else:
+            run_reference(*arguments, self._reference)
+
+    def backward(self, t: Vector, control: Matrix, epochs: Epochs, later: Matrix) -> None:
+        """Smooth filtered epochs in place; `later` is what stands after them, and then what stands at their first."""
+        self.block[INPUT] = 0.0
+        smooth_run(self.block, t, control, epochs.codes, epochs.state, epochs.factor, later)
+
+    @property
+    def restarts(self) -> int:
+        """How often a confirmed start has replaced a track."""
+        return max(0, int(self.block[CLOCK, 4]) - 1)
+
+    def solution(self, t: Vector, quaternion: Matrix, epochs: Epochs, *, smoothed: bool) -> Solution:
+        """The epochs for a reader."""
+        return Solution(
+            t_s=t,
+            state=epochs.state,
+            factor=epochs.factor,
+            innovation=epochs.innovation,
+            nis=epochs.nis,
+            dof=epochs.codes[:, 0],
+            status=epochs.codes[:, 1],
+            measurement_status=epochs.codes[:, 2],
+            model=self.model.name,
+            method=self.method,
+            restarts=self.restarts,
+            dcm_dock_from_lvlh=self.model.dcm_dock_from_lvlh,
+            port_m=self.model.port_position_m,
+            lever_lvlh_m=_levers(self.model, len(t), quaternion),
+            smoothed=smoothed,
+        )
+
+
+def filter_epochs(
+    model: Model,
+    t_s: Vector,
+    spots_m: Stack,
+    *,
+    acceleration_m_s2: Matrix | None = None,
+    delta_v_m_s: Matrix | None = None,
+    q_cam_from_lvlh: Matrix | None = None,
+    method: str = "spots",
+    projection: str | None = None,
+    engine: str = "compiled",
+    smooth: bool = False,
+    progress: Callable[[int], None] | None = None,
+) -> Solution:
+    """Filter a log that is already in memory: the same step as `Navigator`, epoch after epoch.
+
+    Parameters
+    ----------
+    model : Model
+        From `relnav.load_model`.
+    t_s : (n,)
+        Strictly increasing times.
+    spots_m : (n, 3, 2)
+        Detector coordinates of beacons A, B, C, m; NaN = not seen.
+    acceleration_m_s2, delta_v_m_s : (n, 3), optional
+        Control in `lvlh_ccsds`: acceleration held since the row before, impulse just before the row.
+    q_cam_from_lvlh : (n, 4), optional
+        Camera attitude of each row, unit quaternions, scalar last; the model's if left out.
+    method, projection, engine
+        As for `Navigator`.
+    smooth : bool
+        Run backward too: every state then rests on all measurements of its unbroken piece of track.
+    progress : callable, optional
+        Called with the number of epochs just done.
+
+    Raises
+    ------
+    ValueError
+        For shapes that do not agree, times that do not increase, control or attitude that is not usable.
+    """
+    t, spots = _epochs(model, t_s, spots_m)
+    n = len(t)
+    control = controls(n, acceleration_m_s2, delta_v_m_s)
+    quaternion = _quaternions(n, q_cam_from_lvlh)
+    log = LogFilter(model, method, projection=projection, engine=engine)
+    epochs = Epochs.empty(n, len(model.beacons_lvlh_m))
+    for begin in range(0, n, CHUNK):
+        part = slice(begin, min(n, begin + CHUNK))
+        log.forward(t[part], spots[part], control[part], quaternion[part], epochs.part(part))
+        if progress is not None:
+            progress(part.stop - part.start)
+    if smooth:
+        log.backward(t, control, epochs, nothing_later())
+    return log.solution(t, quaternion, epochs, smoothed=smooth)
+
+
+def _epochs(model: Model, t_s: Vector, spots_m: Stack) -> tuple[Vector, Stack]:
+    t = np.ascontiguousarray(t_s, dtype=np.float64)
+    if t.ndim != 1:
+        raise ValueError(f"t_s has one axis; got shape {t.shape}")
+    spots = np.ascontiguousarray(spots_m, dtype=np.float64)
+    expected = (len(t), len(model.beacons_lvlh_m), 2)
+    if spots.shape != expected:
+        raise ValueError(f"spots_m has shape {expected}; got {spots.shape}")
+    if not np.all(np.isfinite(t)) or np.any(np.diff(t) <= 0.0):
+        raise ValueError("t_s must be finite and strictly increasing")
+    return t, spots
+
+
+def controls(n: int, acceleration: Matrix | None, delta_v: Matrix | None) -> Matrix:
+    """Acceleration and impulse of each row, (n, 6), or (0, 6) if there are none."""
+    if acceleration is None and delta_v is None:
+        return np.empty((0, 6))
+    control = np.zeros((n, 6))
+    if acceleration is not None:
+        control[:, :3] = vector("acceleration_m_s2", acceleration, (n, 3))
+    if delta_v is not None:
+        control[:, 3:] = vector("delta_v_m_s", delta_v, (n, 3))
+    return control
+
+
+def _quaternions(n: int, q_cam_from_lvlh: Matrix | None) -> Matrix:
+    """Camera attitude of each row, (n, 4), or (0, 4) if the model's is to be used."""
+    if q_cam_from_lvlh is None:
+        return np.empty((0, 4))
+    quaternion = np.ascontiguousarray(vector("q_cam_from_lvlh", q_cam_from_lvlh, (n, 4)))
+    if np.any(np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) > 9e-4):
+        raise ValueError("q_cam_from_lvlh must hold unit quaternions (x, y, z, w)")
+    return quaternion
+
+
+def _levers(model: Model, n: int, quaternion: Matrix) -> Matrix:
+    """Camera from the chaser's centre of mass in `lvlh_ccsds`, (n, 3), or (1, 3) where it is held."""
+    lever = model.camera_lever_cam_m
+    if not np.any(lever) or len(quaternion) == 0:
+        return (model.dcm_cam_from_lvlh.T @ lever)[None]
+    out = np.empty((n, 3))
+    dcm = np.empty((3, 3))
+    for e in range(n):
+        dcm_from_quaternion_into(quaternion[e], dcm)
+        out[e] = dcm.T @ lever
+    return out
