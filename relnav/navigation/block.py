@@ -137,3 +137,13 @@ def beacon_row(block: Matrix, beacon: int) -> int:
 def gate_limit(block: Matrix, dof: int) -> float:
     """Chi-square limit for so many degrees of freedom."""
     return float(block[int(block[LAYOUT, 1]) + (dof - 1) // 6, (dof - 1) % 6])
+
+
+@kernel
+def set_spot_sigma(block: Matrix, sigma: Matrix) -> None:
+    """Set the spots' 1-sigma (beacons, 2) m from this epoch on; where it is NaN the last one stays."""
+    for beacon in range(int(block[LAYOUT, 0])):
+        row = int(block[LAYOUT, 2]) + BEACON_ROWS * beacon
+        for k in range(2):
+            if sigma[beacon, k] > 0.0:
+                block[row + POSITION, 3 + k] = sigma[beacon, k]

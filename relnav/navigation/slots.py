@@ -41,9 +41,11 @@ def filter_slots(
     acceleration_m_s2, delta_v_m_s, q_cam_from_lvlh, method, projection, smooth
         As for `filter_epochs`, a row a slot.
     """
-    mission = _with_noise_of(model, slots)
-    spots, _ = slots.epochs()
-    images, _ = slots.images()
+    (spots, spot_sigma), (images, image_sigma) = slots.epochs(), slots.images()
+    sigma = np.where(np.isnan(spot_sigma), image_sigma, spot_sigma)  # an image's own beacons have no other
+    if model.calibration is not None:
+        places = np.where(np.isnan(spots), images, spots)
+        sigma = np.hypot(sigma, model.calibration.sigma(places))
     each_slot = method == "spots" and (model.attitude.mode == "lvlh_hold" or q_cam_from_lvlh is not None)
 
     def run(begin: int, part: Stack) -> Solution:
@@ -51,13 +53,14 @@ def filter_slots(
             return None if values is None else values[begin : begin + len(part)]
 
         return filter_epochs(
-            mission,
+            model,
             slots.t_s[begin : begin + len(part)],
             part,
             acceleration_m_s2=cut(acceleration_m_s2),
             delta_v_m_s=cut(delta_v_m_s),
             q_cam_from_lvlh=cut(q_cam_from_lvlh),
             method=method,
+            spot_sigma_m=sigma[begin : begin + len(part)],
             projection=projection,
             smooth=smooth,
         )
@@ -84,14 +87,6 @@ def filter_slots(
         pieces.append(whole.part(begin - first, end - first))
         begin, first = end, after
     return _joined(pieces)
-
-
-def _with_noise_of(model: Model, slots: Slots) -> Model:
-    """The model with the log's own spot noise: rms of what the received power says, as one number."""
-    if not np.isfinite(slots.sigma_m).any():
-        return model
-    sigma = float(np.sqrt(np.nanmean(slots.sigma_m**2)))
-    return dataclasses.replace(model, sensor=dataclasses.replace(model.sensor, spot_noise_m=sigma))
 
 
 def _rows_to_start(track: Solution) -> int:
