@@ -57,7 +57,8 @@ class FilterRecord:
     @property
     def covariance(self) -> Matrix:
         """Covariance of `state`, (6, 6)."""
-        return symmetric(self._view()[9:])[0]
+        covariance: Matrix = symmetric(self._view()[9:])[0]
+        return covariance
 
     def _view(self) -> Matrix:
         """`docking_view.VIEW_ROWS` of this epoch, (30, 1)."""
@@ -84,7 +85,8 @@ class FilterRecord:
     @property
     def docking_covariance(self) -> Matrix:
         """Covariance of (range m, azimuth rad, elevation rad), (3, 3)."""
-        return symmetric(self._view()[3:9])[0]
+        covariance: Matrix = symmetric(self._view()[3:9])[0]
+        return covariance
 
     @property
     def sigma_range_m(self) -> float:
