@@ -19,9 +19,10 @@ from relnav.geometry.spherical import position_from_angles
 from relnav.mission import Model
 from relnav.sensors.three_beacon.measure import measure
 
-RANGES_M = (2.0, 3.0, 4.0, 5.0, 6.0, 6.5, 7.0, 8.0, 9.0, 10.0)
+RANGES_M = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 6.5, 7.0, 8.0, 9.0, 10.0)
 QUANTITIES = (("range", "m", 1.0), ("azimuth", "deg", math.degrees(1.0)), ("elevation", "deg", math.degrees(1.0)))
 OFF_AXIS_DEG = (5.0, -3.0)
+LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 PERIOD_S = 0.1
 """Of images, for a model without a time code."""
 
@@ -126,7 +127,8 @@ def budget_of(model: Model, ranges_m: tuple[float, ...] = RANGES_M) -> Budget:
         raise ValueError(
             f"{model.path or model.name}: a budget needs the section [tolerances]; three_beacon_psd shows its keys"
         )
-    period = PERIOD_S if model.pulses is None else model.pulses.cycle_s
+    slots = len(model.beacons_lvlh_m) + (model.pulses is not None and model.pulses.dark_slot)
+    period = PERIOD_S if model.pulses is None else slots * model.pulses.slot_s
     places = tuple(_place(model, range_m, period) for range_m in ranges_m)
     return Budget(model.name, period, places, field_limits(model), saturation_range_m(model))
 
@@ -146,24 +148,22 @@ def _place(model: Model, range_m: float, period_s: float) -> BudgetPlace:
         ),
         _perspective(model, range_m),
     ]
-    names = "".join(name for name, seen in zip("ABC", at.visible, strict=True) if seen)
+    names = "".join(name for name, seen in zip(LETTERS, at.visible, strict=False) if seen)
     return BudgetPlace(range_m, names, at.sigma_m.mean(axis=1), tuple(lines), _diagonal(filtered.bound))
 
 
 def _lasting(model: Model, at: Sensitivity) -> list[tuple[str, bool, Matrix]]:
-    """Lasting errors of the spots: name, whether it counts, and columns (6, k) of independent 1-sigma errors."""
+    """Lasting errors of the spots: name, whether it counts, and columns (2 n, k) of independent 1-sigma errors."""
     t = model.tolerances
     assert t is not None
     raw = t.distortion_limit_m / math.sqrt(3.0)
     calibrated = model.calibration is not None
     left = model.calibration.residual_sigma_m if model.calibration is not None else 10e-6 / 3.0
-    turn = np.zeros((9, 3))
-    for i, beacon in enumerate(model.sensor.beacons_dock_m):
-        turn[3 * i : 3 * i + 3] = -cross_matrix(beacon)  # theta x B = -[B]x theta
+    turn = np.concatenate([-cross_matrix(beacon) for beacon in model.sensor.beacons_dock_m])  # theta x B
     unseen = np.where(np.repeat(at.visible, 2), 1.0, 0.0)[:, None]
     return [
-        ("distortion, not calibrated", not calibrated, raw * unseen * np.eye(6)),
-        ("distortion left by calibration", calibrated, left * unseen * np.eye(6)),
+        ("distortion, not calibrated", not calibrated, raw * unseen * np.eye(len(unseen))),
+        ("distortion left by calibration", calibrated, left * unseen * np.eye(len(unseen))),
         (
             "focal length",
             True,
@@ -177,12 +177,13 @@ def _lasting(model: Model, at: Sensitivity) -> list[tuple[str, bool, Matrix]]:
 
 
 def _slot_errors(model: Model, at: Sensitivity) -> Matrix:
-    """Errors (6, 5) of spots that are dated to the middle slot: motion along y and z, and turns about three axes."""
+    """Errors (2 n, 5) of spots dated to the middle of the slots: motion along y and z, and turns about three axes."""
     t = model.tolerances
     assert t is not None
     if model.pulses is None:
-        return np.zeros((6, 5))
-    late = np.repeat(np.array([-1.0, 0.0, 1.0]) * model.pulses.slot_s, 2)[:, None]
+        return np.zeros((len(at.by_position), 5))
+    middle = 0.5 * (len(at.visible) - 1)
+    late = np.repeat((np.arange(len(at.visible)) - middle) * model.pulses.slot_s, 2)[:, None]
     motion = at.by_position[:, 1:] * t.speed_m_s
     moved: Matrix = late * np.concatenate([motion, at.by_camera_turn * t.turn_rate_rad_s], axis=1)
     return moved
@@ -197,7 +198,7 @@ def _perspective(model: Model, range_m: float) -> BudgetLine:
     p = np.empty(3)
     position_from_angles(np.array([range_m, azimuth, elevation]), p)
     wide = dataclasses.replace(model.sensor, detector_size_m=(1.0, 1.0))  # the field's edge is another matter
-    got = measure(true_spots(model, p, "real"), wide, projection="parallel")
+    got = measure(true_spots(model, p, "real")[:3], wide, projection="parallel")
     error: Vector = np.abs(got.value - np.array([range_m, azimuth, elevation]))
     return BudgetLine("printed form, 5 deg off axis", model.sensor.projection == "parallel", error, np.zeros(3))
 
@@ -215,8 +216,8 @@ def _table(budget: Budget) -> list[str]:
     ranges = "".join(f"{place.range_m:9g}" for place in budget.places)
     out = [f"model {budget.model}: 1-sigma on the docking axis, by range; brackets: not in the total"]
     out.append(f"{'range, m':<34}{ranges}")
-    out.append(f"{'beacons on the detector':<34}" + "".join(f"{place.visible:>9}" for place in budget.places))
-    for i, name in enumerate("ABC"):
+    out.append(f"{'beacons on the detector':<34}" + "".join(f"{place.visible or '-':>9}" for place in budget.places))
+    for i, name in enumerate(LETTERS[: len(budget.places[0].spot_noise_m)]):
         cells = "".join(f"{place.spot_noise_m[i] * 1e6:9.2f}" for place in budget.places)
         out.append(f"{f'spot noise of {name}, um':<34}{cells}")
     for which, title in (("single", "one fix"), ("settled", f"settled filter, a cycle every {budget.period_s:g} s")):

@@ -2,9 +2,10 @@
 
 A beacon B seen from p by a camera of attitude C and focal length f makes the spot s = f (c_x, c_y) / c_z,
 c = C (B - p). With D = ds/dc = f / c_z [1 0 -c_x/c_z; 0 1 -c_y/c_z]: ds/dp = -D C, ds/dB = D C, ds/df = s / f; and for
-a small turn theta of the camera, ds/dtheta = D [c]x. Docking-frame; coordinates are stacked A'x, A'y, B'x, ... C'y.
+a small turn theta of the camera, ds/dtheta = D [c]x. Docking-frame; coordinates are stacked A'x, A'y, B'x, ...
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,21 +28,21 @@ def cross_matrix(v: Vector) -> Matrix:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Spots seen from one place, and their derivatives; rows are the six coordinates.
+    """Spots of n beacons seen from one place, and their derivatives; rows are the 2 n coordinates.
 
     Attributes
     ----------
     position_m : (3,)
         Camera in the docking frame.
-    spots_m, sigma_m : (3, 2), (3, 2)
+    spots_m, sigma_m : (n, 2), (n, 2)
         Without noise; and their noise, by received power if the model says how.
-    visible : (3,)
+    visible : (n,)
         Which beacons are on the detector.
-    by_position, by_camera_turn : (6, 3)
+    by_position, by_camera_turn : (2 n, 3)
         ds/dp and ds/dtheta (theta in camera axes).
-    by_beacons : (6, 9)
-        By the coordinates of A, B, C in turn.
-    by_focal_length : (6,)
+    by_beacons : (2 n, 3 n)
+        By the coordinates of the beacons in turn.
+    by_focal_length : (2 n,)
         Per m.
     """
 
@@ -56,7 +57,7 @@ class Sensitivity:
 
     @property
     def rows(self) -> Codes:
-        """Coordinates of visible beacons, numbers within 0 .. 5."""
+        """Coordinates of visible beacons, numbers within 0 .. 2 n - 1."""
         return np.flatnonzero(np.repeat(self.visible, 2))
 
 
@@ -75,8 +76,10 @@ def sensitivity(model: Model, position_dock_m: Vector) -> Sensitivity:
     f = model.sensor.focal_length_m
     dcm = model.dcm_cam_from_lvlh @ model.dcm_dock_from_lvlh.T  # cam from dock
     spots = project_beacons(model, state)[0]
-    by_position, by_turn, by_beacons = np.zeros((6, 3)), np.zeros((6, 3)), np.zeros((6, 9))
-    for i, beacon in enumerate(model.sensor.beacons_dock_m):
+    beacons = model.sensor.beacons_dock_m
+    n = len(beacons)
+    by_position, by_turn, by_beacons = np.zeros((2 * n, 3)), np.zeros((2 * n, 3)), np.zeros((2 * n, 3 * n))
+    for i, beacon in enumerate(beacons):
         c = dcm @ (beacon - position)
         d = f / c[2] * np.array([[1.0, 0.0, -c[0] / c[2]], [0.0, 1.0, -c[1] / c[2]]])
         rows = slice(2 * i, 2 * i + 2)
@@ -104,13 +107,14 @@ def angles_by_position(position_dock_m: Vector) -> Matrix:
 
 
 def fix_by_spots(model: Model, at: Sensitivity) -> Matrix:
-    """d(range m, azimuth rad, elevation rad)/d(spots) of the model's closed form, (3, 6); NaN where it has none."""
-    sensor, jacobian = model.sensor, np.full((3, 6), np.nan)
-    if not at.visible.all():
-        return jacobian
-    usable = fix_jacobian(
+    """d(range m, azimuth rad, elevation rad)/d(spots) of the model's closed form, (3, 2 n); NaN where it has none.
+
+    It uses A, B and C only.
+    """
+    sensor, jacobian = model.sensor, np.zeros((3, 6))
+    usable = bool(at.visible[:3].all()) and fix_jacobian(
         at.position_m,
-        np.ascontiguousarray(at.spots_m),
+        np.ascontiguousarray(at.spots_m[:3]),
         sensor.focal_length_m,
         sensor.beacon_half_spacing_m,
         sensor.beacon_c_distance_m,
@@ -118,7 +122,9 @@ def fix_by_spots(model: Model, at: Sensitivity) -> Matrix:
         jacobian,
         np.zeros((WORK_ROWS, 6)),
     )
-    return jacobian if usable else np.full((3, 6), np.nan)
+    out = np.zeros((3, len(at.by_position)))
+    out[:, :6] = jacobian if usable else math.nan
+    return out
 
 
 @dataclass(frozen=True)
@@ -134,7 +140,7 @@ class Settled:
     bound : (3, 3)
         The same in closed form: each direction of the fix's information settles as a double integrator under white
         acceleration (Kalman-Bucy), sigma^2 = sqrt(2) q^(1/4) (r T)^(3/4) for noise r every T; NaN where unobservable.
-    by_bias : (3, 6)
+    by_bias : (3, 2 n)
         Error of (range, azimuth, elevation) per lasting error of each coordinate; 0 for those not seen.
     """
 
@@ -150,7 +156,7 @@ def settled(model: Model, at: Sensitivity, period_s: float) -> Settled:
     A lasting error e of the spots shifts the settled estimate by (I - (I - K H) Phi)^-1 K e.
     """
     n, density = model.orbit.mean_motion_rad_s, model.process_noise.acceleration_noise_density_m2_s3
-    rows = at.rows
+    rows, numbers = at.rows, len(at.by_position)
     nothing = np.full((3, 3), np.nan)
     h = np.zeros((len(rows), 6))
     h[:, :3] = at.by_position[rows] @ model.dcm_dock_from_lvlh
@@ -160,10 +166,10 @@ def settled(model: Model, at: Sensitivity, period_s: float) -> Settled:
     empty = SteadyState(False, np.full((6, 6), np.nan), np.full((6, 6), np.nan), np.empty((6, 0)), np.zeros(6))
     state = steady_state(phi, acceleration_noise(n, period_s, density), h, r) if len(rows) else empty
     if not state.detectable:
-        return Settled(state, nothing, nothing, np.full((3, 6), np.nan))
+        return Settled(state, nothing, nothing, np.full((3, numbers), np.nan))
     view = to_angles @ model.dcm_dock_from_lvlh
     gain = np.linalg.solve(np.eye(6) - (np.eye(6) - state.gain @ h) @ phi, state.gain)
-    by_bias = np.zeros((3, 6))
+    by_bias = np.zeros((3, numbers))
     by_bias[:, rows] = view @ gain[:3]
     information = at.by_position[rows].T @ np.linalg.solve(r, at.by_position[rows])
     size, direction = np.linalg.eigh(information)

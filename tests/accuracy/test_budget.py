@@ -249,3 +249,25 @@ def test_close_in_only_c_is_seen_and_nothing_is_invented(model):
 def test_a_model_without_tolerances(model):
     with pytest.raises(ValueError, match=r"a budget needs the section \[tolerances\]"):
         budget_of(dataclasses.replace(model, tolerances=None))
+
+
+class WithTriads(relnav.three_beacon.ThreeBeaconSensor):
+    """Small equilateral triads besides A, B, C: 0.06 m for the last two metres, 0.03 m for the last one."""
+
+    @property
+    def beacons_dock_m(self):
+        triads = [[[0, a, 0], [0, -a, 0], [math.sqrt(3.0) * a, 0, 0]] for a in (0.06, 0.03)]
+        return np.concatenate([super().beacons_dock_m, *triads])
+
+
+def test_small_triads_carry_the_last_metres(model):
+    """A, B are off inside 3.75 m, D, E inside 0.75 m, G, H inside 0.375 m; range is then known from what is left."""
+    sensor = WithTriads(**vars(model.sensor))
+    places = budget_of(dataclasses.replace(model, sensor=sensor), (0.7, 1.0, 2.0, 5.0)).places
+    assert [place.visible for place in places] == ["CFGHI", "CDEFGHI", "CDEFGHI", "ABCDEFGHI"]
+    settled_m = [place.lines[0].settled[0] for place in places]
+    assert np.isfinite(settled_m).all()
+    assert max(settled_m[:3]) < 0.001
+    alone = budget_of(model, (5.0,)).places[0].lines[0].settled[0]
+    assert settled_m[3] < 1.6 * alone  # a longer cycle for nine beacons, and little from the small ones far out
+    assert np.isnan(places[1].total("single")).all()  # the closed form needs A, B and C
