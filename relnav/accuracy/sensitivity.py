@@ -158,20 +158,23 @@ def settled(model: Model, at: Sensitivity, period_s: float) -> Settled:
     n, density = model.orbit.mean_motion_rad_s, model.process_noise.acceleration_noise_density_m2_s3
     rows, numbers = at.rows, len(at.by_position)
     nothing = np.full((3, 3), np.nan)
+    to_angles = angles_by_position(at.position_m)
+    if not len(rows):
+        nobody = SteadyState(False, np.full((6, 6), np.nan), np.full((6, 6), np.nan), np.empty((6, 0)), np.zeros(6))
+        return Settled(nobody, nothing, nothing, np.full((3, numbers), np.nan))
+    sigma = at.sigma_m.ravel()[rows]
     h = np.zeros((len(rows), 6))
     h[:, :3] = at.by_position[rows] @ model.dcm_dock_from_lvlh
-    r = np.diag(at.sigma_m.ravel()[rows] ** 2)
-    to_angles = angles_by_position(at.position_m)
     phi = transition(n, period_s)
-    empty = SteadyState(False, np.full((6, 6), np.nan), np.full((6, 6), np.nan), np.empty((6, 0)), np.zeros(6))
-    state = steady_state(phi, acceleration_noise(n, period_s, density), h, r) if len(rows) else empty
+    state = _scaled_steady_state(phi, acceleration_noise(n, period_s, density), h, sigma)
     if not state.detectable:
         return Settled(state, nothing, nothing, np.full((3, numbers), np.nan))
     view = to_angles @ model.dcm_dock_from_lvlh
     gain = np.linalg.solve(np.eye(6) - (np.eye(6) - state.gain @ h) @ phi, state.gain)
     by_bias = np.zeros((3, numbers))
     by_bias[:, rows] = view @ gain[:3]
-    information = at.by_position[rows].T @ np.linalg.solve(r, at.by_position[rows])
+    whitened = at.by_position[rows] / sigma[:, None]
+    information = whitened.T @ whitened
     size, direction = np.linalg.eigh(information)
     if size[0] > 1e-12 * size[-1]:
         variance = np.sqrt(2.0) * density**0.25 * (period_s / size) ** 0.75
@@ -179,3 +182,19 @@ def settled(model: Model, at: Sensitivity, period_s: float) -> Settled:
     else:
         bound = nothing
     return Settled(state, view @ state.posterior[:3, :3] @ view.T, bound, by_bias)
+
+
+def _scaled_steady_state(phi: Matrix, q: Matrix, h: Matrix, sigma: Vector) -> SteadyState:
+    """`steady_state` in units in which its numbers are near one: close in, metres and the noise are far apart."""
+    unit = float(np.median(sigma) / np.abs(h).max())
+    scale = np.array([unit] * 3 + [unit / 10.0] * 3)  # m, m/s: seen within some ten seconds
+    whitened = h / sigma[:, None]
+    found = steady_state(phi * scale / scale[:, None], q / np.outer(scale, scale), whitened * scale, np.eye(len(h)))
+    both = np.outer(scale, scale)
+    return SteadyState(
+        found.detectable,
+        found.prior * both,
+        found.posterior * both,
+        found.gain * scale[:, None] / sigma,
+        found.observability,
+    )

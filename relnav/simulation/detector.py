@@ -85,7 +85,7 @@ def spot_sigmas(model: Model, state: Matrix, dcm_cam_from_lvlh: Stack | None = N
     if model.detector is None or model.light is None:
         return np.where(np.isnan(spots), np.nan, model.sensor.spot_noise_m)
     samples = 1 if model.pulses is None else model.pulses.samples
-    dark = model.pulses.dark_average * samples if model.pulses is not None and model.pulses.dark_slot else np.inf
+    dark = model.pulses.dark_samples if model.pulses is not None and model.pulses.dark_slot else np.inf
     return spot_sigma(
         model.detector,
         model.sensor.detector_size_m,

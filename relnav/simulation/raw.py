@@ -8,7 +8,7 @@ import numpy as np
 from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.mission import Model
 from relnav.sensors.three_beacon.psd import counts_of_currents, currents_of_spots, noisy_currents
-from relnav.sensors.three_beacon.pulses import Pulses
+from relnav.sensors.three_beacon.pulses import DARK, Pulses
 from relnav.simulation.beacon_faults import BeaconFault, in_slot, mirrored, shining
 from relnav.simulation.detector import background_current_a, photocurrents, project_beacons
 from relnav.simulation.distortion import Distortion
@@ -74,9 +74,11 @@ def slot_counts(
         detector, size, np.where(np.expand_dims(on, -1), spots, 0.0), np.where(on, current * share, 0.0)
     )
     mean = each.sum(axis=1) + background_current_a(model)
-    counts = counts_of_currents(detector, noisy_currents(detector, np.repeat(mean[:, None], pulses.samples, 1), rng))
-    full = 2.0**detector.adc_bits - 1.0
-    return np.where((counts >= full).any(axis=1), full, counts.mean(axis=1))
+    out, full = np.empty((len(mean), 4)), 2.0**detector.adc_bits - 1.0
+    for rows, samples in ((beacon != DARK, pulses.samples), (beacon == DARK, pulses.dark_samples)):
+        counts = counts_of_currents(detector, noisy_currents(detector, np.repeat(mean[rows, None], samples, 1), rng))
+        out[rows] = np.where((counts >= full).any(axis=1), full, counts.mean(axis=1))
+    return out
 
 
 def simulate_raw(

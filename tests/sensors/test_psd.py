@@ -75,7 +75,7 @@ def test_ten_micrometres_at_the_working_range(model):
     def sigma_um(range_m):
         power = light.received_power_w(np.array(range_m), np.array(0.0), np.array(0.0))
         s = power * detector.responsivity_a_w * detector.axis_share
-        return 1e6 * spot_sigma(detector, SIZE, np.zeros(2), s, background, dark_samples=10)[0]
+        return 1e6 * spot_sigma(detector, SIZE, np.zeros(2), s, background, dark_samples=64)[0]
 
     assert sigma_um(6.5) == pytest.approx(10.0, rel=0.03)
     assert sigma_um(10.0) == pytest.approx(10.0 * (10.0 / 6.5) ** 2, rel=0.05)

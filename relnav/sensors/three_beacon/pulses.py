@@ -27,15 +27,17 @@ class Pulses:
         Converter samples averaged in a slot, spread evenly between the guards; one stands in the middle.
     dark_slot : bool
         Whether a cycle ends with a slot in which all beacons are off: background, and proof of being in step.
-    dark_average : int
-        Dark slots whose mean is subtracted.
+    dark_samples : int
+        Converter samples averaged in a dark slot. The background of a cycle is the last dark slot's, so its noise is in
+        all three spots: it wants many samples, and a mean over several cycles would not help a filter that averages
+        longer than those.
     """
 
     slot_s: Annotated[float, Gt(0.0)]
     guard_s: Annotated[float, Ge(0.0)]
     samples: Annotated[int, Ge(1)] = 1
     dark_slot: bool = True
-    dark_average: Annotated[int, Ge(1)] = 10
+    dark_samples: Annotated[int, Ge(1)] = 64
 
     def __post_init__(self) -> None:
         if not self.guard_s < 0.5 * self.slot_s:

@@ -97,7 +97,7 @@ def read_slots(
     t_s, beacon, currents_a : (n,), (n,), (n, 4)
         Times, beacons (3: dark), currents of x1, x2, y1, y2; NaN = missing, inf = saturated.
     """
-    dark = _background(pulses, beacon, currents_a)
+    dark = _background(beacon, currents_a)
     status = slot_status(detector, currents_a, dark)
     lit = beacon != DARK
     status[~lit & (status == int(SlotStatus.UNDER_RANGE))] = int(SlotStatus.OK)  # as a dark slot should be
@@ -119,23 +119,21 @@ def read_slots(
         total.mean(axis=1),
         dark[usable].mean(axis=1),
         samples=pulses.samples,
-        dark_samples=pulses.samples * pulses.dark_average if (beacon == DARK).any() else math.inf,
+        dark_samples=pulses.dark_samples if (beacon == DARK).any() else math.inf,
     )
     with np.errstate(invalid="ignore"):
         current = 0.5 * signal.sum(axis=1)
     return Slots(t_s, beacon, spots, sigma, current, status)
 
 
-def _background(pulses: Pulses, beacon: Codes, currents_a: Matrix) -> Matrix:
-    """Mean currents (n, 4) of the last `dark_average` dark slots before each row; before the first, that one."""
+def _background(beacon: Codes, currents_a: Matrix) -> Matrix:
+    """Currents (n, 4) of the last whole dark slot before each row; before the first, that one; zero without any."""
     rows = np.flatnonzero((beacon == DARK) & np.isfinite(currents_a).all(axis=1))
     if rows.size == 0:
         return np.zeros_like(currents_a)
-    total = np.concatenate([np.zeros((1, 4)), np.cumsum(currents_a[rows], axis=0)])
-    end = np.maximum(np.searchsorted(rows, np.arange(len(beacon))), 1)
-    begin = np.maximum(end - pulses.dark_average, 0)
-    mean: Matrix = (total[end] - total[begin]) / (end - begin)[:, None]
-    return mean
+    last = np.maximum(np.searchsorted(rows, np.arange(len(beacon))) - 1, 0)
+    background: Matrix = currents_a[rows[last]]
+    return background
 
 
 def _out_of_step(detector: Detector, beacon: Codes, currents_a: Matrix) -> Flags:
