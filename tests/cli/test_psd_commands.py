@@ -144,6 +144,6 @@ def test_spot_noise_by_received_power_is_in_the_log(run, tmp_path):
     lines = [line for line in out.read_text().splitlines() if not line.startswith("#")]
     header = lines[0].split(",")
     first = dict(zip(header, map(float, lines[1].split(",")), strict=True))
-    assert first["sigma_spot_a_x_um"] == pytest.approx(24.4, abs=1.0)
+    assert first["sigma_spot_a_x_um"] == pytest.approx(23.4, abs=1.0)
     assert first["sigma_spot_c_x_um"] < first["sigma_spot_a_x_um"]
     assert run("filter", out, "--model", "three_beacon_psd")[0] == 0
