@@ -63,7 +63,8 @@ def filter_raw_log(
     noise = np.nanmean(slots.sigma_m**2) ** 0.5 if np.isfinite(slots.sigma_m).any() else np.nan
     solution.metadata["spot noise"] = f"{noise * 1e6:.3g} um rms, from the received power"
     wrong = findings(beacon_health(model, slots, solution, raw.q_cam_from_lvlh))
-    solution.metadata["beacons"] = "; ".join(wrong) or "nothing wrong found"
+    judged = "nothing wrong found" if np.isfinite(solution.state).any() else "not judged: there is no track"
+    solution.metadata["beacons"] = "; ".join(wrong) or judged
     if raw.ignored:
         solution.metadata["ignored columns"] = ", ".join(raw.ignored)
     return solution

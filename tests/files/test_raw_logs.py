@@ -140,3 +140,12 @@ def test_a_model_without_a_detector(model, write_log, rows):
     path = write_log("\n".join(rows))
     with pytest.raises(relnav.ModelError, match=r"a raw log is read with the model's \[detector\] and \[pulses\]"):
         filter_log(path, dataclasses.replace(model, detector=None))
+
+
+def test_beacons_exchanged_from_the_start_are_not_called_well(model, flown, tmp_path):
+    """Without a track nothing is judged; the start says SWAPPED."""
+    exchanged = dataclasses.replace(flown, beacon=np.array([1, 0, 2, 3])[flown.beacon])
+    write_raw_log(exchanged, tmp_path / "raw.csv")
+    track = filter_log(tmp_path / "raw.csv", model)
+    assert track.metadata["beacons"] == "not judged: there is no track"
+    assert (track.measurement_status == relnav.Status.SWAPPED).any()
