@@ -1,131 +1,346 @@
-"""How fast: relnav beside what a user writes with numpy or filterpy, same data, one process, answers checked first.
+"""How fast: relnav beside what a user writes with numpy, filterpy and others, same data, one process, answers first.
 
-    python benchmarks/speed.py --out speed.json
+    python benchmarks/speed.py --out speed.json          (a few minutes; needs the extra `bench` for all peers)
+    python benchmarks/speed.py --long                    (adds a log of 1e8 epochs, filtered and smoothed: an hour)
 
-Every figure is thread CPU time, minimum and median over interleaved rounds; only the ratios mean anything on another
-machine. The problem: fixes of the three-beacon sensor (closed form exact for central projection, R from the analytic
-Jacobian), Clohessy-Wiltshire prediction, update.
+Every figure is thread CPU time (files: process CPU time), minimum and median over interleaved rounds; only the ratios
+mean anything on another machine. The problem: images of the three-beacon sensor; closed form exact for central
+projection, R from the analytic Jacobian, Clohessy-Wiltshire prediction, update. relnav also gates, computes NIS and
+stores everything.
 """
 
 import argparse
 import dataclasses
+import importlib.util
 import json
+import resource
 import statistics
+import subprocess
+import sys
+import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
-from peers.by_hand import ByHand, OnFilterpy
+from peers import linear
+from peers.by_hand import ByHand, OnFilterpy, OnKalmanPy, filterpy_smoother
 
 import relnav
 from relnav.dynamics.clohessy_wiltshire import transition
+from relnav.files.filter_file import filter_file
+from relnav.files.simulated import write_log
 from relnav.mission import ProcessNoise
+from relnav.navigation.log import Epochs, LogFilter, controls
+from relnav.navigation.smoothing import nothing_later
 from relnav.simulation.detector import Faults, image
 from relnav.simulation.scenario import SimulatedLog
 
 EPOCHS = 2000
 PEER_EPOCHS = 300
+FILE_EPOCHS = 200_000
+START = 5
 
 
-def prepare():
+def prepare(epochs=EPOCHS):
     """A mission without control errors, and the images of a chaser that drifts in from 9 m."""
     model = relnav.load_model("three_beacon_psd")
     density = model.process_noise.acceleration_noise_density_m2_s3
     model = dataclasses.replace(model, process_noise=ProcessNoise(density))
     phi, x = transition(model.orbit.mean_motion_rad_s, 0.1), np.array([9.0, 0.2, -0.1, -0.01, 0.0, 0.0])
-    truth = np.empty((EPOCHS, 6))
-    for e in range(EPOCHS):
+    truth = np.empty((epochs, 6))
+    for e in range(epochs):
         truth[e], x = x, phi @ x
     spots = image(model, truth, Faults(), np.random.default_rng(1))
-    return model, SimulatedLog(np.arange(EPOCHS) * 0.1, spots, np.zeros((EPOCHS, 3)), truth)
+    return model, SimulatedLog(np.arange(epochs) * 0.1, spots, np.zeros((epochs, 3)), truth)
 
 
-def check_answers(model, log):
-    """Assert that all three compute the same: states within 1e-6 sigma over 300 epochs from one start."""
-    solution = relnav.filter_epochs(model, log.t_s, log.spots_m, method="fix")
-    start = 5
-    x, covariance = solution.state[start], solution.covariance[start]
-    hand = ByHand(model)
-    phi, q = hand.transition(0.1)
-    user = OnFilterpy(hand, x, covariance, phi, q)
-    for e in range(start + 1, start + PEER_EPOCHS):
-        x, covariance, nis = hand.step(x, covariance, phi, q, log.spots_m[e])
-        theirs = user.step(log.spots_m[e])
-        for name, state in (("numpy", x), ("filterpy", theirs)):
-            worst = np.max(np.abs(state - solution.state[e]) / solution.sigma[e])
-            assert worst < 1e-6, f"{name} differs by {worst:.1e} sigma at epoch {e}"
-        assert abs(nis - solution.nis[e]) < 1e-6 * (1.0 + nis)
-    return hand, phi, q, solution.state[start], solution.covariance[start], start
+def installed(package):
+    """Whether a peer is there; if not, its rows are left out."""
+    if importlib.util.find_spec(package) is None:
+        print(f"{package} is not installed and left out: pip install 'relnav[bench]'")
+        return False
+    return True
 
 
-def contenders(model, log, hand, phi, q, x0, covariance0, start):
-    """Name -> (epochs, function that filters that many)."""
-    spots = log.spots_m[start + 1 :]
+class Problem:
+    """Data, answers of relnav, and the peers ready to run."""
 
-    def filterpy_user():
-        user = OnFilterpy(hand, x0, covariance0, phi, q)
-        for e in range(PEER_EPOCHS):
-            user.step(spots[e])
+    def __init__(self):
+        """Simulate, filter, and check every peer's answers: states within 1e-6 sigma over 300 epochs."""
+        self.model, self.log = prepare()
+        self.hand = ByHand(self.model)
+        self.phi, self.q = self.hand.transition(0.1)
+        self.solution = relnav.filter_epochs(self.model, self.log.t_s, self.log.spots_m, method="fix")
+        self.x, self.covariance = self.solution.state[START], self.solution.covariance[START]
+        self.images = list(self.log.spots_m)
+        self.peer_images = self.images[START + 1 : START + 1 + PEER_EPOCHS]
+        self.check()
 
-    def numpy_user():
-        x, covariance = x0, covariance0
-        for e in range(PEER_EPOCHS):
-            x, covariance, _ = hand.step(x, covariance, phi, q, spots[e])
+    def check(self):
+        """Assert that all compute the same."""
+        users = {"filterpy": self.user(OnFilterpy)}
+        if installed("kalman_py"):
+            users["kalman-py"] = self.user(OnKalmanPy)
+        x, covariance = self.x, self.covariance
+        for k, spots in enumerate(self.peer_images):
+            e = START + 1 + k
+            x, covariance, nis = self.hand.step(x, covariance, self.phi, self.q, spots)
+            for name, state in [("numpy", x)] + [(name, user.step(spots)) for name, user in users.items()]:
+                worst = np.max(np.abs(state - self.solution.state[e]) / self.solution.sigma[e])
+                assert worst < 1e-6, f"{name} differs by {worst:.1e} sigma at epoch {e}"
+            assert abs(nis - self.solution.nis[e]) < 1e-6 * (1.0 + nis)
 
-    def per_epoch(method):
-        def run():
-            navigator = relnav.Navigator(model, method)
-            step = navigator.step
-            for t, z in zip(log.t_s.tolist(), log.spots_m, strict=True):
-                step(t, z)
+    def user(self, cls):
+        """A peer's filter, started."""
+        return cls(self.hand, self.x, self.covariance, self.phi, self.q)
 
-        return run
+    def peers(self):
+        """Name -> (epochs, function that filters that many)."""
 
-    def whole_log(method, smooth):
-        def run():
-            relnav.filter_epochs(model, log.t_s, log.spots_m, method=method, smooth=smooth)
+        def stepping(cls):
+            def run():
+                user = self.user(cls)
+                for spots in self.peer_images:
+                    user.step(spots)
 
-        return run
+            return run
 
-    return {
-        "filterpy user": (PEER_EPOCHS, filterpy_user),
-        "numpy user": (PEER_EPOCHS, numpy_user),
-        "relnav per epoch, fix": (EPOCHS, per_epoch("fix")),
-        "relnav per epoch, spots": (EPOCHS, per_epoch("spots")),
-        "relnav log, fix": (EPOCHS, whole_log("fix", False)),
-        "relnav log, spots": (EPOCHS, whole_log("spots", False)),
-        "relnav log smoothed, fix": (EPOCHS, whole_log("fix", True)),
-    }
+        def by_hand():
+            x, covariance = self.x, self.covariance
+            for spots in self.peer_images:
+                x, covariance, _ = self.hand.step(x, covariance, self.phi, self.q, spots)
+
+        entries = {"filterpy user": (PEER_EPOCHS, stepping(OnFilterpy)), "numpy user": (PEER_EPOCHS, by_hand)}
+        if installed("kalman_py"):
+            entries["kalman-py user"] = (PEER_EPOCHS, stepping(OnKalmanPy))
+        return entries
+
+    def ours(self):
+        """Name -> (epochs, function)."""
+
+        def per_epoch(method):
+            def run():
+                step = relnav.Navigator(self.model, method).step
+                for t, z in zip(times, self.images, strict=True):
+                    step(t, z)
+
+            return run
+
+        def whole_log(method, smooth):
+            def run():
+                relnav.filter_epochs(self.model, self.log.t_s, self.log.spots_m, method=method, smooth=smooth)
+
+            return run
+
+        times = self.log.t_s.tolist()
+        return {
+            "relnav per epoch, fix": (EPOCHS, per_epoch("fix")),
+            "relnav per epoch, spots": (EPOCHS, per_epoch("spots")),
+            "relnav log, fix": (EPOCHS, whole_log("fix", False)),
+            "relnav log, spots": (EPOCHS, whole_log("spots", False)),
+            "relnav log smoothed, fix": (EPOCHS, whole_log("fix", True)),
+        }
+
+    def linear_peers(self):
+        """Name -> (epochs, function): packages that only know linear filters, on positions with one R."""
+        fixes = np.array([self.hand.dock.T @ self.hand.closed_form(z) for z in self.peer_images])
+        h, r = np.eye(3, 6), 4e-4 * np.eye(3)
+        arguments = (self.phi, self.q, h, r, self.x, self.covariance, fixes)
+        expected = linear.numpy_filter(*arguments)
+        found = {"pykalman": linear.pykalman_filter, "simdkalman": linear.simdkalman_filter}
+        found["kalman_py"] = linear.kalman_py_filter
+        entries = {}
+        for package, function in found.items():
+            if installed(package):
+                assert np.max(np.abs(function(*arguments) - expected)) < 1e-9, package
+                name = f"{package.replace('_', '-')}, linear, no closed form"
+                entries[name] = (PEER_EPOCHS, lambda function=function: function(*arguments))
+        return entries
+
+    def smoothers(self):
+        """Name -> (epochs, function): the backward pass alone, from the same filtered states."""
+        filtered = self.solution.state[START:].copy(), self.solution.covariance[START:].copy()
+        log = LogFilter(self.model, "fix")
+        epochs = Epochs.empty(EPOCHS, 3)
+        nothing = controls(EPOCHS, None, None)
+        log.forward(self.log.t_s, self.log.spots_m, nothing, np.empty((0, 4)), epochs)
+
+        def ours():
+            state, factor = epochs.state.copy(), epochs.factor.copy()
+            part = dataclasses.replace(epochs, state=state, factor=factor)
+            log.backward(self.log.t_s, nothing, part, nothing_later())
+            return state
+
+        def theirs():
+            return filterpy_smoother(self.phi, self.q, *filtered)
+
+        smoothed, spread = theirs()
+        sigma = np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
+        worst = np.max(np.abs(ours()[START:] - smoothed) / sigma)
+        assert worst < 1e-6, f"smoothers differ by {worst:.1e} sigma"
+        return {
+            "filterpy rts_smoother, backward": (EPOCHS - START, theirs),
+            "relnav backward": (EPOCHS, ours),
+        }
+
+
+def from_file_to_file(model, log, folder):
+    """Name -> (epochs, function): Parquet in, Parquet out, all 43 columns."""
+    repeats = FILE_EPOCHS // EPOCHS
+    spots = np.concatenate([log.spots_m] * repeats) + np.random.default_rng(2).normal(size=(FILE_EPOCHS, 3, 2)) * 1e-7
+    t = np.arange(FILE_EPOCHS) * 0.1
+    whole = SimulatedLog(t, spots, np.zeros((FILE_EPOCHS, 3)), np.zeros((FILE_EPOCHS, 6)))
+    write_log(whole, folder / "log.parquet")
+
+    def run():
+        filter_file(folder / "log.parquet", model, folder / "track.parquet", method="fix")
+
+    return {"relnav Parquet to Parquet, fix": (FILE_EPOCHS, run)}
+
+
+def measure(entries, rounds, clock=time.thread_time_ns):
+    """Microseconds an epoch of each entry, interleaved rounds."""
+    for _, function in entries.values():
+        function()
+    times = {name: [] for name in entries}
+    for _ in range(rounds):
+        for name, (epochs, function) in entries.items():
+            began = clock()
+            function()
+            times[name].append((clock() - began) / epochs / 1000.0)
+    return times
+
+
+def table(times, reference, rows):
+    """Print a table against one of its rows, and keep it."""
+    base = times[reference]
+    print(f"\n{'':<40}{'us per epoch, min':>18}{'median':>10}{reference + ' / it, min':>40}{'median':>9}")
+    for name, values in times.items():
+        low, middle = min(values), statistics.median(values)
+        ratios = min(base) / low, statistics.median(base) / middle
+        rows.append({"name": name, "us_min": low, "us_median": middle, "of": reference})
+        rows[-1] |= {"ratio_min": ratios[0], "ratio_median": ratios[1]}
+        print(f"{name:<40}{low:>18.3f}{middle:>10.3f}{ratios[0]:>40.1f}{ratios[1]:>9.1f}")
+
+
+def growth(model, log):
+    """Cost as the work grows: epochs of one log, and beacons."""
+    rows = []
+    print("\nCost as the work grows (spots, ns per epoch, thread CPU, minimum of 3)")
+    for epochs in (1_000, 10_000, 100_000, 1_000_000):
+        spots = np.resize(log.spots_m, (epochs, 3, 2))
+        t = np.arange(epochs) * 0.1
+        times = measure({"": (epochs, lambda t=t, spots=spots: relnav.filter_epochs(model, t, spots))}, 3)[""]
+        rows.append({"epochs": epochs, "ns": 1000.0 * min(times)})
+        print(f"  {epochs:>10} epochs {rows[-1]['ns']:>10.0f}")
+    for beacons in (1, 2, 3, 4, 6, 8, 12, 16):
+        extra = tuple((0.0, 0.25 * np.cos(k), 0.25 * np.sin(k)) for k in range(max(0, beacons - 3)))
+        sensor = dataclasses.replace(model.sensor, extra_beacons_m=extra)
+        mission = dataclasses.replace(model, sensor=sensor)
+        spots = image(mission, log.truth, Faults(), np.random.default_rng(3))
+        spots[100:, beacons:] = np.nan
+        run = {"": (EPOCHS, lambda mission=mission, spots=spots: relnav.filter_epochs(mission, log.t_s, spots))}
+        rows.append({"beacons": beacons, "ns": 1000.0 * min(measure(run, 5)[""])})
+        print(f"  {beacons:>10} beacons seen {rows[-1]['ns']:>4.0f}")
+    return rows
+
+
+STREAM = """
+import json, resource, sys, time
+import relnav
+from relnav.files.filter_file import filter_file
+log, track, smooth = sys.argv[1], sys.argv[2], sys.argv[3] == "smooth"
+began = time.process_time()
+summary = filter_file(log, "three_beacon_psd", track, smooth=smooth)
+print(json.dumps({"epochs": summary.epochs, "cpu_s": time.process_time() - began,
+                  "peak_mib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}))
+"""
+
+
+def write_long_log(log, epochs, path):
+    """A log of many epochs, written in pieces: the short one again and again with fresh noise."""
+    from relnav.files.parquet import write_parquet
+    from relnav.files.simulated import LOG_COLUMNS
+
+    rng = np.random.default_rng(4)
+
+    def parts():
+        for begin in range(0, epochs, 100_000):
+            n = min(100_000, epochs - begin)
+            spots = np.resize(log.spots_m, (n, 3, 2)) + 1e-7 * rng.normal(size=(n, 3, 2))
+            yield [0.1 * np.arange(begin, begin + n), *(1e6 * spots.reshape(n, 6).T), *np.zeros((3, n))]
+
+    write_parquet(path, LOG_COLUMNS, parts(), {}, ())
+
+
+def streaming(log, epochs, folder):
+    """Peak memory and cost of a long log, filtered and smoothed, each in a process of its own."""
+    rows = []
+    write_long_log(log, epochs, folder / "long.parquet")
+    print(f"\n{epochs} epochs from Parquet to Parquet (spots, all columns), each in a process of its own")
+    for mode in ("filter", "smooth"):
+        command = [sys.executable, "-c", STREAM, str(folder / "long.parquet"), str(folder / "track.parquet"), mode]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        rows.append({"mode": mode, **json.loads(done.stdout)})
+        row = rows[-1]
+        print(f"  {mode:<8}{row['cpu_s']:>9.1f} s CPU{row['peak_mib']:>9.0f} MiB peak")
+        (folder / "track.parquet").unlink()
+    return rows
+
+
+START_UPS = {
+    "import relnav": "import relnav",
+    "numpy, scipy.linalg": "import numpy, scipy.linalg",
+    "filterpy.kalman": "import filterpy.kalman",
+    "relnav.Navigator, first step": "import numpy as np, relnav\n"
+    "relnav.Navigator(relnav.load_model('three_beacon_psd')).step(0.0, np.zeros((3, 2)))",
+}
+
+
+def start_ups():
+    """CPU seconds and peak memory of fresh processes; kernels are cached by now."""
+    rows = []
+    print("\nStart-up: fresh process, CPU s (minimum of 3), peak MiB")
+    report = (
+        "\nimport resource as r; u = r.getrusage(r.RUSAGE_SELF); print(u.ru_utime + u.ru_stime, u.ru_maxrss / 1024)"
+    )
+    for name, code in START_UPS.items():
+        runs = [
+            subprocess.run([sys.executable, "-c", code + report], capture_output=True, text=True, check=True).stdout
+            for _ in range(3)
+        ]
+        seconds, peak = min(tuple(map(float, run.split())) for run in runs)
+        rows.append({"name": name, "cpu_s": seconds, "peak_mib": peak})
+        print(f"  {name:<32}{seconds:>8.2f} s{peak:>8.0f} MiB")
+    return rows
 
 
 def main() -> None:
     """Check, measure, print, write JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=15)
+    parser.add_argument("--epochs", type=int, default=10_000_000, help="of the streamed log; 0 leaves it out")
+    parser.add_argument("--long", action="store_true", help="stream 1e8 epochs (40 GB of disk)")
+    parser.add_argument("--folder", type=Path, help="where the large files go for a while")
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
-    model, log = prepare()
-    entries = contenders(model, log, *check_answers(model, log))
-    for _, function in entries.values():
-        function()
-    times = {name: [] for name in entries}
-    for _ in range(options.rounds):
-        for name, (epochs, function) in entries.items():
-            began = time.thread_time_ns()
-            function()
-            times[name].append((time.thread_time_ns() - began) / epochs / 1000.0)
-    reference = times["filterpy user"]
-    rows = []
-    print(f"{'':<28}{'us per epoch, min':>18}{'median':>10}{'filterpy / it, min':>20}{'median':>10}")
-    for name, values in times.items():
-        low, middle = min(values), statistics.median(values)
-        ratios = min(reference) / low, statistics.median(reference) / middle
-        rows.append(
-            {"name": name, "us_min": low, "us_median": middle, "ratio_min": ratios[0], "ratio_median": ratios[1]}
-        )
-        print(f"{name:<28}{low:>18.3f}{middle:>10.3f}{ratios[0]:>20.1f}{ratios[1]:>10.1f}")
+    problem = Problem()
+    rows: list[dict[str, object]] = []
+    table(measure(problem.peers() | problem.linear_peers() | problem.ours(), options.rounds), "filterpy user", rows)
+    table(measure(problem.smoothers(), options.rounds), "filterpy rts_smoother, backward", rows)
+    with tempfile.TemporaryDirectory(dir=options.folder) as name:
+        folder = Path(name)
+        peers = {key: value for key, value in problem.peers().items() if key == "filterpy user"}
+        files = peers | from_file_to_file(problem.model, problem.log, folder)
+        table(measure(files, min(options.rounds, 7), time.process_time_ns), "filterpy user", rows)
+        grown = growth(problem.model, problem.log)
+        started = start_ups()
+        epochs = 100_000_000 if options.long else options.epochs
+        streamed = streaming(problem.log, epochs, folder) if epochs else []
+    print(f"\npeak memory of this process {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB")
     if options.out is not None:
-        options.out.write_text(json.dumps({"rounds": options.rounds, "rows": rows}, indent=2) + "\n")
+        report = {"rounds": options.rounds, "rows": rows, "growth": grown, "start_up": started, "streamed": streamed}
+        options.out.write_text(json.dumps(report, indent=2) + "\n")
 
 
 if __name__ == "__main__":

@@ -183,6 +183,11 @@ def _emit(trace: Trace, context: Any, builder: Any, kinds: Any, arguments: Any) 
         if name in ("sqrt", "abs"):
             called = {"sqrt": "llvm.sqrt", "abs": "llvm.fabs"}[name]
             return builder.call(builder.module.declare_intrinsic(called, [double]), inputs)
+        if name in ("fma", "fnma", "fms"):
+            a, b, c = inputs
+            a = builder.fneg(a) if name == "fnma" else a
+            c = builder.fneg(c) if name == "fms" else c
+            return builder.fma(a, b, c)
         if name == "atan2":
             kind = ir.FunctionType(double, [double, double])
             return builder.call(cgutils.get_or_insert_function(builder.module, kind, "atan2"), inputs)

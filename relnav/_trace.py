@@ -6,6 +6,7 @@ twice. `_kernel.straight_line` turns the list into machine code. A choice that d
 `select(condition, a, b)` or `quotient(a, b, otherwise)`; conditions are joined with `&`.
 """
 
+from collections import Counter
 from collections.abc import Callable
 from types import FunctionType, SimpleNamespace
 from typing import Any
@@ -139,7 +140,8 @@ class Trace:
     Attributes
     ----------
     nodes : list of tuple
-        ("argument", k) and ("entry", k, index...) are inputs; the others are operations on earlier places.
+        ("argument", k) and ("entry", k, index...) are inputs; the others are operations on earlier places:
+        "fma" a b + c, "fnma" c - a b, "fms" a b - c, rounded once.
     stores : list of (int, tuple of int, int)
         Argument number, index of the entry, place of its new value.
     returns : list of int, or None
@@ -167,6 +169,28 @@ class Trace:
                     if new[index] is not old[index]
                 )
         self.nodes = tape.nodes
+        self._fuse()
+
+    def _fuse(self) -> None:
+        """Turn a product that is added or subtracted, and used nowhere else, into one operation, rounded once."""
+        needed = self.needed()
+        used = Counter(place for at in needed for place in self._operands(at))
+        used.update([place for _, _, place in self.stores] + self.returns)
+        for at in needed:
+            name, *operands = self.nodes[at]
+            if name not in ("+", "-"):
+                continue
+            a, b = operands
+            for product, other in ((b, a), (a, b)):
+                if self.nodes[product][0] == "*" and used[product] == 1:
+                    x, y = self.nodes[product][1:]
+                    kind = "fma" if name == "+" else ("fnma" if product == b else "fms")
+                    self.nodes[at] = (kind, x, y, other)
+                    break
+
+    def _operands(self, place: int) -> tuple[int, ...]:
+        node = self.nodes[place]
+        return () if node[0] in ("argument", "entry", "constant") else node[1:]
 
     def is_condition(self, place: int) -> bool:
         """Whether a place holds a truth value."""
@@ -176,9 +200,8 @@ class Trace:
         """Places that the results and stores rest on, in order."""
         wanted = {place for _, _, place in self.stores} | set(self.returns)
         for place in range(len(self.nodes) - 1, -1, -1):
-            node = self.nodes[place]
-            if place in wanted and node[0] not in ("argument", "entry", "constant"):
-                wanted.update(node[1:])
+            if place in wanted:
+                wanted.update(self._operands(place))
         return sorted(wanted)
 
 

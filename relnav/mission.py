@@ -237,6 +237,6 @@ class Model:
 
     @property
     def beacons_lvlh_m(self) -> Matrix:
-        """Beacons A, B, C from the target's centre of mass, `lvlh_ccsds`, (3, 3) m."""
+        """Beacons A, B, C and further ones from the target's centre of mass, `lvlh_ccsds`, (n, 3) m."""
         beacons: Matrix = self.port_position_m + self.sensor.beacons_dock_m @ self.dcm_dock_from_lvlh
         return beacons

@@ -40,7 +40,7 @@ class ByHand:
             x = math.sqrt(weight - z * z)
             r = 2.0 * self.a * math.sqrt(weight / square)
             p = r * np.array([x, -t * weight / x, z])
-            if np.abs(p - old).max() < 1e-12 * r:
+            if np.abs(p - old).max() < 1e-9 * r:  # the next pass would move it fifteen times less
                 break
             old, w, depth = p, middle / np.linalg.norm(middle), 1.0 - (self.beacons @ p) / (r * r)
         return p
@@ -135,3 +135,43 @@ class OnFilterpy:
         predicted, h, r = hand.measurement(ekf.x)
         ekf.update(z, HJacobian=lambda _: h, Hx=lambda _: predicted, R=r, residual=hand.residual)
         return ekf.x
+
+
+class OnKalmanPy:
+    """The same on kalman-py's ExtendedKalmanFilter."""
+
+    def __init__(self, hand, x, covariance, phi, q):
+        """Start from a state and covariance."""
+        from kalman_py import ExtendedKalmanFilter
+
+        self.hand = hand
+        self.filter = ExtendedKalmanFilter(
+            lambda state, _dt: phi @ state,
+            lambda state: hand.angles(hand.dock @ state[:3]),
+            q,
+            np.eye(3),
+            x,
+            covariance,
+            jac_f=lambda _state, _dt: phi,
+            jac_h=lambda _state: self.rows,
+            residual_z=hand.residual,
+        )
+
+    def step(self, spots):
+        """One epoch: predict, closed form, update."""
+        hand, ekf = self.hand, self.filter
+        ekf.predict(0.1)
+        z = hand.angles(hand.closed_form(spots))
+        _, self.rows, ekf.R = hand.measurement(ekf.x)
+        ekf.update(z)
+        return ekf.x
+
+
+def filterpy_smoother(phi, q, states, covariances):
+    """Filterpy's backward pass over filtered states (n, 6) and covariances (n, 6, 6)."""
+    from filterpy.kalman import KalmanFilter
+
+    n = len(states)
+    smoother = KalmanFilter(dim_x=6, dim_z=3)
+    smoothed, spread, _, _ = smoother.rts_smoother(states, covariances, Fs=[phi] * n, Qs=[q] * n)
+    return smoothed, spread

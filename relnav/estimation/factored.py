@@ -60,29 +60,32 @@ def compose_into(ud: Matrix, p: Matrix) -> None:
             p[j, i] = total
 
 
-def orthogonalise(w: Matrix, weights: Matrix, ud: Matrix) -> None:
-    """Write the factors of sum_m W_m diag(weights_m) W_m^T into ud: modified weighted Gram-Schmidt, last row to first.
+def dot(a: Vector, b: Vector) -> float:
+    """Sum of a_k b_k in four strands: additions in one row would wait for one another. A part of `straight_line`s."""
+    strands = np.zeros(4)
+    for k in range(a.shape[0]):
+        strands[k % 4] += a[k] * b[k]
+    total: float = (strands[0] + strands[1]) + (strands[2] + strands[3])
+    return total
 
-    w (6 m, 6) holds the m matrices W_m (6, 6) below one another, and is used up; weights (m, 6) >= 0. The sum is
-    positive semidefinite by construction, whatever the rounding. A part of `straight_line` functions.
+
+def orthogonalise(w: Matrix, weights: Vector, ud: Matrix) -> None:
+    """Write the factors of W diag(weights) W^T into ud: modified weighted Gram-Schmidt, last row to first.
+
+    w (6, m) is used up; weights (m,) >= 0. The product is positive semidefinite by construction, whatever the
+    rounding. A part of `straight_line` functions.
     """
-    parts = weights.shape[0]
+    weighted = np.zeros(w.shape[1])
     for i in range(5, -1, -1):
-        d = 0.0
-        for part in range(parts):
-            for k in range(6):
-                d += w[6 * part + i, k] * w[6 * part + i, k] * weights[part, k]
+        for k in range(w.shape[1]):
+            weighted[k] = w[i, k] * weights[k]
+        d = dot(w[i], weighted)
         inverse = quotient(1.0, d, 0.0)
         for j in range(i):
-            c = 0.0
-            for part in range(parts):
-                for k in range(6):
-                    c += w[6 * part + i, k] * weights[part, k] * w[6 * part + j, k]
-            c *= inverse
+            c = dot(w[j], weighted) * inverse
             ud[j, i] = c
-            for part in range(parts):
-                for k in range(6):
-                    w[6 * part + j, k] -= c * w[6 * part + i, k]
+            for k in range(w.shape[1]):
+                w[j, k] -= c * w[i, k]
         ud[i, i] = d
 
 
@@ -104,13 +107,13 @@ def time_update_into(ud: Matrix, phi: Matrix, q_ud: Matrix) -> None:
 
     q_ud (6, 6) are the factors of Q.
     """
-    w, weights = np.zeros((12, 6)), np.zeros((2, 6))
-    spread(phi, ud, w, weights[0])
+    w, weights = np.zeros((6, 12)), np.zeros(12)
+    spread(phi, ud, w[:, :6], weights[:6])
     for i in range(6):
-        weights[1, i] = q_ud[i, i]
-        w[6 + i, i] = 1.0
+        weights[6 + i] = q_ud[i, i]
+        w[i, 6 + i] = 1.0
         for k in range(i + 1, 6):
-            w[6 + i, k] = q_ud[i, k]
+            w[i, 6 + k] = q_ud[i, k]
     orthogonalise(w, weights, ud)
 
 
@@ -123,7 +126,7 @@ def solve_factored(ud: Matrix, rhs: Vector) -> None:
         for j in range(i + 1, 6):
             rhs[i] -= ud[i, j] * rhs[j]
     for i in range(6):
-        rhs[i] = quotient(rhs[i], ud[i, i], 0.0)
+        rhs[i] *= quotient(1.0, ud[i, i], 0.0)
     for i in range(6):
         for j in range(i):
             rhs[i] -= ud[j, i] * rhs[j]

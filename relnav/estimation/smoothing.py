@@ -28,7 +28,7 @@ def smooth_step(
     of Q.
     """
     q, m, c, a, gain = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
-    w, weights, x = np.zeros((18, 6)), np.zeros((3, 6)), np.zeros(6)
+    w, weights, x = np.zeros((6, 18)), np.zeros(18), np.zeros(6)
     compose_into(q_ud, q)
     for j in range(6):  # M = Q Pp^-1, row by row: Q and Pp are symmetric
         for i in range(6):
@@ -48,9 +48,9 @@ def smooth_step(
         x[i] = filtered[0, i]
         for j in range(6):
             x[i] += c[i, j] * (later[0, j] - predicted[0, j])
-    spread(a, filtered[1:7], w[0:6], weights[0])
-    spread(c, later[1:7], w[6:12], weights[1])
-    spread(c, q_ud, w[12:18], weights[2])
+    spread(a, filtered[1:7], w[:, :6], weights[:6])
+    spread(c, later[1:7], w[:, 6:12], weights[6:12])
+    spread(c, q_ud, w[:, 12:], weights[12:])
     orthogonalise(w, weights, later[1:7])
     for i in range(6):
         later[0, i] = x[i]

@@ -27,6 +27,8 @@ def slots_of_log(raw: RawSlots, model: Model) -> Slots:
             f"{model.path or model.name}: a raw log is read with the model's [detector] and [pulses]; add them "
             "(three_beacon_psd shows how)"
         )
+    if len(model.beacons_lvlh_m) != 3:
+        raise ModelError(f"{model.path or model.name}: raw logs hold beacons a, b, c; the model lists more")
     currents = raw.currents_a if raw.counts is None else currents_of_counts(model.detector, raw.counts)
     assert currents is not None
     return read_slots(model.detector, model.pulses, model.sensor.detector_size_m, raw.t_s, raw.beacon, currents)

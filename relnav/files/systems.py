@@ -38,6 +38,12 @@ SYSTEMS: dict[str, System] = {
         budget="relnav.accuracy.budget:budget_of",
         progress_steps=3,
     ),
+    "three_marker": System(
+        mission="relnav.sensors.three_marker.sensor:ThreeMarkerModel",
+        accuracy="relnav.accuracy.three_marker:measure",
+        runs=400,
+        budget="relnav.accuracy.three_marker_budget:budget",
+    ),
 }
 
 

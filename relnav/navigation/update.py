@@ -9,7 +9,7 @@ state once is enough.
 
 import math
 
-from relnav._kernel import kernel, straight_line
+from relnav._kernel import kernel, quotient, straight_line
 from relnav.arrays import Matrix, Vector
 from relnav.estimation.factored import innovation_variance, scalar_update
 from relnav.navigation.block import (
@@ -134,26 +134,45 @@ def _agreeing(block: Matrix, track: Matrix, passing: int) -> int:
     return 0
 
 
+@straight_line(ud=(6, 6), h=("***000", "***000"), observed=(4,))
+def _beacon_nis(ud: Matrix, h: Matrix, observed: Vector) -> float:
+    """Squared innovation of a beacon's two coordinates under the prior, over their covariance."""
+    xx = innovation_variance(ud, h[0], h[0]) + observed[2]
+    yy = innovation_variance(ud, h[1], h[1]) + observed[3]
+    xy = innovation_variance(ud, h[0], h[1])
+    x, y = observed[0], observed[1]
+    return quotient(x * x * yy - 2.0 * x * y * xy + y * y * xx, xx * yy - xy * xy, 0.0)
+
+
 @kernel
-def _gate_beacons(block: Matrix, track: Matrix) -> int:
-    """Drop the rows of beacons that are not credible; returns how many beacons pass.
+def _lone_nis(block: Matrix, track: Matrix, row: int) -> tuple[float, int]:
+    """NIS and degrees of freedom of the beacon with these rows alone."""
+    ud, observed, h = track[1:7], block[row + OBSERVED], block[row + GRADIENT : row + GRADIENT + 2]
+    if observed[2] > 0.0 and observed[3] > 0.0:
+        return _beacon_nis(ud, h, observed), 2
+    for k in range(2):
+        if observed[2 + k] > 0.0:
+            return observed[k] ** 2 / (innovation_variance(ud, h[k], h[k]) + observed[2 + k]), 1
+    return 0.0, 0
+
+
+@kernel
+def _gate_beacons(block: Matrix, track: Matrix, nis: float, dof: int) -> int:
+    """Drop the rows of beacons that are not credible; returns how many beacons pass. X_WORK then holds the update.
 
     Each beacon must be credible alone, and those left together: while the prior is wide a glint can pass alone but
-    contradict the others.
+    contradict the others. nis and dof are those of all, which X_WORK holds.
     """
-    count, passing = beacon_count(block), 0
+    count, passing, usable = beacon_count(block), 0, 0
     for i in range(count):
-        block[beacon_row(block, i) + OBSERVED, 4] = 0.0
-    for i in range(count):
-        observed = block[beacon_row(block, i) + OBSERVED]
-        observed[4] = 1.0
-        credible, _ = _credible(block, track)
-        observed[4] = 0.0
-        observed[5] = 1.0 if credible else 0.0
+        row = beacon_row(block, i)
+        alone, numbers = _lone_nis(block, track, row)
+        credible = numbers > 0 and alone <= gate_limit(block, numbers)
+        block[row + OBSERVED, 4] = 1.0 if credible else 0.0
+        usable += int(numbers > 0)
         passing += int(credible)
-    for i in range(count):
-        observed = block[beacon_row(block, i) + OBSERVED]
-        observed[4] = observed[5]
+    if passing == usable and nis <= gate_limit(block, dof):
+        return passing
     if passing > 0:
         together, _ = _credible(block, track)
         if not together:
@@ -162,6 +181,8 @@ def _gate_beacons(block: Matrix, track: Matrix) -> int:
         observed = block[beacon_row(block, i) + OBSERVED]
         if passing == 0 or not observed[4] > 0.0:
             observed[2], observed[3] = 0.0, 0.0
+    if passing > 0:
+        _sweep(block, track, track[0])
     return passing
 
 
@@ -273,9 +294,7 @@ def correct(block: Matrix, track: Matrix, spots: Matrix) -> int:
     passed = seen
     if coordinates:  # a part's NIS is at most the whole's, and no whole beacon has fewer than two degrees of freedom
         if usable < 2 * seen or not nis <= gate_limit(block, 2):
-            passed = _gate_beacons(block, track)
-            if passed > 0:
-                _sweep(block, track, x)
+            passed = _gate_beacons(block, track, nis, dof)
     elif not nis <= gate_limit(block, dof):
         passed = 0
     if passed == 0:

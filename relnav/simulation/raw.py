@@ -109,4 +109,6 @@ def simulate_raw(
 def _pulses(model: Model) -> Pulses:
     if model.pulses is None or model.detector is None or model.light is None:
         raise ValueError(f"model {model.name} has no [detector], [light] and [pulses]: raw logs need all three")
+    if len(model.beacons_lvlh_m) != 3:
+        raise ValueError(f"raw logs hold beacons a, b, c; model {model.name} lists {len(model.beacons_lvlh_m)}")
     return model.pulses

@@ -1,14 +1,42 @@
 """One place that knows the scratch of the time update."""
 
+import inspect
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from relnav.estimation.factored import time_update_into
+import relnav._kernel as compiler
+from relnav.estimation.factored import scalar_update, time_update_into
+from relnav.estimation.smoothing import smooth_step
 
 
 @pytest.fixture(scope="session")
 def time_update() -> Callable[[np.ndarray, np.ndarray, np.ndarray], None]:
     """(ud, phi, factors of Q): replaces ud in place."""
     return time_update_into
+
+
+def compiled(function):
+    """A kernel that calls a straight-line function: only from there does its machine code run."""
+    if not compiler.is_compiled():
+        return function
+    names = ", ".join(inspect.signature(function).parameters)
+    space = {"called": function}
+    exec(f"def call({names}):\n    return called({names})\n", space)
+    return compiler._NJIT(**compiler._OPTIONS)(space["call"])
+
+
+@pytest.fixture(scope="session")
+def compiled_time_update():
+    return compiled(time_update_into)
+
+
+@pytest.fixture(scope="session")
+def compiled_update():
+    return compiled(scalar_update)
+
+
+@pytest.fixture(scope="session")
+def compiled_smooth():
+    return compiled(smooth_step)

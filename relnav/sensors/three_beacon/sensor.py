@@ -29,6 +29,9 @@ class ThreeBeaconSensor:
         b: beacon C stands at (b, 0, 0), out toward the chaser.
     projection : {"perspective", "parallel"}
         The closed form used: exact for central projection, or the paper's formulas as printed.
+    extra_beacons_m : ((3,), ...)
+        Further beacons D, E, ... in the docking frame. The detector coordinates of all are used (`spots`); the closed
+        form (`fix`, and every start) uses A, B and C.
     """
 
     focal_length_m: Positive
@@ -37,9 +40,10 @@ class ThreeBeaconSensor:
     beacon_half_spacing_m: Positive
     beacon_c_distance_m: Positive
     projection: Literal["perspective", "parallel"] = "perspective"
+    extra_beacons_m: tuple[tuple[float, float, float], ...] = ()
 
     @property
     def beacons_dock_m(self) -> Matrix:
-        """Beacons A, B, C in the docking frame, rows of (3, 3), m."""
+        """All beacons in the docking frame, rows A, B, C and the further ones, m."""
         a, b = self.beacon_half_spacing_m, self.beacon_c_distance_m
-        return np.array([[0.0, a, 0.0], [0.0, -a, 0.0], [b, 0.0, 0.0]])
+        return np.array([[0.0, a, 0.0], [0.0, -a, 0.0], [b, 0.0, 0.0], *self.extra_beacons_m])
