@@ -7,8 +7,12 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Gt, Lt
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix, Stack, Vector
 from relnav.geometry.rotation import dcm_from_quaternion
+from relnav.sensors.three_beacon.calibration import Calibration
+from relnav.sensors.three_beacon.light import Light
+from relnav.sensors.three_beacon.psd import Detector
+from relnav.sensors.three_beacon.pulses import Pulses
 from relnav.sensors.three_beacon.sensor import ThreeBeaconSensor
 
 Positive = Annotated[float, Gt(0.0)]
@@ -129,8 +133,40 @@ class FilterSettings:
 
 
 @dataclass(frozen=True)
+class Tolerances:
+    """How well the sensor is built and known, for the error budget; every sigma is 1-sigma of a lasting error.
+
+    Attributes
+    ----------
+    focal_length_relative_sigma : float
+        Of the focal length.
+    beacon_placement_sigma_m : float
+        Of each coordinate of each beacon.
+    camera_mounting_sigma_rad : float
+        Of the camera's attitude about each axis: what aligns it with the chaser's attitude reference.
+    beacon_mounting_sigma_rad : float
+        Of the beacon triangle's attitude about each axis of the docking frame.
+    distortion_limit_m : float
+        Largest detection error of the uncalibrated detector, each coordinate, uniform within it.
+    speed_m_s, turn_rate_rad_s : float
+        Motion across the line of sight and turn of the camera, for which slots are wrongly taken as simultaneous.
+    """
+
+    focal_length_relative_sigma: NonNegative
+    beacon_placement_sigma_m: NonNegative
+    camera_mounting_sigma_rad: NonNegative
+    beacon_mounting_sigma_rad: NonNegative
+    distortion_limit_m: NonNegative
+    speed_m_s: NonNegative
+    turn_rate_rad_s: NonNegative
+
+
+@dataclass(frozen=True)
 class Model:
     """One mission: sensor, docking frame, camera, attitude, orbit, noise and filter settings.
+
+    A PSD as an instrument (`detector`, `light`, `pulses`), its calibration and the tolerances of the error budget may
+    be left out.
 
     `provenance` maps a key path ("sensor.focal_length_mm") to where its value comes from; `path` is the file it was
     loaded from.
@@ -145,6 +181,11 @@ class Model:
     orbit: Orbit
     process_noise: ProcessNoise
     filter: FilterSettings
+    detector: Detector | None = None
+    light: Light | None = None
+    pulses: Pulses | None = None
+    calibration: Calibration | None = None
+    tolerances: Tolerances | None = None
     provenance: Mapping[str, str] = field(default_factory=dict)
     path: str = ""
 
@@ -154,6 +195,24 @@ class Model:
                 "camera.position_m must be zero with attitude mode 'unknown': a lever arm in chaser axes cannot be "
                 "applied without the attitude (state the attitude, or let the track describe the camera)"
             )
+
+        if self.pulses is not None and self.detector is not None:
+            settled_s = 5.0 / (2.0 * np.pi * self.detector.bandwidth_hz)
+            if self.pulses.guard_s < settled_s:
+                raise ValueError(
+                    f"pulses.guard_s is five time constants of detector.bandwidth_hz or more, {settled_s:.2g} s: "
+                    f"sooner the current still holds the last beacon's light; got {self.pulses.guard_s:g} s"
+                )
+
+    @property
+    def spot_sigma_m(self) -> float:
+        """1-sigma of a spot coordinate that a filter works with: its noise, and what a calibration leaves."""
+        residual = 0.0 if self.calibration is None else self.calibration.residual_sigma_m
+        return float(np.hypot(self.sensor.spot_noise_m, residual))
+
+    def corrected(self, spots_m: Stack) -> Stack:
+        """Spots (..., 2) m as the detector measures them, without its distortion as far as it is calibrated."""
+        return spots_m if self.calibration is None else self.calibration.correct(spots_m)
 
     @property
     def dcm_dock_from_lvlh(self) -> Matrix:

@@ -32,6 +32,8 @@ class RunSummary:
         Of the last epoch.
     ignored : str
         Columns of the log that nobody used.
+    notes : tuple of str
+        What else there is to say of the log, for a reader.
     """
 
     def __init__(self, published: Published, gate_probability: float) -> None:
@@ -43,6 +45,7 @@ class RunSummary:
         self.reasons: Counter[int] = Counter()
         self.last = EpochStatus.WAITING
         self.ignored = ""
+        self.notes: tuple[str, ...] = ()
         self._trend = PublishedTrend(published)
         self._used, self._used_dof, self._seen, self._seen_dof, self._seen_epochs = 0.0, 0, 0.0, 0, 0
 
@@ -142,6 +145,7 @@ class RunSummary:
         lines = [f"{log}: {span}; model {self.model}, method {method}"]
         if self.ignored:
             lines.append(f"ignored columns: {self.ignored}")
+        lines.extend(self.notes)
         if math.isnan(self.started_s):
             names = [f"{Status(code).name} {count}" for code, count in sorted(self.reasons.items())]
             lines.append(

@@ -11,6 +11,8 @@ from typing import Any
 import click
 
 COMMANDS = {
+    "budget": ("relnav.cli.budget", "Say what accuracy a design will reach, and what limits it."),
+    "calibrate": ("relnav.cli.calibrate", "Calibrate a sensor from measurements of something known."),
     "accuracy": ("relnav.cli.accuracy", "Measure what a sensor system reaches, beside what its paper claims."),
     "calibrate": ("relnav.cli.calibrate", "Calibrate a sensor from its bench measurements."),
     "filter": ("relnav.cli.filter", "Filter a log of spots into a track with covariance."),

@@ -2,8 +2,14 @@
 
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
+
+if TYPE_CHECKING:
+    from relnav.mission import Model
+    from relnav.simulation.raw import RawLog
+    from relnav.simulation.trajectory import Approach
 
 
 @click.command(epilog="Example: relnav simulate three_beacon_psd --out log.csv --truth truth.csv --seed 7")
@@ -20,6 +26,13 @@ import click
 @click.option("--speed", "speed_m_s", default=0.03, show_default=True, help="Approach speed, m/s.")
 @click.option("--j2", is_flag=True, help="Let the Earth be oblate.")
 @click.option("--air-density", "air_density_kg_m3", default=0.0, show_default=True, help="For drag, kg/m^3.")
+@click.option(
+    "--received-power", is_flag=True, help="Spot noise by received power, with its 1-sigma as columns of the log."
+)
+@click.option(
+    "--raw", is_flag=True, help="Write converter counts, a row a slot, by the model's [detector] and [pulses]."
+)
+@click.option("--distortion", "distortion_um", default=0.0, help="With --raw: largest detection error, um.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
     model: str,
@@ -35,16 +48,20 @@ def command(
     speed_m_s: float,
     j2: bool,
     air_density_kg_m3: float,
+    received_power: bool,
+    raw: bool,
+    distortion_um: float,
     quiet: bool,
 ) -> None:
     """Simulate an approach of MODEL: two-body truth under closed-loop guidance, imaged with noise and faults."""
     from relnav.errors import UsageError
     from relnav.files.atomic import check_distinct, check_folder, replacing
     from relnav.files.models import load_mission
-    from relnav.files.simulated import write_log, write_truth
+    from relnav.files.simulated import write_log, write_raw_log, write_truth
     from relnav.files.tables import check_format
     from relnav.simulation.detector import Faults
-    from relnav.simulation.scenario import simulate
+    from relnav.simulation.raw import RawLog
+    from relnav.simulation.scenario import SimulatedLog, simulate
     from relnav.simulation.trajectory import Approach
 
     for path in (out, truth):
@@ -63,15 +80,40 @@ def command(
             j2=j2,
             air_density_kg_m3=air_density_kg_m3,
         )
-        log = simulate(mission, approach, Faults(dropout, outliers), seed)
+        if raw:
+            log: RawLog | SimulatedLog = _raw(mission, approach, seed, distortion_um * 1e-6, dropout or outliers)
+        elif distortion_um:
+            raise UsageError("--distortion belongs to --raw: a log of spots has none")
+        else:
+            if received_power and (mission.detector is None or mission.light is None):
+                raise UsageError(f"--received-power needs [detector] and [light]; model {mission.name} has not both")
+            faults = Faults(dropout, outliers)
+            log = simulate(mission, approach, faults, seed, by_received_power=received_power)
     except ValueError as error:
         raise UsageError(str(error)) from error
     metadata = {"model": mission.name, "seed": str(seed)}
     with ExitStack() as outputs:
-        write_log(log, outputs.enter_context(replacing(out)), metadata)
+        target = outputs.enter_context(replacing(out))
+        if isinstance(log, RawLog):
+            write_raw_log(log, target, metadata)
+        else:
+            write_log(log, target, metadata)
         if truth is not None:
             write_truth(log, outputs.enter_context(replacing(truth)), metadata)
         if not quiet:
-            click.echo(f"log: {out} ({len(log.t_s)} epochs, model {mission.name}, seed {seed})")
+            click.echo(f"log: {out} ({len(log.t_s)} {'slots' if raw else 'epochs'}, model {mission.name}, seed {seed})")
             if truth is not None:
                 click.echo(f"truth: {truth}")
+
+
+def _raw(mission: "Model", approach: "Approach", seed: int, distortion_m: float, faults: float) -> "RawLog":
+    """A raw log; the detector's distortion comes from the same seed."""
+    from relnav.errors import UsageError
+    from relnav.simulation.distortion import typical_distortion
+    from relnav.simulation.raw import simulate_raw
+
+    if faults:
+        raise UsageError("--dropout and --outliers are faults of spots, not of --raw logs")
+    half = 0.5 * max(mission.sensor.detector_size_m)
+    distortion = typical_distortion(half, distortion_m, seed=seed) if distortion_m else None
+    return simulate_raw(mission, approach, seed, distortion=distortion)

@@ -55,7 +55,7 @@ def steady_state(phi: Matrix, q: Matrix, h: Matrix, r: Matrix) -> SteadyState:
         return undetectable
     try:
         predictor, prior, _ = control.dlqe(phi, np.eye(6), h, q, r)
-    except (np.linalg.LinAlgError, control.ControlException):
+    except (np.linalg.LinAlgError, ValueError):  # ValueError: too ill-conditioned to be ordered
         return undetectable
     gain: Matrix = np.linalg.solve(phi, predictor)
     rest = np.eye(6) - gain @ h

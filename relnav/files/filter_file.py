@@ -20,7 +20,9 @@ from relnav.accuracy.run_summary import RunSummary
 from relnav.arrays import Matrix, Stack, Vector
 from relnav.files.logs import Log, LogFile
 from relnav.files.models import load_mission, load_published
-from relnav.files.tables import COLUMNS, INTEGERS, Table, head, rows_of, write_table
+from relnav.files.raw_filter import filter_raw_log
+from relnav.files.raw_logs import is_raw_log
+from relnav.files.tables import COLUMNS, INTEGERS, Table, head, rows_of, write, write_table
 from relnav.mission import Model
 from relnav.navigation.log import Epochs, LogFilter, controls
 from relnav.navigation.record import Solution
@@ -69,6 +71,8 @@ def filter_file(
         As `filter_log` and `write`.
     """
     mission = load_mission(model) if isinstance(model, str) else model
+    if is_raw_log(Path(path)):
+        return _filter_raw_file(Path(path), mission, out, method, projection, smooth)
     log = LogFile(Path(path))
     run = _Run(mission, log, LogFilter(mission, method, projection=projection), progress)
     summary = RunSummary(load_published(mission), mission.filter.gate_probability)
@@ -85,6 +89,21 @@ def filter_file(
     else:
         stated = head(mission.name, method, smooth) | log_metadata(log.path, log.metadata, log.columns.ignored)
         write_table(Path(out), COLUMNS, parts(), stated, INTEGERS)
+    return summary
+
+
+def _filter_raw_file(
+    path: Path, model: Model, out: str | os.PathLike[str] | None, method: str, projection: str | None, smooth: bool
+) -> RunSummary:
+    """A raw log is filtered in memory: a start may have to be looked for in the rest of it."""
+    solution = filter_raw_log(path, model, method=method, projection=projection, smooth=smooth)
+    summary = RunSummary(load_published(model), model.filter.gate_probability)
+    said = solution.metadata
+    summary.ignored = said.get("ignored columns", "")
+    summary.notes = (f"slots: {said['slots']}; spot noise {said['spot noise']}", f"beacons: {said['beacons']}")
+    summary.take(solution)
+    if out is not None:
+        write(solution, out)
     return summary
 
 

@@ -7,6 +7,8 @@ from pathlib import Path
 from relnav.files.filter_file import log_metadata
 from relnav.files.logs import read_log
 from relnav.files.models import load_mission
+from relnav.files.raw_filter import filter_raw_log
+from relnav.files.raw_logs import is_raw_log
 from relnav.mission import Model
 from relnav.navigation.log import filter_epochs
 from relnav.navigation.record import Solution
@@ -27,7 +29,7 @@ def filter_log(
     ----------
     path : str or path
         The log: `t_s`, `spot_a_x_um`, ... (any length unit; empty = not seen), optionally `accel_x_m_s2`, ...,
-        `delta_v_x_m_s`, ..., `q_cam_from_lvlh_x`, ...
+        `delta_v_x_m_s`, ..., `q_cam_from_lvlh_x`, ... Or a raw log, a row a slot: `t_s`, `beacon`, four currents.
     model : Model or str
         A loaded model, or what `load_model` takes.
     method : {"spots", "fix"}
@@ -52,6 +54,8 @@ def filter_log(
         If the model cannot be loaded.
     """
     mission = load_mission(model) if isinstance(model, str) else model
+    if is_raw_log(Path(path)):
+        return filter_raw_log(Path(path), mission, method=method, projection=projection, smooth=smooth)
     log = read_log(Path(path))
     total = len(log.t_s)
     solution = filter_epochs(

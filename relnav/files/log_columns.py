@@ -8,6 +8,7 @@ from relnav.files.units import UNITS, same_kind, split_unit
 
 AXES = ("x", "y", "z")
 SPOTS = tuple(f"spot_{beacon}_{axis}" for beacon in "abc" for axis in "xy")
+SPOT_SIGMAS = tuple(f"sigma_{spot}" for spot in SPOTS)
 ACCELERATION = tuple(f"accel_{axis}" for axis in AXES)
 DELTA_V = tuple(f"delta_v_{axis}" for axis in AXES)
 QUATERNION = tuple(f"q_cam_from_lvlh_{axis}" for axis in (*AXES, "w"))

@@ -4,14 +4,17 @@ import dataclasses
 import difflib
 import os
 import typing
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from relnav.accuracy.published import Claim, ClaimException, Published
 from relnav.errors import ModelError, UnknownModelError
+from relnav.files.psd_calibration import named_calibration
 from relnav.files.systems import SYSTEMS, resolve
-from relnav.files.toml_values import build, read_toml
+from relnav.files.toml_values import build, change_value, read_toml
 from relnav.mission import Model
+from relnav.sensors.three_beacon.calibration import Calibration
 
 
 def models_root() -> Path:
@@ -48,13 +51,15 @@ def find_model(name_or_path: str | os.PathLike[str]) -> Path:
     raise UnknownModelError(f"no model '{name}', neither shipped nor a folder or file; {hint}")
 
 
-def load_model(name_or_path: str | os.PathLike[str]) -> Any:
+def load_model(name_or_path: str | os.PathLike[str], changes: Mapping[str, Any] | None = None) -> Any:
     """Load a mission model.
 
     Parameters
     ----------
     name_or_path : str or path
         A shipped name (`list_models`), a folder that holds a `model.toml`, or such a file.
+    changes : mapping, optional
+        Values that replace the file's, by key as a file writes it ("focal_length_mm" or "sensor.focal_length_mm").
 
     Returns
     -------
@@ -74,8 +79,9 @@ def load_model(name_or_path: str | os.PathLike[str]) -> Any:
         problems.add("sensor_type", f"one of {', '.join(SYSTEMS)} is expected; got {kind!r}")
         problems.raise_if_any()
     cls = resolve(SYSTEMS[str(kind)].mission)
-    hints = typing.get_type_hints(cls)
-    sections = {name: hint for name, hint in hints.items() if dataclasses.is_dataclass(hint)}
+    sections, optional = _sections(cls)
+    for key, value in (changes or {}).items():
+        change_value(table, sections, key, value)
     provenance: dict[str, str] = {}
     values: dict[str, Any] = {}
     for name in table:
@@ -84,6 +90,11 @@ def load_model(name_or_path: str | os.PathLike[str]) -> Any:
             hint = f"did you mean [{near[0]}]?" if near else f"known sections are {', '.join(sections)}"
             problems.add(name, f"unknown section; {hint}")
     for name, section in sections.items():
+        if name in optional and name not in table:
+            continue
+        if section is Calibration:
+            values[name] = named_calibration(table[name], path, problems, provenance)
+            continue
         values[name] = build(section, table.get(name, {}), name, problems, provenance)
     problems.raise_if_any()
     label = path.parent.name if path.name == "model.toml" else path.stem
@@ -91,6 +102,18 @@ def load_model(name_or_path: str | os.PathLike[str]) -> Any:
         return cls(name=label, title=str(title), provenance=provenance, path=str(path), **values)
     except ValueError as error:
         raise ModelError(f"{path}: {error}") from error
+
+
+def _sections(cls: Any) -> tuple[dict[str, Any], set[str]]:
+    """Dataclasses that are sections of a mission's file, by name, and which of them may be left out (`X | None`)."""
+    sections, optional = {}, set()
+    for name, hint in typing.get_type_hints(cls).items():
+        choices = [choice for choice in typing.get_args(hint) or (hint,) if choice is not type(None)]
+        if len(choices) == 1 and dataclasses.is_dataclass(choices[0]):
+            sections[name] = choices[0]
+            if choices[0] is not hint:
+                optional.add(name)
+    return sections, optional
 
 
 def load_mission(name_or_path: str | os.PathLike[str]) -> Model:

@@ -32,7 +32,12 @@ class System:
 
 
 SYSTEMS: dict[str, System] = {
-    "three_beacon": System(mission="relnav.mission:Model", accuracy="relnav.accuracy.report:measure", progress_steps=3),
+    "three_beacon": System(
+        mission="relnav.mission:Model",
+        accuracy="relnav.accuracy.report:measure",
+        budget="relnav.accuracy.budget:budget_of",
+        progress_steps=3,
+    ),
     "three_marker": System(
         mission="relnav.sensors.three_marker.sensor:ThreeMarkerModel",
         accuracy="relnav.accuracy.three_marker:measure",

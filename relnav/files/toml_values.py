@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from relnav.errors import ModelError
+from relnav.errors import ModelError, UsageError
 from relnav.files.units import UNITS, same_kind, split_unit, to_si
 
 SOURCES = ("paper", "assumed", "derived")
@@ -172,3 +172,30 @@ def build(cls: Any, table: Any, where: str, problems: Problems, provenance: dict
     except ValueError as error:
         problems.add(where, str(error))
         return None
+
+
+def change_value(table: dict[str, Any], sections: dict[str, Any], key: str, value: Any) -> None:
+    """Replace a value of a parsed file by key ("focal_length_mm" or "sensor.focal_length_mm"), whatever its unit was.
+
+    Raises
+    ------
+    UsageError
+        If no section has that key, or more than one.
+    """
+    section, _, name = key.rpartition(".")
+    found = []
+    for where, cls in sections.items():
+        names = [field.name for field in dataclasses.fields(cls)]
+        meant, _, wrong = _find_field(name, names)
+        if section in ("", where) and not wrong:
+            found.append((where, meant, names))
+    if len(found) != 1:
+        places = (
+            f"it stands in {', '.join(f'{where}.{name}' for where, _, _ in found)}" if found else "no section has it"
+        )
+        raise UsageError(f"'{key}' cannot be set: {places}; write section.key with its unit, as the model's file does")
+    where, meant, names = found[0]
+    entries = table.setdefault(where, {})
+    for other in [entry for entry in entries if _find_field(entry, names)[0] == meant]:
+        del entries[other]
+    entries[name] = {"value": value, "source": "assumed", "why": "set for this run"}

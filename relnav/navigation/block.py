@@ -91,7 +91,7 @@ def new_block(model: Model, method: str, projection: str) -> Matrix:
         sensor.focal_length_m,
         0.5 * sensor.detector_size_m[0],
         0.5 * sensor.detector_size_m[1],
-        sensor.spot_noise_m,
+        model.spot_sigma_m,
         sensor.beacon_half_spacing_m,
         sensor.beacon_c_distance_m,
     )
@@ -116,7 +116,7 @@ def new_block(model: Model, method: str, projection: str) -> Matrix:
     block[DOCK : DOCK + 3, 3] = model.port_position_m
     block[ATTITUDE : ATTITUDE + 3, 3] = model.camera_lever_cam_m
     block[first_beacon:kept:BEACON_ROWS, :3] = beacons
-    block[first_beacon:kept:BEACON_ROWS, 3:5] = sensor.spot_noise_m
+    block[first_beacon:kept:BEACON_ROWS, 3:5] = model.spot_sigma_m
     block[STEP_KEY] = np.nan
     return block
 
@@ -137,3 +137,13 @@ def beacon_row(block: Matrix, beacon: int) -> int:
 def gate_limit(block: Matrix, dof: int) -> float:
     """Chi-square limit for so many degrees of freedom."""
     return float(block[int(block[LAYOUT, 1]) + (dof - 1) // 6, (dof - 1) % 6])
+
+
+@kernel
+def set_spot_sigma(block: Matrix, sigma: Matrix) -> None:
+    """Set the spots' 1-sigma (beacons, 2) m from this epoch on; where it is NaN the last one stays."""
+    for beacon in range(int(block[LAYOUT, 0])):
+        row = int(block[LAYOUT, 2]) + BEACON_ROWS * beacon
+        for k in range(2):
+            if sigma[beacon, k] > 0.0:
+                block[row + POSITION, 3 + k] = sigma[beacon, k]

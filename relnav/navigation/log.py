@@ -12,7 +12,7 @@ from relnav._kernel import kernel
 from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.geometry.rotation import dcm_from_quaternion_into
 from relnav.mission import Model
-from relnav.navigation.block import ATTITUDE, CLOCK, INNOVATION, INPUT, RESULT, SETTINGS, TRACK
+from relnav.navigation.block import ATTITUDE, CLOCK, INNOVATION, INPUT, RESULT, SETTINGS, TRACK, set_spot_sigma
 from relnav.navigation.choice import choose, vector
 from relnav.navigation.record import Solution
 from relnav.navigation.reference_engine import ReferenceEngine, run_reference
@@ -54,13 +54,15 @@ def _run(
     spots: Stack,
     control: Matrix,
     quaternion: Matrix,
+    sigma: Stack,
     state: Matrix,
     factor: Matrix,
     innovation: Matrix,
     nis: Vector,
     codes: Codes,
 ) -> None:
-    """`step` over epochs; control (n, 6) and quaternion (n, 4) may be empty."""
+    """`step` over epochs; control (n, 6), quaternion (n, 4) and sigma (n, beacons, 2) may be empty."""
+    noisy = sigma.shape[0] > 0
     controlled, turned, numbers = control.shape[0] > 0, quaternion.shape[0] > 0, innovation.shape[1]
     for e in range(t.shape[0]):
         if controlled:
@@ -69,6 +71,8 @@ def _run(
         if turned:
             dcm_from_quaternion_into(quaternion[e], block[ATTITUDE : ATTITUDE + 3])
             attitude_changed(block)
+        if noisy:
+            set_spot_sigma(block, sigma[e])
         codes[e, 1] = step(block, t[e], spots[e])
         codes[e, 0] = int(block[RESULT, 2])
         codes[e, 2] = int(block[RESULT, 3])
@@ -97,19 +101,24 @@ class LogFilter:
         self.block = choose(model, method, projection, engine)
         self._reference = ReferenceEngine(self.block) if engine == "filterpy" else None
 
-    def forward(self, t: Vector, spots: Stack, control: Matrix, quaternion: Matrix, epochs: Epochs) -> None:
+    def forward(
+        self, t: Vector, spots: Stack, control: Matrix, quaternion: Matrix, epochs: Epochs, sigma: Stack | None = None
+    ) -> None:
         """Filter the next epochs.
 
-        t (n,), spots (n, beacons, 2), control (n, 6) or (0, 6), quaternion (n, 4) or (0, 4).
+        t (n,), spots (n, beacons, 2), control (n, 6) or (0, 6), quaternion (n, 4) or (0, 4); sigma (n, beacons, 2) of
+        the spots, if it is not the model's.
         """
         if len(quaternion):
             self.block[SETTINGS, 2] = 1.0
+        spots = self.model.corrected(spots)
         arguments = (
             self.block,
             t,
             spots,
             control,
             quaternion,
+            np.empty((0, 0, 2)) if sigma is None else sigma,
             epochs.state,
             epochs.factor,
             epochs.innovation,
@@ -161,6 +170,7 @@ def filter_epochs(
     delta_v_m_s: Matrix | None = None,
     q_cam_from_lvlh: Matrix | None = None,
     method: str = "spots",
+    spot_sigma_m: Stack | None = None,
     projection: str | None = None,
     engine: str = "compiled",
     smooth: bool = False,
@@ -182,6 +192,8 @@ def filter_epochs(
         Camera attitude of each row, unit quaternions, scalar last; the model's if left out.
     method, projection, engine
         As for `Navigator`.
+    spot_sigma_m : (n, 3, 2), optional
+        1-sigma of each spot coordinate; the model's if left out. Where it is NaN the last one stays.
     smooth : bool
         Run backward too: every state then rests on all measurements of its unbroken piece of track.
     progress : callable, optional
@@ -194,13 +206,18 @@ def filter_epochs(
     """
     t, spots = _epochs(model, t_s, spots_m)
     n = len(t)
+    if spot_sigma_m is not None:
+        spot_sigma_m = np.ascontiguousarray(spot_sigma_m, dtype=np.float64)
+        if spot_sigma_m.shape != spots.shape or np.any(spot_sigma_m <= 0.0):
+            raise ValueError(f"spot_sigma_m has shape {spots.shape} and is above zero; got {spot_sigma_m.shape}")
     control = controls(n, acceleration_m_s2, delta_v_m_s)
     quaternion = _quaternions(n, q_cam_from_lvlh)
     log = LogFilter(model, method, projection=projection, engine=engine)
     epochs = Epochs.empty(n, len(model.beacons_lvlh_m))
     for begin in range(0, n, CHUNK):
         part = slice(begin, min(n, begin + CHUNK))
-        log.forward(t[part], spots[part], control[part], quaternion[part], epochs.part(part))
+        noise = None if spot_sigma_m is None else spot_sigma_m[part]
+        log.forward(t[part], spots[part], control[part], quaternion[part], epochs.part(part), noise)
         if progress is not None:
             progress(part.stop - part.start)
     if smooth:

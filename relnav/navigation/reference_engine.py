@@ -33,6 +33,7 @@ from relnav.navigation.block import (
     TRACK,
     TRIAL,
     beacon_row,
+    set_spot_sigma,
 )
 from relnav.navigation.docking_view import LOWER
 from relnav.navigation.observation import rows_in_use
@@ -231,6 +232,7 @@ def run_reference(
     spots: Stack,
     control: Matrix,
     quaternion: Matrix,
+    sigma: Stack,
     state: Matrix,
     factor: Matrix,
     innovation: Matrix,
@@ -245,6 +247,8 @@ def run_reference(
         if len(quaternion):
             block[ATTITUDE : ATTITUDE + 3, :3] = dcm_from_quaternion(quaternion[e])
             attitude_changed(block)
+        if len(sigma):
+            set_spot_sigma(block, sigma[e])
         status = engine.step(float(t[e]), spots[e])
         codes[e] = int(block[RESULT, 2]), status, int(block[RESULT, 3])
         nis[e] = block[RESULT, 1]

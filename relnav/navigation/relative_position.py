@@ -99,6 +99,8 @@ class Navigator:
             self._set(acceleration_m_s2, delta_v_m_s, dcm_cam_from_lvlh)
         if type(spots_m) is not np.ndarray:
             spots_m = np.array(spots_m, dtype=np.float64)
+        if self.model.calibration is not None:
+            spots_m = self.model.corrected(spots_m)
         try:
             outcome = self._step(self._block, t_s, spots_m)
         except (TypeError, IndexError):  # another type of numbers, or an array that is not one piece of memory

@@ -6,6 +6,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Stack
 from relnav.mission import Model
+from relnav.sensors.three_beacon.psd import spot_sigma
 
 
 @dataclass(frozen=True)
@@ -29,21 +30,82 @@ class Faults:
                 raise ValueError(f"{name} is a probability, 0 <= {name} < 1; got {getattr(self, name)!r}")
 
 
-def project_beacons(model: Model, state: Matrix) -> Stack:
-    """Noise-free spots (n, 3, 2) m of true states (n, 6), camera attitude held; NaN where a beacon is behind."""
-    dcm = model.dcm_cam_from_lvlh
-    camera = state[:, None, :3] + dcm.T @ model.camera_lever_cam_m
-    c = (model.beacons_lvlh_m[None] - camera) @ dcm.T
+def beacons_in_camera(model: Model, state: Matrix, dcm_cam_from_lvlh: Stack | None = None) -> Stack:
+    """Beacons A, B, C in camera axes (n, 3, 3) m from true states (n, 6); attitude (n, 3, 3) or the model's."""
+    dcm = model.dcm_cam_from_lvlh[None] if dcm_cam_from_lvlh is None else dcm_cam_from_lvlh
+    camera = state[:, :3] + np.einsum("nij,i->nj", dcm, model.camera_lever_cam_m)
+    points: Stack = np.einsum("nij,nbj->nbi", dcm, model.beacons_lvlh_m[None] - camera[:, None])
+    return points
+
+
+def project_beacons(model: Model, state: Matrix, dcm_cam_from_lvlh: Stack | None = None) -> Stack:
+    """Noise-free spots (n, 3, 2) m of true states (n, 6); NaN where a beacon is behind. Attitude as above."""
+    c = beacons_in_camera(model, state, dcm_cam_from_lvlh)
     with np.errstate(divide="ignore", invalid="ignore"):
         image = model.sensor.focal_length_m * c[..., :2] / c[..., 2:]
     spots: Stack = np.where(c[..., 2:] > 0.0, image, np.nan)
     return spots
 
 
-def image(model: Model, state: Matrix, faults: Faults, rng: np.random.Generator) -> Stack:
-    """Spots (n, 3, 2) m that a log of the true states (n, 6) holds; NaN = not seen."""
+def photocurrents(model: Model, state: Matrix, dcm_cam_from_lvlh: Stack | None = None) -> Matrix:
+    """Photocurrent (n, 3) A that each beacon would draw while it is on, from true states (n, 6); 0 from behind.
+
+    Raises
+    ------
+    ValueError
+        If the model does not say what its detector and its light are.
+    """
+    if model.detector is None or model.light is None:
+        raise ValueError(f"model {model.name} has no [detector] and [light]: photocurrents need both")
+    c = beacons_in_camera(model, state, dcm_cam_from_lvlh)
+    dcm = model.dcm_cam_from_lvlh[None] if dcm_cam_from_lvlh is None else dcm_cam_from_lvlh
+    boresight = dcm @ model.dcm_dock_from_lvlh[0]  # the docking axis in camera axes
+    distance = np.linalg.norm(c, axis=-1)
+    beacon_angle = np.arccos(np.clip(-(c @ boresight[..., None])[..., 0] / distance, -1.0, 1.0))
+    camera_angle = np.arccos(np.clip(c[..., 2] / distance, -1.0, 1.0))
+    power = model.light.received_power_w(distance, beacon_angle, camera_angle)
+    current: Matrix = model.detector.responsivity_a_w * power
+    return current
+
+
+def background_current_a(model: Model) -> float:
+    """Current of the background on each of the four electrodes, A."""
+    if model.detector is None or model.light is None:
+        raise ValueError(f"model {model.name} has no [detector] and [light]: a background current needs both")
+    power = model.light.background_power_w(model.sensor.detector_size_m, model.sensor.focal_length_m)
+    return 0.5 * model.detector.axis_share * model.detector.responsivity_a_w * power
+
+
+def spot_sigmas(model: Model, state: Matrix, dcm_cam_from_lvlh: Stack | None = None) -> Stack:
+    """1-sigma (n, 3, 2) m of each spot coordinate by received power; NaN where a beacon is behind.
+
+    A model without [detector] and [light] has its constant `spot_noise_m`.
+    """
+    spots = project_beacons(model, state, dcm_cam_from_lvlh)
+    if model.detector is None or model.light is None:
+        return np.where(np.isnan(spots), np.nan, model.sensor.spot_noise_m)
+    samples = 1 if model.pulses is None else model.pulses.samples
+    dark = model.pulses.dark_samples if model.pulses is not None and model.pulses.dark_slot else np.inf
+    return spot_sigma(
+        model.detector,
+        model.sensor.detector_size_m,
+        spots,
+        photocurrents(model, state, dcm_cam_from_lvlh) * model.detector.axis_share,
+        background_current_a(model),
+        samples=samples,
+        dark_samples=dark,
+    )
+
+
+def image(
+    model: Model, state: Matrix, faults: Faults, rng: np.random.Generator, sigma_m: Stack | float | None = None
+) -> Stack:
+    """Spots (n, 3, 2) m that a log of the true states (n, 6) holds; NaN = not seen.
+
+    sigma_m: noise of each coordinate, (n, 3, 2) or one number; the sensor's `spot_noise_m` if left out.
+    """
     spots = project_beacons(model, state)
-    spots = spots + rng.normal(size=spots.shape) * model.sensor.spot_noise_m
+    spots = spots + rng.normal(size=spots.shape) * (model.sensor.spot_noise_m if sigma_m is None else sigma_m)
     half = 0.5 * np.array(model.sensor.detector_size_m)
     elsewhere = rng.uniform(-1.0, 1.0, size=spots.shape) * half
     glint = rng.uniform(size=spots.shape[:2]) < faults.outliers

@@ -10,7 +10,7 @@ from relnav.files.logs import read_log
 from relnav.files.units import UNITS, same_kind, split_unit, to_si
 
 FOCAL = "focal_length_mm = { value = 50.0,"
-LENGTHS = {"um": 50000.0, "mm": 50.0, "cm": 5.0, "m": 0.05, "km": 5e-5}
+LENGTHS = {"um": 50000.0, "mm": 50.0, "cm": 5.0, "m": 0.05, "km": 5e-5, "nm": 5e7}
 
 
 @pytest.mark.parametrize("unit", same_kind("m"))

@@ -97,3 +97,37 @@ def test_outliers_as_often_as_stated_all_over_the_detector(make_model, sensor, o
 def test_impossible_faults(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=f"{name} is a probability, 0 <= {name} < 1; got"):
         Faults(**{name: value})
+
+
+def test_noise_by_received_power() -> None:
+    """Quiet close in, loud far out, and as loud as stated; the triangle's C is nearer, so quieter."""
+    import relnav
+    from relnav.simulation.detector import spot_sigmas
+
+    model, n = relnav.load_model("three_beacon_psd"), 20_000
+    sigma = spot_sigmas(model, STATES)
+    assert (np.diff(sigma[:, 0, 0]) < 0.0).all()  # STATES come closer
+    assert (sigma[:, 2] < sigma[:, 0]).all()
+    assert 10e-6 < sigma[1, 0, 0] < 11.5e-6  # 6.5 m, 3.5 deg off the beacon's boresight
+    state = np.tile(STATES[1], (n, 1))
+    drawn = image(model, state, Faults(), np.random.default_rng(7), spot_sigmas(model, state))
+    noise = drawn - project_beacons(model, state)
+    np.testing.assert_allclose(noise.std(axis=0), sigma[1], rtol=0.03)
+
+
+def test_without_a_detector_the_noise_is_the_sensors(make_model, sensor) -> None:
+    from relnav.simulation.detector import photocurrents, spot_sigmas
+
+    np.testing.assert_array_equal(spot_sigmas(make_model(), STATES), np.full((3, 3, 2), sensor.spot_noise_m))
+    with pytest.raises(ValueError, match=r"has no \[detector\] and \[light\]"):
+        photocurrents(make_model(), STATES)
+
+
+def test_attitude_of_each_row(make_model) -> None:
+    """A camera that turns right moves spots left: f tan(angle) in the middle."""
+    angle = np.array([0.0, 0.01, -0.02])
+    c, s = np.cos(angle), np.sin(angle)
+    zero, one = np.zeros(3), np.ones(3)
+    turn = np.stack([c, zero, -s, zero, one, zero, s, zero, c], axis=-1).reshape(3, 3, 3)
+    spots = project_beacons(make_model(), np.tile([6.0, 0, 0, 0, 0, 0], (3, 1)), turn @ FACING)
+    np.testing.assert_allclose(spots[:, 2, 0], -0.05 * np.tan(angle), atol=1e-15)

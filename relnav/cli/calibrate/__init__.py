@@ -1,14 +1,15 @@
-"""`relnav calibrate`: from a sensor's bench measurements to a calibration file."""
+"""`relnav calibrate SENSOR`: from bench measurements of something known to a calibration that a model file can name."""
 
 import click
 
 from relnav.cli import LazyGroup
 
 COMMANDS = {
+    "psd": ("relnav.cli.calibrate.psd", "Fit a position-sensitive detector's distortion from a grid of known spots."),
     "sun": ("relnav.cli.calibrate.sun", "An APS sun sensor, from turntable angles and spots."),
 }
 
 
-@click.command(cls=LazyGroup, table=COMMANDS, epilog="Example: relnav calibrate sun turntable.csv --out sun.json")
+@click.command(cls=LazyGroup, table=COMMANDS, epilog="Example: relnav calibrate psd grid.csv --out calibration.toml")
 def command() -> None:
-    """Calibrate a sensor from its bench measurements."""
+    """Calibrate a sensor from bench measurements of something known."""

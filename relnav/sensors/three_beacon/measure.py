@@ -27,7 +27,8 @@ def measure(spots_m: ArrayLike, model: HasSensor | ThreeBeaconSensor, *, project
     Parameters
     ----------
     spots_m : (3, 2)
-        Detector coordinates of beacons A, B, C, m (x right, y down); a NaN row is a beacon not seen.
+        Detector coordinates of beacons A, B, C, m (x right, y down); a NaN row is a beacon not seen. A model's
+        calibration is applied to them.
     model : Model or ThreeBeaconSensor
         A loaded model or its sensor.
     projection : {"perspective", "parallel"}, optional
@@ -49,6 +50,10 @@ def measure(spots_m: ArrayLike, model: HasSensor | ThreeBeaconSensor, *, project
     spots = np.ascontiguousarray(spots_m, dtype=np.float64)
     if spots.shape != (3, 2):
         raise ValueError(f"spots_m has shape (3, 2), rows A, B, C, columns x, y in metres; got {spots.shape}")
+    calibration = getattr(model, "calibration", None)
+    noise = sensor.spot_noise_m
+    if calibration is not None:
+        spots, noise = calibration.correct(spots), float(np.hypot(noise, calibration.residual_sigma_m))
     name = sensor.projection if projection is None else projection
     if name not in PROJECTIONS:
         raise ValueError(f'projection must be "perspective" or "parallel"; got {name!r}')
@@ -58,7 +63,7 @@ def measure(spots_m: ArrayLike, model: HasSensor | ThreeBeaconSensor, *, project
         sensor.focal_length_m,
         0.5 * sensor.detector_size_m[0],
         0.5 * sensor.detector_size_m[1],
-        sensor.spot_noise_m,
+        noise,
         sensor.beacon_half_spacing_m,
         sensor.beacon_c_distance_m,
         PROJECTIONS[name],

@@ -1,0 +1,80 @@
+"""`relnav budget`: what accuracy a design will reach, what limits it, and what a change buys."""
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import click
+
+
+@click.command(epilog="Example: relnav budget three_beacon_psd --set focal_length_mm=80 --plot budget.png")
+@click.argument("model")
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Replace a value of MODEL; as often as you like.",
+)
+@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Write the budget as one JSON object.")
+@click.option("--plot", type=click.Path(path_type=Path), help="Draw the budget by range, .png.")
+@click.option("--quiet", is_flag=True, help="Print nothing.")
+def command(model: str, settings: tuple[str, ...], json_path: Path | None, plot: Path | None, quiet: bool) -> None:
+    """Error budget of MODEL: every imperfection's share by analysis, before anything is built.
+
+    Keys of --set are those of the model's file, in any fitting unit: focal_length_mm=80, or sensor.focal_length_mm=80.
+    """
+    from relnav.errors import UsageError
+    from relnav.files.atomic import check_distinct, check_folder, replacing
+    from relnav.files.models import load_model
+    from relnav.files.systems import resolve, system_of
+    from relnav.files.tables import write_json
+
+    for path in (json_path, plot):
+        if path is not None:
+            check_folder(path)
+    check_distinct(json_path, plot)
+    changes, change = dict(_setting(text) for text in settings), " ".join(settings)
+    mission = load_model(model, changes)
+    system = system_of(mission)
+    if not system.budget:
+        raise UsageError(f"{mission.name}: no error budget is known for this kind of sensor")
+    budget = resolve(system.budget)
+    try:
+        report = budget(mission)
+        before = budget(load_model(model)) if changes else None
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    with ExitStack() as outputs:
+        if json_path is not None:
+            figures = report.to_dict() | {"change": change, "before": None if before is None else before.to_dict()}
+            write_json(figures, outputs.enter_context(replacing(json_path)))
+        if plot is not None:
+            from relnav.files.budget_picture import draw_budget
+
+            draw_budget(report, outputs.enter_context(replacing(plot)), before, change)
+        if not quiet:
+            for line in report.lines() if before is None else [*report.lines(), *_change_lines(report, before, change)]:
+                click.echo(line)
+
+
+def _change_lines(report: Any, before: Any, change: str) -> list[str]:
+    if hasattr(report, "change_lines"):
+        lines: list[str] = report.change_lines(before, change)
+        return lines
+    return [f"before {change}:", *before.lines()]
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    """Key and value of KEY=VALUE; the value is written as in a model's file, words need no quotes."""
+    import tomllib
+
+    from relnav.errors import UsageError
+
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip() or not value.strip():
+        raise UsageError(f"--set is written KEY=VALUE, as in focal_length_mm=80; got {text!r}")
+    try:
+        return key.strip(), tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key.strip(), value.strip()

@@ -1,0 +1,140 @@
+"""`relnav calibrate psd`: a grid of known spots in, the correction of the detector's distortion out."""
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from relnav.sensors.three_beacon.calibrate import CalibrationReport
+
+
+@click.command(epilog="Example: relnav calibrate psd grid.csv --out calibration.toml --model three_beacon_psd")
+@click.argument("grid", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Calibration to write, .toml; a model's [calibration] names it."
+)
+@click.option("--model", help="A model whose detector this is: for the share of its area that the grid covers.")
+@click.option("--target", "target_um", default=10.0, show_default=True, help="Wanted 3-sigma of what is left, um.")
+@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Write the figures as one JSON object.")
+@click.option("--quiet", is_flag=True, help="Print nothing.")
+def command(
+    grid: Path, out: Path | None, model: str | None, target_um: float, json_path: Path | None, quiet: bool
+) -> None:
+    """Fit a two-dimensional correction from GRID, a CSV of known and measured spots, one row a point.
+
+    Columns of GRID: true_x_um, true_y_um, spot_x_um, spot_y_um (any length unit; an empty spot is not seen). The order
+    of the correction is chosen by cross-validation.
+    """
+    from relnav.errors import LogError, UsageError
+    from relnav.files.atomic import check_distinct, check_folder, replacing
+    from relnav.files.models import load_mission
+    from relnav.files.psd_calibration import write_calibration
+    from relnav.files.psd_grid import read_grid
+    from relnav.files.tables import write_json
+    from relnav.sensors.three_beacon.calibrate import calibrate
+
+    if not target_um > 0.0:
+        raise UsageError(f"--target is a length above zero; got {target_um:g}")
+    for path in (out, json_path):
+        if path is not None:
+            check_folder(path)
+    check_distinct(grid, out, json_path)
+    size = None if model is None else load_mission(model).sensor.detector_size_m
+    true_m, measured_m = read_grid(grid)
+    try:
+        report = calibrate(true_m, measured_m, detector_size_m=size, target_m=target_um * 1e-6)
+    except ValueError as error:
+        raise LogError(f"{grid}: {error}") from error
+    with ExitStack() as outputs:
+        if out is not None:
+            write_calibration(report, outputs.enter_context(replacing(out)), grid.name)
+        if json_path is not None:
+            write_json(summary(report), outputs.enter_context(replacing(json_path)))
+        if not quiet:
+            for line in lines(report):
+                click.echo(line)
+            if out is not None:
+                click.echo(f'calibration: {out} (name it in a model: [calibration] file = "{out.name}")')
+
+
+def summary(report: "CalibrationReport") -> dict[str, Any]:
+    """The figures as plain values."""
+    c, grid = report.calibration, report.recommended()
+    return {
+        "points": c.points,
+        "noise_um": report.noise_m * 1e6,
+        "raw_max_um": report.raw_max_m * 1e6,
+        "raw_rms_um": report.raw_rms_m * 1e6,
+        "order": c.order,
+        "orders": [
+            {
+                "order": fit.order,
+                "terms": fit.terms,
+                "prediction_um": fit.prediction_m * 1e6,
+                "fit_noise_um": fit.fit_noise_m * 1e6,
+                "figure_um": fit.figure_m * 1e6,
+            }
+            for fit in report.orders
+        ],
+        "residual_3_sigma_um": report.reached_m * 1e6,
+        "target_um": report.target_m * 1e6,
+        "met": report.met,
+        "center_mm": [value * 1e3 for value in c.center_m],
+        "half_width_mm": [value * 1e3 for value in c.half_width_m],
+        "detector_share": report.detector_share,
+        "empty_cells": report.empty_cells,
+        "rim_slope": c.rim_slope,
+        "recommended_side": None if grid is None else grid[0],
+        "recommended_order": None if grid is None else grid[1],
+    }
+
+
+def lines(report: "CalibrationReport") -> list[str]:
+    """The figures for a reader."""
+    c, chosen = report.calibration, report.chosen
+    out = [
+        f"{c.points} points, noise {report.noise_m * 1e6:.1f} um (estimated); detection error before: largest "
+        f"{report.raw_max_m * 1e6:.0f} um, rms {report.raw_rms_m * 1e6:.0f} um",
+        "order  terms  left-out point  fit noise  figure not followed   (1-sigma, um, each axis)",
+    ]
+    for fit in report.orders:
+        mark = "  <- least" if fit is chosen else ""
+        out.append(
+            f"{fit.order:5}  {fit.terms:5}  {fit.prediction_m * 1e6:14.2f}  {fit.fit_noise_m * 1e6:9.2f}"
+            f"  {fit.figure_m * 1e6:19.2f}{mark}"
+        )
+    out.append(
+        f"left by the correction, 3-sigma: {report.reached_m * 1e6:.1f} um of {report.target_m * 1e6:g} um wanted"
+        f"  {'met' if report.met else 'NOT met'}"
+    )
+    box = (
+        f"valid within {c.half_width_m[0] * 1e3:.2f} x {c.half_width_m[1] * 1e3:.2f} mm of "
+        f"({c.center_m[0] * 1e3:.2f}, {c.center_m[1] * 1e3:.2f}) mm"
+    )
+    share = "" if report.detector_share is None else f", {100.0 * report.detector_share:.0f} % of the detector"
+    out.append(
+        f"{box}{share}; beyond, the correction is held and is wrong by {c.rim_slope * 100.0:.1f} um more every 0.1 mm"
+    )
+    if report.empty_cells:
+        out.append(f"HOLES: {report.empty_cells} of 25 cells of that box hold no point; measure there too")
+    out.append(_advice(report))
+    return out
+
+
+def _advice(report: "CalibrationReport") -> str:
+    grid, width = report.recommended(), 2.0 * max(report.calibration.half_width_m) * 1e3
+    if grid is None:
+        finest = report.orders[-1]
+        side = 2 * round(report.calibration.points**0.5)
+        return (
+            f"recommended: a grid of {side} x {side} (every {width / (side - 1):.2f} mm): the figure is finer than "
+            f"order {finest.order} follows, and more orders need more points"
+        )
+    side, order = grid
+    have = "enough" if side * side <= report.calibration.points else "recommended"
+    return (
+        f"{have}: a grid of {side} x {side} (every {width / (side - 1):.2f} mm, order {order}) reaches "
+        f"{report.target_m * 1e6:g} um at this noise"
+    )

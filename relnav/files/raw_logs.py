@@ -1,0 +1,180 @@
+"""Raw logs of a position-sensitive detector: CSV, a row a slot, the beacon's name and its four currents or counts.
+
+Columns: `t_s`, `beacon` (a, b, c or dark), and `current_x1_na, current_x2_na, current_y1_na, current_y2_na` (any unit
+of current) or `adc_x1, adc_x2, adc_y1, adc_y2` (converter counts); optionally control and attitude as in a log of
+spots. An empty current is missing; one at the converter's end is saturated.
+"""
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from relnav.arrays import Codes, Matrix, Vector
+from relnav.errors import LogError
+from relnav.files.log_columns import ACCELERATION, DELTA_V, QUATERNION
+from relnav.files.units import UNITS, split_unit, to_si
+from relnav.sensors.three_beacon.pulses import NAMES
+
+ELECTRODES = ("x1", "x2", "y1", "y2")
+CURRENTS = tuple(f"current_{name}" for name in ELECTRODES)
+COUNTS = tuple(f"adc_{name}" for name in ELECTRODES)
+KIND = {"t": "s"} | dict.fromkeys(CURRENTS, "a") | dict.fromkeys(ACCELERATION, "m_s2") | dict.fromkeys(DELTA_V, "m_s")
+KIND |= dict.fromkeys((*COUNTS, *QUATERNION, "beacon"), "")
+MAY_BE_EMPTY = (*CURRENTS, *COUNTS)
+
+
+@dataclass(frozen=True)
+class RawSlots:
+    """A raw log in SI units; `currents_a` or `counts` (n, 4), whichever the log holds, NaN = missing."""
+
+    path: Path
+    t_s: Vector
+    beacon: Codes
+    currents_a: Matrix | None
+    counts: Matrix | None
+    acceleration_m_s2: Matrix | None
+    delta_v_m_s: Matrix | None
+    q_cam_from_lvlh: Matrix | None
+    metadata: dict[str, str]
+    ignored: tuple[str, ...]
+
+
+def is_raw_log(path: Path) -> bool:
+    """Whether a log's header names a column `beacon`: a row a slot, not a row an epoch."""
+    if path.suffix.lower() == ".parquet":
+        return False
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            for line in file:
+                if line.strip() and not line.lstrip().startswith("#"):
+                    return "beacon" in [name.strip() for name in line.split(",")]
+    except (OSError, UnicodeDecodeError):
+        return False  # the reader of logs says what is wrong
+    return False
+
+
+def read_raw_log(path: Path) -> RawSlots:
+    """Read a raw log.
+
+    Raises
+    ------
+    LogError
+        Naming file, line and column: for a missing column or unit, a row with a wrong number of cells, a beacon of
+        another name, text in a number, an empty cell that is not a current, a time that repeats or goes back.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise LogError(f"{path}: not a text file in UTF-8; a CSV log is expected") from error
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror}") from error
+    lines = list(enumerate(text.splitlines(), start=1))
+    comments = [line.strip("# \t") for _, line in lines if line.lstrip().startswith("#")]
+    metadata = {
+        key.strip(): value.strip() for key, equals, value in (line.partition("=") for line in comments) if equals
+    }
+    rows = [(number, line) for number, line in lines if line.strip() and not line.lstrip().startswith("#")]
+    if len(rows) < 2:
+        raise LogError(f"{path}: a header line and one row a slot are expected; got {len(rows)} lines")
+    number, header = rows[0]
+    names = [name.strip() for name in next(csv.reader([header]))]
+    places, ignored = _places(names, f"{path}:{number}")
+    values = _values(rows[1:], names, places, path)
+    _check(values, rows[1:], path, places, names)
+
+    def group(bases: tuple[str, ...]) -> Matrix | None:
+        if bases[0] not in places:
+            return None
+        order = list(places)
+        return np.stack([to_si(values[:, order.index(base)], places[base][1]) for base in bases], axis=1)
+
+    times, beacons = group(("t",)), group(("beacon",))
+    assert times is not None
+    assert beacons is not None
+    return RawSlots(
+        path=path,
+        t_s=times[:, 0],
+        beacon=beacons[:, 0].astype(np.int64),
+        currents_a=group(CURRENTS),
+        counts=group(COUNTS),
+        acceleration_m_s2=group(ACCELERATION),
+        delta_v_m_s=group(DELTA_V),
+        q_cam_from_lvlh=group(QUATERNION),
+        metadata=metadata,
+        ignored=ignored,
+    )
+
+
+def _places(names: list[str], where: str) -> tuple[dict[str, tuple[int, float]], tuple[str, ...]]:
+    """Position in a row and factor to SI of each quantity; and the columns of other matters."""
+    places: dict[str, tuple[int, float]] = {}
+    ignored = []
+    for position, name in enumerate(names):
+        base, unit = (name, "") if KIND.get(name) == "" else split_unit(name)
+        if base not in KIND:
+            ignored.append(name)
+            continue
+        if KIND[base] and (not unit or UNITS[unit][0] != KIND[base]):
+            fitting = ", ".join(f"{base}_{other}" for other, (si, _) in UNITS.items() if si == KIND[base])
+            came = f"unit '{unit}' does not fit" if unit else "the unit is missing"
+            raise LogError(f"{where}: column '{name}': {came}; write one of {fitting}")
+        if base in places:
+            raise LogError(f"{where}: column '{name}' repeats '{names[places[base][0]]}'; keep one")
+        places[base] = (position, UNITS[unit][1] if unit else 1.0)
+    needed = COUNTS if COUNTS[0] in places else CURRENTS
+    for base in ("t", "beacon", *needed):
+        if base not in places:
+            example = base + {"s": "_s", "a": "_na", "": ""}[KIND[base]]
+            raise LogError(f"{where}: column '{example}' is missing; the columns are {', '.join(names)}")
+    for bases in (CURRENTS, COUNTS, ACCELERATION, DELTA_V, QUATERNION):
+        missing = [base for base in bases if base not in places]
+        if missing and len(missing) < len(bases):
+            raise LogError(f"{where}: column '{missing[0]}' is missing; the others of its group are there")
+    return places, tuple(ignored)
+
+
+def _values(rows: list[tuple[int, str]], names: list[str], places: dict[str, tuple[int, float]], path: Path) -> Matrix:
+    """Numbers (n, len(places)) of all rows, beacons by number, empty cells NaN."""
+    out = np.empty((len(rows), len(places)))
+    codes = {name: float(k) for k, name in enumerate(NAMES)}
+    order = [(base, place) for base, (place, _) in places.items()]
+    for row, (number, line) in enumerate(rows):
+        cells = line.split(",") if '"' not in line else next(csv.reader([line]))
+        if len(cells) != len(names):
+            raise LogError(f"{path}:{number}: {len(names)} cells are expected as in the header; got {len(cells)}")
+        for column, (base, place) in enumerate(order):
+            cell = cells[place].strip()
+            if base == "beacon":
+                if cell.lower() not in codes:
+                    raise LogError(f"{path}:{number}: column 'beacon': one of a, b, c, dark is expected; got {cell!r}")
+                out[row, column] = codes[cell.lower()]
+                continue
+            try:
+                if "_" in cell:  # float() would take 1_5 for 15
+                    raise ValueError
+                out[row, column] = float(cell) if cell else math.nan
+            except ValueError:
+                raise LogError(f"{path}:{number}: column '{names[place]}': {cell!r} is not a number") from None
+    return out
+
+
+def _check(
+    values: Matrix, rows: list[tuple[int, str]], path: Path, places: dict[str, tuple[int, float]], names: list[str]
+) -> None:
+    for column, (base, (place, _)) in enumerate(places.items()):
+        bad = np.flatnonzero(~np.isfinite(values[:, column]))
+        if bad.size and base not in MAY_BE_EMPTY:
+            raise LogError(
+                f"{path}:{rows[int(bad[0])][0]}: column '{names[place]}' is empty or not finite; only a current may be"
+            )
+    t = values[:, list(places).index("t")]
+    late = np.flatnonzero(np.diff(t) <= 0.0)
+    if late.size:
+        row = int(late[0]) + 1
+        raise LogError(
+            f"{path}:{rows[row][0]}: time {t[row]:.15g} s is not after {t[row - 1]:.15g} s of the row before; sort the "
+            "log by time and keep one row a slot"
+        )
