@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from relnav.navigation.record import FilterRecord, Solution
     from relnav.navigation.relative_position import Navigator, filter_epochs
     from relnav.navigation.status import EpochStatus
-    from relnav.sensors import three_beacon
+    from relnav.sensors import dual_field, three_beacon
     from relnav.sensors.measurement import Measurement, Status
 
 _HOME = {
@@ -45,12 +45,13 @@ _HOME = {
     "Navigator": "relnav.navigation.relative_position",
     "filter_epochs": "relnav.navigation.relative_position",
     "EpochStatus": "relnav.navigation.status",
+    "dual_field": "relnav.sensors.dual_field",
     "three_beacon": "relnav.sensors.three_beacon",
     "Measurement": "relnav.sensors.measurement",
     "Status": "relnav.sensors.measurement",
 }
 
-_MODULES = ("three_beacon",)
+_MODULES = ("dual_field", "three_beacon")
 
 __all__ = [
     "AccuracyReport",
@@ -66,6 +67,7 @@ __all__ = [
     "Solution",
     "Status",
     "UsageError",
+    "dual_field",
     "filter_epochs",
     "filter_log",
     "list_models",

@@ -15,6 +15,7 @@ COMMANDS = {
     "filter": ("relnav.cli.filter", "Filter a log of spots into a track with covariance."),
     "simulate": ("relnav.cli.simulate", "Simulate an approach: a log of spots and its truth."),
     "models": ("relnav.cli.models", "List the shipped models, or show one with its sources."),
+    "stars": ("relnav.cli.stars", "Star frames: inertial attitude from the spots of one image."),
 }
 """Name -> module that holds it as `command`, and its line in the list."""
 

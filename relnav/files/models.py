@@ -75,7 +75,8 @@ def load_model(name_or_path: str | os.PathLike[str]) -> Any:
         problems.raise_if_any()
     cls = resolve(SYSTEMS[str(kind)].mission)
     hints = typing.get_type_hints(cls)
-    sections = {name: hint for name, hint in hints.items() if dataclasses.is_dataclass(hint)}
+    extras = resolve(SYSTEMS[str(kind)].extras)() if SYSTEMS[str(kind)].extras else {}
+    sections = {name: hint for name, hint in hints.items() if dataclasses.is_dataclass(hint) and name not in extras}
     provenance: dict[str, str] = {}
     values: dict[str, Any] = {}
     for name in table:
@@ -88,7 +89,7 @@ def load_model(name_or_path: str | os.PathLike[str]) -> Any:
     problems.raise_if_any()
     label = path.parent.name if path.name == "model.toml" else path.stem
     try:
-        return cls(name=label, title=str(title), provenance=provenance, path=str(path), **values)
+        return cls(name=label, title=str(title), provenance=provenance, path=str(path), **values, **extras)
     except ValueError as error:
         raise ModelError(f"{path}: {error}") from error
 

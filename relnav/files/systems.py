@@ -19,16 +19,25 @@ class System:
         Runs of the accuracy benchmark unless the user says otherwise.
     progress_steps : int
         How often `progress` is called for a run.
+    extras : str
+        Function () -> dict of what the mission holds beside the sections of its file.
     """
 
     mission: str
     accuracy: str = ""
     runs: int = 200
     progress_steps: int = 1
+    extras: str = ""
 
 
 SYSTEMS: dict[str, System] = {
     "three_beacon": System(mission="relnav.mission:Model", accuracy="relnav.accuracy.report:measure", progress_steps=3),
+    "dual_field": System(
+        mission="relnav.sensors.dual_field.sensor:StarSensor",
+        accuracy="relnav.accuracy.dual_field:measure",
+        runs=1000,
+        extras="relnav.files.star_catalogue:mission_extras",
+    ),
 }
 
 

@@ -1,0 +1,120 @@
+"""The sensor's public call: spots of one frame in, inertial attitude with covariance and matched stars out."""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from relnav.arrays import Codes, Matrix, Vector
+from relnav.sensors.dual_field.identify import MOST_SPOTS, identify
+from relnav.sensors.dual_field.optics import plane_points, ray_sigma, rays
+from relnav.sensors.dual_field.sensor import StarSensor
+from relnav.sensors.dual_field.solution import StarSolution
+
+
+def measure(
+    spots_px: ArrayLike,
+    model: StarSensor,
+    *,
+    flux: ArrayLike | None = None,
+    magnitude: ArrayLike | None = None,
+    epoch_jyear: float | None = None,
+    velocity_km_s: ArrayLike | None = None,
+) -> StarSolution:
+    """Inertial attitude of the camera from the star spots of one frame, lost in space.
+
+    Parameters
+    ----------
+    spots_px : (n, 2)
+        Spots from the detector's centre, px, x right, y down; rows with NaN or off the detector are not used.
+    model : StarSensor
+        A loaded model, `relnav.load_model("dual_field_star")`.
+    flux, magnitude : (n,), optional
+        Brightness, one or the other; with it brightness is compared. Without, spots are brightest first.
+    epoch_jyear : float, optional
+        Julian year; the model's own if left out.
+    velocity_km_s : (3,), optional
+        Observer's barycentric velocity, ICRS, for aberration. With two fields it must be given (zeros if the frame has
+        no aberration): 30 km/s change the angle between the fields by up to 21 arcsec, ten times a spot's error.
+
+    Returns
+    -------
+    StarSolution
+        Bad data never raise: the status says why there is no attitude.
+
+    Raises
+    ------
+    ValueError
+        For arrays of the wrong shape, both flux and magnitude, or two fields without a velocity.
+    """
+    spots = np.asarray(spots_px, dtype=np.float64)
+    if spots.ndim != 2 or spots.shape[1] != 2:
+        raise ValueError(f"spots_px has shape (n, 2), columns x, y in pixels; got {spots.shape}")
+    if not isinstance(model, StarSensor):
+        raise ValueError(f"model is a star sensor, relnav.load_model('dual_field_star'); got {type(model).__name__}")
+    fold = model.fold.matrix
+    if fold is not None and velocity_km_s is None:
+        raise ValueError(
+            "two fields need velocity_km_s, the observer's barycentric velocity (ICRS): aberration changes the angle "
+            "between the fields; give zeros for a simulated frame without it"
+        )
+    velocity = None if velocity_km_s is None else three_numbers("velocity_km_s", velocity_km_s)
+    mag = spot_magnitudes(flux, magnitude, len(spots), model.identification.magnitude_zero_point)
+    order = usable_spots(spots, mag, model.camera.detector_size_px)
+    camera = model.camera
+    points = plane_points(spots[order], camera.focal_length_px, camera.principal_point_px, camera.distortion)
+    solution = identify(
+        rays(points),
+        model.sky(epoch_jyear),
+        sigma_rad=ray_sigma(points, camera.spot_noise_px, camera.focal_length_px),
+        magnitude=None if mag is None else mag[order],
+        gate=model.identification.magnitude_gate,
+        fold=fold,
+        velocity_km_s=velocity,
+        limits=model.identification.limits,
+    )
+    return in_order_of_spots(solution, order, len(spots), camera.focal_length_px)
+
+
+def three_numbers(name: str, value: ArrayLike) -> Vector:
+    """A vector (3,) of finite numbers, or a ValueError that says so."""
+    vector = np.asarray(value, dtype=np.float64)
+    if vector.shape != (3,) or not np.all(np.isfinite(vector)):
+        raise ValueError(f"{name} is three finite numbers; got {vector.tolist()}")
+    return vector
+
+
+def spot_magnitudes(
+    flux: ArrayLike | None, magnitude: ArrayLike | None, spots: int, zero_point: float
+) -> Vector | None:
+    """Magnitudes (n,) from fluxes or as given; NaN for a flux that is not positive."""
+    if flux is not None and magnitude is not None:
+        raise ValueError("flux or magnitude is given, not both")
+    given = flux if flux is not None else magnitude
+    if given is None:
+        return None
+    values = np.asarray(given, dtype=np.float64)
+    if values.shape != (spots,):
+        name = "flux" if flux is not None else "magnitude"
+        raise ValueError(f"{name} has one number a spot, shape ({spots},); got {values.shape}")
+    if flux is None:
+        return values
+    lit = values > 0.0
+    out: Vector = np.where(lit, zero_point - 2.5 * np.log10(np.where(lit, values, 1.0)), np.nan)
+    return out
+
+
+def usable_spots(spots: Matrix, magnitude: Vector | None, size_px: tuple[float, float]) -> Codes:
+    """Indices of the spots that can be used, brightest first, at most `MOST_SPOTS`."""
+    usable = np.all(np.abs(spots) <= 0.5 * np.asarray(size_px), axis=1)
+    if magnitude is None:
+        return np.flatnonzero(usable)[:MOST_SPOTS]
+    index = np.flatnonzero(usable & np.isfinite(magnitude))
+    return index[np.argsort(magnitude[index], kind="stable")][:MOST_SPOTS]
+
+
+def in_order_of_spots(solution: StarSolution, order: Codes, spots: int, focal_px: float) -> StarSolution:
+    """The solution with its arrays in the order in which the spots were handed in."""
+    hip, field, residual = np.zeros(spots, dtype=np.int32), np.full(spots, -1, dtype=np.int64), np.full(spots, np.nan)
+    hip[order], field[order], residual[order] = solution.hip, solution.field, solution.residual_rad
+    return dataclasses.replace(solution, hip=hip, field=field, residual_rad=residual, focal_length_px=focal_px)
