@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from relnav.arrays import Codes, Matrix, Vector
+from relnav.sensors.dual_field.matching import turn
 from relnav.sensors.dual_field.optics import plane_points, rays
 from relnav.sensors.dual_field.sky import Sky
 from relnav.sensors.dual_field.solution import StarSolution, StarStatus
@@ -95,10 +96,7 @@ class _Camera:
         flat, r = J.reshape(-1, free), (w - q).ravel()
         inverse = np.linalg.pinv(flat.T @ flat)
         d = inverse @ (flat.T @ r)
-        x, y, z = 0.5 * d[:3]
-        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        turned: Matrix = np.linalg.solve(np.eye(3) + cross, np.eye(3) - cross) @ self.dcm
-        self.dcm = turned
+        turn(self.dcm, *(float(angle) for angle in d[:3]))
         if free > 3:
             self.focal_px *= math.exp(float(np.clip(d[3], -0.1, 0.1)))
         change = np.zeros(2)

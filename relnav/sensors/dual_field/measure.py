@@ -1,15 +1,18 @@
 """The sensor's public call: spots of one frame in, inertial attitude with covariance and matched stars out."""
 
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Codes, Matrix, Vector
+from relnav.geometry.rotation import quaternion_from_dcm
 from relnav.sensors.dual_field.identify import MOST_SPOTS, identify
 from relnav.sensors.dual_field.optics import plane_points, ray_sigma, rays
 from relnav.sensors.dual_field.sensor import StarSensor
 from relnav.sensors.dual_field.solution import StarSolution
+from relnav.sensors.dual_field.tracking import WIDEST_PRIOR_RAD, track_rays
 
 
 def measure(
@@ -47,6 +50,84 @@ def measure(
     ValueError
         For arrays of the wrong shape, both flux and magnitude, or two fields without a velocity.
     """
+    ready = _prepare(spots_px, model, flux, magnitude, velocity_km_s)
+    solution = identify(
+        ready.rays,
+        model.sky(epoch_jyear),
+        sigma_rad=ready.sigma_rad,
+        magnitude=ready.magnitude,
+        gate=model.identification.magnitude_gate,
+        fold=ready.fold,
+        velocity_km_s=ready.velocity_km_s,
+        limits=model.identification.limits,
+    )
+    return in_order_of_spots(solution, ready.order, ready.spots, model.camera.focal_length_px)
+
+
+def track(
+    spots_px: ArrayLike,
+    model: StarSensor,
+    dcm_prior: ArrayLike,
+    sigma_prior_rad: float,
+    *,
+    flux: ArrayLike | None = None,
+    magnitude: ArrayLike | None = None,
+    epoch_jyear: float | None = None,
+    velocity_km_s: ArrayLike | None = None,
+) -> StarSolution:
+    """Attitude near a predicted one, from two stars or more; arguments as in `measure`.
+
+    Parameters
+    ----------
+    dcm_prior : (3, 3)
+        Predicted dcm_cam_from_icrs: it says where to look, and nothing of the result.
+    sigma_prior_rad : float
+        Its 1-sigma about each axis, up to 6e-4 rad (124 arcsec).
+
+    Raises
+    ------
+    ValueError
+        As `measure`, and for a prior that is no rotation or too wide.
+    """
+    A = np.ascontiguousarray(dcm_prior, dtype=np.float64)
+    quaternion_from_dcm(A)  # refuses what is not a rotation
+    if not 0.0 < sigma_prior_rad <= WIDEST_PRIOR_RAD:
+        raise ValueError(f"sigma_prior_rad is above 0 and up to {WIDEST_PRIOR_RAD:g} rad; got {sigma_prior_rad}")
+    ready = _prepare(spots_px, model, flux, magnitude, velocity_km_s)
+    solution = track_rays(
+        ready.rays,
+        model.sky(epoch_jyear),
+        A,
+        sigma_prior_rad,
+        sigma_rad=ready.sigma_rad,
+        magnitude=ready.magnitude,
+        gate=model.identification.magnitude_gate,
+        fold=ready.fold,
+        velocity_km_s=ready.velocity_km_s,
+        false_alarm_probability=model.identification.false_alarm_probability,
+    )
+    return in_order_of_spots(solution, ready.order, ready.spots, model.camera.focal_length_px)
+
+
+class _Ready(NamedTuple):
+    """A frame's usable spots, brightest first, as rays; `order` leads back to the spots as handed in."""
+
+    rays: Matrix
+    sigma_rad: Vector
+    magnitude: Vector | None
+    fold: Matrix | None
+    velocity_km_s: Vector | None
+    order: Codes
+    spots: int
+
+
+def _prepare(
+    spots_px: ArrayLike,
+    model: StarSensor,
+    flux: ArrayLike | None,
+    magnitude: ArrayLike | None,
+    velocity_km_s: ArrayLike | None,
+) -> _Ready:
     spots = np.asarray(spots_px, dtype=np.float64)
     if spots.ndim != 2 or spots.shape[1] != 2:
         raise ValueError(f"spots_px has shape (n, 2), columns x, y in pixels; got {spots.shape}")
@@ -60,20 +141,11 @@ def measure(
         )
     velocity = None if velocity_km_s is None else three_numbers("velocity_km_s", velocity_km_s)
     mag = spot_magnitudes(flux, magnitude, len(spots), model.identification.magnitude_zero_point)
-    order = usable_spots(spots, mag, model.camera.detector_size_px)
     camera = model.camera
+    order = usable_spots(spots, mag, camera.detector_size_px)
     points = plane_points(spots[order], camera.focal_length_px, camera.principal_point_px, camera.distortion)
-    solution = identify(
-        rays(points),
-        model.sky(epoch_jyear),
-        sigma_rad=ray_sigma(points, camera.spot_noise_px, camera.focal_length_px),
-        magnitude=None if mag is None else mag[order],
-        gate=model.identification.magnitude_gate,
-        fold=fold,
-        velocity_km_s=velocity,
-        limits=model.identification.limits,
-    )
-    return in_order_of_spots(solution, order, len(spots), camera.focal_length_px)
+    sigma = ray_sigma(points, camera.spot_noise_px, camera.focal_length_px)
+    return _Ready(rays(points), sigma, None if mag is None else mag[order], fold, velocity, order, len(spots))
 
 
 def three_numbers(name: str, value: ArrayLike) -> Vector:

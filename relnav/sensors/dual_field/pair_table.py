@@ -14,6 +14,9 @@ from relnav.arrays import Matrix, Vector
 
 Indices = NDArray[np.int32]
 
+WIDE_RAD = 0.7
+"""From this angle on all pairs are looked at."""
+
 
 @dataclass(frozen=True, eq=False)
 class PairTable:
@@ -55,18 +58,33 @@ def build_pair_table(directions: Matrix, low_rad: float, high_rad: float) -> Pai
     """
     if not 0.0 <= low_rad < high_rad <= np.pi:
         raise ValueError(f"a range of angles 0 <= low < high <= pi is expected; got {low_rad} to {high_rad} rad")
-    from scipy.spatial import cKDTree
-
-    tree = cKDTree(directions)
-    pairs = tree.query_pairs(2.0 * np.sin(0.5 * high_rad), output_type="ndarray").astype(np.int32)
+    pairs = _close_pairs(directions, high_rad) if high_rad < WIDE_RAD else _all_pairs(directions, low_rad, high_rad)
     cosine = np.einsum("ij,ij->i", directions[pairs[:, 0]], directions[pairs[:, 1]])
-    kept = cosine <= np.cos(low_rad)
+    kept = (cosine <= np.cos(low_rad)) & (cosine >= np.cos(high_rad))
     pairs, cosine = pairs[kept], cosine[kept]
     order = np.argsort(cosine, kind="stable")
     pairs, cosine = np.ascontiguousarray(pairs[order]), np.ascontiguousarray(cosine[order])
     line = np.array([cosine[0], max(cosine[-1] - cosine[0], 1e-15) / len(cosine)]) if len(cosine) else np.ones(2)
     k = np.searchsorted(cosine, line[0] + line[1] * np.arange(len(cosine) + 1), side="right").astype(np.int32)
     return PairTable(cosine, pairs, k, line)
+
+
+def _close_pairs(directions: Matrix, high_rad: float) -> Indices:
+    from scipy.spatial import cKDTree
+
+    reach = 2.0 * np.sin(0.5 * high_rad) * (1.0 + 1e-9)
+    return cKDTree(directions).query_pairs(reach, output_type="ndarray").astype(np.int32)
+
+
+def _all_pairs(directions: Matrix, low_rad: float, high_rad: float) -> Indices:
+    """Pairs by their cosines, block after block: for a band so wide that a tree saves nothing."""
+    low, high = np.cos(high_rad) - 1e-12, np.cos(low_rad) + 1e-12
+    found = []
+    for begin in range(0, len(directions), 512):
+        cosine = directions[begin : begin + 512] @ directions[begin:].T
+        i, j = np.nonzero((cosine >= low) & (cosine <= high))
+        found.append(np.column_stack([i, j])[j > i].astype(np.int32) + np.int32(begin))
+    return np.concatenate(found) if found else np.empty((0, 2), dtype=np.int32)
 
 
 @kernel
