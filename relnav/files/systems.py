@@ -35,7 +35,7 @@ SYSTEMS: dict[str, System] = {
     "dual_field": System(
         mission="relnav.sensors.dual_field.sensor:StarSensor",
         accuracy="relnav.accuracy.dual_field:measure",
-        runs=1000,
+        runs=500,
         extras="relnav.files.star_catalogue:mission_extras",
     ),
 }

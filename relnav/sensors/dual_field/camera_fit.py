@@ -102,8 +102,7 @@ class _Camera:
         change = np.zeros(2)
         change[: max(free - 4, 0)] = d[4:free]
         self.distortion = self.distortion + change
-        covariance: Matrix = inverse
-        return covariance
+        return np.asarray(inverse, dtype=np.float64)
 
 
 def _match(w: Matrix, dcm: Matrix, stars: Matrix, tolerance_rad: float) -> tuple[Codes, Vector]:
@@ -161,11 +160,11 @@ def fit_camera(
     inverse = np.eye(4)
     wide = float(np.max(np.hypot(*(spots_px - principal_px).T))) / focal_px > 0.25
     tolerance = math.inf
-    for turn in range(8):
+    for passes in range(8):
         count = int(np.sum(star >= 0))
         if count < LEAST_MATCHES:
             return None
-        free = 4 if distortion_known or count < 9 or turn == 0 else 6 if wide and count >= 14 else 5
+        free = 4 if distortion_known or count < 9 or passes == 0 else 6 if wide and count >= 14 else 5
         for _ in range(3):
             inverse = camera.improve(star, stars, free)
         if not (0.5 < camera.focal_px / focal_px < 2.0 and np.all(np.abs(camera.distortion) < 5.0)):

@@ -131,8 +131,8 @@ def four_primaries(
 ) -> int:
     """All quadruples of stars whose six angles fit, over the eight cases: rows of found (m, 8), stars, fields.
 
-    Returns how many. W (8, 3): the primaries' directions in field 0, then in field 1. lists (3 m, 2), heads (2, n) full of -1, following
-    (2, m), ranges (12, 2) are scratch.
+    Returns how many. W (8, 3): the primaries' directions in field 0, then in field 1. lists (3 m, 2), heads (2, n) full
+    of -1, following (2, m), ranges (12, 2) are scratch.
     """
     m = lists.shape[0] // 3
     count = 0
