@@ -19,7 +19,7 @@ from relnav.sensors.dual_field.identify import make_frame
 from relnav.sensors.dual_field.matching import Frame, match_loosely
 from relnav.sensors.dual_field.optics import plane_points, rays
 from relnav.sensors.dual_field.pair_table import k_range
-from relnav.sensors.dual_field.search import WORK_ROWS, attitude_of_pair, count_stars, log_false_alarm
+from relnav.sensors.dual_field.search import WORK_ROWS, count_stars, log_false_alarm, promising, triad_of_spots
 from relnav.sensors.dual_field.sky import Sky, SkyArrays, prepare_sky
 from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solution
 
@@ -74,7 +74,7 @@ def try_scaled_pair(
     differences of magnitude. Rows of frame.W are scratch.
     """
     n = frame.sigma2.shape[0]
-    A, out, v = work[10:13], work[13], work[14]
+    A, out = work[10:13], work[13]
     x, y, p, q = points[i, 0], points[i, 1], points[j, 0], points[j, 1]
     cosine = (1.0 + x * p + y * q) / math.sqrt((1.0 + x * x + y * y) * (1.0 + p * p + q * q))
     angle = math.acos(min(1.0, cosine))
@@ -87,15 +87,16 @@ def try_scaled_pair(
             u, w = scale * points[k, 0], scale * points[k, 1]
             norm = math.sqrt(1.0 + u * u + w * w)
             frame.W[k, 0], frame.W[k, 1], frame.W[k, 2] = u / norm, w / norm, 1.0 / norm
+        triad_of_spots(frame, i, j, work[15:18], work[8:10])
         for order in range(2):
             a, c = sky.pairs[pair, order], sky.pairs[pair, 1 - order]
             difference = sky.stars[a, 3] - sky.stars[c, 3] - frame.magnitude[i] + frame.magnitude[j]
             if abs(difference) > contrast:
                 continue
             info[0] += 1.0
-            if not attitude_of_pair(frame, sky, i, j, a, c, A, work):
+            if not promising(frame, sky, i, j, a, c, 0, SHEAR * SHEAR, A, work):
                 continue
-            found = match_loosely(frame, sky, i, j, 0, SHEAR * SHEAR, A, match, out, v)
+            found = match_loosely(frame, sky, i, j, 0, SHEAR * SHEAR, A, match, out)
             if found < 3:
                 continue
             chance = log_false_alarm(info[0], n, found, out[0])

@@ -59,76 +59,68 @@ def aberrate_into(x: float, y: float, z: float, b: Vector, sign: float, out: Vec
 
 
 @kernel
-def star_of(frame: Frame, sky: SkyArrays, row: int, A: Matrix, chord2: float, v: Vector) -> int:
-    """The star that row of `W` falls on under A, -1 if none; v (3,) becomes the direction where it was looked for."""
-    w0, w1, w2 = frame.W[row, 0], frame.W[row, 1], frame.W[row, 2]
+def looked_up(W: Matrix, row: int, A: Matrix, b: Vector) -> tuple[float, float, float]:
+    """The catalogue direction that a row of `W` looks at under A: aberration undone to first order, within 2 mas."""
+    w0, w1, w2 = W[row, 0], W[row, 1], W[row, 2]
     x = A[0, 0] * w0 + A[1, 0] * w1 + A[2, 0] * w2
     y = A[0, 1] * w0 + A[1, 1] * w1 + A[2, 1] * w2
     z = A[0, 2] * w0 + A[1, 2] * w1 + A[2, 2] * w2
-    aberrate_into(x, y, z, frame.beta, -1.0, v)
-    spot = row % frame.sigma2.shape[0]
-    return nearest_star(sky, v[0], v[1], v[2], chord2, frame.magnitude[spot], frame.gate)
+    along = 1.0 + x * b[0] + y * b[1] + z * b[2]
+    return x * along - b[0], y * along - b[1], z * along - b[2]
+
+
+@kernel
+def loose_chord2(W: Matrix, row: int, sigma2: float, m0: float, m1: float, m2: float, stretch2: float) -> float:
+    """Square of the tolerance for one row of `W` under the attitude of a pair whose two directions add up to m."""
+    norm2 = m0 * m0 + m1 * m1 + m2 * m2
+    along = max(0.0, W[row, 0] * m0 + W[row, 1] * m1 + W[row, 2] * m2)
+    d2 = max(0.0, 1.0 - along * along / norm2)
+    spread = 16.0 * sigma2 * (1.5 + 2.0 * d2 / (4.0 - norm2))
+    return float(min(LOOSEST_CHORD2, spread) + stretch2 * d2)
 
 
 @kernel
 def match_loosely(
-    frame: Frame,
-    sky: SkyArrays,
-    i: int,
-    j: int,
-    field: int,
-    stretch2: float,
-    A: Matrix,
-    match: Codes,
-    out: Vector,
-    v: Vector,
+    frame: Frame, sky: SkyArrays, i: int, j: int, field: int, stretch2: float, A: Matrix, match: Codes, out: Vector
 ) -> int:
     """Match the other spots under the attitude of one pair (i, j); returns how many fall on a star.
 
     An attitude from two stars a chord s apart is off by sigma / sqrt 2 at their middle and turned about it by
     sqrt 2 sigma / s: four sigma of that, plus `stretch2` of the squared distance for unknown optics, is the tolerance.
-    Among many spots a hopeless pair is given up early. out[0] is the logarithm of the probability that spots thrown at
-    random over the sky would match as these did.
+    out[0] is the logarithm of the probability that spots thrown at random over the sky would match as these did.
     """
-    W, sigma2, n, base = frame.W, frame.sigma2, frame.sigma2.shape[0], field * frame.sigma2.shape[0]
-    m0, m1, m2 = W[base + i, 0] + W[base + j, 0], W[base + i, 1] + W[base + j, 1], W[base + i, 2] + W[base + j, 2]
-    norm2 = m0 * m0 + m1 * m1 + m2 * m2
-    chord2 = 4.0 - norm2
-    seen, found, log_chance = 0, 0, 0.0
+    W, sigma2, magnitude, b, stars, cells = frame.W, frame.sigma2, frame.magnitude, frame.beta, sky.stars, sky.cells
+    n = sigma2.shape[0]
+    p, q = field * n + i, field * n + j
+    m0, m1, m2 = W[p, 0] + W[q, 0], W[p, 1] + W[q, 1], W[p, 2] + W[q, 2]
+    found, log_chance = 0, 0.0
     for k in range(n):
         match[k, 0] = -1
-    for step in range(1, n):
-        k = (j + step) % n  # from the next fainter on: the same bright false spots are not always asked first
         if k in (i, j):
             continue
-        seen += 1
-        for turn in range(frame.fields):
-            f = field if turn == 0 else 1 - field
-            row = f * n + k
-            along = max(0.0, W[row, 0] * m0 + W[row, 1] * m1 + W[row, 2] * m2)
-            d2 = max(0.0, 1.0 - along * along / norm2)
-            t2 = min(LOOSEST_CHORD2, 16.0 * sigma2[k] * (1.5 + 2.0 * d2 / chord2)) + stretch2 * d2
-            star = star_of(frame, sky, row, A, t2, v)
+        for way in range(frame.fields):
+            f = field if way == 0 else 1 - field
+            x, y, z = looked_up(W, f * n + k, A, b)
+            t2 = loose_chord2(W, f * n + k, sigma2[k], m0, m1, m2, stretch2)
+            star = nearest_star(stars, cells, x, y, z, t2, magnitude[k], frame.gate)
             if star >= 0:
                 match[k, 0], match[k, 1] = star, f
                 log_chance += math.log(min(1.0, 0.25 * frame.fields * frame.counts[k] * t2))
                 found += 1
                 break
-        if n > 12 and ((seen == 3 and found == 0) or (seen == 8 and found < 2)):
-            return 0
     out[0] = log_chance
     return found
 
 
 @kernel
 def match_tightly(
-    frame: Frame, sky: SkyArrays, i: int, j: int, A: Matrix, cov: Matrix, match: Codes, out: Vector, v: Vector
+    frame: Frame, sky: SkyArrays, i: int, j: int, A: Matrix, cov: Matrix, match: Codes, out: Vector
 ) -> int:
     """Match every spot within five sigma of itself and of the attitude (cov); a star is taken once. Returns how many.
 
     out[0] as in `match_loosely` and out[1] the number of matches, both over the spots other than i and j.
     """
-    W, n = frame.W, frame.sigma2.shape[0]
+    W, n, stars = frame.W, frame.sigma2.shape[0], sky.stars
     trace = cov[0, 0] + cov[1, 1] + cov[2, 2]
     found = 0
     out[0], out[1] = 0.0, 0.0
@@ -144,10 +136,10 @@ def match_tightly(
                 + w2 * (cov[2, 2] * w2 + 2.0 * cov[0, 2] * w0)
             )
             t2 = min(LOOSEST_CHORD2, 25.0 * (frame.sigma2[k] + max(0.0, trace - along)))
-            star = star_of(frame, sky, row, A, t2, v)
+            x, y, z = looked_up(W, row, A, frame.beta)
+            star = nearest_star(stars, sky.cells, x, y, z, t2, frame.magnitude[k], frame.gate)
             if star >= 0:
-                s = sky.stars[star]
-                d2 = (s[0] - v[0]) ** 2 + (s[1] - v[1]) ** 2 + (s[2] - v[2]) ** 2
+                d2 = (stars[star, 0] - x) ** 2 + (stars[star, 1] - y) ** 2 + (stars[star, 2] - z) ** 2
                 if d2 < nearest2:
                     nearest2, log_chance = d2, math.log(min(1.0, 0.25 * frame.fields * frame.counts[k] * t2))
                     match[k, 0], match[k, 1] = star, f

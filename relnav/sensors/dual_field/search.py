@@ -10,17 +10,28 @@ import math
 from relnav._kernel import kernel
 from relnav.arrays import Codes, Matrix, Vector
 from relnav.geometry.rotation import triad
-from relnav.sensors.dual_field.matching import Frame, aberrate_into, fit_attitude, match_loosely, match_tightly
+from relnav.sensors.dual_field.matching import (
+    Frame,
+    aberrate_into,
+    fit_attitude,
+    looked_up,
+    loose_chord2,
+    match_loosely,
+    match_tightly,
+)
 from relnav.sensors.dual_field.pair_table import k_range
-from relnav.sensors.dual_field.sky import SkyArrays
+from relnav.sensors.dual_field.sky import SkyArrays, nearest_star
 
 CLUSTERING = 2.0
 """Bright stars crowd along the Milky Way and Gould's belt: chance matches are counted as this much likelier."""
 
+FEW_SPOTS = 12
+"""Up to so many spots every pair's attitude is checked against all of them."""
+
 LOG_PFA, MOST_TRIED, SHORTEST_CHORD2, LEAST_MATCHES = range(4)
 """Entries of `settings`."""
 
-WORK_ROWS = 15
+WORK_ROWS = 21
 FOUND, NOTHING, AMBIGUOUS = 1, 0, -1
 
 
@@ -54,23 +65,70 @@ def log_false_alarm(tried: float, spots: int, others: float, log_chance: float) 
 
 
 @kernel
-def attitude_of_pair(frame: Frame, sky: SkyArrays, i: int, j: int, a: int, c: int, A: Matrix, work: Matrix) -> bool:
-    """Write the attitude that sees stars a and c along rows i and j of `W`: triads of their sum and difference."""
-    t, s, va, vc = work[0:3], work[3:6], work[6], work[7]
-    aberrate_into(sky.stars[a, 0], sky.stars[a, 1], sky.stars[a, 2], frame.beta, 1.0, va)
-    aberrate_into(sky.stars[c, 0], sky.stars[c, 1], sky.stars[c, 2], frame.beta, 1.0, vc)
+def triad_of_spots(frame: Frame, i: int, j: int, out: Matrix, work: Matrix) -> bool:
+    """Write the triad (3, 3) of the sum and the difference of rows i and j of `W`; work (2, 3) is scratch."""
+    for k in range(3):
+        work[0, k], work[1, k] = frame.W[i, k] + frame.W[j, k], frame.W[i, k] - frame.W[j, k]
+    return triad(work[0], work[1], out)
+
+
+@kernel
+def attitude_of_pair(stars: Matrix, beta: Vector, t: Matrix, a: int, c: int, A: Matrix, work: Matrix) -> bool:
+    """Write the attitude that sees the sum and the difference of stars a and c along the triad t (3, 3) of spots."""
+    s, va, vc = work[3:6], work[6], work[7]
+    aberrate_into(stars[a, 0], stars[a, 1], stars[a, 2], beta, 1.0, va)
+    aberrate_into(stars[c, 0], stars[c, 1], stars[c, 2], beta, 1.0, vc)
     for k in range(3):
         work[8, k], work[9, k] = va[k] + vc[k], va[k] - vc[k]
     if not triad(work[8], work[9], s):
-        return False
-    for k in range(3):
-        work[8, k], work[9, k] = frame.W[i, k] + frame.W[j, k], frame.W[i, k] - frame.W[j, k]
-    if not triad(work[8], work[9], t):
         return False
     for r in range(3):
         for k in range(3):
             A[r, k] = t[0, r] * s[0, k] + t[1, r] * s[1, k] + t[2, r] * s[2, k]
     return True
+
+
+@kernel
+def promising(
+    frame: Frame,
+    sky: SkyArrays,
+    i: int,
+    j: int,
+    a: int,
+    c: int,
+    field: int,
+    stretch2: float,
+    A: Matrix,
+    work: Matrix,
+) -> bool:
+    """Write the attitude that makes spots i, j stars a, c; whether a next fainter spot finds a star in that field too.
+
+    Rows 15 on of work hold the spots' triads. Asking a few spots about the pair's own field, where they are predicted
+    closely, refuses all but a few wrong pairs; a right one that is refused is followed by others. The spots asked
+    change with the pair, so that a few bright false ones do not stand in every pair's way. Among few spots none is
+    refused here.
+    """
+    W, sigma2, magnitude, b, stars, cells = frame.W, frame.sigma2, frame.magnitude, frame.beta, sky.stars, sky.cells
+    if not attitude_of_pair(stars, b, work[15 + 3 * field : 18 + 3 * field], a, c, A, work):
+        return False
+    n = sigma2.shape[0]
+    if n <= FEW_SPOTS:
+        return True
+    p, q = field * n + i, field * n + j
+    m0, m1, m2 = W[p, 0] + W[q, 0], W[p, 1] + W[q, 1], W[p, 2] + W[q, 2]
+    asked = 2 + frame.fields
+    step = 0
+    while asked > 0 and step < n - 1:
+        step += 1
+        k = (j + step) % n
+        if k in (i, j):
+            continue
+        asked -= 1
+        x, y, z = looked_up(W, field * n + k, A, b)
+        t2 = loose_chord2(W, field * n + k, sigma2[k], m0, m1, m2, stretch2)
+        if nearest_star(stars, cells, x, y, z, t2, magnitude[k], frame.gate) >= 0:
+            return True
+    return False
 
 
 @kernel
@@ -82,7 +140,7 @@ def settle(
         return 0
     found = 0
     for _ in range(2):
-        found = match_tightly(frame, sky, i, j, A, cov, match, out, v)
+        found = match_tightly(frame, sky, i, j, A, cov, match, out)
         if found < 2 or not fit_attitude(frame, sky, match, A, cov, 2, v):
             return 0
     return found
@@ -96,7 +154,7 @@ def swap_fields(frame: Frame, sky: SkyArrays, match: Codes, A: Matrix, cov: Matr
     only the number of matches does. AMBIGUOUS if both explain as many.
     """
     other, out, v = work[0:3], work[13], work[14]
-    found = match_tightly(frame, sky, -1, -1, A, cov, match, out, v)
+    found = match_tightly(frame, sky, -1, -1, A, cov, match, out)
     verdict = FOUND
     for way in range(2):
         for r in range(3):
@@ -104,7 +162,7 @@ def swap_fields(frame: Frame, sky: SkyArrays, match: Codes, A: Matrix, cov: Matr
                 other[r, c] = 0.0
                 for k in range(3):
                     other[r, c] += (frame.fold[r, k] if way == 0 else frame.fold[k, r]) * A[k, c]
-        again = match_tightly(frame, sky, -1, -1, other, cov, match, out, v)
+        again = match_tightly(frame, sky, -1, -1, other, cov, match, out)
         if again > found:
             for r in range(3):
                 for c in range(3):
@@ -113,7 +171,7 @@ def swap_fields(frame: Frame, sky: SkyArrays, match: Codes, A: Matrix, cov: Matr
             break
         if again == found:
             verdict = AMBIGUOUS
-    settled = match_tightly(frame, sky, -1, -1, A, cov, match, out, v) >= 2
+    settled = match_tightly(frame, sky, -1, -1, A, cov, match, out) >= 2
     return verdict if settled and fit_attitude(frame, sky, match, A, cov, 2, v) else NOTHING
 
 
@@ -133,12 +191,9 @@ def try_stars(
     work: Matrix,
     info: Vector,
 ) -> bool:
-    """Whether spots i, j as stars a, c of a field lead to an attitude that chance does not explain; all outputs set."""
+    """Whether the attitude of spots i, j as stars a, c leads to one that chance does not explain; sets all outputs."""
     n, out, v = frame.sigma2.shape[0], work[13], work[14]
-    info[1] += 1.0
-    if not attitude_of_pair(frame, sky, field * n + i, field * n + j, a, c, A, work):
-        return False
-    if match_loosely(frame, sky, i, j, field, 0.0, A, match, out, v) < settings[LEAST_MATCHES] - 2:
+    if match_loosely(frame, sky, i, j, field, 0.0, A, match, out) < settings[LEAST_MATCHES] - 2:
         return False
     for k in range(n):  # what lies in the other field is predicted too loosely to start from
         if match[k, 1] != field:
@@ -179,6 +234,9 @@ def search_pairs(
             tolerance = 4.0 * math.sqrt(frame.sigma2[i] + frame.sigma2[j]) + speed * angle
             low, high = math.cos(angle + tolerance), math.cos(max(0.0, angle - tolerance))
             first, last = k_range(sky.cosines, sky.k, sky.line, low, high)
+            for field in range(frame.fields):
+                base = field * frame.sigma2.shape[0]
+                triad_of_spots(frame, base + i, base + j, work[15 + 3 * field : 18 + 3 * field], work[8:10])
             for pair in range(first, last):
                 for order in range(2):
                     a, c = sky.pairs[pair, order], sky.pairs[pair, 1 - order]
@@ -187,6 +245,9 @@ def search_pairs(
                     if abs(sky.stars[c, 3] - frame.magnitude[j]) > gate:
                         continue
                     for field in range(frame.fields):
+                        info[1] += 1.0
+                        if not promising(frame, sky, i, j, a, c, field, 0.0, A, work):
+                            continue
                         if not try_stars(frame, sky, i, j, a, c, field, settings, match, A, cov, work, info):
                             continue
                         determinant = (

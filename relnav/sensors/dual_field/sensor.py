@@ -103,6 +103,8 @@ class Identification:
         Pairs closer than this are not started from.
     false_alarm_probability : float
         Bound on the probability of an attitude from false spots alone.
+    most_attitudes_tried : int
+        Then a frame is given up: it bounds the time that a hopeless frame costs.
     epoch_jyear : float
         Julian year of the stars' places unless a frame says otherwise.
     """
@@ -113,12 +115,13 @@ class Identification:
     magnitude_gate: Positive
     shortest_pair_rad: Positive
     false_alarm_probability: Annotated[float, Gt(0.0), Lt(1.0)]
+    most_attitudes_tried: Annotated[int, Gt(0)]
     epoch_jyear: Annotated[float, Ge(1900.0), Lt(2200.0)]
 
     @property
     def limits(self) -> Limits:
         """As the search takes them."""
-        return Limits(self.false_alarm_probability, shortest_rad=self.shortest_pair_rad)
+        return Limits(self.false_alarm_probability, self.most_attitudes_tried, shortest_rad=self.shortest_pair_rad)
 
 
 @dataclass(frozen=True)

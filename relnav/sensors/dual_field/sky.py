@@ -13,8 +13,9 @@ from relnav.arrays import Matrix, Vector
 from relnav.sensors.dual_field.catalogue import StarCatalogue
 from relnav.sensors.dual_field.pair_table import Indices, PairTable, build_pair_table
 
-GRID = 64
-"""Cells along each axis of the cube around the unit sphere: 1.8 deg, about one star in an occupied cell."""
+GRID = 40
+"""Cells along each axis of the cube around the unit sphere: 2.9 deg, one to three stars in an occupied cell, and the
+table of cells fits a processor's cache."""
 
 BLEND_RAD = math.radians(60.0 / 3600.0)
 """Stars closer than this make one spot whose centre is neither: pairs of the table are not built on them."""
@@ -123,9 +124,10 @@ def prepare_sky(
 
 
 @kernel
-def nearest_star(sky: SkyArrays, x: float, y: float, z: float, chord2: float, magnitude: float, gate: float) -> int:
+def nearest_star(
+    stars: Matrix, cells: Indices, x: float, y: float, z: float, chord2: float, magnitude: float, gate: float
+) -> int:
     """The star nearest to the unit vector (x, y, z), closer than the chord squared and within the gate; -1 if none."""
-    stars, cells = sky.stars, sky.cells
     half = 0.5 * GRID
     r = math.sqrt(chord2)
     best, best2 = -1, chord2

@@ -51,10 +51,10 @@ def track_rays(
     count_stars(frame, sky.arrays)
     A, cov = dcm_prior.copy(), np.eye(3) * sigma_prior_rad**2
     match, work, out = np.empty((n, 2), dtype=np.int64), np.empty((WORK_ROWS, 3)), np.empty(3)
-    found = match_tightly(frame, sky.arrays, -1, -1, A, cov, match, out, work[0])
+    found = match_tightly(frame, sky.arrays, -1, -1, A, cov, match, out)
     first_chance = float(out[0])
     if found >= LEAST_STARS and fit_attitude(frame, sky.arrays, match, A, cov, 2, work[0]):
-        found = match_tightly(frame, sky.arrays, -1, -1, A, cov, match, out, work[0])
+        found = match_tightly(frame, sky.arrays, -1, -1, A, cov, match, out)
     chance = min(first_chance, float(out[0]))
     log = log_false_alarm(1.0, n + 2, min(found, n), chance)
     if found < LEAST_STARS or log >= math.log(false_alarm_probability):
