@@ -32,6 +32,9 @@ CHECKED_SPOTS = 24
 PAIR_SPOTS = 14
 """The brightest spots that pairs are made of."""
 
+MIRRORED_PAIRS = 12
+"""Pairs that are tried to tell a user whose frame is not solved that it is mirrored."""
+
 STARS_IN_FIELD = 25.0
 """Catalogue stars expected in the field among which pairs are looked up."""
 
@@ -200,7 +203,7 @@ def solve_blind(blind: Blind, catalogue: StarCatalogue, epoch_jyear: float, log1
         return fit.solution(sky, tried)
     mirrored = Blind(blind.spots_px * (1.0, -1.0), blind.magnitude, blind.focal_px, distortion=blind.distortion)
     hint = ""
-    if _search(mirrored, mirrored.points, sky, log10_pfa)[0] is not None:
+    if _search(mirrored, mirrored.points, sky, log10_pfa, MIRRORED_PAIRS)[0] is not None:
         hint = "; mirrored it does: x_px must count to the right and y_px down, as on the detector seen from behind"
     reason = (
         f"no attitude with a focal length within {FOCAL_RANGE:.0%} of {blind.focal_px:g} px explains the spots{hint}"
@@ -208,7 +211,9 @@ def solve_blind(blind: Blind, catalogue: StarCatalogue, epoch_jyear: float, log1
     return no_solution(StarStatus.NO_MATCH, reason, n, tried=tried)
 
 
-def _search(blind: Blind, points: Matrix, sky: Sky, log10_pfa: float) -> tuple[CameraFit | None, int]:
+def _search(
+    blind: Blind, points: Matrix, sky: Sky, log10_pfa: float, most_pairs: int | None = None
+) -> tuple[CameraFit | None, int]:
     """The first fit that is believed, and how many attitudes were tried."""
     checked = np.ascontiguousarray(points[:CHECKED_SPOTS])
     m = len(checked)
@@ -221,7 +226,7 @@ def _search(blind: Blind, points: Matrix, sky: Sky, log10_pfa: float) -> tuple[C
     count_stars(frame, sky.arrays)
     match, best_match = np.zeros((m, 2), dtype=np.int64), np.zeros((m, 2), dtype=np.int64)
     A, work, info = np.empty((3, 3)), np.empty((WORK_ROWS, 3)), np.zeros(2)
-    for i, j in pair_order(checked):
+    for i, j in pair_order(checked)[:most_pairs]:
         chance = try_scaled_pair(frame, sky.arrays, checked, i, j, contrast, A, best_match, match, work, info)
         if chance > math.log(1e-3):
             continue

@@ -153,26 +153,29 @@ def swap_fields(frame: Frame, sky: SkyArrays, match: Codes, A: Matrix, cov: Matr
     A turned second field can be taken for the first one (handedness does not tell them apart as it does with a mirror);
     only the number of matches does. AMBIGUOUS if both explain as many.
     """
-    other, out, v = work[0:3], work[13], work[14]
+    other, turned, out, M = work[0:3], work[3:6], work[13], frame.fold
     found = match_tightly(frame, sky, -1, -1, A, cov, match, out)
     verdict = FOUND
     for way in range(2):
         for r in range(3):
             for c in range(3):
-                other[r, c] = 0.0
+                other[r, c], turned[r, c] = 0.0, 0.0
                 for k in range(3):
-                    other[r, c] += (frame.fold[r, k] if way == 0 else frame.fold[k, r]) * A[k, c]
-        again = match_tightly(frame, sky, -1, -1, other, cov, match, out)
+                    m = M[r, k] if way == 0 else M[k, r]
+                    other[r, c] += m * A[k, c]
+                    for p in range(3):  # the axis that is known badly turns as well
+                        turned[r, c] += m * cov[k, p] * (M[c, p] if way == 0 else M[p, c])
+        again = match_tightly(frame, sky, -1, -1, other, turned, match, out)
         if again > found:
             for r in range(3):
                 for c in range(3):
-                    A[r, c] = other[r, c]
+                    A[r, c], cov[r, c] = other[r, c], turned[r, c]
             verdict = FOUND
             break
         if again == found:
             verdict = AMBIGUOUS
     settled = match_tightly(frame, sky, -1, -1, A, cov, match, out) >= 2
-    return verdict if settled and fit_attitude(frame, sky, match, A, cov, 2, v) else NOTHING
+    return verdict if settled and fit_attitude(frame, sky, match, A, cov, 2, work[14]) else NOTHING
 
 
 @kernel
