@@ -79,7 +79,8 @@ def _header(text: str, where: str) -> list[str]:
     names = [name.strip() for name in next(csv.reader([text]))]
     for name in PLACES:
         if name not in names:
-            near = difflib.get_close_matches(name, names, n=1, cutoff=0.3)
+            others = [other for other in names if other not in PLACES and other[:1].lower() == name[0]]
+            near = difflib.get_close_matches(name, others, n=1, cutoff=0.3)
             hint = f"; is it '{near[0]}'? rename it" if near else ""
             raise InputError(f"{where}: column '{name}' is missing; the columns are {', '.join(names)}{hint}")
     for name in (*PLACES, *BRIGHTNESS):

@@ -12,9 +12,7 @@ from relnav.sensors.dual_field.search import AMBIGUOUS, FOUND, WORK_ROWS, search
 from relnav.sensors.dual_field.sky import Sky
 from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solution
 
-MOST_SPOTS = 100
-"""The brightest take part; the choice among more costs time and certainty and adds no accuracy that matters."""
-
+SINGLE_FIELD_REASON = "stars of one field only were found: the roll is worse than two fields promise"
 LEAST_SPOTS = 4
 REST = np.zeros(3)
 ONE_FIELD = np.eye(3)
@@ -129,7 +127,7 @@ def solution_of(frame: Frame, sky: Sky, match: Codes, A: Matrix, cov: Matrix, in
     both = frame.fields == 1 or bool(np.any(field == 1) and np.any(field == 0))
     return StarSolution(
         status=StarStatus.OK if both else StarStatus.SINGLE_FIELD,
-        reason="" if both else "stars of one field only were found: the roll is worse than two fields promise",
+        reason="" if both else SINGLE_FIELD_REASON,
         dcm_cam_from_icrs=A,
         covariance=cov,
         hip=np.where(matched, sky.hip[star], 0),

@@ -53,9 +53,10 @@ def aberrate_into(x: float, y: float, z: float, b: Vector, sign: float, out: Vec
     ub = sign * (x * b[0] + y * b[1] + z * b[2])
     inverse_g = math.sqrt(1.0 - b[0] * b[0] - b[1] * b[1] - b[2] * b[2])
     f = sign * (1.0 + ub / (1.0 + inverse_g))
-    out[0] = (x * inverse_g + b[0] * f) / (1.0 + ub)
-    out[1] = (y * inverse_g + b[1] * f) / (1.0 + ub)
-    out[2] = (z * inverse_g + b[2] * f) / (1.0 + ub)
+    scale = 1.0 / (1.0 + ub)
+    out[0] = (x * inverse_g + b[0] * f) * scale
+    out[1] = (y * inverse_g + b[1] * f) * scale
+    out[2] = (z * inverse_g + b[2] * f) * scale
 
 
 @kernel

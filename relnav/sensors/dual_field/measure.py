@@ -1,6 +1,7 @@
 """The sensor's public call: spots of one frame in, inertial attitude with covariance and matched stars out."""
 
 import dataclasses
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -8,11 +9,28 @@ from numpy.typing import ArrayLike
 
 from relnav.arrays import Codes, Matrix, Vector
 from relnav.geometry.rotation import quaternion_from_dcm
-from relnav.sensors.dual_field.identify import MOST_SPOTS, identify
+from relnav.geometry.star_places import LIGHT_KM_S
+from relnav.sensors.dual_field.frame_solver import (
+    BETA,
+    GATE,
+    LEAST_SPOTS,
+    SETTINGS,
+    TOO_FEW,
+    solve_spots,
+    usable_spots_into,
+)
+from relnav.sensors.dual_field.identify import SINGLE_FIELD_REASON
 from relnav.sensors.dual_field.optics import plane_points, ray_sigma, rays
+from relnav.sensors.dual_field.search import AMBIGUOUS, FOUND, MOST_TRIED, WORK_ROWS
 from relnav.sensors.dual_field.sensor import StarSensor
-from relnav.sensors.dual_field.solution import StarSolution
+from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solution
 from relnav.sensors.dual_field.tracking import WIDEST_PRIOR_RAD, track_rays
+
+NO_MAGNITUDE = np.empty(0)
+LOG_10 = math.log(10.0)
+
+WITHOUT_BRIGHTNESS = 30.0
+"""A frame without brightness takes so many times more attitudes: every star may be every spot."""
 
 
 def measure(
@@ -50,18 +68,48 @@ def measure(
     ValueError
         For arrays of the wrong shape, both flux and magnitude, or two fields without a velocity.
     """
-    ready = _prepare(spots_px, model, flux, magnitude, velocity_km_s)
-    solution = identify(
-        ready.rays,
-        model.sky(epoch_jyear),
-        sigma_rad=ready.sigma_rad,
-        magnitude=ready.magnitude,
-        gate=model.identification.magnitude_gate,
-        fold=ready.fold,
-        velocity_km_s=ready.velocity_km_s,
-        limits=model.identification.limits,
+    spots, mag, velocity = _checked(spots_px, model, flux, magnitude, velocity_km_s)
+    n, sky, parameters = len(spots), model.sky(epoch_jyear), model.parameters
+    if velocity is not None or mag is None:
+        parameters = parameters.copy()
+        if velocity is not None:
+            parameters[BETA : BETA + 3] = velocity / LIGHT_KM_S
+        if mag is None:
+            parameters[GATE] = math.inf
+            parameters[SETTINGS + MOST_TRIED] *= WITHOUT_BRIGHTNESS
+    found, star = np.empty(4 * n, dtype=np.int64), np.empty(n, dtype=np.int32)
+    block = np.empty(21 + 10 * n + 3 * WORK_ROWS)
+    brightness = NO_MAGNITUDE if mag is None else mag
+    verdict = solve_spots(spots, brightness, parameters, *sky.arrays, sky.hip, star, found, block)
+    focal = model.camera.focal_length_px
+    if verdict != FOUND:
+        return _refused(verdict, block, n, focal)
+    field = found[3 * n :]
+    single = model.fold.kind != "none" and (not (field == 0).any() or not (field == 1).any())
+    return StarSolution(
+        StarStatus.SINGLE_FIELD if single else StarStatus.OK,
+        SINGLE_FIELD_REASON if single else "",
+        block[:9].reshape(3, 3),
+        block[9:18].reshape(3, 3),
+        star,
+        field,
+        block[21 : 21 + n],
+        float(block[18]) / LOG_10,
+        int(block[19]),
+        focal,
     )
-    return in_order_of_spots(solution, ready.order, ready.spots, model.camera.focal_length_px)
+
+
+def _refused(verdict: int, block: Vector, spots: int, focal_px: float) -> StarSolution:
+    """Why there is no attitude."""
+    tried = int(block[19])
+    if verdict == TOO_FEW:
+        status, reason = StarStatus.TOO_FEW, f"{int(block[20])} spots; {LEAST_SPOTS} or more are needed"
+    elif verdict == AMBIGUOUS:
+        status, reason = StarStatus.AMBIGUOUS, "two attitudes explain the spots equally well"
+    else:
+        status, reason = StarStatus.NO_MATCH, f"none of {tried} attitudes explains the spots"
+    return no_solution(status, reason, spots, tried=tried, focal_length_px=focal_px)
 
 
 def track(
@@ -121,6 +169,28 @@ class _Ready(NamedTuple):
     spots: int
 
 
+def _checked(
+    spots_px: ArrayLike,
+    model: StarSensor,
+    flux: ArrayLike | None,
+    magnitude: ArrayLike | None,
+    velocity_km_s: ArrayLike | None,
+) -> tuple[Matrix, Vector | None, Vector | None]:
+    """Spots, magnitudes and velocity as arrays, or a ValueError that says what is wrong with them."""
+    spots = np.ascontiguousarray(spots_px, dtype=np.float64)
+    if spots.ndim != 2 or spots.shape[1] != 2:
+        raise ValueError(f"spots_px has shape (n, 2), columns x, y in pixels; got {spots.shape}")
+    if not isinstance(model, StarSensor):
+        raise ValueError(f"model is a star sensor, relnav.load_model('dual_field_star'); got {type(model).__name__}")
+    if velocity_km_s is None and model.fold.kind != "none":
+        raise ValueError(
+            "two fields need velocity_km_s, the observer's barycentric velocity (ICRS): aberration changes the angle "
+            "between the fields; give zeros for a simulated frame without it"
+        )
+    velocity = None if velocity_km_s is None else three_numbers("velocity_km_s", velocity_km_s)
+    return spots, spot_magnitudes(flux, magnitude, len(spots), model.identification.magnitude_zero_point), velocity
+
+
 def _prepare(
     spots_px: ArrayLike,
     model: StarSensor,
@@ -128,23 +198,12 @@ def _prepare(
     magnitude: ArrayLike | None,
     velocity_km_s: ArrayLike | None,
 ) -> _Ready:
-    spots = np.asarray(spots_px, dtype=np.float64)
-    if spots.ndim != 2 or spots.shape[1] != 2:
-        raise ValueError(f"spots_px has shape (n, 2), columns x, y in pixels; got {spots.shape}")
-    if not isinstance(model, StarSensor):
-        raise ValueError(f"model is a star sensor, relnav.load_model('dual_field_star'); got {type(model).__name__}")
-    fold = model.fold.matrix
-    if fold is not None and velocity_km_s is None:
-        raise ValueError(
-            "two fields need velocity_km_s, the observer's barycentric velocity (ICRS): aberration changes the angle "
-            "between the fields; give zeros for a simulated frame without it"
-        )
-    velocity = None if velocity_km_s is None else three_numbers("velocity_km_s", velocity_km_s)
-    mag = spot_magnitudes(flux, magnitude, len(spots), model.identification.magnitude_zero_point)
+    spots, mag, velocity = _checked(spots_px, model, flux, magnitude, velocity_km_s)
     camera = model.camera
     order = usable_spots(spots, mag, camera.detector_size_px)
     points = plane_points(spots[order], camera.focal_length_px, camera.principal_point_px, camera.distortion)
     sigma = ray_sigma(points, camera.spot_noise_px, camera.focal_length_px)
+    fold = model.fold.matrix
     return _Ready(rays(points), sigma, None if mag is None else mag[order], fold, velocity, order, len(spots))
 
 
@@ -178,11 +237,11 @@ def spot_magnitudes(
 
 def usable_spots(spots: Matrix, magnitude: Vector | None, size_px: tuple[float, float]) -> Codes:
     """Indices of the spots that can be used, brightest first, at most `MOST_SPOTS`."""
-    usable = np.all(np.abs(spots) <= 0.5 * np.asarray(size_px), axis=1)
-    if magnitude is None:
-        return np.flatnonzero(usable)[:MOST_SPOTS]
-    index = np.flatnonzero(usable & np.isfinite(magnitude))
-    return index[np.argsort(magnitude[index], kind="stable")][:MOST_SPOTS]
+    half = 0.5 * np.asarray(size_px, dtype=np.float64)
+    order = np.empty(len(spots), dtype=np.int64)
+    given = NO_MAGNITUDE if magnitude is None else np.ascontiguousarray(magnitude)
+    count = usable_spots_into(np.ascontiguousarray(spots), given, float(half[0]), float(half[1]), order)
+    return order[:count]
 
 
 def in_order_of_spots(solution: StarSolution, order: Codes, spots: int, focal_px: float) -> StarSolution:

@@ -20,13 +20,13 @@ from relnav.sensors.dual_field.matching import (
     match_tightly,
 )
 from relnav.sensors.dual_field.pair_table import k_range
-from relnav.sensors.dual_field.sky import SkyArrays, nearest_star
+from relnav.sensors.dual_field.sky import BRIGHTEST_MAG, MAG_STEP, SkyArrays, nearest_star
 
 CLUSTERING = 2.0
 """Bright stars crowd along the Milky Way and Gould's belt: chance matches are counted as this much likelier."""
 
 FEW_SPOTS = 12
-"""Up to so many spots every pair's attitude is checked against all of them."""
+"""Up to so many spots of two fields (half of one) every pair's attitude is checked against all of them."""
 
 LOG_PFA, MOST_TRIED, SHORTEST_CHORD2, LEAST_MATCHES = range(4)
 """Entries of `settings`."""
@@ -39,18 +39,12 @@ FOUND, NOTHING, AMBIGUOUS = 1, 0, -1
 def count_stars(frame: Frame, sky: SkyArrays) -> None:
     """Fill `frame.counts` with the stars of the sky within each spot's gate, times `CLUSTERING`."""
     for k in range(frame.counts.shape[0]):
-        count = 0
-        for sign in (1, -1):
-            bound = frame.magnitude[k] + sign * frame.gate
-            first, last = 0, sky.magnitudes.shape[0]
-            while first < last:
-                middle = (first + last) // 2
-                if sky.magnitudes[middle] <= bound:
-                    first = middle + 1
-                else:
-                    last = middle
-            count += sign * first
-        frame.counts[k] = CLUSTERING * count
+        last = sky.brighter.shape[0] - 1
+        above = (frame.magnitude[k] + frame.gate - BRIGHTEST_MAG) / MAG_STEP
+        below = (frame.magnitude[k] - frame.gate - BRIGHTEST_MAG) / MAG_STEP
+        high = last if not above < last else int(max(above, 0.0)) + 1
+        low = 0 if not below > 0.0 else int(min(below, float(last)))
+        frame.counts[k] = CLUSTERING * (sky.brighter[min(high, last)] - sky.brighter[low])
 
 
 @kernel
@@ -112,7 +106,7 @@ def promising(
     if not attitude_of_pair(stars, b, work[15 + 3 * field : 18 + 3 * field], a, c, A, work):
         return False
     n = sigma2.shape[0]
-    if n <= FEW_SPOTS:
+    if n <= FEW_SPOTS // frame.fields:
         return True
     p, q = field * n + i, field * n + j
     m0, m1, m2 = W[p, 0] + W[q, 0], W[p, 1] + W[q, 1], W[p, 2] + W[q, 2]
@@ -135,15 +129,23 @@ def promising(
 def settle(
     frame: Frame, sky: SkyArrays, i: int, j: int, match: Codes, A: Matrix, cov: Matrix, out: Vector, v: Vector
 ) -> int:
-    """From first matches to a settled attitude: fit, match again, twice; returns the number of matches, 0 if none."""
-    if not fit_attitude(frame, sky, match, A, cov, 2, v):
-        return 0
+    """From first matches to a settled attitude: fit and match again; returns the number of matches, 0 if none.
+
+    Twice, because the first fit may predict the other field too loosely; once where one field's matches all stood.
+    """
+    first = 0
+    for k in range(match.shape[0]):
+        first += match[k, 0] >= 0
     found = 0
     for _ in range(2):
-        found = match_tightly(frame, sky, i, j, A, cov, match, out)
-        if found < 2 or not fit_attitude(frame, sky, match, A, cov, 2, v):
+        if not fit_attitude(frame, sky, match, A, cov, 1, v):
             return 0
-    return found
+        found = match_tightly(frame, sky, i, j, A, cov, match, out)
+        if found < 2:
+            return 0
+        if frame.fields == 1 and found >= first:
+            break
+    return found if fit_attitude(frame, sky, match, A, cov, 1, v) else 0
 
 
 @kernel

@@ -3,12 +3,13 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Lt
 
-from relnav.arrays import Matrix
+from relnav.arrays import Matrix, Vector
 from relnav.geometry.rotation import dcm_from_quaternion
 from relnav.sensors.dual_field.catalogue import StarCatalogue
 from relnav.sensors.dual_field.fold import mirror_fold
@@ -140,12 +141,33 @@ class StarSensor:
     provenance: Mapping[str, str] = field(default_factory=dict)
     path: str = ""
 
+    @cached_property
+    def parameters(self) -> Vector:
+        """Camera, search and fold as the compiled solver reads them, at rest; (26,), see `frame_solver.PARAMETERS`."""
+        camera, fold = self.camera, self.fold.matrix
+        return np.concatenate(
+            [
+                [camera.focal_length_px, *camera.principal_point_px, *camera.distortion],
+                [0.5 * camera.detector_size_px[0], 0.5 * camera.detector_size_px[1], camera.spot_noise_px],
+                [self.identification.magnitude_gate, 1.0 if fold is None else 2.0],
+                self.identification.limits.settings,
+                np.zeros(3),
+                (np.eye(3) if fold is None else fold).ravel(),
+            ]
+        )
+
+    @cached_property
+    def _own_sky(self) -> Sky:
+        return self.sky(self.identification.epoch_jyear)
+
     def sky(self, epoch_jyear: float | None = None) -> Sky:
         """The sky prepared at an epoch; the same one again for the same epoch."""
+        if epoch_jyear is None:
+            return self._own_sky
         limits = self.identification
         return prepare_sky(
             self.catalogue,
-            limits.epoch_jyear if epoch_jyear is None else epoch_jyear,
+            epoch_jyear,
             limits.faintest_star_mag,
             limits.faintest_pair_mag,
             limits.shortest_pair_rad,

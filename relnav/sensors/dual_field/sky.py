@@ -13,6 +13,9 @@ from relnav.arrays import Matrix, Vector
 from relnav.sensors.dual_field.catalogue import StarCatalogue
 from relnav.sensors.dual_field.pair_table import Indices, PairTable, build_pair_table
 
+BRIGHTEST_MAG, MAG_STEP = -2.0, 1.0 / 32.0
+"""Magnitudes at which stars are counted."""
+
 GRID = 40
 """Cells along each axis of the cube around the unit sphere: 2.9 deg, one to three stars in an occupied cell, and the
 table of cells fits a processor's cache."""
@@ -30,15 +33,15 @@ class SkyArrays(NamedTuple):
         Direction and magnitude, sorted by cell.
     cells : (GRID^3 + 1,)
         Where each cell's stars begin.
-    magnitudes : (n,)
-        Ascending, to count the stars of a range.
+    brighter : (m,)
+        Stars not fainter than `BRIGHTEST_MAG` + i `MAG_STEP`; the last one counts all.
     cosines, pairs, k, line : (p,), (p, 2), (p + 1,), (2,)
         The pair table, its stars as rows of `stars`.
     """
 
     stars: Matrix
     cells: Indices
-    magnitudes: Vector
+    brighter: Vector
     cosines: Vector
     pairs: Indices
     k: Indices
@@ -79,7 +82,9 @@ def build_sky(
     bright = bright[_alone(stars, bright)]
     table = build_pair_table(stars[bright, :3], low_rad, high_rad)
     pairs = PairTable(table.cos, bright.astype(np.int32)[table.stars], table.k, table.line)
-    arrays = SkyArrays(stars, cells, np.sort(stars[:, 3]), pairs.cos, pairs.stars, pairs.k, pairs.line)
+    steps = BRIGHTEST_MAG + MAG_STEP * np.arange(math.ceil((float(magnitude.max()) - BRIGHTEST_MAG) / MAG_STEP) + 2)
+    brighter = np.searchsorted(np.sort(magnitude), steps, side="right").astype(np.float64)
+    arrays = SkyArrays(stars, cells, brighter, pairs.cos, pairs.stars, pairs.k, pairs.line)
     return Sky(arrays, np.ascontiguousarray(hip[order]), pairs)
 
 

@@ -41,7 +41,8 @@ def test_nearest_star(sky, chord):
 def test_it_holds_the_stars_down_to_its_limit(sensor, sky):
     assert len(sky) == np.sum(sensor.catalogue.hp_mag <= 6.2)
     assert set(sky.hip) == set(sensor.catalogue.hip[sensor.catalogue.hp_mag <= 6.2])
-    assert np.all(np.diff(sky.arrays.magnitudes) >= 0.0)
+    assert np.all(np.diff(sky.arrays.brighter) >= 0.0)
+    assert sky.arrays.brighter[-1] == len(sky)
     assert sky.arrays.cells[-1] == len(sky)
 
 
