@@ -22,8 +22,8 @@ def fly_blind(catalogue: StarCatalogue, count: int, seed: int) -> dict[str, int]
 
     Cameras: 5 to 60 deg wide, radial distortion up to 15 %, principal point off by 8 px, centroids of 0.1 to 0.5 px,
     0 to 8 false spots, up to 30 % of stars missing, magnitudes off by up to 0.6. Half of the frames are true ones; the
-    others are false spots alone, mirrored, or scrambled by quarters: they must be refused. "wrong" counts attitudes
-    more than 3 px off at the image's centre, and every attitude of a frame that should be refused.
+    others are false spots alone, mirrored, or have two quarters of the image swapped in x and y. "wrong" counts
+    attitudes more than 3 px off at the image's centre, and every attitude of false spots or of a mirrored frame.
     """
     rng = np.random.default_rng(seed)
     directions, magnitude = catalogue.directions(EPOCH_JYEAR), np.asarray(catalogue.hp_mag, dtype=np.float64)
@@ -41,8 +41,11 @@ def fly_blind(catalogue: StarCatalogue, count: int, seed: int) -> dict[str, int]
             result["refused"] += kind == "true"
             continue
         off_px = focal * float(np.linalg.norm(solution.dcm_cam_from_icrs[2] - at_centre))
-        good = kind == "true" and off_px < WRONG_PX and abs(solution.focal_length_px / focal - 1.0) < 0.02
-        result["solved" if good else "wrong"] += 1
+        close = off_px < WRONG_PX and abs(solution.focal_length_px / focal - 1.0) < 0.02
+        if kind in ("false spots", "mirrored") or not close:
+            result["wrong"] += 1
+        elif kind == "true":
+            result["solved"] += 1
     return result
 
 

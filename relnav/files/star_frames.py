@@ -51,6 +51,22 @@ def read_star_frame(path: Path, centre_px: tuple[float, float] = (0.0, 0.0)) -> 
     InputError
         Naming file, line and column of what cannot be read; if the coordinates evidently count from a corner.
     """
+    values, given = read_star_table(path, PLACES, BRIGHTNESS)
+    spots = values[:, :2] - np.asarray(centre_px)
+    if centre_px == (0.0, 0.0):
+        _refuse_corner_coordinates(spots, path)
+    brightness = values[:, 2] if given else None
+    return StarFrame(path, spots, brightness if given == "flux" else None, brightness if given == "magnitude" else None)
+
+
+def read_star_table(path: Path, columns: tuple[str, ...], choices: tuple[str, ...]) -> tuple[Matrix, str]:
+    """Columns of a CSV as numbers (n, m), with one of the `choices` as last column if it is there; its name or "".
+
+    Raises
+    ------
+    InputError
+        Naming file, line and column of what cannot be read.
+    """
     try:
         with path.open(encoding="utf-8", newline="") as file:
             lines = [(number, text) for number, text in enumerate(file, start=1)]
@@ -58,35 +74,31 @@ def read_star_frame(path: Path, centre_px: tuple[float, float] = (0.0, 0.0)) -> 
         raise InputError(f"{path}: not a text file in UTF-8") from error
     lines = [(number, text.strip()) for number, text in lines if text.strip() and not text.lstrip().startswith("#")]
     if not lines:
-        raise InputError(f"{path}: the file is empty; a header x_px,y_px,flux and one row a spot are expected")
-    names = _header(lines[0][1], f"{path}:{lines[0][0]}")
-    wanted = [name for name in (*PLACES, *BRIGHTNESS) if name in names]
+        header = ",".join([*columns, *choices[:1]])
+        raise InputError(f"{path}: the file is empty; a header {header} and rows of numbers are expected")
+    names = _header(lines[0][1], f"{path}:{lines[0][0]}", columns, choices)
+    wanted = [name for name in (*columns, *choices) if name in names]
     values = np.empty((len(lines) - 1, len(wanted)))
     for row, (number, text) in enumerate(lines[1:]):
         values[row] = _numbers(text, names, wanted, f"{path}:{number}")
-    spots = values[:, :2] - np.asarray(centre_px)
-    if centre_px == (0.0, 0.0):
-        _refuse_corner_coordinates(spots, path)
-    brightness = values[:, 2] if len(wanted) == 3 else None
-    given = wanted[2] if len(wanted) == 3 else ""
-    return StarFrame(path, spots, brightness if given == "flux" else None, brightness if given == "magnitude" else None)
+    return values, wanted[-1] if len(wanted) > len(columns) else ""
 
 
-def _header(text: str, where: str) -> list[str]:
+def _header(text: str, where: str, columns: tuple[str, ...], choices: tuple[str, ...]) -> list[str]:
     if "," not in text:
         seen = "';'" if ";" in text else "tabs" if "\t" in text else "no comma"
         raise InputError(f"{where}: cells separated by commas are expected in the header; got {seen}")
     names = [name.strip() for name in next(csv.reader([text]))]
-    for name in PLACES:
+    for name in columns:
         if name not in names:
-            others = [other for other in names if other not in PLACES and other[:1].lower() == name[0]]
+            others = [other for other in names if other not in columns and other[:1].lower() == name[0]]
             near = difflib.get_close_matches(name, others, n=1, cutoff=0.3)
             hint = f"; is it '{near[0]}'? rename it" if near else ""
             raise InputError(f"{where}: column '{name}' is missing; the columns are {', '.join(names)}{hint}")
-    for name in (*PLACES, *BRIGHTNESS):
+    for name in (*columns, *choices):
         if names.count(name) > 1:
             raise InputError(f"{where}: column '{name}' stands twice; keep one")
-    if all(name in names for name in BRIGHTNESS):
+    if choices and all(name in names for name in choices):
         raise InputError(f"{where}: columns 'flux' and 'magnitude' say the same; keep one")
     return names
 

@@ -43,7 +43,7 @@ def test_the_centre_can_be_named(write):
 
 
 BAD = {
-    "empty": ("", ": the file is empty; a header x_px,y_px,flux and one row a spot are expected"),
+    "empty": ("", ": the file is empty; a header x_px,y_px,flux and rows of numbers are expected"),
     "binary": (b"\xff\xfe\x00", ": not a text file in UTF-8"),
     "semicolons": ("x_px;y_px\n1;2\n", ":1: cells separated by commas are expected in the header; got ';'"),
     "no x": ("x,y_px,flux\n1,2,3\n", ":1: column 'x_px' is missing; the columns are x, y_px, flux; is it 'x'?"),

@@ -5,6 +5,7 @@ import click
 from relnav.cli import LazyGroup
 
 COMMANDS = {
+    "attitude": ("relnav.cli.stars.attitude", "A log of frames as attitudes for the navigation filter."),
     "solve": ("relnav.cli.stars.solve", "Attitude and matched stars of one frame."),
 }
 

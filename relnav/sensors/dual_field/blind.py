@@ -43,6 +43,9 @@ SHEAR = 0.01
 
 LEAST_SPOTS = 6
 
+NARROWEST = 1e-3
+"""Height or width, rad, below which spots are taken to cover no field."""
+
 
 @kernel
 def scale_of_pair(points: Matrix, i: int, j: int, angle: float) -> float:
@@ -50,7 +53,7 @@ def scale_of_pair(points: Matrix, i: int, j: int, angle: float) -> float:
     x, y, p, q = points[i, 0], points[i, 1], points[j, 0], points[j, 1]
     dot, a, c = x * p + y * q, x * x + y * y, p * p + q * q
     scale = 1.0
-    for _ in range(4):  # the angle is almost proportional to the scale
+    for _ in range(6):  # the angle is almost proportional to the scale
         s2 = scale * scale
         cosine = (1.0 + s2 * dot) / math.sqrt((1.0 + s2 * a) * (1.0 + s2 * c))
         scale *= angle / math.acos(min(1.0, cosine))
@@ -197,6 +200,9 @@ def solve_blind(blind: Blind, catalogue: StarCatalogue, epoch_jyear: float, log1
         reason = f"{n} spots; with unknown focal length {LEAST_SPOTS} or more are needed"
         return no_solution(StarStatus.TOO_FEW, reason, n)
     points = blind.points
+    if float(np.min(np.ptp(points, axis=0))) < NARROWEST:
+        reason = "the spots cover no field: all lie in one place or along one line"
+        return no_solution(StarStatus.NO_MATCH, reason, n)
     sky = sky_for(catalogue, epoch_jyear, points, blind.velocity_km_s)
     fit, tried = _search(blind, points, sky, log10_pfa)
     if fit is not None:

@@ -158,12 +158,15 @@ class StarSensor:
 
     @cached_property
     def _own_sky(self) -> Sky:
-        return self.sky(self.identification.epoch_jyear)
+        return self._sky_at(self.identification.epoch_jyear)
 
     def sky(self, epoch_jyear: float | None = None) -> Sky:
-        """The sky prepared at an epoch; the same one again for the same epoch."""
-        if epoch_jyear is None:
+        """The sky prepared at an epoch (the model's own if left out); the same one again for the same epoch."""
+        if epoch_jyear is None or epoch_jyear == self.identification.epoch_jyear:
             return self._own_sky
+        return self._sky_at(epoch_jyear)
+
+    def _sky_at(self, epoch_jyear: float) -> Sky:
         limits = self.identification
         return prepare_sky(
             self.catalogue,
