@@ -29,7 +29,7 @@ FOCAL_RANGE = 0.05
 CHECKED_SPOTS = 24
 """The brightest spots that a candidate is checked against."""
 
-PAIR_SPOTS = 14
+PAIR_SPOTS = 11
 """The brightest spots that pairs are made of."""
 
 MIRRORED_PAIRS = 12
