@@ -22,8 +22,8 @@ def orbit_state(t):
 
 
 @pytest.fixture
-def flight(tmp_path, short_log):
-    """Star frames every 4 s while the camera holds its attitude of the model, the orbit, and the log of spots."""
+def flight(tmp_path):
+    """Star frames every 4 s while the camera holds its attitude of the model, and the orbit."""
     sensor, mission = relnav.load_model("dual_field_star"), relnav.load_model("three_beacon_psd")
     simulator, rng = StarFieldSimulator(sensor, SkyConditions()), np.random.default_rng(1)
     with (tmp_path / "frames.csv").open("w", newline="") as file:
@@ -66,7 +66,7 @@ def test_it_feeds_the_navigation_filter(run, flight, short_log):
 
 WRONG = {
     "no Earth": (["--model", "dual_field_star"], 2, "two fields need --earth-velocity-km-s"),
-    "log alone": ([*OPTIONS, "--log", "frames.csv"], 2, "--log and --joined go together"),
+    "log alone": ([*OPTIONS, "--log", "log.csv"], 2, "--log and --joined go together"),
     "mounting": ([*OPTIONS, "--q-cam-from-star", 1, 1, 0, 0], 2, "--q-cam-from-star: a rotation quaternion"),
 }
 
@@ -74,6 +74,7 @@ WRONG = {
 @pytest.mark.parametrize("name", WRONG)
 def test_what_is_wrong(run, flight, monkeypatch, name):
     monkeypatch.chdir(flight)
+    (flight / "log.csv").write_text("t_s\n0\n")
     options, expected, text = WRONG[name]
     code, out, err = run("stars", "attitude", "frames.csv", "--orbit", "orbit.csv", *options, "--out", "a.csv")
     assert code == expected
