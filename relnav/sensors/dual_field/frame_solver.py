@@ -18,7 +18,10 @@ MOST_SPOTS = 100
 """The brightest take part; the choice among more costs time and certainty and adds no accuracy that matters."""
 
 LEAST_SPOTS = 4
-TOO_FEW = -2
+TOO_FEW, MISFIT = -2, -3
+
+WORST_FIT = 1.5
+"""Largest mean square of the residuals, in units of the noise, before four sigma of its own scatter."""
 
 
 @kernel
@@ -59,12 +62,12 @@ def solve_spots(
     found: Codes,
     block: Vector,
 ) -> int:
-    """Solve a frame: FOUND, NOTHING, AMBIGUOUS or TOO_FEW.
+    """Solve a frame: FOUND, NOTHING, AMBIGUOUS, TOO_FEW, or MISFIT where stars are found but the optics are not right.
 
-    spots (n, 2) px and magnitude (n,) or (0,) as handed in; stars to line are `SkyArrays`, hip
-    (stars,) their numbers. Writes Hipparcos numbers into star
-    (n,), fields into found[3 n:] (4 n,), and into block (21 + 10 n + 3 WORK_ROWS,): attitude (9), covariance (9), what
-    `search_pairs` calls info (3), residuals (n) rad; the rest is scratch. Nothing need be set before.
+    spots (n, 2) px and magnitude (n,) or (0,) as handed in; stars to line are `SkyArrays`, hip (stars,) their numbers.
+    Writes Hipparcos numbers into star (n,), fields into found[3 n:] (4 n,), and into block (21 + 10 n + 3 WORK_ROWS,):
+    attitude (9), covariance (9), what `search_pairs` calls info (2), number of spots or fit (1), residuals (n) rad; the
+    rest is scratch. Nothing need be set before.
     """
     p, sky = parameters, SkyArrays(stars, cells, brighter, cosines, pairs, k, line)
     total = spots.shape[0]
@@ -102,8 +105,21 @@ def solve_spots(
         frame, sky, p[SETTINGS : SETTINGS + 4], match[:n], solution[0:3], solution[3:6], work, solution[6]
     )
     if verdict == FOUND:
-        tell_matches(frame, sky, hip, order, match, solution, star, found[3 * total :], residual, work[0])
+        fit = tell_matches(frame, sky, hip, order, match, solution, star, found[3 * total :], residual, work[0])
+        solution[6, 2] = math.sqrt(fit)
+        freedom = 2.0 * matches_of(match, n) - 3.0
+        if fit > WORST_FIT + 4.0 * math.sqrt(2.0 / freedom):
+            return MISFIT
     return verdict
+
+
+@kernel
+def matches_of(match: Codes, n: int) -> int:
+    """Number of the first n spots that have a star."""
+    count = 0
+    for k in range(n):
+        count += match[k, 0] >= 0
+    return count
 
 
 @kernel
@@ -118,9 +134,13 @@ def tell_matches(
     field: Codes,
     residual: Vector,
     v: Vector,
-) -> None:
-    """Write star, field and residual of every match, in the order of the spots as handed in."""
+) -> float:
+    """Write star, field and residual of every match, in the order of the spots as handed in.
+
+    Returns chi^2 over its degrees of freedom: about 1 if the spots lie as far from their stars as noise puts them.
+    """
     n = frame.sigma2.shape[0]
+    chi2, count = 0.0, 0
     for k in range(n):
         m = match[k, 0]
         if m < 0:
@@ -130,3 +150,6 @@ def tell_matches(
         for r in range(3):
             total += (frame.W[row, r] - A[r, 0] * v[0] - A[r, 1] * v[1] - A[r, 2] * v[2]) ** 2
         star[spot], field[spot], residual[spot] = hip[m], match[k, 1], math.sqrt(total)
+        chi2 += total / frame.sigma2[k]
+        count += 1
+    return chi2 / max(2.0 * count - 3.0, 1.0)

@@ -14,6 +14,7 @@ from relnav.sensors.dual_field.frame_solver import (
     BETA,
     GATE,
     LEAST_SPOTS,
+    MISFIT,
     SETTINGS,
     TOO_FEW,
     solve_spots,
@@ -105,6 +106,12 @@ def _refused(verdict: int, block: Vector, spots: int, focal_px: float) -> StarSo
     tried = int(block[19])
     if verdict == TOO_FEW:
         status, reason = StarStatus.TOO_FEW, f"{int(block[20])} spots; {LEAST_SPOTS} or more are needed"
+    elif verdict == MISFIT:
+        status, reason = (
+            StarStatus.NO_MATCH,
+            f"stars are found, but the spots lie {block[20]:.1f} times as far from them as the model's noise: are "
+            "focal length, distortion and mirror those of this camera, and is the velocity right?",
+        )
     elif verdict == AMBIGUOUS:
         status, reason = StarStatus.AMBIGUOUS, "two attitudes explain the spots equally well"
     else:
