@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from relnav.navigation.record import FilterRecord, Solution
     from relnav.navigation.relative_position import Navigator
     from relnav.navigation.status import EpochStatus
-    from relnav.sensors import aps_sun, birefringent_sun, three_beacon, three_marker
+    from relnav.sensors import aps_sun, birefringent_sun, dual_field, three_beacon, three_marker
     from relnav.sensors.measurement import Measurement, Status
 
 _HOME = {
@@ -50,13 +50,14 @@ _HOME = {
     "EpochStatus": "relnav.navigation.status",
     "birefringent_sun": "relnav.sensors.birefringent_sun",
     "aps_sun": "relnav.sensors.aps_sun",
+    "dual_field": "relnav.sensors.dual_field",
     "three_beacon": "relnav.sensors.three_beacon",
     "three_marker": "relnav.sensors.three_marker",
     "Measurement": "relnav.sensors.measurement",
     "Status": "relnav.sensors.measurement",
 }
 
-_MODULES = ("aps_sun", "birefringent_sun", "three_beacon", "three_marker")
+_MODULES = ("aps_sun", "birefringent_sun", "dual_field", "three_beacon", "three_marker")
 
 __all__ = [
     "AccuracyReport",
@@ -74,6 +75,7 @@ __all__ = [
     "UsageError",
     "aps_sun",
     "birefringent_sun",
+    "dual_field",
     "filter_epochs",
     "filter_log",
     "list_models",

@@ -12,12 +12,12 @@ import click
 
 COMMANDS = {
     "budget": ("relnav.cli.budget", "Say what accuracy a design will reach, and what limits it."),
-    "calibrate": ("relnav.cli.calibrate", "Calibrate a sensor from measurements of something known."),
     "accuracy": ("relnav.cli.accuracy", "Measure what a sensor system reaches, beside what its paper claims."),
     "calibrate": ("relnav.cli.calibrate", "Calibrate a sensor from its bench measurements."),
     "filter": ("relnav.cli.filter", "Filter a log of spots into a track with covariance."),
     "simulate": ("relnav.cli.simulate", "Simulate an approach: a log of spots and its truth."),
     "models": ("relnav.cli.models", "List the shipped models, or show one with its sources."),
+    "stars": ("relnav.cli.stars", "Star frames: inertial attitude from the spots of one image."),
 }
 """Name -> module that holds it as `command`, and its line in the list."""
 

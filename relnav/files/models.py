@@ -79,7 +79,9 @@ def load_model(name_or_path: str | os.PathLike[str], changes: Mapping[str, Any] 
         problems.add("sensor_type", f"one of {', '.join(SYSTEMS)} is expected; got {kind!r}")
         problems.raise_if_any()
     cls = resolve(SYSTEMS[str(kind)].mission)
+    extras = resolve(SYSTEMS[str(kind)].extras)() if SYSTEMS[str(kind)].extras else {}
     sections, optional = _sections(cls)
+    sections = {name: section for name, section in sections.items() if name not in extras}
     for key, value in (changes or {}).items():
         change_value(table, sections, key, value)
     provenance: dict[str, str] = {}
@@ -99,7 +101,7 @@ def load_model(name_or_path: str | os.PathLike[str], changes: Mapping[str, Any] 
     problems.raise_if_any()
     label = path.parent.name if path.name == "model.toml" else path.stem
     try:
-        return cls(name=label, title=str(title), provenance=provenance, path=str(path), **values)
+        return cls(name=label, title=str(title), provenance=provenance, path=str(path), **values, **extras)
     except ValueError as error:
         raise ModelError(f"{path}: {error}") from error
 

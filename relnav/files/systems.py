@@ -22,6 +22,8 @@ class System:
         Runs of the accuracy benchmark unless the user says otherwise.
     progress_steps : int
         How often `progress` is called for a run.
+    extras : str
+        Function () -> dict of what the mission holds beside the sections of its file.
     """
 
     mission: str
@@ -29,6 +31,7 @@ class System:
     budget: str = ""
     runs: int = 200
     progress_steps: int = 1
+    extras: str = ""
 
 
 SYSTEMS: dict[str, System] = {
@@ -51,6 +54,12 @@ SYSTEMS: dict[str, System] = {
         mission="relnav.sensors.birefringent_sun.sensor:BirefringentSunModel",
         accuracy="relnav.accuracy.birefringent_sun:measure",
         runs=10_000,
+    ),
+    "dual_field": System(
+        mission="relnav.sensors.dual_field.sensor:StarSensor",
+        accuracy="relnav.accuracy.dual_field:measure",
+        runs=500,
+        extras="relnav.files.star_catalogue:mission_extras",
     ),
 }
 

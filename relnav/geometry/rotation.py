@@ -25,6 +25,26 @@ def dcm_from_quaternion(quaternion: Vector) -> Matrix:
     return out
 
 
+def quaternion_from_dcm(dcm: Matrix) -> Vector:
+    """Unit quaternion (x, y, z, w), w >= 0, of a rotation matrix (3, 3): the column of 4 q q^T with the largest square.
+
+    Raises
+    ------
+    ValueError
+        If the matrix is not a rotation to 1e-6.
+    """
+    R = np.asarray(dcm, dtype=np.float64)
+    if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or np.linalg.det(R) < 0.0:
+        raise ValueError(f"a rotation matrix (3, 3) is expected; got {R.tolist()}")
+    w = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], 1.0 + np.trace(R)])
+    outer = np.empty((4, 4))
+    outer[:3, :3] = R + R.T + (1.0 - np.trace(R)) * np.eye(3)
+    outer[3], outer[:, 3] = w, w
+    q = outer[np.argmax(np.diagonal(outer))]
+    unit: Vector = q / np.linalg.norm(q)
+    return -unit if unit[3] < 0.0 else unit
+
+
 @kernel
 def dcm_from_quaternion_into(q: Vector, out: Matrix) -> bool:
     """Write the rotation matrix of the quaternion q (4,), normalised, into out; False if its norm is not near 1."""

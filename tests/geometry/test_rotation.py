@@ -88,3 +88,23 @@ def test_no_triad_of_parallel_vectors(one: list[float], two: list[float]) -> Non
 def test_no_triad_of_vectors_parallel_to_rounding(factor: float) -> None:
     one = np.array([0.3, -0.7, 1.1])
     assert not triad(one, factor * one, np.empty((3, 3)))
+
+
+def test_quaternion_from_dcm_is_scipys():
+    from scipy.spatial.transform import Rotation
+
+    from relnav.geometry.rotation import quaternion_from_dcm
+
+    for rotation in [*Rotation.random(50, rng=1), Rotation.from_rotvec([np.pi, 0, 0]), Rotation.identity()]:
+        expected = rotation.as_quat(canonical=True)
+        got = quaternion_from_dcm(rotation.as_matrix())
+        assert min(np.abs(got - expected).max(), np.abs(got + expected).max()) < 1e-12
+        assert got[3] >= 0.0
+
+
+@pytest.mark.parametrize("matrix", [np.diag([1.0, 1.0, -1.0]), 2.0 * np.eye(3), np.eye(2)])
+def test_quaternion_of_no_rotation(matrix):
+    from relnav.geometry.rotation import quaternion_from_dcm
+
+    with pytest.raises(ValueError, match="a rotation matrix"):
+        quaternion_from_dcm(matrix)

@@ -1,0 +1,82 @@
+"""A star solution as plain values for a JSON file, and as a picture."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from relnav.arrays import Matrix
+from relnav.errors import UsageError
+from relnav.files.atomic import replacing
+from relnav.geometry.rotation import quaternion_from_dcm
+from relnav.sensors.dual_field.solution import StarSolution
+
+ARCSEC = 648000.0 / math.pi
+
+
+def solution_values(solution: StarSolution, spots_px: Matrix) -> dict[str, Any]:
+    """The solution with its matched stars; null where there is no attitude."""
+    values: dict[str, Any] = {"status": str(solution.status), "reason": solution.reason}
+    ra, dec, roll = (math.degrees(angle) for angle in solution.ra_dec_roll_rad)
+    values |= {"ra_deg": ra, "dec_deg": dec, "roll_deg": roll, "matches": solution.matches}
+    values |= {
+        "sigma_arcsec": (solution.sigma_rad * ARCSEC).tolist(),
+        "matches_per_field": list(solution.matches_per_field),
+        "focal_length_px": solution.focal_length_px,
+        "residual_rms_arcsec": _rms(solution) * ARCSEC,
+        "log10_false_alarm": solution.log10_false_alarm,
+        "attitudes_tried": solution.tried,
+        "dcm_cam_from_icrs": solution.dcm_cam_from_icrs.tolist(),
+        "q_cam_from_icrs": quaternion_from_dcm(solution.dcm_cam_from_icrs).tolist() if solution.ok else None,
+        "covariance_rad2": solution.covariance.tolist(),
+        "stars": [
+            {
+                "spot": int(k),
+                "x_px": float(spots_px[k, 0]),
+                "y_px": float(spots_px[k, 1]),
+                "hip": int(solution.hip[k]),
+                "field": int(solution.field[k]),
+                "residual_arcsec": float(solution.residual_rad[k] * ARCSEC),
+            }
+            for k in np.flatnonzero(solution.hip > 0)
+        ],
+    }
+    return values
+
+
+def _rms(solution: StarSolution) -> float:
+    used = solution.residual_rad[np.isfinite(solution.residual_rad)]
+    return float(np.sqrt(np.mean(used**2))) if used.size else math.nan
+
+
+def draw_solution(solution: StarSolution, spots_px: Matrix, title: str, path: Path) -> None:
+    """Draw the spots, and which of them are which star; .png.
+
+    Raises
+    ------
+    UsageError
+        For another ending.
+    """
+    if path.suffix.lower() != ".png":
+        raise UsageError(f"{path}: a picture ends in .png; got '{path.suffix}'")
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 8), layout="constrained")
+    axis = figure.subplots()
+    axis.plot(*spots_px[solution.hip == 0].T, "x", color="0.5", ms=6, label="spots without a star")
+    for field in sorted({int(value) for value in solution.field if value >= 0}):
+        chosen = solution.field == field
+        axis.plot(*spots_px[chosen].T, "o", mfc="none", ms=10, color=f"C{field}", label=f"stars of field {field}")
+        for k in np.flatnonzero(chosen):
+            axis.annotate(
+                f"HIP {solution.hip[k]}", spots_px[k], (6, 5), textcoords="offset points", fontsize=7, color=f"C{field}"
+            )
+    axis.set(xlabel="x_px (right)", ylabel="y_px (down)", aspect="equal", title=title)
+    axis.invert_yaxis()
+    axis.grid(alpha=0.3)
+    figure.legend(loc="outside lower center", ncols=3, fontsize=9)
+    with replacing(path) as temporary:
+        FigureCanvasAgg(figure)
+        figure.savefig(temporary, format="png", dpi=100)

@@ -1,0 +1,256 @@
+"""Solve a single-field frame whose focal length is known to a few percent and whose distortion is not known.
+
+A pair of spots taken for a pair of stars gives the attitude and the focal length; the other spots are looked for with a
+tolerance that grows with their distance, as an unknown distortion does. The best candidates are then fitted with focal
+length and distortion as unknowns, and believed only if the tight match that is left cannot be chance and the bright
+stars that should be in the frame are.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from relnav._kernel import kernel
+from relnav.arrays import Codes, Matrix, Vector
+from relnav.sensors.dual_field.camera_fit import CameraFit, fit_camera
+from relnav.sensors.dual_field.catalogue import StarCatalogue
+from relnav.sensors.dual_field.identify import make_frame
+from relnav.sensors.dual_field.matching import Frame, match_loosely
+from relnav.sensors.dual_field.optics import plane_points, rays
+from relnav.sensors.dual_field.pair_table import k_range
+from relnav.sensors.dual_field.search import WORK_ROWS, count_stars, log_false_alarm, promising, triad_of_spots
+from relnav.sensors.dual_field.sky import Sky, SkyArrays, prepare_sky
+from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solution
+
+FOCAL_RANGE = 0.05
+"""How far the focal length may be from the given one, relative."""
+
+CHECKED_SPOTS = 24
+"""The brightest spots that a candidate is checked against."""
+
+PAIR_SPOTS = 11
+"""The brightest spots that pairs are made of."""
+
+MIRRORED_PAIRS = 12
+"""Pairs that are tried to tell a user whose frame is not solved that it is mirrored."""
+
+STARS_IN_FIELD = 25.0
+"""Catalogue stars expected in the field among which pairs are looked up."""
+
+SHEAR = 0.01
+"""Error of a spot relative to its distance from the pair, left by unknown distortion."""
+
+LEAST_SPOTS = 6
+
+NARROWEST = 1e-3
+"""Height or width, rad, below which spots are taken to cover no field."""
+
+
+@kernel
+def scale_of_pair(points: Matrix, i: int, j: int, angle: float) -> float:
+    """Factor by which the plane points i and j are to be moved out to stand at `angle` from one another."""
+    x, y, p, q = points[i, 0], points[i, 1], points[j, 0], points[j, 1]
+    dot, a, c = x * p + y * q, x * x + y * y, p * p + q * q
+    scale = 1.0
+    for _ in range(6):  # the angle is almost proportional to the scale
+        s2 = scale * scale
+        cosine = (1.0 + s2 * dot) / math.sqrt((1.0 + s2 * a) * (1.0 + s2 * c))
+        scale *= angle / math.acos(min(1.0, cosine))
+    return scale
+
+
+@kernel
+def try_scaled_pair(
+    frame: Frame,
+    sky: SkyArrays,
+    points: Matrix,
+    i: int,
+    j: int,
+    contrast: float,
+    best_A: Matrix,
+    best_match: Codes,
+    match: Codes,
+    work: Matrix,
+    info: Vector,
+) -> float:
+    """The best candidate of one pair of spots: the logarithm of its false alarm probability; writes attitude and match.
+
+    info (2,): attitudes tried so far (counted on), scale of the best. `contrast` bounds the difference of the two
+    differences of magnitude. Rows of frame.W are scratch.
+    """
+    n = frame.sigma2.shape[0]
+    A, out = work[10:13], work[13]
+    x, y, p, q = points[i, 0], points[i, 1], points[j, 0], points[j, 1]
+    cosine = (1.0 + x * p + y * q) / math.sqrt((1.0 + x * x + y * y) * (1.0 + p * p + q * q))
+    angle = math.acos(min(1.0, cosine))
+    low, high = math.cos(angle * (1.0 + FOCAL_RANGE)), math.cos(angle * (1.0 - FOCAL_RANGE))
+    first, last = k_range(sky.cosines, sky.k, sky.line, low, high)
+    best = 0.0
+    for pair in range(first, last):
+        scale = scale_of_pair(points, i, j, math.acos(sky.cosines[pair]))
+        for k in range(n):
+            u, w = scale * points[k, 0], scale * points[k, 1]
+            norm = math.sqrt(1.0 + u * u + w * w)
+            frame.W[k, 0], frame.W[k, 1], frame.W[k, 2] = u / norm, w / norm, 1.0 / norm
+        triad_of_spots(frame, i, j, work[15:18], work[8:10])
+        for order in range(2):
+            a, c = sky.pairs[pair, order], sky.pairs[pair, 1 - order]
+            difference = sky.stars[a, 3] - sky.stars[c, 3] - frame.magnitude[i] + frame.magnitude[j]
+            if abs(difference) > contrast:
+                continue
+            info[0] += 1.0
+            if not promising(frame, sky, i, j, a, c, 0, SHEAR * SHEAR, A, work):
+                continue
+            found = match_loosely(frame, sky, i, j, 0, SHEAR * SHEAR, A, match, out)
+            if found < 3:
+                continue
+            chance = log_false_alarm(info[0], n, found, out[0])
+            if chance < best:
+                best, info[1] = chance, scale
+                match[i, 0], match[j, 0] = a, c
+                for r in range(3):
+                    for k in range(3):
+                        best_A[r, k] = A[r, k]
+                for k in range(n):
+                    best_match[k, 0] = match[k, 0]
+    return best
+
+
+@dataclass(frozen=True)
+class Blind:
+    """A frame to be solved without its focal length.
+
+    Attributes
+    ----------
+    spots_px : (n, 2)
+        From the image's centre, x right, y down, brightest first.
+    magnitude : (n,) or None
+        Up to a constant.
+    focal_px, principal_px, distortion : float, (2,), (2,)
+        Start of the focal length; the others are kept where they are known.
+    distortion_known : bool
+        Whether `distortion` is that of the camera.
+    velocity_km_s : (3,) or None
+        Observer's barycentric velocity, ICRS; None without aberration.
+    """
+
+    spots_px: Matrix
+    magnitude: Vector | None
+    focal_px: float
+    principal_px: tuple[float, float] = (0.0, 0.0)
+    distortion: tuple[float, float] = (0.0, 0.0)
+    distortion_known: bool = False
+    velocity_km_s: tuple[float, float, float] | None = None
+
+    @property
+    def points(self) -> Matrix:
+        """On the plane z = 1, with the focal length as given."""
+        return plane_points(self.spots_px, self.focal_px, self.principal_px, self.distortion)
+
+
+def sky_for(
+    catalogue: StarCatalogue, epoch_jyear: float, points: Matrix, velocity_km_s: tuple[float, float, float] | None
+) -> Sky:
+    """The sky for a field as large as the spots (n, 2) on the plane z = 1 cover: as deep as they are many."""
+    spread = np.ptp(points, axis=0)
+    radius = math.atan(float(np.max(np.hypot(points[:, 0], points[:, 1]))))
+    sky_over_field = 4.0 * math.pi / max(float(spread[0] * spread[1]), 1e-4)
+    pairs = min(len(catalogue), int(STARS_IN_FIELD * sky_over_field))
+    stars = min(len(catalogue), int(max(2.0 * STARS_IN_FIELD, 1.5 * len(points)) * sky_over_field))
+    magnitude = catalogue.hp_mag
+    return prepare_sky(
+        catalogue,
+        epoch_jyear,
+        float(magnitude[stars - 1]),
+        float(magnitude[pairs - 1]),
+        round(0.1 * radius, 3),
+        round(min(1.3 * radius, 1.5), 3),
+        velocity_km_s,
+    )
+
+
+def pair_order(points: Matrix) -> list[tuple[int, int]]:
+    """Pairs of the brightest spots, neither too close nor too far apart, by their fainter one."""
+    radius = float(np.max(np.hypot(points[:, 0], points[:, 1])))
+    pairs = []
+    for j in range(1, min(PAIR_SPOTS, len(points))):
+        for i in range(j):
+            if 0.2 * radius < math.dist(points[i], points[j]) < 1.1 * radius:
+                pairs.append((i, j))
+    return pairs
+
+
+def solve_blind(blind: Blind, catalogue: StarCatalogue, epoch_jyear: float, log10_pfa: float = -9.0) -> StarSolution:
+    """Attitude, focal length and distortion of a single-field frame, or a status with the reason why not.
+
+    Parameters
+    ----------
+    blind : Blind
+        Spots and what is known of the camera; its focal length within `FOCAL_RANGE`.
+    catalogue : StarCatalogue
+        Stars.
+    epoch_jyear : float
+        For their proper motion.
+    log10_pfa : float
+        Decimal logarithm of the false alarm probability that is accepted.
+    """
+    n = len(blind.spots_px)
+    if n < LEAST_SPOTS:
+        reason = f"{n} spots; with unknown focal length {LEAST_SPOTS} or more are needed"
+        return no_solution(StarStatus.TOO_FEW, reason, n)
+    points = blind.points
+    if float(np.min(np.ptp(points, axis=0))) < NARROWEST:
+        reason = "the spots cover no field: all lie in one place or along one line"
+        return no_solution(StarStatus.NO_MATCH, reason, n)
+    sky = sky_for(catalogue, epoch_jyear, points, blind.velocity_km_s)
+    fit, tried = _search(blind, points, sky, log10_pfa)
+    if fit is not None:
+        return fit.solution(sky, tried)
+    mirrored = Blind(blind.spots_px * (1.0, -1.0), blind.magnitude, blind.focal_px, distortion=blind.distortion)
+    hint = ""
+    if _search(mirrored, mirrored.points, sky, log10_pfa, MIRRORED_PAIRS)[0] is not None:
+        hint = "; mirrored it does: x_px must count to the right and y_px down, as on the detector seen from behind"
+    reason = (
+        f"no attitude with a focal length within {FOCAL_RANGE:.0%} of {blind.focal_px:g} px explains the spots{hint}"
+    )
+    return no_solution(StarStatus.NO_MATCH, reason, n, tried=tried)
+
+
+def _search(
+    blind: Blind, points: Matrix, sky: Sky, log10_pfa: float, most_pairs: int | None = None
+) -> tuple[CameraFit | None, int]:
+    """The first fit that is believed, and how many attitudes were tried."""
+    checked = np.ascontiguousarray(points[:CHECKED_SPOTS])
+    m = len(checked)
+    sigma = np.full(m, 0.5 / blind.focal_px)
+    frame = make_frame(rays(checked), sigma, None, math.inf, None, None)
+    contrast = math.inf
+    if blind.magnitude is not None:
+        frame = frame._replace(magnitude=np.ascontiguousarray(blind.magnitude[:m]))
+        contrast = 2.0
+    count_stars(frame, sky.arrays)
+    match, best_match = np.zeros((m, 2), dtype=np.int64), np.zeros((m, 2), dtype=np.int64)
+    A, work, info = np.empty((3, 3)), np.empty((WORK_ROWS, 3)), np.zeros(2)
+    for i, j in pair_order(checked)[:most_pairs]:
+        chance = try_scaled_pair(frame, sky.arrays, checked, i, j, contrast, A, best_match, match, work, info)
+        if chance > math.log(1e-3):
+            continue
+        fit = fit_camera(
+            blind.spots_px,
+            sky.arrays.stars,
+            best_match[:, 0],
+            dcm=A.copy(),
+            focal_px=blind.focal_px / info[1],
+            principal_px=blind.principal_px,
+            distortion=blind.distortion,
+            distortion_known=blind.distortion_known,
+            tried=float(info[0]),
+        )
+        if (
+            fit is not None
+            and fit.log10_false_alarm < log10_pfa
+            and abs(fit.focal_px / blind.focal_px - 1.0) < FOCAL_RANGE
+        ):
+            return fit, int(info[0])
+    return None, int(info[0])

@@ -1,0 +1,155 @@
+"""From the spots of a frame to its attitude in one compiled call: what the public `measure` runs."""
+
+import math
+
+from relnav._kernel import kernel
+from relnav.arrays import Codes, Matrix, Vector
+from relnav.sensors.dual_field.matching import Frame, aberrate_into
+from relnav.sensors.dual_field.optics import plane_point, ray_and_variance
+from relnav.sensors.dual_field.pair_table import Indices
+from relnav.sensors.dual_field.search import FOUND, WORK_ROWS, search_pairs
+from relnav.sensors.dual_field.sky import SkyArrays
+
+FOCAL, CX, CY, K1, K2, HALF_WIDTH, HALF_HEIGHT, SPOT_SIGMA, GATE, FIELDS = range(10)
+SETTINGS, BETA, FOLD, PARAMETERS = 10, 14, 17, 26
+"""Entries of `parameters`: of the camera, of the search (`Limits.settings`), velocity / c, and the fold by rows."""
+
+MOST_SPOTS = 100
+"""The brightest take part; the choice among more costs time and certainty and adds no accuracy that matters."""
+
+LEAST_SPOTS = 4
+TOO_FEW, MISFIT = -2, -3
+
+WORST_FIT = 1.5
+"""Largest mean square of the residuals, in units of the noise, before four sigma of its own scatter."""
+
+
+@kernel
+def usable_spots_into(spots: Matrix, magnitude: Vector, half_width: float, half_height: float, order: Codes) -> int:
+    """Write the indices of the spots on the detector, brightest first, into order (n,); at most MOST_SPOTS. How many.
+
+    An empty magnitude (0,) means that they are in order already; a spot without a magnitude (NaN) is not used.
+    """
+    count, known = 0, magnitude.shape[0] > 0
+    for k in range(spots.shape[0]):
+        if not (abs(spots[k, 0]) <= half_width and abs(spots[k, 1]) <= half_height):
+            continue
+        if known and not math.isfinite(magnitude[k]):
+            continue
+        place = count
+        while known and place > 0 and magnitude[order[place - 1]] > magnitude[k]:
+            order[place] = order[place - 1]
+            place -= 1
+        order[place] = k
+        count += 1
+    return min(count, MOST_SPOTS)
+
+
+@kernel
+def solve_spots(
+    spots: Matrix,
+    magnitude: Vector,
+    parameters: Vector,
+    stars: Matrix,
+    cells: Indices,
+    brighter: Vector,
+    cosines: Vector,
+    pairs: Indices,
+    k: Indices,
+    line: Vector,
+    hip: Indices,
+    star: Indices,
+    found: Codes,
+    block: Vector,
+) -> int:
+    """Solve a frame: FOUND, NOTHING, AMBIGUOUS, TOO_FEW, or MISFIT where stars are found but the optics are not right.
+
+    spots (n, 2) px and magnitude (n,) or (0,) as handed in; stars to line are `SkyArrays`, hip (stars,) their numbers.
+    Writes Hipparcos numbers into star (n,), fields into found[3 n:] (4 n,), and into block (21 + 10 n + 3 WORK_ROWS,):
+    attitude (9), covariance (9), what `search_pairs` calls info (2), number of spots or fit (1), residuals (n) rad; the
+    rest is scratch. Nothing need be set before.
+    """
+    p, sky = parameters, SkyArrays(stars, cells, brighter, cosines, pairs, k, line)
+    total = spots.shape[0]
+    solution, residual, scratch = block[:21].reshape((7, 3)), block[21 : 21 + total], block[21 + total :]
+    order, match = found[:total], found[total : 3 * total].reshape((total, 2))
+    for s in range(total):
+        star[s], found[3 * total + s], residual[s] = 0, -1, math.nan
+    solution[6, 0], solution[6, 1], solution[6, 2] = 0.0, 0.0, 0.0
+    n = usable_spots_into(spots, magnitude, p[HALF_WIDTH], p[HALF_HEIGHT], order)
+    if n < LEAST_SPOTS:
+        solution[6, 2] = n
+        return TOO_FEW
+    fields = int(p[FIELDS])
+    work = scratch[9 * n : 9 * n + 3 * WORK_ROWS].reshape((WORK_ROWS, 3))
+    frame = Frame(
+        scratch[: 3 * fields * n].reshape((fields * n, 3)),
+        scratch[6 * n : 7 * n],
+        scratch[7 * n : 8 * n],
+        scratch[8 * n : 9 * n],
+        p[BETA : BETA + 3],
+        p[FOLD : FOLD + 9].reshape((3, 3)),
+        p[GATE],
+        fields,
+    )
+    W, M = frame.W, frame.fold
+    for q in range(n):
+        s = order[q]
+        x, y = plane_point(spots[s, 0], spots[s, 1], p[FOCAL], p[CX], p[CY], p[K1], p[K2])
+        W[q, 0], W[q, 1], W[q, 2], frame.sigma2[q] = ray_and_variance(x, y, p[SPOT_SIGMA] / p[FOCAL])
+        frame.magnitude[q] = magnitude[s] if magnitude.shape[0] > 0 else 0.0
+        if fields == 2:
+            for r in range(3):
+                W[n + q, r] = M[r, 0] * W[q, 0] + M[r, 1] * W[q, 1] + M[r, 2] * W[q, 2]
+    verdict = search_pairs(
+        frame, sky, p[SETTINGS : SETTINGS + 4], match[:n], solution[0:3], solution[3:6], work, solution[6]
+    )
+    if verdict == FOUND:
+        fit = tell_matches(frame, sky, hip, order, match, solution, star, found[3 * total :], residual, work[0])
+        solution[6, 2] = math.sqrt(fit)
+        freedom = 2.0 * matches_of(match, n) - 3.0
+        if fit > WORST_FIT + 4.0 * math.sqrt(2.0 / freedom):
+            return MISFIT
+    return verdict
+
+
+@kernel
+def matches_of(match: Codes, n: int) -> int:
+    """Number of the first n spots that have a star."""
+    count = 0
+    for k in range(n):
+        count += match[k, 0] >= 0
+    return count
+
+
+@kernel
+def tell_matches(
+    frame: Frame,
+    sky: SkyArrays,
+    hip: Indices,
+    order: Codes,
+    match: Codes,
+    A: Matrix,
+    star: Indices,
+    field: Codes,
+    residual: Vector,
+    v: Vector,
+) -> float:
+    """Write star, field and residual of every match, in the order of the spots as handed in.
+
+    Returns chi^2 over its degrees of freedom: about 1 if the spots lie as far from their stars as noise puts them.
+    """
+    n = frame.sigma2.shape[0]
+    chi2, count = 0.0, 0
+    for k in range(n):
+        m = match[k, 0]
+        if m < 0:
+            continue
+        row, spot, total = match[k, 1] * n + k, order[k], 0.0
+        aberrate_into(sky.stars[m, 0], sky.stars[m, 1], sky.stars[m, 2], frame.beta, 1.0, v)
+        for r in range(3):
+            total += (frame.W[row, r] - A[r, 0] * v[0] - A[r, 1] * v[1] - A[r, 2] * v[2]) ** 2
+        star[spot], field[spot], residual[spot] = hip[m], match[k, 1], math.sqrt(total)
+        chi2 += total / frame.sigma2[k]
+        count += 1
+    return chi2 / max(2.0 * count - 3.0, 1.0)

@@ -1,0 +1,149 @@
+"""Identify the stars of a frame of unit rays, with known optics: the default method with its preparation."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from relnav.arrays import Codes, Matrix, Vector
+from relnav.geometry.star_places import LIGHT_KM_S
+from relnav.sensors.dual_field.matching import Frame
+from relnav.sensors.dual_field.search import AMBIGUOUS, FOUND, WORK_ROWS, search_pairs
+from relnav.sensors.dual_field.sky import Sky
+from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solution
+
+SINGLE_FIELD_REASON = "stars of one field only were found: the roll is worse than two fields promise"
+LEAST_SPOTS = 4
+REST = np.zeros(3)
+ONE_FIELD = np.eye(3)
+NAN = math.nan
+
+
+@dataclass(frozen=True)
+class Limits:
+    """When a solution is believed and when the search gives up.
+
+    Attributes
+    ----------
+    false_alarm_probability : float
+        Bound on the probability that a frame of nothing but false spots is given an attitude.
+    most_tried : float
+        Attitudes tried before the frame is given up; between one and two pairs more may be finished.
+    shortest_rad : float
+        Pairs closer than this are not started from: they hardly fix the roll.
+    least_matches : int
+        Fewest matches of a solution.
+    """
+
+    false_alarm_probability: float = 1e-7
+    most_tried: float = 2e6
+    shortest_rad: float = math.radians(0.5)
+    least_matches: int = 4
+
+    @property
+    def settings(self) -> Vector:
+        """As the kernel reads them."""
+        chord2 = (2.0 * math.sin(0.5 * self.shortest_rad)) ** 2
+        return np.array([math.log(self.false_alarm_probability), self.most_tried, chord2, self.least_matches])
+
+
+DEFAULT_LIMITS = Limits()
+
+
+def make_frame(
+    u: Matrix,
+    sigma_rad: Vector,
+    magnitude: Vector | None,
+    gate: float,
+    fold: Matrix | None,
+    velocity_km_s: Vector | None,
+) -> Frame:
+    """The kernels' view of rays (n, 3), brightest first; without magnitudes no star is refused for its brightness."""
+    W = np.concatenate([u, u @ fold.T]) if fold is not None else u
+    n = len(u)
+    return Frame(
+        W=np.ascontiguousarray(W),
+        sigma2=sigma_rad**2,
+        magnitude=np.zeros(n) if magnitude is None else magnitude,
+        counts=np.empty(n),
+        beta=REST if velocity_km_s is None else velocity_km_s / LIGHT_KM_S,
+        fold=ONE_FIELD if fold is None else fold,
+        gate=math.inf if magnitude is None else gate,
+        fields=1 if fold is None else 2,
+    )
+
+
+def identify(
+    u: Matrix,
+    sky: Sky,
+    *,
+    sigma_rad: Vector,
+    magnitude: Vector | None = None,
+    gate: float = 0.6,
+    fold: Matrix | None = None,
+    velocity_km_s: Vector | None = None,
+    limits: Limits = DEFAULT_LIMITS,
+) -> StarSolution:
+    """Attitude and star of every spot, lost in space.
+
+    Parameters
+    ----------
+    u : (n, 3)
+        Unit rays in the camera frame, brightest first, finite.
+    sky : Sky
+        At the epoch, without aberration.
+    sigma_rad : (n,)
+        1-sigma of each ray about an axis normal to it.
+    magnitude : (n,), optional
+        Of the spots in the catalogue's passband; left out, brightness is not compared.
+    gate : float
+        Largest difference of magnitude between a spot and its star.
+    fold : (3, 3), optional
+        Of a two-field sensor (`mirror_fold`).
+    velocity_km_s : (3,), optional
+        Observer's barycentric velocity, ICRS; without it no aberration.
+    limits : Limits
+        When a solution is believed.
+    """
+    n = len(u)
+    if n < LEAST_SPOTS:
+        return no_solution(StarStatus.TOO_FEW, f"{n} spots; {LEAST_SPOTS} or more are needed", n)
+    frame = make_frame(u, sigma_rad, magnitude, gate, fold, velocity_km_s)
+    match, A, cov = np.empty((n, 2), dtype=np.int64), np.empty((3, 3)), np.empty((3, 3))
+    info = np.empty(2)
+    verdict = search_pairs(frame, sky.arrays, limits.settings, match, A, cov, np.empty((WORK_ROWS, 3)), info)
+    tried = int(info[1])
+    if verdict == AMBIGUOUS:
+        return no_solution(StarStatus.AMBIGUOUS, "two attitudes explain the spots equally well", n, tried=tried)
+    if verdict != FOUND:
+        return no_solution(StarStatus.NO_MATCH, f"none of {tried} attitudes explains the spots", n, tried=tried)
+    return solution_of(frame, sky, match, A, cov, info)
+
+
+def solution_of(frame: Frame, sky: Sky, match: Codes, A: Matrix, cov: Matrix, info: Vector) -> StarSolution:
+    """A settled attitude as a solution."""
+    star, matched = match[:, 0], match[:, 0] >= 0
+    field = np.where(matched, match[:, 1], -1)
+    both = frame.fields == 1 or bool(np.any(field == 1) and np.any(field == 0))
+    return StarSolution(
+        status=StarStatus.OK if both else StarStatus.SINGLE_FIELD,
+        reason="" if both else SINGLE_FIELD_REASON,
+        dcm_cam_from_icrs=A,
+        covariance=cov,
+        hip=np.where(matched, sky.hip[star], 0),
+        field=field,
+        residual_rad=residuals(frame, sky, match, A),
+        log10_false_alarm=float(info[0]) / math.log(10.0),
+        tried=int(info[1]),
+        focal_length_px=NAN,
+    )
+
+
+def residuals(frame: Frame, sky: Sky, match: Codes, A: Matrix) -> Vector:
+    """Angle (n,) from each spot to its star, rad; NaN without one."""
+    n, star = len(match), match[:, 0]
+    v = sky.arrays.stars[star, :3] + frame.beta  # first order is enough for a residual
+    v /= np.sqrt(np.einsum("ij,ij->i", v, v))[:, None]
+    w = frame.W[np.arange(n) + n * np.maximum(match[:, 1], 0) * (star >= 0)]
+    d = w - v @ A.T
+    return np.where(star >= 0, np.sqrt(np.einsum("ij,ij->i", d, d)), np.nan)

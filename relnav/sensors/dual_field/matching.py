@@ -1,0 +1,209 @@
+"""Which spots fall on stars under an attitude, and the attitude that fits those best: the search's inner kernels.
+
+`match` (n, 2) holds a spot's star (-1: none) and field. An attitude is A with w = A v, v the star's apparent direction.
+"""
+
+import math
+from typing import NamedTuple
+
+from relnav._kernel import kernel
+from relnav.arrays import Codes, Matrix, Vector
+from relnav.sensors.dual_field.sky import SkyArrays, nearest_star
+
+LOOSEST_CHORD2 = 9e-6
+"""No spot is looked for farther than 3 mrad from where a pair predicts it."""
+
+
+class Frame(NamedTuple):
+    """One image as the kernels read it.
+
+    Attributes
+    ----------
+    W : (2 n, 3)
+        Directions of the n spots if seen in field 0, then if seen in field 1.
+    sigma2 : (n,)
+        Variance of each direction about an axis normal to it, rad^2.
+    magnitude : (n,)
+        Of each spot; any number where `gate` is infinite.
+    counts : (n,)
+        Stars of the sky within the gate of each spot, times `CLUSTERING`.
+    beta : (3,)
+        Observer's velocity in units of that of light.
+    fold : (3, 3)
+        From field 0 to field 1.
+    gate : float
+        Largest difference of magnitude between a spot and its star.
+    fields : int
+        1 or 2.
+    """
+
+    W: Matrix
+    sigma2: Vector
+    magnitude: Vector
+    counts: Vector
+    beta: Vector
+    fold: Matrix
+    gate: float
+    fields: int
+
+
+@kernel
+def aberrate_into(x: float, y: float, z: float, b: Vector, sign: float, out: Vector) -> None:
+    """Write the direction (3,) that an observer moving with sign * b (3,) sees for the unit vector (x, y, z)."""
+    ub = sign * (x * b[0] + y * b[1] + z * b[2])
+    inverse_g = math.sqrt(1.0 - b[0] * b[0] - b[1] * b[1] - b[2] * b[2])
+    f = sign * (1.0 + ub / (1.0 + inverse_g))
+    scale = 1.0 / (1.0 + ub)
+    out[0] = (x * inverse_g + b[0] * f) * scale
+    out[1] = (y * inverse_g + b[1] * f) * scale
+    out[2] = (z * inverse_g + b[2] * f) * scale
+
+
+@kernel
+def looked_up(W: Matrix, row: int, A: Matrix, b: Vector) -> tuple[float, float, float]:
+    """The catalogue direction that a row of `W` looks at under A: aberration undone to first order, within 2 mas."""
+    w0, w1, w2 = W[row, 0], W[row, 1], W[row, 2]
+    x = A[0, 0] * w0 + A[1, 0] * w1 + A[2, 0] * w2
+    y = A[0, 1] * w0 + A[1, 1] * w1 + A[2, 1] * w2
+    z = A[0, 2] * w0 + A[1, 2] * w1 + A[2, 2] * w2
+    along = 1.0 + x * b[0] + y * b[1] + z * b[2]
+    return x * along - b[0], y * along - b[1], z * along - b[2]
+
+
+@kernel
+def loose_chord2(W: Matrix, row: int, sigma2: float, m0: float, m1: float, m2: float, stretch2: float) -> float:
+    """Square of the tolerance for one row of `W` under the attitude of a pair whose two directions add up to m."""
+    norm2 = m0 * m0 + m1 * m1 + m2 * m2
+    along = max(0.0, W[row, 0] * m0 + W[row, 1] * m1 + W[row, 2] * m2)
+    d2 = max(0.0, 1.0 - along * along / norm2)
+    spread = 16.0 * sigma2 * (1.5 + 2.0 * d2 / (4.0 - norm2))
+    return float(min(LOOSEST_CHORD2, spread) + stretch2 * d2)
+
+
+@kernel
+def match_loosely(
+    frame: Frame, sky: SkyArrays, i: int, j: int, field: int, stretch2: float, A: Matrix, match: Codes, out: Vector
+) -> int:
+    """Match the other spots under the attitude of one pair (i, j); returns how many fall on a star.
+
+    An attitude from two stars a chord s apart is off by sigma / sqrt 2 at their middle and turned about it by
+    sqrt 2 sigma / s: four sigma of that, plus `stretch2` of the squared distance for unknown optics, is the tolerance.
+    out[0] is the logarithm of the probability that spots thrown at random over the sky would match as these did.
+    """
+    W, sigma2, magnitude, b, stars, cells = frame.W, frame.sigma2, frame.magnitude, frame.beta, sky.stars, sky.cells
+    n = sigma2.shape[0]
+    p, q = field * n + i, field * n + j
+    m0, m1, m2 = W[p, 0] + W[q, 0], W[p, 1] + W[q, 1], W[p, 2] + W[q, 2]
+    found, log_chance = 0, 0.0
+    for k in range(n):
+        match[k, 0] = -1
+        if k in (i, j):
+            continue
+        for way in range(frame.fields):
+            f = field if way == 0 else 1 - field
+            x, y, z = looked_up(W, f * n + k, A, b)
+            t2 = loose_chord2(W, f * n + k, sigma2[k], m0, m1, m2, stretch2)
+            star = nearest_star(stars, cells, x, y, z, t2, magnitude[k], frame.gate)
+            if star >= 0:
+                match[k, 0], match[k, 1] = star, f
+                log_chance += math.log(min(1.0, 0.25 * frame.fields * frame.counts[k] * t2))
+                found += 1
+                break
+    out[0] = log_chance
+    return found
+
+
+@kernel
+def match_tightly(
+    frame: Frame, sky: SkyArrays, i: int, j: int, A: Matrix, cov: Matrix, match: Codes, out: Vector
+) -> int:
+    """Match every spot within five sigma of itself and of the attitude (cov); a star is taken once. Returns how many.
+
+    out[0] as in `match_loosely` and out[1] the number of matches, both over the spots other than i and j.
+    """
+    W, n, stars = frame.W, frame.sigma2.shape[0], sky.stars
+    trace = cov[0, 0] + cov[1, 1] + cov[2, 2]
+    found = 0
+    out[0], out[1] = 0.0, 0.0
+    for k in range(n):
+        match[k, 0] = -1
+        nearest2, log_chance = 1e300, 0.0
+        for f in range(frame.fields):
+            row = f * n + k
+            w0, w1, w2 = W[row, 0], W[row, 1], W[row, 2]
+            along = (
+                w0 * (cov[0, 0] * w0 + 2.0 * cov[0, 1] * w1)
+                + w1 * (cov[1, 1] * w1 + 2.0 * cov[1, 2] * w2)
+                + w2 * (cov[2, 2] * w2 + 2.0 * cov[0, 2] * w0)
+            )
+            t2 = min(LOOSEST_CHORD2, 25.0 * (frame.sigma2[k] + max(0.0, trace - along)))
+            x, y, z = looked_up(W, row, A, frame.beta)
+            star = nearest_star(stars, sky.cells, x, y, z, t2, frame.magnitude[k], frame.gate)
+            if star >= 0:
+                d2 = (stars[star, 0] - x) ** 2 + (stars[star, 1] - y) ** 2 + (stars[star, 2] - z) ** 2
+                if d2 < nearest2:
+                    nearest2, log_chance = d2, math.log(min(1.0, 0.25 * frame.fields * frame.counts[k] * t2))
+                    match[k, 0], match[k, 1] = star, f
+        for q in range(k):
+            if match[q, 0] == match[k, 0]:
+                match[k, 0] = -1  # the brighter spot keeps the star
+        if match[k, 0] >= 0:
+            found += 1
+            if k not in (i, j):
+                out[0] += log_chance
+                out[1] += 1.0
+    return found
+
+
+@kernel
+def fit_attitude(frame: Frame, sky: SkyArrays, match: Codes, A: Matrix, cov: Matrix, passes: int, v: Vector) -> bool:
+    """Improve A (3, 3) over all matches by Gauss-Newton and write its covariance (3, 3); False where singular.
+
+    With q = A v the residual w - q - q x d is smallest for d = F^-1 sum (w x q) / sigma^2, where
+    F = sum (I - q q^T) / sigma^2.
+    """
+    W, n = frame.W, frame.sigma2.shape[0]
+    for _ in range(passes):
+        f00, f01, f02, f11, f12, f22, g0, g1, g2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for k in range(n):
+            if match[k, 0] < 0:
+                continue
+            row, star = match[k, 1] * n + k, sky.stars[match[k, 0]]
+            aberrate_into(star[0], star[1], star[2], frame.beta, 1.0, v)
+            q0 = A[0, 0] * v[0] + A[0, 1] * v[1] + A[0, 2] * v[2]
+            q1 = A[1, 0] * v[0] + A[1, 1] * v[1] + A[1, 2] * v[2]
+            q2 = A[2, 0] * v[0] + A[2, 1] * v[1] + A[2, 2] * v[2]
+            p = 1.0 / frame.sigma2[k]
+            f00, f01, f02 = f00 + p * (1.0 - q0 * q0), f01 - p * q0 * q1, f02 - p * q0 * q2
+            f11, f12, f22 = f11 + p * (1.0 - q1 * q1), f12 - p * q1 * q2, f22 + p * (1.0 - q2 * q2)
+            g0 += p * (W[row, 1] * q2 - W[row, 2] * q1)
+            g1 += p * (W[row, 2] * q0 - W[row, 0] * q2)
+            g2 += p * (W[row, 0] * q1 - W[row, 1] * q0)
+        c00, c01, c02 = f11 * f22 - f12 * f12, f02 * f12 - f01 * f22, f01 * f12 - f02 * f11
+        determinant = f00 * c00 + f01 * c01 + f02 * c02
+        if not determinant > 1e-14 * f00 * f11 * f22:
+            return False
+        cov[0, 0], cov[0, 1], cov[0, 2] = c00 / determinant, c01 / determinant, c02 / determinant
+        cov[1, 1], cov[1, 2] = (f00 * f22 - f02 * f02) / determinant, (f01 * f02 - f00 * f12) / determinant
+        cov[2, 2] = (f00 * f11 - f01 * f01) / determinant
+        cov[1, 0], cov[2, 0], cov[2, 1] = cov[0, 1], cov[0, 2], cov[1, 2]
+        turn(
+            A,
+            cov[0, 0] * g0 + cov[0, 1] * g1 + cov[0, 2] * g2,
+            cov[1, 0] * g0 + cov[1, 1] * g1 + cov[1, 2] * g2,
+            cov[2, 0] * g0 + cov[2, 1] * g1 + cov[2, 2] * g2,
+        )
+    return True
+
+
+@kernel
+def turn(A: Matrix, dx: float, dy: float, dz: float) -> None:
+    """Turn the frame of A by the small rotation d (rad) in place: Cayley's formula, a rotation to rounding."""
+    x, y, z = 0.5 * dx, 0.5 * dy, 0.5 * dz
+    s = x * x + y * y + z * z
+    for column in range(3):
+        a0, a1, a2 = A[0, column], A[1, column], A[2, column]
+        along = 2.0 * (x * a0 + y * a1 + z * a2)
+        A[0, column] = ((1.0 - s) * a0 + along * x - 2.0 * (y * a2 - z * a1)) / (1.0 + s)
+        A[1, column] = ((1.0 - s) * a1 + along * y - 2.0 * (z * a0 - x * a2)) / (1.0 + s)
+        A[2, column] = ((1.0 - s) * a2 + along * z - 2.0 * (x * a1 - y * a0)) / (1.0 + s)

@@ -1,0 +1,268 @@
+"""Identification by pairs within one field: the default method, one compiled search.
+
+Of any three stars two share a field, so only pairs of one field are looked up (table one); both orders and both fields
+are tried, the attitude of the pair predicts where every other spot should find its star, in either field. A solution is
+accepted when chance would give as good a one among all that were tried with a probability below the stated one.
+"""
+
+import math
+
+from relnav._kernel import kernel
+from relnav.arrays import Codes, Matrix, Vector
+from relnav.geometry.rotation import triad
+from relnav.sensors.dual_field.matching import (
+    Frame,
+    aberrate_into,
+    fit_attitude,
+    looked_up,
+    loose_chord2,
+    match_loosely,
+    match_tightly,
+)
+from relnav.sensors.dual_field.pair_table import k_range
+from relnav.sensors.dual_field.sky import BRIGHTEST_MAG, MAG_STEP, SkyArrays, nearest_star
+
+CLUSTERING = 2.0
+"""Bright stars crowd along the Milky Way and Gould's belt: chance matches are counted as this much likelier."""
+
+FEW_SPOTS = 12
+"""Up to so many spots of two fields (half of one) every pair's attitude is checked against all of them."""
+
+LOG_PFA, MOST_TRIED, SHORTEST_CHORD2, LEAST_MATCHES = range(4)
+"""Entries of `settings`."""
+
+WORK_ROWS = 21
+FOUND, NOTHING, AMBIGUOUS = 1, 0, -1
+
+
+@kernel
+def count_stars(frame: Frame, sky: SkyArrays) -> None:
+    """Fill `frame.counts` with the stars of the sky within each spot's gate, times `CLUSTERING`."""
+    for k in range(frame.counts.shape[0]):
+        last = sky.brighter.shape[0] - 1
+        above = (frame.magnitude[k] + frame.gate - BRIGHTEST_MAG) / MAG_STEP
+        below = (frame.magnitude[k] - frame.gate - BRIGHTEST_MAG) / MAG_STEP
+        high = last if not above < last else int(max(above, 0.0)) + 1
+        low = 0 if not below > 0.0 else int(min(below, float(last)))
+        frame.counts[k] = CLUSTERING * (sky.brighter[min(high, last)] - sky.brighter[low])
+
+
+@kernel
+def log_false_alarm(tried: float, spots: int, others: float, log_chance: float) -> float:
+    """Logarithm of the expected number of solutions as good by chance: tries, times choices of spots, times matches.
+
+    `others` are the matches besides the two that gave the attitude, among `spots` - 2.
+    """
+    rest = spots - 2.0
+    choices = math.lgamma(rest + 1.0) - math.lgamma(others + 1.0) - math.lgamma(rest - others + 1.0)
+    return math.log(tried) + choices + log_chance
+
+
+@kernel
+def triad_of_spots(frame: Frame, i: int, j: int, out: Matrix, work: Matrix) -> bool:
+    """Write the triad (3, 3) of the sum and the difference of rows i and j of `W`; work (2, 3) is scratch."""
+    for k in range(3):
+        work[0, k], work[1, k] = frame.W[i, k] + frame.W[j, k], frame.W[i, k] - frame.W[j, k]
+    return triad(work[0], work[1], out)
+
+
+@kernel
+def attitude_of_pair(stars: Matrix, beta: Vector, t: Matrix, a: int, c: int, A: Matrix, work: Matrix) -> bool:
+    """Write the attitude that sees the sum and the difference of stars a and c along the triad t (3, 3) of spots."""
+    s, va, vc = work[3:6], work[6], work[7]
+    aberrate_into(stars[a, 0], stars[a, 1], stars[a, 2], beta, 1.0, va)
+    aberrate_into(stars[c, 0], stars[c, 1], stars[c, 2], beta, 1.0, vc)
+    for k in range(3):
+        work[8, k], work[9, k] = va[k] + vc[k], va[k] - vc[k]
+    if not triad(work[8], work[9], s):
+        return False
+    for r in range(3):
+        for k in range(3):
+            A[r, k] = t[0, r] * s[0, k] + t[1, r] * s[1, k] + t[2, r] * s[2, k]
+    return True
+
+
+@kernel
+def promising(
+    frame: Frame,
+    sky: SkyArrays,
+    i: int,
+    j: int,
+    a: int,
+    c: int,
+    field: int,
+    stretch2: float,
+    A: Matrix,
+    work: Matrix,
+) -> bool:
+    """Write the attitude that makes spots i, j stars a, c; whether a next fainter spot finds a star in that field too.
+
+    Rows 15 on of work hold the spots' triads. Asking a few spots about the pair's own field, where they are predicted
+    closely, refuses all but a few wrong pairs; a right one that is refused is followed by others. The spots asked
+    change with the pair, so that a few bright false ones do not stand in every pair's way. Among few spots none is
+    refused here.
+    """
+    W, sigma2, magnitude, b, stars, cells = frame.W, frame.sigma2, frame.magnitude, frame.beta, sky.stars, sky.cells
+    if not attitude_of_pair(stars, b, work[15 + 3 * field : 18 + 3 * field], a, c, A, work):
+        return False
+    n = sigma2.shape[0]
+    if n <= FEW_SPOTS // frame.fields:
+        return True
+    p, q = field * n + i, field * n + j
+    m0, m1, m2 = W[p, 0] + W[q, 0], W[p, 1] + W[q, 1], W[p, 2] + W[q, 2]
+    asked = 2 + frame.fields
+    step = 0
+    while asked > 0 and step < n - 1:
+        step += 1
+        k = (j + step) % n
+        if k in (i, j):
+            continue
+        asked -= 1
+        x, y, z = looked_up(W, field * n + k, A, b)
+        t2 = loose_chord2(W, field * n + k, sigma2[k], m0, m1, m2, stretch2)
+        if nearest_star(stars, cells, x, y, z, t2, magnitude[k], frame.gate) >= 0:
+            return True
+    return False
+
+
+@kernel
+def settle(
+    frame: Frame, sky: SkyArrays, i: int, j: int, match: Codes, A: Matrix, cov: Matrix, out: Vector, v: Vector
+) -> int:
+    """From first matches to a settled attitude: fit and match again; returns the number of matches, 0 if none.
+
+    Twice, because the first fit may predict the other field too loosely; once where one field's matches all stood.
+    """
+    first = 0
+    for k in range(match.shape[0]):
+        first += match[k, 0] >= 0
+    found = 0
+    for _ in range(2):
+        if not fit_attitude(frame, sky, match, A, cov, 1, v):
+            return 0
+        found = match_tightly(frame, sky, i, j, A, cov, match, out)
+        if found < 2:
+            return 0
+        if frame.fields == 1 and found >= first:
+            break
+    return found if fit_attitude(frame, sky, match, A, cov, 1, v) else 0
+
+
+@kernel
+def swap_fields(frame: Frame, sky: SkyArrays, match: Codes, A: Matrix, cov: Matrix, work: Matrix) -> int:
+    """For a fold of determinant +1: try the solution with its fields the other way round, keep the better.
+
+    A turned second field can be taken for the first one (handedness does not tell them apart as it does with a mirror);
+    only the number of matches does. AMBIGUOUS if both explain as many.
+    """
+    other, turned, out, M = work[0:3], work[3:6], work[13], frame.fold
+    found = match_tightly(frame, sky, -1, -1, A, cov, match, out)
+    verdict = FOUND
+    for way in range(2):
+        for r in range(3):
+            for c in range(3):
+                other[r, c], turned[r, c] = 0.0, 0.0
+                for k in range(3):
+                    m = M[r, k] if way == 0 else M[k, r]
+                    other[r, c] += m * A[k, c]
+                    for p in range(3):  # the axis that is known badly turns as well
+                        turned[r, c] += m * cov[k, p] * (M[c, p] if way == 0 else M[p, c])
+        again = match_tightly(frame, sky, -1, -1, other, turned, match, out)
+        if again > found:
+            for r in range(3):
+                for c in range(3):
+                    A[r, c], cov[r, c] = other[r, c], turned[r, c]
+            verdict = FOUND
+            break
+        if again == found:
+            verdict = AMBIGUOUS
+    settled = match_tightly(frame, sky, -1, -1, A, cov, match, out) >= 2
+    return verdict if settled and fit_attitude(frame, sky, match, A, cov, 2, work[14]) else NOTHING
+
+
+@kernel
+def try_stars(
+    frame: Frame,
+    sky: SkyArrays,
+    i: int,
+    j: int,
+    a: int,
+    c: int,
+    field: int,
+    settings: Vector,
+    match: Codes,
+    A: Matrix,
+    cov: Matrix,
+    work: Matrix,
+    info: Vector,
+) -> bool:
+    """Whether the attitude of spots i, j as stars a, c leads to one that chance does not explain; sets all outputs."""
+    n, out, v = frame.sigma2.shape[0], work[13], work[14]
+    if match_loosely(frame, sky, i, j, field, 0.0, A, match, out) < settings[LEAST_MATCHES] - 2:
+        return False
+    for k in range(n):  # what lies in the other field is predicted too loosely to start from
+        if match[k, 1] != field:
+            match[k, 0] = -1
+    match[i, 0], match[i, 1], match[j, 0], match[j, 1] = a, field, c, field
+    if settle(frame, sky, i, j, match, A, cov, out, v) < settings[LEAST_MATCHES]:
+        return False
+    info[0] = log_false_alarm(info[1], n, out[1], out[0])
+    return bool(info[0] < settings[LOG_PFA])
+
+
+@kernel
+def search_pairs(
+    frame: Frame,
+    sky: SkyArrays,
+    settings: Vector,
+    match: Codes,
+    A: Matrix,
+    cov: Matrix,
+    work: Matrix,
+    info: Vector,
+) -> int:
+    """Find the attitude of a frame. FOUND, NOTHING or AMBIGUOUS; writes match, A, cov, info.
+
+    info (2,): logarithm of the false alarm probability, hypotheses tried. work (WORK_ROWS, 3) is scratch. Pairs go by
+    their fainter spot, brightest first.
+    """
+    W, gate, b, M = frame.W, frame.gate, frame.beta, frame.fold
+    speed = math.sqrt(b[0] * b[0] + b[1] * b[1] + b[2] * b[2])
+    count_stars(frame, sky)
+    info[0], info[1] = 0.0, 0.0
+    for j in range(1, frame.sigma2.shape[0]):
+        for i in range(j):
+            cosine = W[i, 0] * W[j, 0] + W[i, 1] * W[j, 1] + W[i, 2] * W[j, 2]
+            if 2.0 - 2.0 * cosine < settings[SHORTEST_CHORD2]:
+                continue
+            angle = math.acos(min(1.0, cosine))
+            tolerance = 4.0 * math.sqrt(frame.sigma2[i] + frame.sigma2[j]) + speed * angle
+            low, high = math.cos(angle + tolerance), math.cos(max(0.0, angle - tolerance))
+            first, last = k_range(sky.cosines, sky.k, sky.line, low, high)
+            for field in range(frame.fields):
+                base = field * frame.sigma2.shape[0]
+                triad_of_spots(frame, base + i, base + j, work[15 + 3 * field : 18 + 3 * field], work[8:10])
+            for pair in range(first, last):
+                for order in range(2):
+                    a, c = sky.pairs[pair, order], sky.pairs[pair, 1 - order]
+                    if abs(sky.stars[a, 3] - frame.magnitude[i]) > gate:
+                        continue
+                    if abs(sky.stars[c, 3] - frame.magnitude[j]) > gate:
+                        continue
+                    for field in range(frame.fields):
+                        info[1] += 1.0
+                        if not promising(frame, sky, i, j, a, c, field, 0.0, A, work):
+                            continue
+                        if not try_stars(frame, sky, i, j, a, c, field, settings, match, A, cov, work, info):
+                            continue
+                        determinant = (
+                            M[0, 0] * (M[1, 1] * M[2, 2] - M[1, 2] * M[2, 1])
+                            - M[0, 1] * (M[1, 0] * M[2, 2] - M[1, 2] * M[2, 0])
+                            + M[0, 2] * (M[1, 0] * M[2, 1] - M[1, 1] * M[2, 0])
+                        )
+                        if frame.fields == 2 and determinant > 0.0:
+                            return swap_fields(frame, sky, match, A, cov, work)
+                        return FOUND
+            if info[1] > settings[MOST_TRIED]:
+                return NOTHING
+    return NOTHING

@@ -1,0 +1,178 @@
+"""What was built: camera, fold and identification of a star sensor with one or two fields, in SI units and pixels."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Ge, Gt, Lt
+
+from relnav.arrays import Matrix, Vector
+from relnav.geometry.rotation import dcm_from_quaternion
+from relnav.sensors.dual_field.catalogue import StarCatalogue
+from relnav.sensors.dual_field.fold import mirror_fold
+from relnav.sensors.dual_field.identify import Limits
+from relnav.sensors.dual_field.sky import Sky, prepare_sky
+
+Positive = Annotated[float, Gt(0.0)]
+Pair = tuple[float, float]
+Triple = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class StarCamera:
+    """Lens and detector; spots are measured from the detector's centre, x right, y down.
+
+    Attributes
+    ----------
+    focal_length_px : float
+        In pixels.
+    principal_point_px : (2,)
+        Where the optical axis meets the detector, from its centre.
+    distortion : (2,)
+        k1, k2 of p = d (1 + k1 |d|^2 + k2 |d|^4), d = (spot - principal point) / f, p on the plane z = 1.
+    detector_size_px : (2,)
+        Width and height; a spot outside is not used.
+    spot_noise_px : float
+        1-sigma of each coordinate, with what the distortion model leaves.
+    """
+
+    focal_length_px: Positive
+    principal_point_px: Pair
+    distortion: Pair
+    detector_size_px: tuple[Positive, Positive]
+    spot_noise_px: Positive
+
+    @property
+    def widest_rad(self) -> float:
+        """Angle across the detector's diagonal."""
+        return 2.0 * math.atan(0.5 * math.hypot(*self.detector_size_px) / self.focal_length_px)
+
+
+@dataclass(frozen=True)
+class Fold:
+    """How the second field comes onto the detector: see `relnav/sensors/dual_field/fold.py`.
+
+    Attributes
+    ----------
+    kind : {"none", "mirror", "rotation"}
+        One field; a half mirror; or two reflections (a prism), which turn the second field.
+    mirror_normal : (3,)
+        Unit normal of the mirror, camera axes, either sign.
+    rotation : (4,)
+        Quaternion (x, y, z, w) of s = R u for the turned field.
+    """
+
+    kind: Literal["none", "mirror", "rotation"] = "none"
+    mirror_normal: Triple = (math.sqrt(0.5), 0.0, -math.sqrt(0.5))
+    rotation: Quaternion = (0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5))
+
+    def __post_init__(self) -> None:
+        if abs(math.hypot(*self.mirror_normal) - 1.0) > 1e-6:
+            raise ValueError(f"mirror_normal is a unit vector; its length is {math.hypot(*self.mirror_normal):.9g}")
+        if abs(math.hypot(*self.rotation) - 1.0) > 1e-6:
+            raise ValueError(
+                f"rotation is a unit quaternion (x, y, z, w); its norm is {math.hypot(*self.rotation):.9g}"
+            )
+
+    @property
+    def matrix(self) -> Matrix | None:
+        """M of s = M u, (3, 3); None for one field."""
+        if self.kind == "none":
+            return None
+        return (
+            mirror_fold(self.mirror_normal) if self.kind == "mirror" else dcm_from_quaternion(np.array(self.rotation))
+        )
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Which stars are looked for, and when an attitude is believed.
+
+    Attributes
+    ----------
+    faintest_star_mag, faintest_pair_mag : float
+        Hipparcos magnitude of the faintest star that a spot may be, and of the faintest that the search starts from.
+    magnitude_zero_point : float
+        m = zero point - 2.5 log10(flux).
+    magnitude_gate : float
+        Largest difference of magnitude between a spot and its star, where the frame has fluxes.
+    shortest_pair_rad : float
+        Pairs closer than this are not started from.
+    false_alarm_probability : float
+        Bound on the probability of an attitude from false spots alone.
+    most_attitudes_tried : int
+        Then a frame is given up: it bounds the time that a hopeless frame costs.
+    epoch_jyear : float
+        Julian year of the stars' places unless a frame says otherwise.
+    """
+
+    faintest_star_mag: float
+    faintest_pair_mag: float
+    magnitude_zero_point: float
+    magnitude_gate: Positive
+    shortest_pair_rad: Positive
+    false_alarm_probability: Annotated[float, Gt(0.0), Lt(1.0)]
+    most_attitudes_tried: Annotated[int, Gt(0)]
+    epoch_jyear: Annotated[float, Ge(1900.0), Lt(2200.0)]
+
+    @property
+    def limits(self) -> Limits:
+        """As the search takes them."""
+        return Limits(self.false_alarm_probability, self.most_attitudes_tried, shortest_rad=self.shortest_pair_rad)
+
+
+@dataclass(frozen=True)
+class StarSensor:
+    """One star sensor with its catalogue.
+
+    `provenance` maps a key path to where its value comes from; `path` is the file it was loaded from.
+    """
+
+    name: str
+    title: str
+    camera: StarCamera
+    fold: Fold
+    identification: Identification
+    catalogue: StarCatalogue = field(repr=False, compare=False)
+    provenance: Mapping[str, str] = field(default_factory=dict)
+    path: str = ""
+
+    @cached_property
+    def parameters(self) -> Vector:
+        """Camera, search and fold as the compiled solver reads them, at rest; (26,), see `frame_solver.PARAMETERS`."""
+        camera, fold = self.camera, self.fold.matrix
+        return np.concatenate(
+            [
+                [camera.focal_length_px, *camera.principal_point_px, *camera.distortion],
+                [0.5 * camera.detector_size_px[0], 0.5 * camera.detector_size_px[1], camera.spot_noise_px],
+                [self.identification.magnitude_gate, 1.0 if fold is None else 2.0],
+                self.identification.limits.settings,
+                np.zeros(3),
+                (np.eye(3) if fold is None else fold).ravel(),
+            ]
+        )
+
+    @cached_property
+    def _own_sky(self) -> Sky:
+        return self._sky_at(self.identification.epoch_jyear)
+
+    def sky(self, epoch_jyear: float | None = None) -> Sky:
+        """The sky prepared at an epoch (the model's own if left out); the same one again for the same epoch."""
+        if epoch_jyear is None or epoch_jyear == self.identification.epoch_jyear:
+            return self._own_sky
+        return self._sky_at(epoch_jyear)
+
+    def _sky_at(self, epoch_jyear: float) -> Sky:
+        limits = self.identification
+        return prepare_sky(
+            self.catalogue,
+            epoch_jyear,
+            limits.faintest_star_mag,
+            limits.faintest_pair_mag,
+            limits.shortest_pair_rad,
+            self.camera.widest_rad,
+        )

@@ -1,0 +1,104 @@
+"""`relnav stars attitude`: star frames of a flight become the camera attitude that `relnav filter` reads."""
+
+import csv
+
+import numpy as np
+import pytest
+
+import relnav
+from relnav.geometry.orbital_attitude import dcm_lvlh_from_inertial
+from relnav.simulation.star_field import SkyConditions, StarFieldSimulator
+
+EARTH = (-10.2, 25.3, 11.0)
+RADIUS_KM, RATE = 6778.137, 0.0011313666536110223
+OPTIONS = ("--model", "dual_field_star", "--earth-velocity-km-s", *EARTH)
+
+
+def orbit_state(t):
+    """A circular orbit in a plane of its own."""
+    u, w = np.array([0.6, 0.8, 0.0]), np.array([0.0, 0.0, 1.0])
+    c, s = np.cos(RATE * t), np.sin(RATE * t)
+    return RADIUS_KM * (c * u + s * w), RADIUS_KM * RATE * (c * w - s * u)
+
+
+@pytest.fixture
+def flight(tmp_path):
+    """Star frames every 4 s while the camera holds its attitude of the model, and the orbit."""
+    sensor, mission = relnav.load_model("dual_field_star"), relnav.load_model("three_beacon_psd")
+    simulator, rng = StarFieldSimulator(sensor, SkyConditions()), np.random.default_rng(1)
+    with (tmp_path / "frames.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["t_s", "x_px", "y_px", "magnitude"])
+        for t in range(0, 21, 4):
+            r, v = orbit_state(t)
+            dcm = mission.dcm_cam_from_lvlh @ dcm_lvlh_from_inertial(r, v)
+            frame = simulator.frame(rng, velocity_km_s=np.array(EARTH) + v, dcm=dcm)
+            writer.writerows([t, *spot, m] for spot, m in zip(frame.spots_px, frame.magnitude, strict=True))
+    with (tmp_path / "orbit.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["t_s", "x_km", "y_km", "z_km", "vx_km_s", "vy_km_s", "vz_km_s"])
+        writer.writerows([t, *np.concatenate(orbit_state(t))] for t in (-10.0, 0.0, 15.0, 30.0))
+    return tmp_path
+
+
+def test_it_feeds_the_navigation_filter(run, flight, short_log):
+    """The attitude is the model's to arcseconds, and the filter's track with it is the one without."""
+    code, out, err = run(
+        *("stars", "attitude", flight / "frames.csv", "--orbit", flight / "orbit.csv", *OPTIONS),
+        *("--out", flight / "attitude.csv", "--log", short_log, "--joined", flight / "joined.csv"),
+    )
+    assert (code, err) == (0, "")
+    assert "(6 of 6 frames)" in out
+    held = np.array(relnav.load_model("three_beacon_psd").attitude.q_cam_from_lvlh)
+    with (flight / "attitude.csv").open() as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    for row in rows:
+        q = np.array([float(row[f"q_cam_from_lvlh_{axis}"]) for axis in "xyzw"])
+        assert 2.0 * np.linalg.norm(q - held * np.sign(q @ held)) < 2e-5
+        assert float(row["sigma_attitude_z_arcsec"]) < 1.5
+    model = relnav.load_model("three_beacon_psd")
+    with_it = relnav.filter_log(flight / "joined.csv", model)
+    without = relnav.filter_log(short_log, model)
+    assert len(with_it) == len(without) == 200
+    assert np.nanmax(np.abs(with_it.state - without.state)) < 1e-3
+    assert np.array_equal(np.isfinite(with_it.state), np.isfinite(without.state))
+
+
+WRONG = {
+    "no Earth": (["--model", "dual_field_star"], 2, "two fields need --earth-velocity-km-s"),
+    "log alone": ([*OPTIONS, "--log", "log.csv"], 2, "--log and --joined go together"),
+    "mounting": ([*OPTIONS, "--q-cam-from-star", 1, 1, 0, 0], 2, "--q-cam-from-star: a rotation quaternion"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_wrong(run, flight, monkeypatch, name):
+    monkeypatch.chdir(flight)
+    (flight / "log.csv").write_text("t_s\n0\n")
+    options, expected, text = WRONG[name]
+    code, out, err = run("stars", "attitude", "frames.csv", "--orbit", "orbit.csv", *options, "--out", "a.csv")
+    assert code == expected
+    assert text in err
+    assert out == ""
+    assert not (flight / "a.csv").exists()
+
+
+def test_an_orbit_that_is_too_short(run, flight):
+    (flight / "orbit.csv").write_text(
+        "t_s,x_km,y_km,z_km,vx_km_s,vy_km_s,vz_km_s\n0,7000,0,0,0,7.5,0\n5,7000,37,0,0,7.5,0\n"
+    )
+    code, _, err = run(
+        "stars", "attitude", flight / "frames.csv", "--orbit", flight / "orbit.csv", *OPTIONS, "--out", flight / "a.csv"
+    )
+    assert code == 3
+    assert "covers 0 to 5 s; a frame was taken at 8 s" in err
+
+
+def test_a_log_outside_the_star_frames(run, flight, vbar_log):
+    code, _, err = run(
+        *("stars", "attitude", flight / "frames.csv", "--orbit", flight / "orbit.csv", *OPTIONS),
+        *("--out", flight / "a.csv", "--log", vbar_log, "--joined", flight / "b.csv"),
+    )
+    assert code == 3
+    assert "its rows reach from" in err
+    assert not (flight / "b.csv").exists()

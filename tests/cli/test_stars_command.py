@@ -1,0 +1,108 @@
+"""`relnav stars solve` on the real sky and on what goes wrong."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+FOLDER = Path(__file__).parents[1] / "data" / "real_sky"
+FRAME = FOLDER / "Alt40_Azi135.csv"
+REFERENCE = json.loads((FOLDER / "reference.json").read_text())["Alt40_Azi135"]
+
+
+def solve(run, tmp_path, *arguments):
+    code, out, err = run("stars", "solve", *arguments, "--json", tmp_path / "out.json")
+    assert (code, err) == (0, "")
+    return out, json.loads((tmp_path / "out.json").read_text())
+
+
+def test_with_the_camera_known(run, tmp_path):
+    out, values = solve(run, tmp_path, FRAME, "--model", "ground_camera", "--plot", tmp_path / "field.png")
+    assert values["status"] == "ok"
+    assert values["matches"] == len(values["stars"]) >= 35
+    assert values["ra_deg"] == pytest.approx(296.9158, abs=1e-3)
+    assert values["dec_deg"] == pytest.approx(11.2621, abs=1e-3)
+    assert values["roll_deg"] == pytest.approx(REFERENCE["roll_deg"], abs=0.05)
+    assert len(values["sigma_arcsec"]) == 3
+    A = np.array(values["dcm_cam_from_icrs"])
+    assert np.degrees(np.arctan2(-A[0, 2], A[1, 2])) == pytest.approx(values["roll_deg"])
+    assert np.degrees(np.arctan2(A[2, 1], A[2, 0])) % 360.0 == pytest.approx(values["ra_deg"])
+    star = values["stars"][0]
+    assert {"spot", "x_px", "y_px", "hip", "field", "residual_arcsec"} == set(star)
+    assert (tmp_path / "field.png").read_bytes().startswith(b"\x89PNG")
+    assert out.startswith("ok: right ascension 296.9158")
+
+
+@pytest.mark.parametrize("options", [["--focal-px", "5012"], ["--focal-px", "5216", "--model", "ground_camera"]])
+def test_with_the_focal_length_two_percent_wrong(run, tmp_path, options):
+    _, values = solve(run, tmp_path, FRAME, *options)
+    assert values["status"] == "ok"
+    assert values["focal_length_px"] == pytest.approx(5114.4, abs=5.0)
+    if "--model" not in options:  # the principal point is then the image's centre, as in the reference
+        assert values["ra_deg"] == pytest.approx(REFERENCE["ra_deg"], abs=1e-3)
+        assert values["dec_deg"] == pytest.approx(REFERENCE["dec_deg"], abs=1e-3)
+
+
+def test_a_refused_frame_has_its_reason_and_no_numbers(run, tmp_path):
+    lines = FRAME.read_text().splitlines()
+    few = tmp_path / "few.csv"
+    few.write_text("\n".join(lines[:4]) + "\n")
+    out, values = solve(run, tmp_path, few, "--model", "ground_camera")
+    assert values["status"] == "too_few"
+    assert out == "too_few: 3 spots; 4 or more are needed\n"
+    assert values["reason"] == "3 spots; 4 or more are needed"
+    assert values["ra_deg"] is values["dec_deg"] is values["roll_deg"] is values["q_cam_from_icrs"] is None
+    assert values["sigma_arcsec"] == [None, None, None]
+    assert (values["matches"], values["stars"]) == (0, [])
+
+
+def test_aberration_only_when_asked_for(run, tmp_path):
+    _, still = solve(run, tmp_path, FRAME, "--model", "ground_camera", "--epoch", "2019-07-29T20:47")
+    _, moving = solve(
+        run, tmp_path, FRAME, "--model", "ground_camera", "--epoch", "2019-07-29T20:47", "--velocity-km-s", 25, -15, -6
+    )
+    shift = np.degrees(np.linalg.norm(np.subtract(still["dcm_cam_from_icrs"], moving["dcm_cam_from_icrs"])[2])) * 3600
+    assert 5.0 < shift < 21.0
+    assert moving["velocity_km_s"] == [25.0, -15.0, -6.0]
+
+
+WRONG_USE = {
+    "no camera": ([FRAME], "--model or --focal-px is needed"),
+    "no frame": (["nowhere.csv", "--focal-px", "5000"], "'nowhere.csv' does not exist"),
+    "another model": ([FRAME, "--model", "three_beacon_psd"], "a star sensor is expected"),
+    "unknown model": ([FRAME, "--model", "ground_cam"], "did you mean 'ground_camera'?"),
+    "two fields at rest": ([FRAME, "--model", "dual_field_star"], "two fields need --epoch and --velocity-km-s"),
+    "two fields, no focal length": ([FRAME, "--model", "dual_field_star", "--focal-px", "8000"], "a single field"),
+    "velocity alone": ([FRAME, "--model", "ground_camera", "--velocity-km-s", 1, 2, 3], "needs --epoch as well"),
+    "epoch": ([FRAME, "--model", "ground_camera", "--epoch", "soon"], "--epoch takes a Julian year or an ISO date"),
+    "picture": ([FRAME, "--model", "ground_camera", "--plot", "a.pdf"], "a picture ends in .png; got '.pdf'"),
+    "folder": ([FRAME, "--model", "ground_camera", "--json", "none/a.json"], "the folder none does not exist"),
+    "negative": ([FRAME, "--focal-px", "-5"], "-5"),
+    "no such command": ([], "Missing argument 'FRAME'"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_USE)
+def test_wrong_use_is_2(run, tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    arguments, text = WRONG_USE[name]
+    code, out, err = run("stars", "solve", *arguments)
+    assert code == 2
+    assert text in err
+    assert out == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_bad_frame_is_3(run, tmp_path):
+    (tmp_path / "frame.csv").write_text("x_px,y_px\n1,a\n")
+    code, _, err = run("stars", "solve", tmp_path / "frame.csv", "--focal-px", "5000")
+    assert code == 3
+    assert "frame.csv:2: column 'y_px': 'a' is not a number" in err
+
+
+def test_the_group_lists_its_commands(run):
+    code, out, _ = run("stars", "--help")
+    assert code == 0
+    assert "solve" in out
+    assert "Example: relnav stars solve" in out
