@@ -17,6 +17,7 @@ Shape = tuple[int, ...] | tuple[str, ...] | str
 """Of an array argument: its size, or its rows as text, "1" and "0" for entries known to be that, "*" for the rest."""
 
 COMPARISONS = ("<", "<=", ">", ">=")
+INPUTS = ("argument", "entry", "constant")
 
 
 class Symbol:
@@ -190,7 +191,7 @@ class Trace:
 
     def _operands(self, place: int) -> tuple[int, ...]:
         node = self.nodes[place]
-        return () if node[0] in ("argument", "entry", "constant") else node[1:]
+        return () if node[0] in INPUTS else node[1:]
 
     def is_condition(self, place: int) -> bool:
         """Whether a place holds a truth value."""

@@ -1,7 +1,6 @@
 """A star sensor's log of frames as attitudes in the columns that the navigation filter's log has: q_cam_from_lvlh."""
 
 import csv
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -97,13 +96,9 @@ def quaternions_in_lvlh(dcm_star_from_icrs: Stack, states: Matrix, dcm_cam_from_
 def write_attitude_log(path: Path, t_s: Vector, q_cam_from_lvlh: Matrix, sigma_rad: Matrix) -> None:
     """Write t_s, q_cam_from_lvlh_{x,y,z,w} and the star sensor's 1-sigma about its own axes (.csv or .parquet)."""
     check_format(path)
-    rows = np.column_stack([t_s, q_cam_from_lvlh, np.degrees(sigma_rad) * 3600.0])
-
-    def parts() -> Iterator[Matrix]:
-        yield rows
-
+    table = [t_s, *q_cam_from_lvlh.T, *(np.degrees(sigma_rad) * 3600.0).T]
     head = {"relnav": relnav_version(), "frame": "lvlh_ccsds", "quaternion": "Hamilton, scalar last, v_cam = R v_lvlh"}
-    write_table(path, ("t_s", *QUATERNION, *SIGMA_COLUMNS), parts(), head, ())
+    write_table(path, ("t_s", *QUATERNION, *SIGMA_COLUMNS), iter([table]), head, ())
 
 
 def join_attitude(log: Path, t_s: Vector, q_cam_from_lvlh: Matrix, out: Path) -> int:

@@ -1,5 +1,7 @@
 """Smoothing of a filtered log: backward over each unbroken piece of the track."""
 
+import math
+
 import numpy as np
 
 from relnav._kernel import kernel, straight_line
@@ -68,7 +70,7 @@ def smooth_run(
     the filter was not running or was started anew. `later` (9, 6): smoothed state and factors of the epoch after
     (7 rows), its time and whether it belongs to the same piece, its control; replaced by those of the first epoch.
     """
-    inverse = block[WORK + 18 : WORK + 24]
+    inverse, of_step = block[WORK + 18 : WORK + 24], math.nan  # rows that `prepare_step` leaves alone
     for e in range(t.shape[0] - 1, -1, -1):
         status = codes[e, 1]
         if status == WAITING:
@@ -78,7 +80,9 @@ def smooth_run(
             for j in range(6):
                 block[INPUT, j] = later[8, j]
             prepare_step(block, later[7, 0] - t[e])
-            transition_into(block[SETTINGS, 4], -block[STEP_KEY, 0], inverse)
+            if block[STEP_KEY, 0] != of_step:
+                of_step = block[STEP_KEY, 0]
+                transition_into(block[SETTINGS, 4], -of_step, inverse)
             smooth_packed(
                 state[e],
                 factor[e],

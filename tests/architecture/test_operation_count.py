@@ -1,0 +1,42 @@
+"""The gate against slow kernels: arithmetic operations of every straight-line function, counted, not timed.
+
+A function that needs more than 2 % more than `operation_counts.toml` says has become slower: find out why, or write the
+new figure down with the reason in the commit. One that needs less has its figure lowered.
+"""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from relnav._kernel import STRAIGHT_LINES
+from relnav._trace import INPUTS, Trace
+from relnav.navigation import log  # noqa: F401  (registers the filter's functions)
+
+COUNTS = tomllib.loads((Path(__file__).parent / "operation_counts.toml").read_text())["operations"]
+FUNCTIONS = {f"{function.__module__}.{function.__name__}": function for function in STRAIGHT_LINES}
+
+
+def operations(function):
+    trace = Trace(function, STRAIGHT_LINES[function])
+    return sum(trace.nodes[place][0] not in INPUTS for place in trace.needed())
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_operations_do_not_grow(name):
+    count = operations(FUNCTIONS[name])
+    assert name in COUNTS, f'write it down: "{name}" = {count}'
+    assert count <= 1.02 * COUNTS[name], f"{count} operations, {COUNTS[name]} written down"
+    assert count >= 0.98 * COUNTS[name], f"fewer operations: lower its figure to {count}"
+
+
+def test_nothing_else_is_written_down():
+    assert set(COUNTS) == set(FUNCTIONS)
+
+
+def test_an_epoch_in_steady_state():
+    """Three whole beacons: carried, located, seen, taken. Bierman and Thornton by hand need some 1,000 operations."""
+    module = "relnav.navigation."
+    epoch = COUNTS[module + "propagation.carry"] + COUNTS[module + "sight._locate"]
+    epoch += 3 * (COUNTS[module + "sight.see_beacon"] + COUNTS[module + "update._take_beacon"])
+    assert epoch <= 1200
