@@ -9,16 +9,16 @@ The chunks run on the same kernels as a log in memory: the bits are the same.
 import os
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
 from relnav.accuracy.run_summary import RunSummary
 from relnav.arrays import Matrix, Stack, Vector
-from relnav.files.logs import Log, LogFile
+from relnav.files.logs import Log, LogFile, check_beacons
 from relnav.files.models import load_mission, load_published
 from relnav.files.raw_filter import filter_raw_log
 from relnav.files.raw_logs import is_raw_log
@@ -35,6 +35,7 @@ class _Chunk:
     spots: Stack
     control: Matrix
     quaternion: Matrix
+    sigma: Stack
 
 
 def filter_file(
@@ -74,6 +75,7 @@ def filter_file(
     if is_raw_log(Path(path)):
         return _filter_raw_file(Path(path), mission, out, method, projection, smooth)
     log = LogFile(Path(path))
+    check_beacons(log.path, log.columns.beacons, mission.name, len(mission.beacons_lvlh_m))
     run = _Run(mission, log, LogFilter(mission, method, projection=projection), progress)
     summary = RunSummary(load_published(mission), mission.filter.gate_probability)
     summary.ignored = ", ".join(log.columns.ignored)
@@ -126,7 +128,7 @@ class _Run:
 
     def _forward(self, chunk: _Chunk) -> Epochs:
         epochs = Epochs.empty(len(chunk.t), self.beacons)
-        self.filter.forward(chunk.t, chunk.spots, chunk.control, chunk.quaternion, epochs)
+        self.filter.forward(chunk.t, chunk.spots, chunk.control, chunk.quaternion, epochs, chunk.sigma)
         if self.progress is not None:
             self.progress(len(chunk.t))
         return epochs
@@ -142,7 +144,7 @@ class _Run:
     def smoothed(self) -> Iterator[Solution]:
         """The log's epochs, smoothed, chunk after chunk."""
         before: list[Matrix] = []
-        with _Spool(self.beacons) as spool:
+        with _Spool() as spool:
             for chunk in self._chunks():
                 before.append(self.filter.block.copy())
                 spool.append(chunk)
@@ -170,16 +172,16 @@ def _chunk(piece: Log) -> _Chunk:
     n = len(piece.t_s)
     control = controls(n, piece.acceleration_m_s2, piece.delta_v_m_s)
     quaternion = np.empty((0, 4)) if piece.q_cam_from_lvlh is None else piece.q_cam_from_lvlh
-    return _Chunk(piece.t_s, piece.spots_m, control, quaternion)
+    sigma = np.empty((0, 0, 2)) if piece.spot_sigma_m is None else piece.spot_sigma_m
+    return _Chunk(piece.t_s, piece.spots_m, control, quaternion, sigma)
 
 
 class _Spool:
     """Chunks in a temporary file, to be read back in any order."""
 
-    def __init__(self, beacons: int) -> None:
-        self.beacons = beacons
-        self._file: IO[Any] = tempfile.TemporaryFile(prefix="relnav-")  # noqa: SIM115  (closed by __exit__)
-        self._entries: list[tuple[int, int, bool, bool]] = []
+    def __init__(self) -> None:
+        self._file: Any = tempfile.TemporaryFile(prefix="relnav-")  # noqa: SIM115  (closed by __exit__)
+        self._entries: list[tuple[int, list[tuple[int, ...]]]] = []
 
     def __enter__(self) -> "_Spool":
         return self
@@ -189,16 +191,15 @@ class _Spool:
 
     def append(self, chunk: _Chunk) -> None:
         """Keep one more chunk."""
-        self._entries.append((self._file.tell(), len(chunk.t), len(chunk.control) > 0, len(chunk.quaternion) > 0))
-        for array in (chunk.t, chunk.spots, chunk.control, chunk.quaternion):
+        arrays = [getattr(chunk, entry.name) for entry in fields(_Chunk)]
+        self._entries.append((self._file.tell(), [array.shape for array in arrays]))
+        for array in arrays:
             self._file.write(np.ascontiguousarray(array).data)
 
     def __getitem__(self, k: int) -> _Chunk:
-        start, n, controlled, turned = self._entries[k]
+        start, shapes = self._entries[k]
         self._file.seek(start)
-
-        def take(*shape: int) -> Any:
-            count = int(np.prod(shape))
-            return np.frombuffer(self._file.read(8 * count)).reshape(shape)
-
-        return _Chunk(take(n), take(n, self.beacons, 2), take(n if controlled else 0, 6), take(n if turned else 0, 4))
+        arrays = [np.empty(shape) for shape in shapes]
+        for array in arrays:
+            self._file.readinto(array)
+        return _Chunk(*arrays)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from relnav.files.filter_file import log_metadata
-from relnav.files.logs import read_log
+from relnav.files.logs import check_beacons, read_log
 from relnav.files.models import load_mission
 from relnav.files.raw_filter import filter_raw_log
 from relnav.files.raw_logs import is_raw_log
@@ -28,7 +28,8 @@ def filter_log(
     Parameters
     ----------
     path : str or path
-        The log: `t_s`, `spot_a_x_um`, ... (any length unit; empty = not seen), optionally `accel_x_m_s2`, ...,
+        The log: `t_s`, `spot_a_x_um`, ... (any length unit; empty = not seen), optionally `sigma_spot_a_x_um`, ... (all
+        of them; empty = as before), `accel_x_m_s2`, ...,
         `delta_v_x_m_s`, ..., `q_cam_from_lvlh_x`, ... Or a raw log, a row a slot: `t_s`, `beacon`, four currents.
     model : Model or str
         A loaded model, or what `load_model` takes.
@@ -57,6 +58,7 @@ def filter_log(
     if is_raw_log(Path(path)):
         return filter_raw_log(Path(path), mission, method=method, projection=projection, smooth=smooth)
     log = read_log(Path(path))
+    check_beacons(log.path, log.spots_m.shape[1], mission.name, len(mission.beacons_lvlh_m))
     total = len(log.t_s)
     solution = filter_epochs(
         mission,
@@ -65,6 +67,7 @@ def filter_log(
         acceleration_m_s2=log.acceleration_m_s2,
         delta_v_m_s=log.delta_v_m_s,
         q_cam_from_lvlh=log.q_cam_from_lvlh,
+        spot_sigma_m=log.spot_sigma_m,
         method=method,
         projection=projection,
         smooth=smooth,

@@ -7,13 +7,27 @@ from relnav.errors import LogError
 from relnav.files.units import UNITS, same_kind, split_unit
 
 AXES = ("x", "y", "z")
-SPOTS = tuple(f"spot_{beacon}_{axis}" for beacon in "abc" for axis in "xy")
-SPOT_SIGMAS = tuple(f"sigma_{spot}" for spot in SPOTS)
+LETTERS = "abcdefghijklmnopqrstuvwxyz"
+"""A log names its beacons by letters: three or more, in order."""
+
+
+def spot_columns(beacons: int) -> tuple[str, ...]:
+    """Quantities of the spots of the first so many beacons."""
+    return tuple(f"spot_{beacon}_{axis}" for beacon in LETTERS[:beacons] for axis in "xy")
+
+
+def sigma_columns(beacons: int) -> tuple[str, ...]:
+    """Quantities of their 1-sigma."""
+    return tuple(f"sigma_{spot}" for spot in spot_columns(beacons))
+
+
+MAY_BE_MISSING = (*spot_columns(len(LETTERS)), *sigma_columns(len(LETTERS)))
+"""Quantities of which a cell may be empty: not seen; as uncertain as before."""
 ACCELERATION = tuple(f"accel_{axis}" for axis in AXES)
 DELTA_V = tuple(f"delta_v_{axis}" for axis in AXES)
 QUATERNION = tuple(f"q_cam_from_lvlh_{axis}" for axis in (*AXES, "w"))
-KIND = {"t": "s"} | dict.fromkeys(SPOTS, "m") | dict.fromkeys(ACCELERATION, "m_s2") | dict.fromkeys(DELTA_V, "m_s")
-KIND |= dict.fromkeys(QUATERNION, "")
+KIND = {"t": "s"} | dict.fromkeys(MAY_BE_MISSING, "m") | dict.fromkeys(ACCELERATION, "m_s2")
+KIND |= dict.fromkeys(DELTA_V, "m_s") | dict.fromkeys(QUATERNION, "")
 
 
 @dataclass(frozen=True)
@@ -27,6 +41,11 @@ class Columns:
     index: dict[str, int]
     factor: dict[str, float]
     ignored: tuple[str, ...]
+
+    @property
+    def beacons(self) -> int:
+        """Number of beacons that the log knows."""
+        return sum(f"spot_{letter}_x" in self.index for letter in LETTERS)
 
     def has(self, group: tuple[str, ...]) -> bool:
         """Whether the log holds a group of columns."""
@@ -66,11 +85,12 @@ def parse_header(names: list[str], where: str) -> Columns:
             raise LogError(f"{where}: column '{name}' repeats '{names[index[base]]}'; keep one")
         index[base] = position
         factor[base] = UNITS[unit][1] if unit else 1.0
-    for required in ("t", *SPOTS):
+    beacons = max((LETTERS.index(base.split("_")[1]) + 1 for base in index if base.startswith("spot_")), default=3)
+    for required in ("t", *spot_columns(max(3, beacons))):
         if required not in index:
             raise LogError(f"{where}: column '{_example(required)}' is missing; the columns are {', '.join(names)}")
-    for group in (ACCELERATION, DELTA_V, QUATERNION):
-        missing = [base for base in group if base not in index]
+    for group in (ACCELERATION, DELTA_V, QUATERNION, sigma_columns(max(3, beacons))):
+        missing = [base for base in group if base not in index]  # of sigmas: all beacons', or none
         if missing and len(missing) < len(group):
             raise LogError(f"{where}: column '{_example(missing[0])}' is missing; the others of its group are there")
     return Columns(tuple(names), index, factor, tuple(ignored))

@@ -17,7 +17,17 @@ import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
 from relnav.errors import LogError
-from relnav.files.log_columns import ACCELERATION, DELTA_V, QUATERNION, SPOTS, Columns, parse_header
+from relnav.files.log_columns import (
+    ACCELERATION,
+    DELTA_V,
+    LETTERS,
+    MAY_BE_MISSING,
+    QUATERNION,
+    Columns,
+    parse_header,
+    sigma_columns,
+    spot_columns,
+)
 from relnav.files.units import to_si
 
 CHUNK_LINES = 65_536
@@ -31,8 +41,10 @@ class Log:
     ----------
     path : Path
         The file.
-    t_s, spots_m : (n,), (n, 3, 2)
-        Times and spots of beacons A, B, C; NaN = not seen.
+    t_s, spots_m : (n,), (n, beacons, 2)
+        Times and spots of beacons A, B, C, ...; NaN = not seen.
+    spot_sigma_m : (n, beacons, 2) or None
+        1-sigma of the spots, where the log has it; NaN = as before.
     acceleration_m_s2, delta_v_m_s, q_cam_from_lvlh : (n, 3), (n, 3), (n, 4) or None
         Control and camera attitude, where the log has them.
     metadata : dict
@@ -44,6 +56,7 @@ class Log:
     path: Path
     t_s: Vector
     spots_m: Stack
+    spot_sigma_m: Stack | None
     acceleration_m_s2: Matrix | None
     delta_v_m_s: Matrix | None
     q_cam_from_lvlh: Matrix | None
@@ -111,12 +124,14 @@ class LogFile:
                 return None
             return np.stack([values[:, order[base]] for base in bases], axis=1)
 
-        spots = group(SPOTS)
+        beacons = self.columns.beacons
+        spots, sigma = group(spot_columns(beacons)), group(sigma_columns(beacons))
         assert spots is not None
         return Log(
             path=self.path,
             t_s=values[:, order["t"]].copy(),
-            spots_m=spots.reshape(-1, 3, 2),
+            spots_m=spots.reshape(-1, beacons, 2),
+            spot_sigma_m=None if sigma is None else sigma.reshape(-1, beacons, 2),
             acceleration_m_s2=group(ACCELERATION),
             delta_v_m_s=group(DELTA_V),
             q_cam_from_lvlh=group(QUATERNION),
@@ -157,6 +172,21 @@ class LogFile:
                 row += len(values)
 
 
+def check_beacons(path: Path, beacons: int, model: str, expected: int) -> None:
+    """Refuse a log of other beacons than the model's.
+
+    Raises
+    ------
+    LogError
+        Naming both numbers.
+    """
+    if beacons != expected:
+        raise LogError(
+            f"{path}: spots of {beacons} beacons; model {model} has {expected}: "
+            f"columns up to spot_{LETTERS[expected - 1]}_y are expected"
+        )
+
+
 def read_log(path: Path) -> Log:
     """Read a log whole: Parquet if the file's name ends so, else CSV. Errors as for `LogFile`."""
     pieces = list(LogFile(path).chunks())
@@ -167,7 +197,10 @@ def read_log(path: Path) -> Log:
         parts = [getattr(piece, name) for piece in pieces]
         return None if parts[0] is None else np.concatenate(parts)
 
-    arrays = {name: join(name) for name in ("t_s", "spots_m", "acceleration_m_s2", "delta_v_m_s", "q_cam_from_lvlh")}
+    arrays = {
+        name: join(name)
+        for name in ("t_s", "spots_m", "spot_sigma_m", "acceleration_m_s2", "delta_v_m_s", "q_cam_from_lvlh")
+    }
     return replace(pieces[0], **arrays)
 
 
@@ -267,7 +300,12 @@ def _parse_slowly(kept: list[tuple[int, str]], path: Path, columns: Columns) -> 
 
 def _check_values(values: Matrix, lines: Vector, path: Path, columns: Columns, t_before: float) -> None:
     for position, base in enumerate(columns.index):
-        if base in SPOTS:
+        if base.startswith("sigma_"):
+            wrong = np.flatnonzero(values[:, position] <= 0.0)
+            if wrong.size:
+                name = columns.names[columns.index[base]]
+                raise LogError(f"{path}:{int(lines[wrong[0]])}: column '{name}': a sigma above 0 is expected")
+        if base in MAY_BE_MISSING:
             continue
         bad = np.flatnonzero(~np.isfinite(values[:, position]))
         if bad.size:

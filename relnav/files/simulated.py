@@ -8,24 +8,27 @@ import numpy as np
 
 from relnav.errors import UsageError
 from relnav.files.atomic import replacing
-from relnav.files.log_columns import ACCELERATION, SPOT_SIGMAS, SPOTS
+from relnav.files.log_columns import ACCELERATION, sigma_columns, spot_columns
 from relnav.files.raw_logs import COUNTS
 from relnav.files.tables import STATE_COLUMNS, Table, check_format, relnav_version, write_table
 from relnav.sensors.three_beacon.pulses import NAMES
 from relnav.simulation.raw import RawLog
 from relnav.simulation.scenario import SimulatedLog
 
-LOG_COLUMNS = ("t_s", *(f"{base}_um" for base in SPOTS), *(f"{base}_m_s2" for base in ACCELERATION))
+LOG_COLUMNS = ("t_s", *(f"{base}_um" for base in spot_columns(3)), *(f"{base}_m_s2" for base in ACCELERATION))
+"""Of a log of three beacons."""
 TRUTH_COLUMNS = ("t_s", *STATE_COLUMNS)
 
 
 def write_log(log: SimulatedLog, path: str | os.PathLike[str], metadata: dict[str, str] | None = None) -> None:
     """Write a simulated log (.csv or .parquet) in the columns that `relnav filter` reads."""
-    spots = log.spots_m.reshape(len(log.t_s), 6) * 1e6
-    columns, table = LOG_COLUMNS, [log.t_s, *spots.T, *log.acceleration_m_s2.T]
+    n, beacons = log.spots_m.shape[:2]
+    spots = log.spots_m.reshape(n, -1) * 1e6
+    columns = ("t_s", *(f"{base}_um" for base in spot_columns(beacons)), *(f"{base}_m_s2" for base in ACCELERATION))
+    table = [log.t_s, *spots.T, *log.acceleration_m_s2.T]
     if log.sigma_m is not None:
-        columns = (*columns, *(f"{base}_um" for base in SPOT_SIGMAS))
-        table.extend(log.sigma_m.reshape(len(log.t_s), 6).T * 1e6)
+        columns = (*columns, *(f"{base}_um" for base in sigma_columns(beacons)))
+        table.extend(log.sigma_m.reshape(n, -1).T * 1e6)
     _write(Path(path), columns, table, metadata)
 
 
