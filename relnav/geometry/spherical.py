@@ -10,14 +10,6 @@ from relnav._kernel import kernel, quotient, straight_line
 from relnav.arrays import Matrix, Vector
 
 
-@kernel
-def wrap_angle(angle: float) -> float:
-    """The same angle within [-pi, pi], rad; one that lies there already is left to the last bit."""
-    if abs(angle) <= math.pi:
-        return angle
-    return math.atan2(math.sin(angle), math.cos(angle))
-
-
 @straight_line(p=(3,), out=(3,))
 def range_azimuth_elevation(p: Vector, out: Vector) -> None:
     """Write (range m, azimuth rad, elevation rad) of the docking-frame position p (3,) m into out (3,)."""

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from relnav.geometry.spherical import (
+    docking_difference,
     position_from_angles,
     position_from_angles_jacobian,
     range_azimuth_elevation,
     range_azimuth_elevation_jacobian,
-    wrap_angle,
 )
 
 RANGE = st.floats(0.3, 500.0)
@@ -87,8 +87,14 @@ def test_jacobians_at_the_poles_say_no() -> None:
 
 
 @settings(derandomize=True, max_examples=100, deadline=None)
-@given(st.floats(-3.1, 3.1), st.integers(-50, 50))
-def test_wrap_angle(angle: float, turns: int) -> None:
-    wrapped = wrap_angle(angle + 2.0 * math.pi * turns)
-    assert -math.pi <= wrapped <= math.pi
-    assert wrapped == pytest.approx(angle, abs=1e-13)
+@given(RANGE, AZIMUTH, ELEVATION, st.floats(-0.5, 0.5), st.floats(-0.3, 0.3))
+def test_difference_of_two_places(truth, r: float, azimuth: float, elevation: float, turn: float, tilt: float) -> None:
+    """The angles' own differences, the short way round; the same place gives zeros to the last bit."""
+    other = (1.1 * r, azimuth + turn, max(-1.5, min(1.5, elevation + tilt)))
+    p, q, out = truth.position(*other), truth.position(r, azimuth, elevation), np.empty(3)
+    docking_difference(p, q, out)
+    assert out[0] == pytest.approx(0.1 * r, rel=1e-12)
+    assert out[1] == pytest.approx(turn, abs=1e-13)
+    assert out[2] == pytest.approx(other[2] - elevation, abs=1e-13)
+    docking_difference(p, p, out)
+    np.testing.assert_array_equal(out, 0.0)

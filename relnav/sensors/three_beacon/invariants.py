@@ -83,7 +83,7 @@ def position_gradient(u: Matrix, distance: Vector, out: Matrix) -> None:
 def spot_gradient(u: Matrix, f: float, out: Matrix) -> None:
     """Write dg/d(A'x, A'y, B'x, B'y, C'x, C'y) into out (3, 6), for camera-frame rays u, per unit of f.
 
-    du/dx_j = (e_j - u u_j) u_z / f (geometry.pinhole.unit_ray).
+    du/dx_j = (e_j - u u_j) u_z / f.
     """
     gradients = np.zeros((9, 3))
     invariant_gradients(u, gradients)
