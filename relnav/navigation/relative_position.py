@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from relnav._kernel import only_for
 from relnav.arrays import Matrix
 from relnav.mission import Model
-from relnav.navigation.block import ATTITUDE, CLOCK, DOCK, INPUT, SETTINGS, beacon_count, record_end
+from relnav.navigation.block import ATTITUDE, CLOCK, DOCK, INPUT, SETTINGS, beacon_count, record_end, set_spot_sigma
 from relnav.navigation.choice import choose, vector
 from relnav.navigation.record import FilterRecord
 from relnav.navigation.reference_engine import ReferenceEngine
@@ -57,6 +57,7 @@ class Navigator:
         self._held_known = bool(self._block[SETTINGS, 2])
         self._kept = self._block[DOCK : record_end(self._beacons)]
         self._changed = False
+        self._calibrated = model.calibration is not None
         self.model = model
         self.method = method
 
@@ -68,6 +69,7 @@ class Navigator:
         acceleration_m_s2: ArrayLike | None = None,
         delta_v_m_s: ArrayLike | None = None,
         dcm_cam_from_lvlh: ArrayLike | None = None,
+        spot_sigma_m: ArrayLike | None = None,
     ) -> FilterRecord:
         """Take one image, and return the state after it.
 
@@ -83,6 +85,8 @@ class Navigator:
             Impulse in `lvlh_ccsds` just before this image.
         dcm_cam_from_lvlh : (3, 3), optional
             Camera attitude now; the model's if left out.
+        spot_sigma_m : (3, 2), optional
+            1-sigma of the spots from now on; where it is NaN, or left out, the last one stays.
 
         Returns
         -------
@@ -99,8 +103,13 @@ class Navigator:
             self._set(acceleration_m_s2, delta_v_m_s, dcm_cam_from_lvlh)
         if type(spots_m) is not np.ndarray:
             spots_m = np.array(spots_m, dtype=np.float64)
-        if self.model.calibration is not None:
+        if self._calibrated:
             spots_m = self.model.corrected(spots_m)
+        if spot_sigma_m is not None:
+            sigma = np.array(spot_sigma_m, dtype=np.float64)
+            if sigma.shape != (self._beacons, 2) or np.any(sigma <= 0.0):
+                raise ValueError(f"spot_sigma_m has shape ({self._beacons}, 2) and is above zero; got {sigma.tolist()}")
+            set_spot_sigma(self._block, sigma)
         try:
             outcome = self._step(self._block, t_s, spots_m)
         except (TypeError, IndexError):  # another type of numbers, or an array that is not one piece of memory

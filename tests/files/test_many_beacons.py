@@ -128,3 +128,14 @@ def test_a_sigma_of_zero_is_an_error(vbar, uneven, tmp_path):
     (tmp_path / "log.csv").write_text("\n".join(lines))
     with pytest.raises(relnav.LogError, match=rf"log.csv:{len(lines)}: column 'sigma_spot_c_y_um': a sigma above 0"):
         relnav.filter_log(tmp_path / "log.csv", vbar)
+
+
+def test_the_same_image_by_image(vbar, uneven):
+    navigator = relnav.Navigator(vbar)
+    whole = relnav.filter_epochs(vbar, uneven.t_s, uneven.spots_m, spot_sigma_m=uneven.sigma_m)
+    for k in range(400):
+        told = uneven.sigma_m[k] if k in (0, 300) else None
+        record = navigator.step(uneven.t_s[k], uneven.spots_m[k], spot_sigma_m=told)
+    np.testing.assert_array_equal(record.state, whole.state[399])
+    with pytest.raises(ValueError, match=r"spot_sigma_m has shape \(3, 2\) and is above zero"):
+        navigator.step(uneven.t_s[400], uneven.spots_m[400], spot_sigma_m=np.zeros((3, 2)))
