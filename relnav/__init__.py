@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from relnav.navigation.record import FilterRecord, Solution
     from relnav.navigation.relative_position import Navigator
     from relnav.navigation.status import EpochStatus
-    from relnav.sensors import three_beacon
+    from relnav.sensors import three_beacon, three_marker
     from relnav.sensors.measurement import Measurement, Status
 
 _HOME = {
@@ -47,11 +47,12 @@ _HOME = {
     "filter_epochs": "relnav.navigation.log",
     "EpochStatus": "relnav.navigation.status",
     "three_beacon": "relnav.sensors.three_beacon",
+    "three_marker": "relnav.sensors.three_marker",
     "Measurement": "relnav.sensors.measurement",
     "Status": "relnav.sensors.measurement",
 }
 
-_MODULES = ("three_beacon",)
+_MODULES = ("three_beacon", "three_marker")
 
 __all__ = [
     "AccuracyReport",
@@ -74,6 +75,7 @@ __all__ = [
     "load_published",
     "measure_accuracy",
     "three_beacon",
+    "three_marker",
     "write",
 ]
 

@@ -15,6 +15,9 @@ class System:
         Dataclass whose fields are the sections of the model file.
     accuracy : str
         Function (mission, published, *, runs, seed, progress) -> AccuracyReport or ClaimsReport.
+    budget : str
+        Function (mission) -> report with `lines()` and `to_dict()`, for `relnav budget`; optionally
+        `change_lines(before, change)`, what a change of the design bought, `before` being the report before it.
     runs : int
         Runs of the accuracy benchmark unless the user says otherwise.
     progress_steps : int
@@ -23,12 +26,19 @@ class System:
 
     mission: str
     accuracy: str = ""
+    budget: str = ""
     runs: int = 200
     progress_steps: int = 1
 
 
 SYSTEMS: dict[str, System] = {
     "three_beacon": System(mission="relnav.mission:Model", accuracy="relnav.accuracy.report:measure", progress_steps=3),
+    "three_marker": System(
+        mission="relnav.sensors.three_marker.sensor:ThreeMarkerModel",
+        accuracy="relnav.accuracy.three_marker:measure",
+        runs=400,
+        budget="relnav.accuracy.three_marker_budget:budget",
+    ),
 }
 
 

@@ -1,0 +1,132 @@
+"""Random views of a marker pattern, and what the published and the exact solutions make of them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from relnav.arrays import Codes, Matrix, Vector
+from relnav.geometry.rotation_vector import rotation_vector_between, turn_by_rotation_vector
+from relnav.sensors.measurement import Status
+from relnav.sensors.three_marker.as_published import depth_iteration, small_angle
+from relnav.sensors.three_marker.camera import project, unit_rays
+from relnav.sensors.three_marker.measure import measure
+from relnav.sensors.three_marker.pose import pose_error
+from relnav.sensors.three_marker.sensor import ThreeMarkerModel
+
+LATERAL = 0.05
+"""Of the range: the target's centre of mass stands up to that far off the boresight, each axis."""
+
+
+@dataclass(frozen=True)
+class PoseTrials:
+    """Measurements of random noisy views at one range.
+
+    Attributes
+    ----------
+    error : (n, 6)
+        Position error in camera axes, m; attitude error in target axes, rad; NaN where there is no value.
+    nees : (n,)
+        Of the six; NaN where there is no value.
+    status : (n,)
+        Status codes.
+    """
+
+    error: Matrix
+    nees: Vector
+    status: Codes
+
+    @property
+    def ok(self) -> Vector:
+        """Which gave a value, (n,) bool."""
+        return np.asarray(self.status == int(Status.OK))
+
+    @property
+    def attitude_rms_rad(self) -> float:
+        """Root mean square of the whole attitude error, over the values given."""
+        return float(np.sqrt(np.mean(np.sum(self.error[self.ok, 3:] ** 2, axis=-1))))
+
+    @property
+    def position_rms_m(self) -> float:
+        """Root mean square of the whole position error, over the values given."""
+        return float(np.sqrt(np.mean(np.sum(self.error[self.ok, :3] ** 2, axis=-1))))
+
+
+def tilted(dcm: Matrix, vector: Vector) -> Matrix:
+    """The attitude dcm exp([vector x]), (3, 3)."""
+    out = np.empty((3, 3))
+    turn_by_rotation_vector(np.ascontiguousarray(dcm), vector, out)
+    return out
+
+
+def random_pose(model: ThreeMarkerModel, range_m: float, attitude: Vector, rng: np.random.Generator) -> Matrix:
+    """Pose (4, 3): attitude (3,) rad off nominal, the target a little off the boresight."""
+    aside = rng.uniform(-LATERAL, LATERAL, size=2) * range_m
+    return np.concatenate([tilted(model.view.dcm_cam_from_target, attitude), [[aside[0], aside[1], range_m]]])
+
+
+def random_axis(rng: np.random.Generator) -> Vector:
+    """Unit vector (3,) of uniform direction."""
+    vector = rng.normal(size=3)
+    axis: Vector = vector / np.linalg.norm(vector)
+    return axis
+
+
+def image_of(model: ThreeMarkerModel, pose: Matrix) -> Matrix:
+    """Normalised image (n, 2) of the markers, whether or not the detector is that large."""
+    p = model.markers.points_m @ pose[:3].T + pose[3]
+    image: Matrix = p[:, :2] / p[:, 2:]
+    return image
+
+
+def small_angle_errors(
+    model: ThreeMarkerModel, range_m: float, angle_rad: float, runs: int, seed: int, *, passes: int = 1
+) -> tuple[Vector, Vector]:
+    """Attitude errors (runs,) rad and position errors (runs,) m of the small-angle solution, no noise.
+
+    The true attitude is off the nominal one by the angle, about a random axis.
+    """
+    rng = np.random.default_rng(seed)
+    attitude, position = np.empty(runs), np.empty(runs)
+    for k in range(runs):
+        truth = random_pose(model, range_m, angle_rad * random_axis(rng), rng)
+        pose = small_angle(
+            image_of(model, truth), model.markers.points_m, model.view.dcm_cam_from_target, passes=passes
+        )
+        error = pose_error(truth, pose)
+        attitude[k], position[k] = np.linalg.norm(error[3:]), np.linalg.norm(error[:3])
+    return attitude, position
+
+
+def depth_iteration_success(
+    model: ThreeMarkerModel, ranges_m: tuple[float, ...], largest_rad: float, runs: int, seed: int
+) -> float:
+    """Share of random views in which the depth iteration, from equal depths, reaches the true distances."""
+    rng = np.random.default_rng(seed)
+    points, reached = model.markers.points_m[:3], 0
+    for k in range(runs):
+        range_m = ranges_m[k % len(ranges_m)]
+        truth = random_pose(model, range_m, rng.uniform(0.0, largest_rad) * random_axis(rng), rng)
+        distance = np.linalg.norm(points @ truth[:3].T + truth[3], axis=-1)
+        d, _ = depth_iteration(unit_rays(image_of(model, truth)[:3]), points, np.full(3, range_m))
+        reached += bool(np.abs(d - distance).max() < 1e-6 * range_m)
+    return reached / runs
+
+
+def pose_trials(model: ThreeMarkerModel, range_m: float, runs: int, seed: int, *, noise: float = 1.0) -> PoseTrials:
+    """Measure noisy random views at one range; attitudes are drawn from the model's expected view.
+
+    noise: of the spots, in units of the camera's spot noise; the reported covariance is that of the model.
+    """
+    rng = np.random.default_rng(seed)
+    error, nees = np.full((runs, 6), np.nan), np.full(runs, np.nan)
+    status = np.empty(runs, dtype=np.int64)
+    for k in range(runs):
+        truth = random_pose(model, range_m, model.view.attitude_sigma_rad * rng.normal(size=3), rng)
+        spots = project(model.markers.points_m @ truth[:3].T + truth[3], model.camera).spots_px
+        result = measure(spots + noise * model.camera.spot_noise_px * rng.normal(size=spots.shape), model)
+        status[k] = int(result.status)
+        if result.ok:
+            turn = rotation_vector_between(truth[:3], result.dcm_cam_from_target)
+            error[k] = np.concatenate([truth[3] - result.position_m, turn])
+            nees[k] = error[k] @ np.linalg.solve(result.covariance, error[k])
+    return PoseTrials(error, nees, status)

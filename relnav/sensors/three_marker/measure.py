@@ -1,0 +1,187 @@
+"""The system's public call: marker spots of one image in, relative position and attitude with covariance out."""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from relnav.arrays import Matrix
+from relnav.geometry.pose_refinement import invertible, pose_information
+from relnav.sensors.measurement import Status
+from relnav.sensors.three_marker.as_published import small_angle
+from relnav.sensors.three_marker.camera import normalise, on_image, usable_covariance
+from relnav.sensors.three_marker.labels import labelled_roots
+from relnav.sensors.three_marker.outcome import PoseMeasurement, judged, no_measurement
+from relnav.sensors.three_marker.pose import Pose, Root, explaining_poses, is_gaussian, rank_roots
+from relnav.sensors.three_marker.sensor import Imager, MarkerCamera, Markers, View
+from relnav.sensors.three_marker.spots import find_spots
+
+METHODS = ("exact", "small_angle")
+
+
+class HasMarkers(Protocol):
+    """What `measure` needs of a loaded model."""
+
+    @property
+    def camera(self) -> MarkerCamera:
+        """Camera."""
+        ...
+
+    @property
+    def markers(self) -> Markers:
+        """Markers."""
+        ...
+
+    @property
+    def view(self) -> View:
+        """Expected view."""
+        ...
+
+
+class HasImager(HasMarkers, Protocol):
+    """What `measure_image` needs of a loaded model."""
+
+    @property
+    def imager(self) -> Imager:
+        """Imager."""
+        ...
+
+
+def measure(
+    spots_px: ArrayLike,
+    model: HasMarkers,
+    *,
+    prior: Pose | None = None,
+    spot_covariance_px2: ArrayLike | None = None,
+    labelled: bool = True,
+    method: str = "exact",
+) -> PoseMeasurement:
+    """Relative position and attitude of camera and target, from one image of the markers.
+
+    Parameters
+    ----------
+    spots_px : (n, 2)
+        Spots, px; labelled: one row a marker of the model, in its order, NaN = not seen. Three or more are needed.
+    model : ThreeMarkerModel
+        A loaded model.
+    prior : Pose, optional
+        Predicted pose with its covariance, which tells the roots apart; the model's expected view if left out. It is
+        not mixed into the result.
+    spot_covariance_px2 : (n, 2, 2), optional
+        Of each spot, as `find_spots` gives it; the camera's spot noise if left out.
+    labelled : bool
+        False: any number of spots in any order; which marker made which is found, and stands in `labels`.
+    method : {"exact", "small_angle"}, optional
+        "exact" is P3P and Gauss-Newton; "small_angle" is seed 003's analytic solution about the prior's attitude, whose
+        covariance is that of the noise and leaves its own error out (about 0.007 deg per square degree at best).
+
+    Returns
+    -------
+    PoseMeasurement
+        Bad data never raise: the status says why there is no value.
+
+    Raises
+    ------
+    ValueError
+        For spots or covariances of another shape, an unknown method, or the small-angle method without labels.
+    """
+    spots, covariance = _checked(spots_px, spot_covariance_px2, len(model.markers.positions_m) if labelled else None)
+    if method not in METHODS:
+        raise ValueError(f'method must be "exact" or "small_angle"; got {method!r}')
+    if method == "small_angle" and not labelled:
+        raise ValueError('method "small_angle" needs labelled spots: use "exact" for spots in any order')
+    if prior is not None and not all(np.isfinite(part).all() for part in vars(prior).values()):
+        raise ValueError("prior is a finite pose; a measurement whose status is not OK has none: leave the prior out")
+    finite = np.isfinite(spots).all(axis=-1)
+    inside = on_image(spots, model.camera)
+    if covariance is not None:
+        finite &= usable_covariance(covariance)
+    usable = np.flatnonzero(inside & finite)
+    xy, weights = normalise(spots[usable], model.camera, None if covariance is None else covariance[usable])
+    real = np.isfinite(weights).all(axis=-1) & np.isfinite(xy).all(axis=-1)
+    usable, xy, weights = usable[real], xy[real], weights[real]
+    labels = [-1] * len(spots)
+    if len(usable) < 3:
+        off = bool((~inside & ~np.isnan(spots).any(axis=-1)).any())
+        return no_measurement(Status.OFF_DETECTOR if off else Status.NOT_SEEN, labels)
+    belief = model.view if prior is None else prior
+    points = model.markers.points_m
+    if labelled:
+        for k in usable:
+            labels[k] = int(k)
+        roots = _roots(xy, weights, points[usable], belief, method)
+        exact = method == "exact"
+        gaussian = not exact or not roots or is_gaussian(roots[0], xy, weights, points[usable])
+        return judged(roots, labels, len(usable), gaussian=gaussian, gated=exact)
+    entries = labelled_roots(xy, weights, points, belief)
+    if not entries:
+        return no_measurement(Status.NO_CONVERGENCE, labels)
+    used = np.flatnonzero(np.array(entries[0].labels) >= 0)
+    markers = np.array(entries[0].labels)[used]
+    for k, label in zip(usable[used], markers, strict=True):
+        labels[k] = int(label)
+    gaussian = is_gaussian(entries[0].root, xy[used], weights[used], points[markers])
+    return judged([entry.root for entry in entries], labels, len(used), gaussian=gaussian)
+
+
+def measure_image(image_dn: ArrayLike, model: HasImager, *, prior: Pose | None = None) -> PoseMeasurement:
+    """Relative position and attitude from an image: `find_spots`, then `measure` of those that can be trusted.
+
+    Parameters
+    ----------
+    image_dn : (height, width)
+        Digital numbers.
+    model : ThreeMarkerModel
+        A loaded model.
+    prior : Pose, optional
+        As in `measure`; it also tells which marker made which spot.
+
+    Returns
+    -------
+    PoseMeasurement
+        `labels` has one entry a spot used, the brightest first.
+
+    Raises
+    ------
+    ValueError
+        If the image does not have the camera's size.
+    """
+    image = np.asarray(image_dn)
+    width, height = model.camera.image_size_px
+    if image.shape != (height, width):
+        raise ValueError(f"image_dn has shape (height, width) = {(height, width)}; got {image.shape}")
+    spots = find_spots(image, model.imager)
+    return measure(
+        spots.spots_px[spots.usable],
+        model,
+        prior=prior,
+        spot_covariance_px2=spots.covariance_px2[spots.usable],
+        labelled=False,
+    )
+
+
+def _checked(
+    spots_px: ArrayLike, spot_covariance_px2: ArrayLike | None, markers: int | None
+) -> tuple[Matrix, Matrix | None]:
+    spots = np.array(spots_px, dtype=np.float64)
+    if spots.ndim != 2 or spots.shape[1] != 2 or (markers is not None and len(spots) != markers):
+        want = "(n, 2)" if markers is None else f"({markers}, 2), one row a marker"
+        raise ValueError(f"spots_px has shape {want}, columns x, y in px; got {spots.shape}")
+    if spot_covariance_px2 is None:
+        return spots, None
+    covariance = np.array(spot_covariance_px2, dtype=np.float64)
+    if covariance.shape != (len(spots), 2, 2):
+        raise ValueError(f"spot_covariance_px2 has shape ({len(spots)}, 2, 2), one a spot; got {covariance.shape}")
+    return spots, covariance
+
+
+def _roots(xy: Matrix, weights: Matrix, points: Matrix, belief: Pose | View, method: str) -> list[Root]:
+    if method == "exact":
+        return rank_roots(explaining_poses(xy, weights, points), belief)
+    start = small_angle(xy, points, belief.dcm_cam_from_target)
+    if not np.isfinite(start).all():
+        return []
+    information = np.empty((6, 6))
+    misfit = pose_information(points, xy, weights, start, information, np.empty(6))
+    usable = np.isfinite(misfit) and invertible(information)
+    return rank_roots([(start, information, misfit)], belief) if usable else []

@@ -1,0 +1,151 @@
+"""What was built: the camera on the chaser, the markers on the target, and how the one is meant to see the other."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge, Gt, Le
+
+from relnav.arrays import Matrix
+from relnav.geometry.rotation import dcm_from_quaternion
+
+Positive = Annotated[float, Gt(0.0)]
+NonNegative = Annotated[float, Ge(0.0)]
+Pair = tuple[float, float]
+Triple = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class MarkerCamera:
+    """A camera: axes x right, y down, z boresight; pixel (0, 0) has its centre at (0.0, 0.0) px.
+
+    Attributes
+    ----------
+    focal_length_px, principal_point_px : (2,)
+        Along x and y: u = fx x + cx, v = fy y + cy of the distorted normalised image (x, y).
+    image_size_px : (2,)
+        Width and height; the image spans -0.5 to width - 0.5.
+    spot_noise_px : float
+        1-sigma of each coordinate of a spot, unless a spot comes with its own covariance.
+    distortion : (5,)
+        k1, k2, p1, p2, k3 as in `relnav.geometry.distortion`.
+    position_m : (3,)
+        Lens from the chaser's centre of mass, chaser axes.
+    q_cam_from_chaser : (4,)
+        Mounting rotation v_cam = R v_chaser, scalar last.
+    """
+
+    focal_length_px: tuple[Positive, Positive]
+    principal_point_px: Pair
+    image_size_px: tuple[Annotated[int, Ge(1)], Annotated[int, Ge(1)]]
+    spot_noise_px: Positive
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    position_m: Triple = (0.0, 0.0, 0.0)
+    q_cam_from_chaser: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        dcm_from_quaternion(np.array(self.q_cam_from_chaser))
+
+    @property
+    def dcm_cam_from_chaser(self) -> Matrix:
+        """v_cam = dcm @ v_chaser, (3, 3)."""
+        return dcm_from_quaternion(np.array(self.q_cam_from_chaser))
+
+
+@dataclass(frozen=True)
+class Markers:
+    """Light spots on the target.
+
+    Attributes
+    ----------
+    positions_m : (n, 3)
+        Each marker from the target's centre of mass, target axes; three or more, not on one line.
+    """
+
+    positions_m: tuple[Triple, ...]
+
+    def __post_init__(self) -> None:
+        points = np.array(self.positions_m, dtype=np.float64).reshape(-1, 3)
+        if len(points) < 3:
+            raise ValueError(f"positions_m holds three markers or more; got {len(points)}")
+        spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+        if not spread[1] > 1e-6 * spread[0]:
+            raise ValueError("positions_m: the markers stand on one line; move one of them off it")
+
+    @property
+    def points_m(self) -> Matrix:
+        """The markers as rows of (n, 3), m."""
+        return np.array(self.positions_m)
+
+
+@dataclass(frozen=True)
+class View:
+    """How the camera is expected to see the target: the attitude about which the paper's angles are small.
+
+    Attributes
+    ----------
+    q_cam_from_target : (4,)
+        Nominal relative attitude v_cam = R v_target, scalar last.
+    attitude_sigma_rad : float
+        1-sigma of the true relative attitude about it, each axis: what tells the solutions of three spots apart.
+    """
+
+    q_cam_from_target: Quaternion
+    attitude_sigma_rad: Annotated[float, Gt(0.0), Le(math.pi)]
+
+    def __post_init__(self) -> None:
+        dcm_from_quaternion(np.array(self.q_cam_from_target))
+
+    @property
+    def dcm_cam_from_target(self) -> Matrix:
+        """Nominal attitude, v_cam = dcm @ v_target, (3, 3)."""
+        return dcm_from_quaternion(np.array(self.q_cam_from_target))
+
+
+@dataclass(frozen=True)
+class Imager:
+    """How an image becomes spots.
+
+    Attributes
+    ----------
+    spot_sigma_px : float
+        Radius (1-sigma of a Gaussian) of a distant marker's blob: what the simulator draws.
+    read_noise_dn : float
+        1-sigma noise of a dark pixel, in digital numbers.
+    electrons_per_dn : float
+        Photo-electrons per digital number: the shot noise of a pixel of s dn is sqrt(s / electrons_per_dn) dn.
+    saturation_dn : float
+        Largest number a pixel can hold.
+    threshold_sigma : float
+        A pixel belongs to a spot where it stands this many noise sigmas above the background.
+    centroid_floor_px : float
+        1-sigma error of a centroid that more light does not lessen (unequal pixels, lens calibration), each coordinate.
+    """
+
+    spot_sigma_px: Positive
+    read_noise_dn: Positive
+    electrons_per_dn: Positive
+    saturation_dn: Positive
+    threshold_sigma: Positive = 6.0
+    centroid_floor_px: NonNegative = 0.0
+
+
+@dataclass(frozen=True)
+class ThreeMarkerModel:
+    """One three-marker vision system: camera, markers, expected view, imager.
+
+    `provenance` maps a key path ("camera.spot_noise_px") to where its value comes from; `path` is the file it was
+    loaded from.
+    """
+
+    name: str
+    title: str
+    camera: MarkerCamera
+    markers: Markers
+    view: View
+    imager: Imager
+    provenance: Mapping[str, str] = field(default_factory=dict)
+    path: str = ""
