@@ -40,9 +40,9 @@ def attitude_update(
     """Attitude (3, 3), rate (3,) and covariance (6, 6) after a measured attitude (3, 3) with noise (3, 3)."""
     h = np.eye(3, 6)
     innovation = rotation_vector_between(measured, dcm)
-    gain: Matrix = np.linalg.solve(covariance[:3, :3] + noise, covariance[:3]).T
+    gain = np.asarray(np.linalg.solve(covariance[:3, :3] + noise, covariance[:3]).T, dtype=np.float64)
     correction = gain @ innovation
-    updated = joseph(covariance, np.asarray(gain, dtype=np.float64), h, noise)
+    updated = joseph(covariance, gain, h, noise)
     return turned(dcm, correction[:3]), rate + correction[3:], reset(updated, correction[:3])
 
 

@@ -34,7 +34,7 @@ class System:
 SYSTEMS: dict[str, System] = {
     "three_beacon": System(mission="relnav.mission:Model", accuracy="relnav.accuracy.report:measure", progress_steps=3),
     "three_marker": System(
-        mission="relnav.sensors.three_marker.sensor:ThreeMarkerModel",
+        mission="relnav.mission:VisionMission",
         accuracy="relnav.accuracy.three_marker:measure",
         runs=400,
         budget="relnav.accuracy.three_marker_budget:budget",

@@ -28,6 +28,8 @@ UNITS: dict[str, tuple[str, float]] = {
     "m_s2": ("m_s2", 1.0),
     "mm_s2": ("m_s2", 1e-3),
     "m2_s3": ("m2_s3", 1.0),
+    "kg_m2": ("kg_m2", 1.0),
+    "rad2_s3": ("rad2_s3", 1.0),
 }
 
 
