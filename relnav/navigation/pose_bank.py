@@ -137,9 +137,7 @@ def _renewed(bank: list[Hypothesis], event: Event, mission: VisionMission) -> li
     fresh = [
         state
         for state in _roots(event, mission, best.state)
-        if all(
-            _apart(h.state, state, slice(6, 9), h.state.covariance + state.covariance) > _COVERED for h in bank
-        )
+        if all(_apart(h.state, state, slice(6, 9), h.state.covariance + state.covariance) > _COVERED for h in bank)
     ]
     return bank + [Hypothesis(state, best.score) for state in fresh]
 
@@ -155,9 +153,7 @@ def advance(bank: Bank, event: Event, mission: VisionMission, body: RigidBody, l
         started = Bank(event.t_s, tuple(Hypothesis(state, 0.0) for state in states), event.t_s, event.t_s, 0)
         return started, Outcome(math.nan, 0, np.isfinite(event.spots_px).all(axis=-1), started=True)
     fade = math.exp(-dt / MEMORY_S)
-    moved = [
-        Hypothesis(_moved(h.state, dt, event, body, mission), fade * h.score) for h in bank.hypotheses
-    ]
+    moved = [Hypothesis(_moved(h.state, dt, event, body, mission), fade * h.score) for h in bank.hypotheses]
     if event.spots_px is None or not np.isfinite(event.spots_px).all(axis=-1).any():
         return replace(bank, t_s=event.t_s, hypotheses=tuple(moved)), Outcome(math.nan, 0, nothing, started=False)
     updates = [

@@ -86,7 +86,7 @@ def simulate_flight(
     streams = [np.random.default_rng(stream) for stream in np.random.SeedSequence(seed).spawn(3)]
     t, motion, command = fly(mission, approach or Approach(), streams[0])
     rng, n = streams[1], mission.orbit.mean_motion_rad_s
-    off = 0.5 * mission.view.attitude_sigma_rad * rng.normal(size=3)
+    off = mission.view.attitude_sigma_rad * rng.normal(size=3)
     start = Rotation.from_matrix(mission.target.dcm_target_from_lvlh.T) * Rotation.from_rotvec(off)
     spread = np.minimum(mission.filter.initial_rate_sigma_rad_s, math.radians(10.0) / max(float(t[-1]), 1.0))
     rate = start.inv().apply([0.0, -n, 0.0]) + spread * rng.normal(size=3)

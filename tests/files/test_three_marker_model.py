@@ -72,5 +72,5 @@ def test_wrong_values(changed, old, new, text):
 
 
 def test_a_filter_says_that_it_does_not_fly_it():
-    with pytest.raises(relnav.ModelError, match=r"a relative navigation mission is expected .* a ThreeMarkerModel"):
+    with pytest.raises(relnav.ModelError, match=r"a relative navigation mission is expected .* a VisionMission"):
         relnav.filter_log("x.csv", "three_marker_vision")
