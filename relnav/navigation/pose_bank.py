@@ -93,12 +93,12 @@ class Outcome:
     started: bool
 
 
-def _roots(event: Event, mission: VisionMission, believed: PoseState | None) -> list[PoseState]:
+def _roots(event: Event, spots: Matrix, mission: VisionMission, believed: PoseState | None) -> list[PoseState]:
     """States on the poses that explain an image and are not a million times less credible than the best of them.
 
     Before a start the expected view decides and is part of the state: a root is then its own and the view's mean width.
     """
-    result = measure(event.spots_px, mission, spot_covariance_px2=event.covariance_px2)
+    result = measure(spots, mission, spot_covariance_px2=event.covariance_px2)
     out = []
     for root in result.roots:
         if root.score - result.roots[0].score > DROP:
@@ -131,12 +131,12 @@ def _joined(bank: list[Hypothesis]) -> list[Hypothesis]:
     return kept[:_MOST]
 
 
-def _renewed(bank: list[Hypothesis], event: Event, mission: VisionMission) -> list[Hypothesis]:
+def _renewed(bank: list[Hypothesis], event: Event, spots: Matrix, mission: VisionMission) -> list[Hypothesis]:
     """With a hypothesis for each root that none covers, as credible as the best."""
     best = bank[0]
     fresh = [
         state
-        for state in _roots(event, mission, best.state)
+        for state in _roots(event, spots, mission, best.state)
         if all(_apart(h.state, state, slice(6, 9), h.state.covariance + state.covariance) > _COVERED for h in bank)
     ]
     return bank + [Hypothesis(state, best.score) for state in fresh]
@@ -145,24 +145,25 @@ def _renewed(bank: list[Hypothesis], event: Event, mission: VisionMission) -> li
 def advance(bank: Bank, event: Event, mission: VisionMission, body: RigidBody, limit: float) -> tuple[Bank, Outcome]:
     """The bank after an event, and what became of it; limit: gate of each spot's NIS."""
     nothing = np.zeros(len(mission.markers.positions_m), dtype=bool)
+    spots = event.spots_px
     dt = event.t_s - bank.t_s if math.isfinite(bank.t_s) else 0.0
     if not bank.hypotheses:
-        states = [] if event.spots_px is None else _roots(event, mission, None)
-        if not states:
+        states = [] if spots is None else _roots(event, spots, mission, None)
+        if spots is None or not states:
             return replace(bank, t_s=event.t_s), Outcome(math.nan, 0, nothing, started=False)
-        started = Bank(event.t_s, tuple(Hypothesis(state, 0.0) for state in states), event.t_s, event.t_s, 0)
-        return started, Outcome(math.nan, 0, np.isfinite(event.spots_px).all(axis=-1), started=True)
+        begun = Bank(event.t_s, tuple(Hypothesis(state, 0.0) for state in states), event.t_s, event.t_s, 0)
+        used: Flags = np.isfinite(spots).all(axis=-1)
+        return begun, Outcome(math.nan, 0, used, started=True)
     fade = math.exp(-dt / MEMORY_S)
     moved = [Hypothesis(_moved(h.state, dt, event, body, mission), fade * h.score) for h in bank.hypotheses]
-    if event.spots_px is None or not np.isfinite(event.spots_px).all(axis=-1).any():
+    if spots is None or not np.isfinite(spots).all(axis=-1).any():
         return replace(bank, t_s=event.t_s, hypotheses=tuple(moved)), Outcome(math.nan, 0, nothing, started=False)
     updates = [
-        spot_update(h.state, event.spots_px, mission, event.dcm_chaser_from_lvlh, limit, event.covariance_px2)
-        for h in moved
+        spot_update(h.state, spots, mission, event.dcm_chaser_from_lvlh, limit, event.covariance_px2) for h in moved
     ]
     scored = [Hypothesis(u.state, h.score + u.score) for h, u in zip(moved, updates, strict=True)]
     lead = updates[min(range(len(scored)), key=lambda k: scored[k].score)]
-    return _after(bank, event, mission, _joined(scored), lead)
+    return _after(bank, event, spots, mission, _joined(scored), lead)
 
 
 def _moved(state: PoseState, dt: float, event: Event, body: RigidBody, mission: VisionMission) -> PoseState:
@@ -174,15 +175,15 @@ def _moved(state: PoseState, dt: float, event: Event, body: RigidBody, mission: 
 
 
 def _after(
-    bank: Bank, event: Event, mission: VisionMission, hypotheses: list[Hypothesis], lead: SpotUpdate
+    bank: Bank, event: Event, spots: Matrix, mission: VisionMission, hypotheses: list[Hypothesis], lead: SpotUpdate
 ) -> tuple[Bank, Outcome]:
     """Count rejections, look for new roots when it is time, give up what is locked out."""
-    used, seen = int(lead.accepted.sum()), int(np.isfinite(event.spots_px).all(axis=-1).sum())
+    used, seen = int(lead.accepted.sum()), int(np.isfinite(spots).all(axis=-1).sum())
     rejected = bank.rejected + 1 if 2 * used <= seen else 0
     renewed_s, full_s = bank.renewed_s, event.t_s if used >= 3 else bank.full_s
     outcome = Outcome(lead.nis, lead.dof, lead.accepted, started=False)
     if seen >= 3 and event.t_s - renewed_s >= RENEWED_S:
-        hypotheses, renewed_s = _renewed(hypotheses, event, mission), event.t_s
+        hypotheses, renewed_s = _renewed(hypotheses, event, spots, mission), event.t_s
     if rejected >= mission.filter.restart_after_epochs:
         return Bank(event.t_s), outcome
     return Bank(event.t_s, tuple(hypotheses), renewed_s, full_s, rejected), outcome

@@ -204,12 +204,8 @@ def spot_update(
     score = limit * (missed + len(seen) - len(good) // 2)
     if not good:
         return SpotUpdate(state, accepted, nis, 2 * len(seen), score)
-    H, S, R, y = (
-        expected.rows[good],
-        S[np.ix_(good, good)],
-        expected.noise[np.ix_(good, good)],
-        expected.innovation[good],
-    )
+    H, y = expected.rows[good], expected.innovation[good]
+    S, R = S[np.ix_(good, good)], expected.noise[np.ix_(good, good)]
     score += float(y @ np.linalg.solve(S, y) + np.linalg.slogdet(S)[1])
     gain = np.asarray(np.linalg.solve(S, H @ state.covariance).T, dtype=np.float64)
     updated = state.corrected(gain @ y, joseph(state.covariance, gain, H, R))

@@ -126,6 +126,7 @@ class PoseNavigator:
         event = self._event(t_s, acceleration_m_s2, delta_v_m_s, dcm_chaser_from_lvlh)
         image = self._with_image(event, spots_px, spot_covariance_px2)
         rate = None if chaser_rate_rad_s is None else _vector("chaser_rate_rad_s", chaser_rate_rad_s)
+        outcome: Outcome | None
         if image.spots_px is None or exposed == t_s:
             outcome, too_late = self._append(image), False
         else:
