@@ -15,8 +15,10 @@ import numpy as np
 
 import relnav
 from relnav.accuracy.pose_filter import flown, joined, tight_errors
+from relnav.accuracy.target_attitude import attitude_trials
 from relnav.navigation.pose_state import PoseState
 from relnav.navigation.relative_pose import PoseNavigator
+from relnav.navigation.target_attitude import METHODS
 from relnav.simulation.marker_flight import MarkerFaults, simulate_flight
 from relnav.simulation.trajectory import Approach
 
@@ -101,6 +103,15 @@ def few_for_long(mission, runs, seed):
     return [part.nees_ratio for part in parts]
 
 
+def attitude_cost(mission):
+    """Time of a step of the UKF over that of the multiplicative EKF, on the same attitudes."""
+    case = {"sigma_rad": math.radians(0.5), "rate_hz": 10.0, "density_rad2_s3": 4e-12, "runs": 2, "duration_s": 100.0}
+    inertia, n = np.array(mission.target.inertia_kg_m2), mission.orbit.mean_motion_rad_s
+    steps = [attitude_trials(inertia, n, **case, seed=1, method=method).step_s for method in METHODS]
+    print(f"  one step: EKF {1e6 * steps[0]:.0f} us, UKF {1e6 * steps[1]:.0f} us")
+    return steps[1] / steps[0]
+
+
 def main() -> int:
     """Fly, print, judge."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -131,6 +142,7 @@ def main() -> int:
     early, middle, late = few_for_long(mission, max(2, runs // 2), seed)
     print(f"  two markers from 10 s on: NEES / 12 = {early:.2f} to 40 s, {middle:.2f} to 100 s, {late:.2f} at 150 s")
     begin = time.perf_counter()
+    figures.show("one step of the paper's UKF over one of the EKF", attitude_cost(mission), 1.0, 1e3)
     lost, first, last = flat_pattern(options.flat_runs, seed)
     spent = time.perf_counter() - begin
     print(f"  flat pattern: {first:.1f} hypotheses at the start, {last:.1f} at the end ({spent:.0f} s)")

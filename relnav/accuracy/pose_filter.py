@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relnav.arrays import Matrix, Stack, Vector
+from relnav.arrays import Flags, Matrix, Stack, Vector
 from relnav.dynamics.rigid_body import RigidBody
 from relnav.estimation.consistency import nees
 from relnav.mission import VisionMission
@@ -39,7 +39,7 @@ class PoseErrors:
     nis_ratio: Vector
     hypotheses: Vector
 
-    def where(self, chosen: Vector) -> "PoseErrors":
+    def where(self, chosen: Flags) -> "PoseErrors":
         """The epochs for which chosen (k,) holds."""
         return PoseErrors(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
 

@@ -152,7 +152,7 @@ def advance(bank: Bank, event: Event, mission: VisionMission, body: RigidBody, l
         if spots is None or not states:
             return replace(bank, t_s=event.t_s), Outcome(math.nan, 0, nothing, started=False)
         begun = Bank(event.t_s, tuple(Hypothesis(state, 0.0) for state in states), event.t_s, event.t_s, 0)
-        used: Flags = np.isfinite(spots).all(axis=-1)
+        used = np.logical_and(np.isfinite(spots[:, 0]), np.isfinite(spots[:, 1]))
         return begun, Outcome(math.nan, 0, used, started=True)
     fade = math.exp(-dt / MEMORY_S)
     moved = [Hypothesis(_moved(h.state, dt, event, body, mission), fade * h.score) for h in bank.hypotheses]

@@ -29,9 +29,9 @@ def trials():
     """The issue's case; the UKF on fewer runs, it takes a millisecond and more a step."""
     common = {"sigma_rad": SIGMA, "rate_hz": 10.0, "density_rad2_s3": DENSITY, "seed": 5}
     return {
-        "the same few runs": attitude_trials(INERTIA, N, runs=3, duration_s=240.0, method="multiplicative", **common),
-        "multiplicative": attitude_trials(INERTIA, N, runs=14, duration_s=300.0, method="multiplicative", **common),
-        "unscented": attitude_trials(INERTIA, N, runs=3, duration_s=240.0, method="unscented", **common),
+        "the same few runs": attitude_trials(INERTIA, N, runs=3, duration_s=160.0, method="multiplicative", **common),
+        "multiplicative": attitude_trials(INERTIA, N, runs=10, duration_s=300.0, method="multiplicative", **common),
+        "unscented": attitude_trials(INERTIA, N, runs=3, duration_s=160.0, method="unscented", **common),
     }
 
 
