@@ -70,7 +70,7 @@ def measure(
             progress(step)
             spare -= step
     notes = (
-        "the UKF and the EKF filter the same attitudes: the UKF buys no accuracy, and costs several times more (benchmarks/)",
+        "the UKF and the EKF filter the same attitudes: the UKF buys no accuracy, at several times the cost",
         f"exact pose: {model.camera.spot_noise_px:g} px spot noise, attitudes of "
         f"{math.degrees(model.view.attitude_sigma_rad):g} deg (1-sigma, each axis); an image that another pose "
         "explains as well gives no value, and is counted as such",

@@ -45,10 +45,6 @@ def filter_rows(model: VisionMission, published: Published, flights: int, seed: 
         if _CLAIM in claims:
             rows.append(claim_row(claims[_CLAIM], published, name, 1.0 / trials.gain))
         rows.extend(_attitude_rows(name, where, trials, flights, settled_sigmas(sigma, 1.0 / RATE_HZ, density)))
-    cost = times["unscented"] / times["multiplicative"]
-    rows.append(
-        information("time of a step over that of the EKF", UKF, "this machine, this run", cost, "ratio", "mean")
-    )
     return rows + _pose_rows(model, flights, seed)
 
 

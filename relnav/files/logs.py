@@ -17,7 +17,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
 from relnav.errors import LogError
-from relnav.files.log_columns import ACCELERATION, DELTA_V, QUATERNION, SPOTS, Columns, parse_header
+from relnav.files.log_columns import ACCELERATION, BEACONS, DELTA_V, QUATERNION, SPOTS, Columns, Layout, parse_header
 from relnav.files.units import to_si
 
 CHUNK_LINES = 65_536
@@ -65,21 +65,26 @@ class LogFile:
         For a file that cannot be read, and for a header that is not one of a log.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, layout: Layout = BEACONS) -> None:
         self.path = path
         self._parquet = path.suffix.lower() == ".parquet"
         if self._parquet:
             from relnav.files.parquet import open_parquet
 
             self._file, self._names, self.metadata = open_parquet(path)
-            self.columns = parse_header(self._names, f"{path}:1")
+            self.columns = parse_header(self._names, f"{path}:1", layout)
         else:
             with self._open() as file:
                 self.metadata, header, line = _read_head(file, path)
-                self.columns = parse_header(header, f"{path}:{line}")
+                self.columns = parse_header(header, f"{path}:{line}", layout)
 
     def chunks(self) -> Iterator[Log]:
-        """The log, piece after piece in SI units; at least one, none of them empty.
+        """The log, piece after piece in SI units; at least one, none of them empty. Errors as for `tables`."""
+        for values in self.tables():
+            yield self._log(values)
+
+    def tables(self) -> Iterator[Matrix]:
+        """The log's numbers, piece after piece in SI units, a column a quantity (`group` finds them).
 
         Raises
         ------
@@ -91,32 +96,31 @@ class LogFile:
         for values, lines in self._parquet_rows() if self._parquet else self._csv_rows():
             _to_si(values, self.columns)
             _check_values(values, lines, self.path, self.columns, t_before)
-            piece = self._log(values)
-            t_before = float(piece.t_s[-1])
-            yield piece
+            t_before = float(values[-1, _order(self.columns)["t"]])
+            yield values
         if t_before == -math.inf:
             raise LogError(f"{self.path}: no rows after the header; at least one epoch is expected")
 
     def _log(self, values: Matrix) -> Log:
-        order = _order(self.columns)
-
-        def group(bases: tuple[str, ...]) -> Matrix | None:
-            if not self.columns.has(bases):
-                return None
-            return np.stack([values[:, order[base]] for base in bases], axis=1)
-
-        spots = group(SPOTS)
+        spots = self.group(values, SPOTS)
         assert spots is not None
         return Log(
             path=self.path,
-            t_s=values[:, order["t"]].copy(),
+            t_s=values[:, _order(self.columns)["t"]].copy(),
             spots_m=spots.reshape(-1, 3, 2),
-            acceleration_m_s2=group(ACCELERATION),
-            delta_v_m_s=group(DELTA_V),
-            q_cam_from_lvlh=group(QUATERNION),
+            acceleration_m_s2=self.group(values, ACCELERATION),
+            delta_v_m_s=self.group(values, DELTA_V),
+            q_cam_from_lvlh=self.group(values, QUATERNION),
             metadata=self.metadata,
             ignored=self.columns.ignored,
         )
+
+    def group(self, values: Matrix, bases: tuple[str, ...]) -> Matrix | None:
+        """Quantities that belong together, (n, k), of a table; None if the log does not have them."""
+        if not self.columns.has(bases):
+            return None
+        order = _order(self.columns)
+        return np.stack([values[:, order[base]] for base in bases], axis=1)
 
     @contextmanager
     def _open(self) -> Iterator[TextIO]:
@@ -241,7 +245,7 @@ def _parse_slowly(kept: list[tuple[int, str]], path: Path, columns: Columns) -> 
 
 def _check_values(values: Matrix, lines: Vector, path: Path, columns: Columns, t_before: float) -> None:
     for position, base in enumerate(columns.index):
-        if base in SPOTS:
+        if base in columns.layout.spots:
             continue
         bad = np.flatnonzero(~np.isfinite(values[:, position]))
         if bad.size:
@@ -258,11 +262,12 @@ def _check_values(values: Matrix, lines: Vector, path: Path, columns: Columns, t
             f"{path}:{int(lines[row])}: time {t[row]:.15g} s {what} {before[row]:.15g} s of the row before; "
             "sort the log by time and keep one row an epoch"
         )
-    if columns.has(QUATERNION):
-        q = np.stack([values[:, _order(columns)[base]] for base in QUATERNION], axis=1)
+    quaternion = columns.layout.quaternion
+    if columns.has(quaternion):
+        q = np.stack([values[:, _order(columns)[base]] for base in quaternion], axis=1)
         wrong = np.flatnonzero(np.abs(np.linalg.norm(q, axis=1) - 1.0) > 9e-4)
         if wrong.size:
             raise LogError(
-                f"{path}:{int(lines[wrong[0]])}: q_cam_from_lvlh {q[wrong[0]].tolist()} is not a unit quaternion "
+                f"{path}:{int(lines[wrong[0]])}: {quaternion[0][:-2]} {q[wrong[0]].tolist()} is not a unit quaternion "
                 "(x, y, z, w)"
             )
