@@ -18,6 +18,13 @@ import click
 @click.option("--start-range", "start_range_m", default=10.0, show_default=True, help="Start on the docking axis, m.")
 @click.option("--final-range", "final_range_m", default=4.0, show_default=True, help="Where the chaser holds, m.")
 @click.option("--speed", "speed_m_s", default=0.03, show_default=True, help="Approach speed, m/s.")
+@click.option(
+    "--hide",
+    "hidden",
+    multiple=True,
+    metavar="MARKER:FROM:TO",
+    help="Marker models: hide one for a while, as in c:30:60 (s); as often as needed.",
+)
 @click.option("--j2", is_flag=True, help="Let the Earth be oblate.")
 @click.option("--air-density", "air_density_kg_m3", default=0.0, show_default=True, help="For drag, kg/m^3.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
@@ -33,18 +40,17 @@ def command(
     start_range_m: float,
     final_range_m: float,
     speed_m_s: float,
+    hidden: tuple[str, ...],
     j2: bool,
     air_density_kg_m3: float,
     quiet: bool,
 ) -> None:
     """Simulate an approach of MODEL: two-body truth under closed-loop guidance, imaged with noise and faults."""
+    from relnav.cli.simulators import simulator_of
     from relnav.errors import UsageError
     from relnav.files.atomic import check_distinct, check_folder, replacing
-    from relnav.files.models import load_mission
-    from relnav.files.simulated import write_log, write_truth
+    from relnav.files.models import load_model
     from relnav.files.tables import check_format
-    from relnav.simulation.detector import Faults
-    from relnav.simulation.scenario import simulate
     from relnav.simulation.trajectory import Approach
 
     for path in (out, truth):
@@ -52,7 +58,7 @@ def command(
             check_format(path)
             check_folder(path)
     check_distinct(out, truth)
-    mission = load_mission(model)
+    mission = load_model(model)
     try:
         approach = Approach(
             duration_s=duration_s,
@@ -63,15 +69,15 @@ def command(
             j2=j2,
             air_density_kg_m3=air_density_kg_m3,
         )
-        log = simulate(mission, approach, Faults(dropout, outliers), seed)
+        simulated = simulator_of(mission)(mission, approach, dropout, outliers, hidden, seed)
     except ValueError as error:
         raise UsageError(str(error)) from error
     metadata = {"model": mission.name, "seed": str(seed)}
     with ExitStack() as outputs:
-        write_log(log, outputs.enter_context(replacing(out)), metadata)
+        simulated.write_log(outputs.enter_context(replacing(out)), metadata)
         if truth is not None:
-            write_truth(log, outputs.enter_context(replacing(truth)), metadata)
+            simulated.write_truth(outputs.enter_context(replacing(truth)), metadata)
         if not quiet:
-            click.echo(f"log: {out} ({len(log.t_s)} epochs, model {mission.name}, seed {seed})")
+            click.echo(f"log: {out} ({simulated.epochs} epochs, model {mission.name}, seed {seed})")
             if truth is not None:
                 click.echo(f"truth: {truth}")

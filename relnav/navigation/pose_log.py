@@ -9,6 +9,7 @@ from relnav.estimation.consistency import Consistency, nis_consistency
 from relnav.geometry.rotation import dcm_from_quaternion
 from relnav.mission import VisionMission
 from relnav.navigation.relative_pose import PoseNavigator, PoseRecord
+from relnav.navigation.status import EpochStatus
 
 
 @dataclass(frozen=True)
@@ -56,9 +57,16 @@ class PoseSolution:
         """Epochs."""
         return len(self.t_s)
 
+    @property
+    def refused(self) -> Flags:
+        """Epochs with a spot rejected, (n,)."""
+        refused: Flags = np.isin(self.status, (int(EpochStatus.PARTIAL), int(EpochStatus.REJECTED)))
+        return refused
+
     def nis_consistency(self, probability: float = 0.95) -> Consistency:
-        """Whether the innovations are as large as the filter says."""
-        return nis_consistency(self.nis, self.dof, probability)
+        """NIS of the epochs that were used whole; rejected ones are counted, not averaged in."""
+        whole = (self.dof > 0) & ~self.refused
+        return nis_consistency(self.nis[whole], self.dof[whole], probability)
 
 
 def filter_marker_epochs(
