@@ -70,6 +70,111 @@ def turn_body(
             dcm[i, j] = derivative[i, j]
 
 
+@kernel
+def error_rates_into(
+    dcm: Matrix, rate: Vector, inertia: Matrix, inverse: Matrix, n: float, F: Matrix, work: Matrix
+) -> None:
+    """Write F (6, 6) of (theta, dw)' = F (theta, dw) into F; work (6, 3) scratch.
+
+    theta' = -w x theta + dw, the orbit's turning drops out; dw' = J^-1 (3 n^2 ([o x] J - [Jo x]) [o x] theta
+    + ([Jw x] - [w x] J) dw).
+    """
+    for i in range(6):
+        for j in range(6):
+            F[i, j] = 0.0
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        F[i, j], F[i, k], F[i, 3 + i] = rate[k], -rate[j], 1.0
+        work[0, i] = inertia[i, 0] * rate[0] + inertia[i, 1] * rate[1] + inertia[i, 2] * rate[2]
+        work[1, i] = inertia[i, 0] * dcm[2, 0] + inertia[i, 1] * dcm[2, 1] + inertia[i, 2] * dcm[2, 2]
+    gradient = 3.0 * n * n
+    for c in range(3):  # column by column: what a unit error does to the torque
+        d, e = (c + 1) % 3, (c + 2) % 3
+        work[2, c], work[2, d], work[2, e] = 0.0, dcm[2, e], -dcm[2, d]  # [o x] of it
+        for i in range(3):
+            work[3, i] = inertia[i, 0] * work[2, 0] + inertia[i, 1] * work[2, 1] + inertia[i, 2] * work[2, 2]
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            turned = dcm[2, j] * work[3, k] - dcm[2, k] * work[3, j] - work[1, j] * work[2, k] + work[1, k] * work[2, j]
+            work[4, i] = gradient * turned
+            work[5, i] = -(rate[j] * inertia[k, c] - rate[k] * inertia[j, c])
+        work[5, d] += work[0, e]  # [Jw x] of it
+        work[5, e] -= work[0, d]
+        for i in range(3):
+            F[3 + i, c] = inverse[i, 0] * work[4, 0] + inverse[i, 1] * work[4, 1] + inverse[i, 2] * work[4, 2]
+            F[3 + i, 3 + c] = inverse[i, 0] * work[5, 0] + inverse[i, 1] * work[5, 1] + inverse[i, 2] * work[5, 2]
+
+
+@kernel
+def _product(a: Matrix, b: Matrix, scale: float, out: Matrix) -> None:
+    """Write a b scale (6, 6) into out, which is neither."""
+    for i in range(6):
+        for j in range(6):
+            total = 0.0
+            for k in range(6):
+                total += a[i, k] * b[k, j]
+            out[i, j] = total * scale
+
+
+@kernel
+def _carry_errors(half: Matrix, h: float, density: float, phi: Matrix, noise: Matrix, work: Matrix) -> None:
+    """Advance phi and noise (6, 6), in place, by exp(half), to third order, and white acceleration over h.
+
+    work (18, 6) scratch.
+    """
+    step, one, other = work[0:6], work[6:12], work[12:18]
+    _product(half, half, 0.5, one)
+    _product(half, one, 1.0 / 3.0, other)
+    for i in range(6):
+        for j in range(6):
+            step[i, j] = (1.0 if i == j else 0.0) + half[i, j] + one[i, j] + other[i, j]
+    _product(step, phi, 1.0, one)
+    _product(step, noise, 1.0, other)
+    for i in range(6):
+        for j in range(6):
+            phi[i, j] = one[i, j]
+    for i in range(6):
+        for j in range(6):
+            total = 0.0
+            for k in range(6):
+                total += other[i, k] * step[j, k]
+            noise[i, j] = total
+    for i in range(3):
+        noise[i, i] += density * h * h * h / 3.0
+        noise[3 + i, 3 + i] += density * h
+        noise[i, 3 + i] += 0.5 * density * h * h
+        noise[3 + i, i] += 0.5 * density * h * h
+
+
+@kernel
+def turn_body_with_errors(
+    dcm: Matrix,
+    rate: Vector,
+    inertia: Matrix,
+    inverse: Matrix,
+    n: float,
+    tau: Vector,
+    h: float,
+    count: int,
+    density: float,
+    phi: Matrix,
+    noise: Matrix,
+    work: Matrix,
+) -> None:
+    """Advance dcm, rate, the transition phi and the noise (6, 6), in place, by count steps h; work (50, 6) scratch."""
+    before, after, columns, turning = work[0:6], work[6:12], work[12:18, 0:3], work[18:32, 0:3]
+    error_rates_into(dcm, rate, inertia, inverse, n, before, columns)
+    for _ in range(count):
+        turn_body(dcm, rate, inertia, inverse, n, tau, h, turning)
+        error_rates_into(dcm, rate, inertia, inverse, n, after, columns)
+        for i in range(6):
+            for j in range(6):
+                later = after[i, j]
+                after[i, j] = 0.5 * h * (before[i, j] + later)
+                before[i, j] = later
+        _carry_errors(after, h, density, phi, noise, work[32:50])
+
+
 class RigidBody:
     """A rigid body in a circular orbit."""
 
@@ -95,7 +200,7 @@ class RigidBody:
             raise ValueError(f"mean_motion_rad_s must be >= 0 and finite; got {mean_motion_rad_s!r}")
         self.inertia, self.inverse = inertia, np.asarray(np.linalg.inv(inertia), dtype=np.float64)
         self.mean_motion_rad_s = float(mean_motion_rad_s)
-        self._work = np.zeros((14, 3))
+        self._work, self._errors = np.zeros((14, 3)), np.zeros((50, 6))
 
     def steps(self, rate_rad_s: Vector, dt_s: float) -> int:
         """How many Runge-Kutta steps dt_s takes at this rate."""
@@ -115,14 +220,9 @@ class RigidBody:
         return dcm, rate
 
     def error_rates(self, dcm_lvlh_from_target: Matrix, rate_rad_s: Vector) -> Matrix:
-        """F (6, 6) of (theta, dw)' = F (theta, dw): theta' = -w x theta + dw; the orbit's turning drops out."""
-        J, w = self.inertia, rate_rad_s
-        o = dcm_lvlh_from_target[2]
-        F = np.zeros((6, 6))
-        F[:3, :3] = -cross(w)
-        F[:3, 3:] = np.eye(3)
-        F[3:, :3] = 3.0 * self.mean_motion_rad_s**2 * self.inverse @ (cross(o) @ J - cross(J @ o)) @ cross(o)
-        F[3:, 3:] = self.inverse @ (cross(J @ w) - cross(w) @ J)
+        """F (6, 6) of (theta, dw)' = F (theta, dw), as in `error_rates_into`."""
+        F, n = np.empty((6, 6)), self.mean_motion_rad_s
+        error_rates_into(dcm_lvlh_from_target, rate_rad_s, self.inertia, self.inverse, n, F, np.empty((6, 3)))
         return F
 
     def propagate_with_errors(
@@ -139,30 +239,18 @@ class RigidBody:
 
         density_rad2_s3: of white angular acceleration, each axis.
         """
-        dcm, rate = np.asarray(dcm_lvlh_from_target), np.asarray(rate_rad_s)
-        count = self.steps(rate, dt_s)
-        h = dt_s / count
-        phi, noise, added = np.eye(6), np.zeros((6, 6)), angular_noise(h, density_rad2_s3)
-        for _ in range(count):
-            before = self.error_rates(dcm, rate)
-            dcm, rate = self.propagate(dcm, rate, h, torque_n_m)
-            Fh = 0.5 * h * (before + self.error_rates(dcm, rate))
-            step = np.eye(6) + Fh @ (np.eye(6) + Fh @ (np.eye(6) + Fh / 3.0) / 2.0)
-            phi = step @ phi
-            noise = step @ noise @ step.T + added
+        dcm = np.array(dcm_lvlh_from_target, dtype=np.float64)
+        rate = np.array(rate_rad_s, dtype=np.float64)
+        tau = np.zeros(3) if torque_n_m is None else np.asarray(torque_n_m, dtype=np.float64)
+        count, phi, noise, n = self.steps(rate, dt_s), np.eye(6), np.zeros((6, 6)), self.mean_motion_rad_s
+        h, body = dt_s / count, (self.inertia, self.inverse, n)
+        turn_body_with_errors(dcm, rate, *body, tau, h, count, density_rad2_s3, phi, noise, self._errors)
         return dcm, rate, phi, noise
 
 
 def cross(v: Vector) -> Matrix:
     """[v x] (3, 3): [v x] w = v x w."""
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-
-
-def angular_noise(dt_s: float, density_rad2_s3: float) -> Matrix:
-    """Covariance (6, 6) of attitude and rate that white angular acceleration adds over a short dt_s."""
-    block = np.array([[dt_s**3 / 3.0, dt_s**2 / 2.0], [dt_s**2 / 2.0, dt_s]])
-    noise: Matrix = density_rad2_s3 * np.kron(block, np.eye(3))
-    return noise
 
 
 def lvlh_rate(dcm_lvlh_from_target: Matrix, mean_motion_rad_s: float) -> Vector:
