@@ -24,7 +24,7 @@ MEMORY_S = 50.0
 """Of the scores: what a filter was before it settled is forgotten."""
 RENEWED_S = 10.0
 _COVERED = 16.0  # chi-square: a root whose attitude is this near a hypothesis starts none
-_JOINED = 0.1  # chi-square: two hypotheses this near are one
+_JOINED = 1.0  # chi-square of twelve: two hypotheses this near are one
 _MOST = 8
 
 
@@ -108,9 +108,10 @@ def _roots(event: Event, spots: Matrix, mission: VisionMission, believed: PoseSt
         narrowed = np.asarray(np.linalg.inv(np.linalg.inv(root.pose.covariance) + prior), dtype=np.float64)
         pose = Pose(root.pose.position_m, root.pose.dcm_cam_from_target, narrowed)
         state = state_from_pose(pose, mission, event.dcm_chaser_from_lvlh, widened=WIDENED)
-        if believed is not None:  # what is common to all hypotheses
-            motion = np.concatenate([state.motion[:3], believed.motion[3:]])
-            state = replace(state, motion=motion)
+        if believed is not None:  # the velocity is common to all: unknown, its width alone would cost the odds
+            motion, covariance = np.concatenate([state.motion[:3], believed.motion[3:]]), state.covariance.copy()
+            covariance[3:6, 3:6] = WIDENED * believed.covariance[3:6, 3:6]
+            state = replace(state, motion=motion, covariance=covariance)
         out.append(state)
     return out
 
@@ -186,4 +187,5 @@ def _after(
         hypotheses, renewed_s = _renewed(hypotheses, event, spots, mission), event.t_s
     if rejected >= mission.filter.restart_after_epochs:
         return Bank(event.t_s), outcome
-    return Bank(event.t_s, tuple(hypotheses), renewed_s, full_s, rejected), outcome
+    ordered = tuple(sorted(hypotheses, key=lambda h: h.score))
+    return Bank(event.t_s, ordered, renewed_s, full_s, rejected), outcome

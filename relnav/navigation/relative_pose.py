@@ -16,7 +16,7 @@ from relnav.dynamics.rigid_body import RigidBody
 from relnav.estimation.gating import chi_square_limit
 from relnav.mission import VisionMission
 from relnav.navigation.docking_port import DockingState, docking_state
-from relnav.navigation.pose_bank import Bank, Event, Outcome, advance
+from relnav.navigation.pose_bank import Bank, Event, Hypothesis, Outcome, advance
 from relnav.navigation.pose_state import PoseState
 from relnav.navigation.status import EpochStatus
 
@@ -48,6 +48,9 @@ class PoseRecord:
         The image was older than the window and was not used.
     hypotheses : int
         How many poses are still possible: beyond one, the state is that of the most credible alone.
+    ambiguity : float
+        Twice the log of the odds of that one against the next; infinite if there is no other. Below 18.4 (odds of ten
+        thousand, as in `PoseMeasurement`) do not rely on the attitude.
     observable : bool
         False while fewer than three markers have been used for longer than the model's limit: a turn about the line
         through two markers is then hardly seen, and the covariance may be too small.
@@ -65,6 +68,7 @@ class PoseRecord:
     status: EpochStatus
     too_late: bool
     hypotheses: int
+    ambiguity: float
     observable: bool
 
 
@@ -79,6 +83,11 @@ class PoseNavigator:
         self._events: list[Event] = []
         self._banks: list[Bank] = []
         self._before = Bank()
+
+    @property
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """Every pose that is still possible, the most credible first."""
+        return self._banks[-1].hypotheses if self._banks else ()
 
     def step(
         self,
@@ -213,6 +222,7 @@ class PoseNavigator:
             status,
             too_late,
             len(bank.hypotheses),
+            bank.hypotheses[1].score - bank.hypotheses[0].score if len(bank.hypotheses) > 1 else math.inf,
             bool(bank.hypotheses) and event.t_s - bank.full_s <= self.mission.filter.few_markers_limit_s,
         )
 
