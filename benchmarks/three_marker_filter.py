@@ -98,9 +98,7 @@ def single_filter(mission, flight):
 
 
 def flat_pattern(runs, seed):
-    """Flights at whose end: a single filter is wrong; the navigator's first pose is, though it relies on it; none of
-    its poses is right. And the mean number of poses at the end.
-    """
+    """Flights at whose end a single filter is wrong; the first pose is, and relied on; all are; poses left."""
     mission, alone, relied, lost, left = relnav.load_model("three_marker_vision_flat"), 0, 0, 0, 0
     for run in range(runs):
         flight, nav = simulate_flight(mission, FLAT, seed=seed + run), PoseNavigator(mission)

@@ -264,7 +264,7 @@ def test_docking_port_against_truth(mission, flight):
     assert relative.magnitude() < math.radians(0.3)
 
 
-def test_a_flat_pattern_keeps_the_truth(mission):
+def test_a_flat_pattern_keeps_the_truth():
     """From 20 m two poses explain an image; where the first one is wrong the record does not rely on it."""
     flat = relnav.load_model("three_marker_vision_flat")
     approach = dataclasses.replace(FAR, duration_s=150.0, rate_hz=1.0, start_m=(20.0, 0.25, -0.15))
