@@ -17,14 +17,17 @@ if TYPE_CHECKING:
     from relnav.estimation.consistency import Consistency
     from relnav.files.accuracy import measure_accuracy
     from relnav.files.filter_log import filter_log
+    from relnav.files.marker_logs import filter_marker_log
     from relnav.files.models import list_models, load_model, load_published
     from relnav.files.sun_calibration import load_sun_calibration
     from relnav.files.tables import write
     from relnav.mission import Model
     from relnav.navigation.log import filter_epochs
     from relnav.navigation.record import FilterRecord, Solution
+    from relnav.navigation.relative_pose import PoseNavigator
     from relnav.navigation.relative_position import Navigator
     from relnav.navigation.status import EpochStatus
+    from relnav.navigation.target_attitude import TargetAttitude
     from relnav.sensors import aps_sun, birefringent_sun, dual_field, three_beacon, three_marker
     from relnav.sensors.measurement import Measurement, Status
 
@@ -37,6 +40,7 @@ _HOME = {
     "UsageError": "relnav.errors",
     "Consistency": "relnav.estimation.consistency",
     "filter_log": "relnav.files.filter_log",
+    "filter_marker_log": "relnav.files.marker_logs",
     "list_models": "relnav.files.models",
     "load_model": "relnav.files.models",
     "load_published": "relnav.files.models",
@@ -46,6 +50,8 @@ _HOME = {
     "FilterRecord": "relnav.navigation.record",
     "Solution": "relnav.navigation.record",
     "Navigator": "relnav.navigation.relative_position",
+    "PoseNavigator": "relnav.navigation.relative_pose",
+    "TargetAttitude": "relnav.navigation.target_attitude",
     "filter_epochs": "relnav.navigation.log",
     "EpochStatus": "relnav.navigation.status",
     "birefringent_sun": "relnav.sensors.birefringent_sun",
@@ -70,14 +76,17 @@ __all__ = [
     "Model",
     "ModelError",
     "Navigator",
+    "PoseNavigator",
     "Solution",
     "Status",
+    "TargetAttitude",
     "UsageError",
     "aps_sun",
     "birefringent_sun",
     "dual_field",
     "filter_epochs",
     "filter_log",
+    "filter_marker_log",
     "list_models",
     "load_model",
     "load_published",

@@ -14,6 +14,7 @@ from relnav.sensors.three_beacon.light import Light
 from relnav.sensors.three_beacon.psd import Detector
 from relnav.sensors.three_beacon.pulses import Pulses
 from relnav.sensors.three_beacon.sensor import ThreeBeaconSensor
+from relnav.sensors.three_marker.sensor import ThreeMarkerModel
 
 Positive = Annotated[float, Gt(0.0)]
 NonNegative = Annotated[float, Ge(0.0)]
@@ -240,3 +241,97 @@ class Model:
         """Beacons A, B, C and further ones from the target's centre of mass, `lvlh_ccsds`, (n, 3) m."""
         beacons: Matrix = self.port_position_m + self.sensor.beacons_dock_m @ self.dcm_dock_from_lvlh
         return beacons
+
+
+@dataclass(frozen=True)
+class Target:
+    """The target as a body that turns; its axes are the docking axes, x out toward the chaser.
+
+    Attributes
+    ----------
+    inertia_kg_m2 : (3, 3)
+        In target axes.
+    q_target_from_lvlh : (4,)
+        Attitude that it is meant to hold, v_target = R v_lvlh, scalar last.
+    port_position_m : (3,)
+        Its docking port from its centre of mass, target axes.
+    rate_noise_density_rad2_s3 : float
+        Density of white angular acceleration that nothing else accounts for, each axis.
+    """
+
+    inertia_kg_m2: tuple[Triple, Triple, Triple]
+    rate_noise_density_rad2_s3: NonNegative
+    q_target_from_lvlh: Quaternion = IDENTITY
+    port_position_m: Triple = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        _check_quaternion("q_target_from_lvlh", self.q_target_from_lvlh)
+
+    @property
+    def dcm_target_from_lvlh(self) -> Matrix:
+        """The held attitude, v_target = dcm @ v_lvlh, (3, 3)."""
+        return dcm_from_quaternion(np.array(self.q_target_from_lvlh))
+
+
+@dataclass(frozen=True)
+class Chaser:
+    """What the pose filter is told of the chaser.
+
+    Attributes
+    ----------
+    port_position_m : (3,)
+        Its docking port from its centre of mass, chaser axes.
+    attitude_sigma_rad : float
+        1-sigma error of its own attitude at an image, each axis: considered, not estimated.
+    """
+
+    port_position_m: Triple = (0.0, 0.0, 0.0)
+    attitude_sigma_rad: NonNegative = 0.0
+
+
+@dataclass(frozen=True)
+class PoseFilterSettings(FilterSettings):
+    """As FilterSettings, for a filter of position and attitude.
+
+    Attributes
+    ----------
+    initial_rate_sigma_rad_s : float
+        1-sigma of the target's rate about that of its held attitude, each axis.
+    longest_delay_s : float
+        An image may arrive this long after its exposure.
+    few_markers_limit_s : float
+        Fewer than three markers for longer: the record says that the attitude is hardly observed.
+    """
+
+    initial_rate_sigma_rad_s: Positive = 1e-3
+    longest_delay_s: NonNegative = 2.0
+    few_markers_limit_s: NonNegative = 30.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class VisionMission(ThreeMarkerModel):
+    """A three-marker vision system on its mission: orbit, target, chaser, noise and filter settings."""
+
+    orbit: Orbit
+    target: Target
+    chaser: Chaser
+    process_noise: ProcessNoise
+    filter: PoseFilterSettings
+
+    @property
+    def dcm_dock_from_lvlh(self) -> Matrix:
+        """Docking axes are the target's, held: v_dock = dcm @ v_lvlh, (3, 3)."""
+        return self.target.dcm_target_from_lvlh
+
+    @property
+    def port_position_m(self) -> Vector:
+        """Target's port from its centre of mass at the held attitude, `lvlh_ccsds`, (3,) m."""
+        port: Vector = self.target.dcm_target_from_lvlh.T @ np.array(self.target.port_position_m)
+        return port
+
+    @property
+    def dcm_chaser_from_lvlh(self) -> Matrix:
+        """Attitude with which the chaser sees the target as expected, v_chaser = dcm @ v_lvlh, (3, 3)."""
+        cam = self.view.dcm_cam_from_target @ self.target.dcm_target_from_lvlh
+        dcm: Matrix = self.camera.dcm_cam_from_chaser.T @ cam
+        return dcm

@@ -1,9 +1,10 @@
 """An accuracy report for any sensor system: rows of measured figures beside the claims of its paper."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
-from relnav.accuracy.published import Claim, Published
+from relnav.accuracy.published import UNITS, Claim, Published
 
 
 @dataclass(frozen=True)
@@ -95,4 +96,22 @@ def claim_row(
         expected=expected,
         reason=reason,
         range_m=range_m,
+    )
+
+
+def information(
+    quantity: str,
+    method: str,
+    condition: str,
+    measured_si: float,
+    unit: str,
+    statistic: str,
+    range_m: float | None = None,
+    *,
+    met: bool = True,
+) -> ClaimRow:
+    """A row beside which the paper claims nothing; met: whether it keeps a bound of our own."""
+    reason = "" if met else "our own bound: the covariance does not describe the errors"
+    return ClaimRow(
+        quantity, method, condition, math.nan, measured_si / UNITS[unit], unit, statistic, met, "met", reason, range_m
     )

@@ -50,12 +50,15 @@ def command(
     Columns of LOG: t_s; spot_a_x_um, spot_a_y_um, spot_b_..., spot_c_... (any length unit; empty = not seen);
     optionally accel_{x,y,z}_m_s2, delta_v_{x,y,z}_m_s (lvlh_ccsds), q_cam_from_lvlh_{x,y,z,w}. A raw log of a detector
     (CSV, one row a slot) has t_s, beacon (a, b, c or dark), and adc_{x1,x2,y1,y2} or current_{x1,x2,y1,y2}_na instead
-    of spots; every spot then enters the filter at its own time.
+    of spots; every spot then enters the filter at its own time. Of a marker model: spot_a_x_px, spot_a_y_px, ... and
+    q_chaser_from_lvlh_{x,y,z,w}, image_t_s; the track then holds attitude and rate, and port from port.
     """
     _choose_engine(log)
+    from relnav.cli.marker_filter import filter_markers
     from relnav.files.atomic import check_distinct, check_folder, replacing
-    from relnav.files.models import load_mission
+    from relnav.files.models import load_mission, load_model
     from relnav.files.tables import check_format, write_json
+    from relnav.mission import VisionMission
 
     if out is not None:
         check_format(out)
@@ -63,6 +66,10 @@ def command(
     if json_path is not None:
         check_folder(json_path)
     check_distinct(log, out, json_path)
+    mission = load_model(model)
+    if isinstance(mission, VisionMission):
+        filter_markers(log, mission, out, json_path, quiet=quiet, refused=_given(method, projection, smooth))
+        return
     mission = load_mission(model)
     with ExitStack() as outputs:  # all files appear together at its end, or none
         track = outputs.enter_context(replacing(out)) if out is not None else None
@@ -74,6 +81,12 @@ def command(
                 click.echo(line)
             if out is not None:
                 click.echo(f"track: {out}")
+
+
+def _given(method: str, projection: str | None, smooth: bool) -> str:
+    """An option that a marker model has no use for, if one was given."""
+    given = (method != "spots", "--method"), (projection is not None, "--projection"), (smooth, "--smooth")
+    return next((name for here, name in given if here), "")
 
 
 def _choose_engine(log: Path) -> None:

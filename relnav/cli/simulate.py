@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from relnav.mission import Model
-    from relnav.simulation.raw import RawLog
-    from relnav.simulation.trajectory import Approach
+    pass
 
 
 @click.command(epilog="Example: relnav simulate three_beacon_psd --out log.csv --truth truth.csv --seed 7")
@@ -24,6 +22,13 @@ if TYPE_CHECKING:
 @click.option("--start-range", "start_range_m", default=10.0, show_default=True, help="Start on the docking axis, m.")
 @click.option("--final-range", "final_range_m", default=4.0, show_default=True, help="Where the chaser holds, m.")
 @click.option("--speed", "speed_m_s", default=0.03, show_default=True, help="Approach speed, m/s.")
+@click.option(
+    "--hide",
+    "hidden",
+    multiple=True,
+    metavar="MARKER:FROM:TO",
+    help="Marker models: hide one for a while, as in c:30:60 (s); as often as needed.",
+)
 @click.option("--j2", is_flag=True, help="Let the Earth be oblate.")
 @click.option("--air-density", "air_density_kg_m3", default=0.0, show_default=True, help="For drag, kg/m^3.")
 @click.option(
@@ -46,6 +51,7 @@ def command(
     start_range_m: float,
     final_range_m: float,
     speed_m_s: float,
+    hidden: tuple[str, ...],
     j2: bool,
     air_density_kg_m3: float,
     received_power: bool,
@@ -54,14 +60,11 @@ def command(
     quiet: bool,
 ) -> None:
     """Simulate an approach of MODEL: two-body truth under closed-loop guidance, imaged with noise and faults."""
+    from relnav.cli.simulators import Options, simulator_of
     from relnav.errors import UsageError
     from relnav.files.atomic import check_distinct, check_folder, replacing
-    from relnav.files.models import load_mission
-    from relnav.files.simulated import write_log, write_raw_log, write_truth
+    from relnav.files.models import load_model
     from relnav.files.tables import check_format
-    from relnav.simulation.detector import Faults
-    from relnav.simulation.raw import RawLog
-    from relnav.simulation.scenario import SimulatedLog, simulate
     from relnav.simulation.trajectory import Approach
 
     for path in (out, truth):
@@ -69,7 +72,7 @@ def command(
             check_format(path)
             check_folder(path)
     check_distinct(out, truth)
-    mission = load_mission(model)
+    mission = load_model(model)
     try:
         approach = Approach(
             duration_s=duration_s,
@@ -80,40 +83,16 @@ def command(
             j2=j2,
             air_density_kg_m3=air_density_kg_m3,
         )
-        if raw:
-            log: RawLog | SimulatedLog = _raw(mission, approach, seed, distortion_um * 1e-6, dropout or outliers)
-        elif distortion_um:
-            raise UsageError("--distortion belongs to --raw: a log of spots has none")
-        else:
-            if received_power and (mission.detector is None or mission.light is None):
-                raise UsageError(f"--received-power needs [detector] and [light]; model {mission.name} has not both")
-            faults = Faults(dropout, outliers)
-            log = simulate(mission, approach, faults, seed, by_received_power=received_power)
+        options = Options(dropout, outliers, hidden, received_power, raw, distortion_um * 1e-6, seed)
+        simulated = simulator_of(mission)(mission, approach, options)
     except ValueError as error:
         raise UsageError(str(error)) from error
     metadata = {"model": mission.name, "seed": str(seed)}
     with ExitStack() as outputs:
-        target = outputs.enter_context(replacing(out))
-        if isinstance(log, RawLog):
-            write_raw_log(log, target, metadata)
-        else:
-            write_log(log, target, metadata)
+        simulated.write_log(outputs.enter_context(replacing(out)), metadata)
         if truth is not None:
-            write_truth(log, outputs.enter_context(replacing(truth)), metadata)
+            simulated.write_truth(outputs.enter_context(replacing(truth)), metadata)
         if not quiet:
-            click.echo(f"log: {out} ({len(log.t_s)} {'slots' if raw else 'epochs'}, model {mission.name}, seed {seed})")
+            click.echo(f"log: {out} ({simulated.epochs} {simulated.rows}, model {mission.name}, seed {seed})")
             if truth is not None:
                 click.echo(f"truth: {truth}")
-
-
-def _raw(mission: "Model", approach: "Approach", seed: int, distortion_m: float, faults: float) -> "RawLog":
-    """A raw log; the detector's distortion comes from the same seed."""
-    from relnav.errors import UsageError
-    from relnav.simulation.distortion import typical_distortion
-    from relnav.simulation.raw import simulate_raw
-
-    if faults:
-        raise UsageError("--dropout and --outliers are faults of spots, not of --raw logs")
-    half = 0.5 * max(mission.sensor.detector_size_m)
-    distortion = typical_distortion(half, distortion_m, seed=seed) if distortion_m else None
-    return simulate_raw(mission, approach, seed, distortion=distortion)

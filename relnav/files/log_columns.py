@@ -31,6 +31,31 @@ KIND |= dict.fromkeys(DELTA_V, "m_s") | dict.fromkeys(QUATERNION, "")
 
 
 @dataclass(frozen=True)
+class Layout:
+    """Which quantities a kind of log has: those of the spots, those of the attitude, and the SI unit of each.
+
+    `may_be_missing`: those of which a cell may be empty.
+    """
+
+    spots: tuple[str, ...]
+    quaternion: tuple[str, ...]
+    kind: dict[str, str]
+    may_be_missing: tuple[str, ...]
+
+
+BEACONS = Layout(spot_columns(3), QUATERNION, KIND, MAY_BE_MISSING)
+"""A log of three or more beacons on a PSD."""
+
+
+def markers(count: int) -> Layout:
+    """A log of so many markers on a camera: spot_a_x_px, ..., and the chaser's attitude."""
+    spots = tuple(f"spot_{marker}_{axis}_px" for marker in LETTERS[:count] for axis in "xy")
+    quaternion = tuple(f"q_chaser_from_lvlh_{axis}" for axis in (*AXES, "w"))
+    kind = {"t": "s"} | dict.fromkeys(ACCELERATION, "m_s2") | dict.fromkeys(DELTA_V, "m_s") | {"image_t": "s"}
+    return Layout(spots, quaternion, kind | dict.fromkeys((*spots, *quaternion), ""), spots)
+
+
+@dataclass(frozen=True)
 class Columns:
     """Where each quantity stands in a row, and its factor to SI.
 
@@ -41,6 +66,7 @@ class Columns:
     index: dict[str, int]
     factor: dict[str, float]
     ignored: tuple[str, ...]
+    layout: Layout = BEACONS
 
     @property
     def beacons(self) -> int:
@@ -52,12 +78,12 @@ class Columns:
         return group[0] in self.index
 
 
-def _example(base: str) -> str:
-    kind = KIND[base]
+def _example(base: str, layout: Layout) -> str:
+    kind = layout.kind[base]
     return base if not kind else f"{base}_um" if kind == "m" else f"{base}_{kind}"
 
 
-def parse_header(names: list[str], where: str) -> Columns:
+def parse_header(names: list[str], where: str, layout: Layout = BEACONS) -> Columns:
     """Find the log's columns in a header.
 
     Raises
@@ -70,13 +96,13 @@ def parse_header(names: list[str], where: str) -> Columns:
     ignored: list[str] = []
     for position, name in enumerate(names):
         base, unit = split_unit(name)
-        if name in KIND and KIND[name] == "":
+        if layout.kind.get(name) == "":
             base, unit = name, ""
-        if base not in KIND:
-            _refuse_near_miss(name, where)
+        if base not in layout.kind:
+            _refuse_near_miss(name, where, layout)
             ignored.append(name)
             continue
-        kind = KIND[base]
+        kind = layout.kind[base]
         if kind and (not unit or UNITS[unit][0] != kind):
             came = f"unit '{unit}' does not fit" if unit else "the unit is missing"
             choices = ", ".join(f"{base}_{other}" for other in same_kind(kind))
@@ -85,23 +111,33 @@ def parse_header(names: list[str], where: str) -> Columns:
             raise LogError(f"{where}: column '{name}' repeats '{names[index[base]]}'; keep one")
         index[base] = position
         factor[base] = UNITS[unit][1] if unit else 1.0
-    beacons = max((LETTERS.index(base.split("_")[1]) + 1 for base in index if base.startswith("spot_")), default=3)
-    for required in ("t", *spot_columns(max(3, beacons))):
+    spots, sigmas = layout.spots, layout.spots[:0]
+    if layout is BEACONS:  # three, or as many as the last letter says; sigmas of all, or of none
+        letters = [LETTERS.index(base.split("_")[1]) for base in index if base.startswith("spot_")]
+        beacons = max(3, 1 + max(letters, default=0))
+        spots, sigmas = spot_columns(beacons), sigma_columns(beacons)
+    for required in ("t", *spots):
         if required not in index:
-            raise LogError(f"{where}: column '{_example(required)}' is missing; the columns are {', '.join(names)}")
-    for group in (ACCELERATION, DELTA_V, QUATERNION, sigma_columns(max(3, beacons))):
-        missing = [base for base in group if base not in index]  # of sigmas: all beacons', or none
+            raise LogError(
+                f"{where}: column '{_example(required, layout)}' is missing; the columns are {', '.join(names)}"
+            )
+    for group in (ACCELERATION, DELTA_V, layout.quaternion, sigmas):
+        missing = [base for base in group if base not in index]
         if missing and len(missing) < len(group):
-            raise LogError(f"{where}: column '{_example(missing[0])}' is missing; the others of its group are there")
-    return Columns(tuple(names), index, factor, tuple(ignored))
+            raise LogError(
+                f"{where}: column '{_example(missing[0], layout)}' is missing; the others of its group are there"
+            )
+    return Columns(tuple(names), index, factor, tuple(ignored), layout)
 
 
-def _refuse_near_miss(name: str, where: str) -> None:
+def _refuse_near_miss(name: str, where: str, layout: Layout) -> None:
     """A column that is almost one of ours is a mistake, not another matter."""
-    for base in KIND:
-        if len(base) > 2 and name.startswith(base + "_") and base not in QUATERNION:
-            choices = ", ".join(f"{base}_{other}" for other in same_kind(KIND[base]))
+    for base, kind in layout.kind.items():
+        if len(base) > 2 and name.startswith(base + "_") and kind:
+            choices = ", ".join(f"{base}_{other}" for other in same_kind(kind))
             raise LogError(f"{where}: column '{name}': unknown unit '{name[len(base) + 1 :]}'; write one of {choices}")
-    near = difflib.get_close_matches(name, [_example(base) for base in KIND if len(base) > 2], n=1, cutoff=0.85)
+    near = difflib.get_close_matches(
+        name, [_example(base, layout) for base in layout.kind if len(base) > 2], n=1, cutoff=0.85
+    )
     if near:
         raise LogError(f"{where}: unknown column '{name}'; did you mean '{near[0]}'?")

@@ -21,7 +21,6 @@ from relnav.files.log_columns import (
     ACCELERATION,
     DELTA_V,
     LETTERS,
-    MAY_BE_MISSING,
     QUATERNION,
     Columns,
     parse_header,
@@ -93,7 +92,12 @@ class LogFile:
                 self.columns = parse(header, f"{path}:{line}")
 
     def chunks(self) -> Iterator[Log]:
-        """The log, piece after piece in SI units; at least one, none of them empty.
+        """The log, piece after piece in SI units; at least one, none of them empty. Errors as for `tables`."""
+        for values in self.tables():
+            yield self._log(values)
+
+    def tables(self) -> Iterator[Matrix]:
+        """The log's numbers, piece after piece in SI units, a column a quantity (`group` finds them).
 
         Raises
         ------
@@ -104,9 +108,8 @@ class LogFile:
         t_before = -math.inf
         for values, lines in self.rows():
             _check_values(values, lines, self.path, self.columns, t_before)
-            piece = self._log(values)
-            t_before = float(piece.t_s[-1])
-            yield piece
+            t_before = float(values[-1, _order(self.columns)["t"]])
+            yield values
         if t_before == -math.inf:
             raise LogError(f"{self.path}: no rows after the header; at least one epoch is expected")
 
@@ -117,27 +120,27 @@ class LogFile:
             yield values, lines
 
     def _log(self, values: Matrix) -> Log:
-        order = _order(self.columns)
-
-        def group(bases: tuple[str, ...]) -> Matrix | None:
-            if not self.columns.has(bases):
-                return None
-            return np.stack([values[:, order[base]] for base in bases], axis=1)
-
         beacons = self.columns.beacons
-        spots, sigma = group(spot_columns(beacons)), group(sigma_columns(beacons))
+        spots, sigma = self.group(values, spot_columns(beacons)), self.group(values, sigma_columns(beacons))
         assert spots is not None
         return Log(
             path=self.path,
-            t_s=values[:, order["t"]].copy(),
+            t_s=values[:, _order(self.columns)["t"]].copy(),
             spots_m=spots.reshape(-1, beacons, 2),
             spot_sigma_m=None if sigma is None else sigma.reshape(-1, beacons, 2),
-            acceleration_m_s2=group(ACCELERATION),
-            delta_v_m_s=group(DELTA_V),
-            q_cam_from_lvlh=group(QUATERNION),
+            acceleration_m_s2=self.group(values, ACCELERATION),
+            delta_v_m_s=self.group(values, DELTA_V),
+            q_cam_from_lvlh=self.group(values, QUATERNION),
             metadata=self.metadata,
             ignored=self.columns.ignored,
         )
+
+    def group(self, values: Matrix, bases: tuple[str, ...]) -> Matrix | None:
+        """Quantities that belong together, (n, k), of a table; None if the log does not have them."""
+        if not self.columns.has(bases):
+            return None
+        order = _order(self.columns)
+        return np.stack([values[:, order[base]] for base in bases], axis=1)
 
     @contextmanager
     def _open(self) -> Iterator[TextIO]:
@@ -305,7 +308,7 @@ def _check_values(values: Matrix, lines: Vector, path: Path, columns: Columns, t
             if wrong.size:
                 name = columns.names[columns.index[base]]
                 raise LogError(f"{path}:{int(lines[wrong[0]])}: column '{name}': a sigma above 0 is expected")
-        if base in MAY_BE_MISSING:
+        if base in columns.layout.may_be_missing:
             continue
         bad = np.flatnonzero(~np.isfinite(values[:, position]))
         if bad.size:
@@ -322,11 +325,12 @@ def _check_values(values: Matrix, lines: Vector, path: Path, columns: Columns, t
             f"{path}:{int(lines[row])}: time {t[row]:.15g} s {what} {before[row]:.15g} s of the row before; "
             "sort the log by time and keep one row an epoch"
         )
-    if columns.has(QUATERNION):
-        q = np.stack([values[:, _order(columns)[base]] for base in QUATERNION], axis=1)
+    quaternion = columns.layout.quaternion
+    if columns.has(quaternion):
+        q = np.stack([values[:, _order(columns)[base]] for base in quaternion], axis=1)
         wrong = np.flatnonzero(np.abs(np.linalg.norm(q, axis=1) - 1.0) > 9e-4)
         if wrong.size:
             raise LogError(
-                f"{path}:{int(lines[wrong[0]])}: q_cam_from_lvlh {q[wrong[0]].tolist()} is not a unit quaternion "
+                f"{path}:{int(lines[wrong[0]])}: {quaternion[0][:-2]} {q[wrong[0]].tolist()} is not a unit quaternion "
                 "(x, y, z, w)"
             )

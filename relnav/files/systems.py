@@ -42,7 +42,7 @@ SYSTEMS: dict[str, System] = {
         progress_steps=3,
     ),
     "three_marker": System(
-        mission="relnav.sensors.three_marker.sensor:ThreeMarkerModel",
+        mission="relnav.mission:VisionMission",
         accuracy="relnav.accuracy.three_marker:measure",
         runs=400,
         budget="relnav.accuracy.three_marker_budget:budget",

@@ -47,6 +47,8 @@ UNITS: dict[str, tuple[str, float]] = {
     "a_sqrt_hz": ("a_sqrt_hz", 1.0),
     "w_m2_sr_nm": ("w_m3_sr", 1e9),
     "w_m3_sr": ("w_m3_sr", 1.0),
+    "kg_m2": ("kg_m2", 1.0),
+    "rad2_s3": ("rad2_s3", 1.0),
 }
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from relnav._kernel import kernel
 from relnav.arrays import Matrix, Vector
-from relnav.mission import Model
+from relnav.mission import Model, VisionMission
 from relnav.simulation.orbits import J2_EARTH, MU_EARTH_M3_S2, place_chaser, relative_state, runge_kutta_step
 
 
@@ -128,7 +128,7 @@ def _fly(
         relative_state(y, axes, state[row])
 
 
-def fly(model: Model, approach: Approach, rng: np.random.Generator) -> tuple[Vector, Matrix, Matrix]:
+def fly(model: Model | VisionMission, approach: Approach, rng: np.random.Generator) -> tuple[Vector, Matrix, Matrix]:
     """Fly an approach.
 
     Returns
@@ -183,7 +183,7 @@ def fly(model: Model, approach: Approach, rng: np.random.Generator) -> tuple[Vec
     return np.arange(count, dtype=np.float64) / approach.rate_hz, state, command
 
 
-def _target_start(model: Model, approach: Approach) -> tuple[Vector, Vector]:
+def _target_start(model: Model | VisionMission, approach: Approach) -> tuple[Vector, Vector]:
     """Inertial position and velocity of the target: perigee on the line of nodes."""
     n, e = model.orbit.mean_motion_rad_s, model.orbit.eccentricity
     a = (MU_EARTH_M3_S2 / n**2) ** (1.0 / 3.0)

@@ -36,7 +36,11 @@ def test_layouts():
 def test_claims_are_complete():
     for name, expected in (("three_marker_vision", "met"), ("three_marker_vision_flat", "not met")):
         claims = {claim.quantity: claim for claim in relnav.load_published(name).claims}
-        assert set(claims) == {"error growth with range", "iteration that reaches the truth"}
+        assert set(claims) == {
+            "error growth with range",
+            "iteration that reaches the truth",
+            "filtered over raw attitude error",
+        }
         assert claims["error growth with range"].expected == expected
 
 
@@ -72,5 +76,5 @@ def test_wrong_values(changed, old, new, text):
 
 
 def test_a_filter_says_that_it_does_not_fly_it():
-    with pytest.raises(relnav.ModelError, match=r"a relative navigation mission is expected .* a ThreeMarkerModel"):
+    with pytest.raises(relnav.ModelError, match=r"a relative navigation mission is expected .* a VisionMission"):
         relnav.filter_log("x.csv", "three_marker_vision")

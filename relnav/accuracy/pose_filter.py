@@ -1,0 +1,126 @@
+"""How far the pose filter is off the truth of simulated flights, and whether its covariance says so."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from relnav.arrays import Flags, Matrix, Stack, Vector
+from relnav.dynamics.rigid_body import RigidBody
+from relnav.estimation.consistency import nees
+from relnav.mission import VisionMission
+from relnav.navigation.pose_state import PoseState, pose_update, state_from_pose, time_update
+from relnav.navigation.relative_pose import PoseNavigator
+from relnav.sensors.three_marker.measure import measure
+from relnav.simulation.marker_flight import MarkerFaults, MarkerFlight, simulate_flight
+from relnav.simulation.trajectory import Approach
+
+
+@dataclass(frozen=True)
+class PoseErrors:
+    """Errors at the epochs of one or more flights.
+
+    Attributes
+    ----------
+    t_s, range_m : (k,)
+        Time in the flight, true distance of the centres of mass.
+    error : (k, 12)
+        Truth against estimate: position m, velocity m/s (`lvlh_ccsds`), attitude rad, rate rad/s (target axes).
+    covariance : (k, 12, 12)
+    nis_ratio : (k,)
+        NIS over its degrees of freedom; NaN where nothing was seen.
+    hypotheses : (k,)
+    """
+
+    t_s: Vector
+    range_m: Vector
+    error: Matrix
+    covariance: Stack
+    nis_ratio: Vector
+    hypotheses: Vector
+
+    def where(self, chosen: Flags) -> "PoseErrors":
+        """The epochs for which chosen (k,) holds."""
+        return PoseErrors(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
+
+    @property
+    def position_rms_m(self) -> float:
+        """Of the whole position error."""
+        return float(np.sqrt(np.mean(np.sum(self.error[:, :3] ** 2, axis=-1))))
+
+    @property
+    def attitude_rms_rad(self) -> float:
+        """Of the whole attitude error."""
+        return float(np.sqrt(np.mean(np.sum(self.error[:, 6:9] ** 2, axis=-1))))
+
+    @property
+    def nees_ratio(self) -> float:
+        """Mean NEES / 12."""
+        return float(np.mean(nees(self.error, self.covariance))) / 12.0
+
+
+def _errors(flight: MarkerFlight, k: int, state: PoseState) -> Vector:
+    truth = PoseState(flight.motion[k], flight.dcm_lvlh_from_target[k], flight.rate_rad_s[k], state.covariance)
+    return state.error_of(truth)
+
+
+def tight_errors(mission: VisionMission, flight: MarkerFlight) -> PoseErrors:
+    """Of the navigator on a flight, at the epochs at which it has a state."""
+    nav, rows = PoseNavigator(mission), []
+    for k, t in enumerate(flight.t_s):
+        record = nav.step(
+            float(t),
+            flight.spots_px[k],
+            acceleration_m_s2=flight.acceleration_m_s2[k],
+            dcm_chaser_from_lvlh=flight.dcm_chaser_from_lvlh[k],
+        )
+        if record.hypotheses:
+            state = PoseState(record.state, record.dcm_lvlh_from_target, record.rate_rad_s, record.covariance)
+            ratio = record.nis / record.dof if record.dof else math.nan
+            rows.append((k, _errors(flight, k, state), record.covariance, ratio, record.hypotheses))
+    return _gathered(flight, rows)
+
+
+def loose_errors(mission: VisionMission, flight: MarkerFlight) -> PoseErrors:
+    """Of a filter that takes finished poses, and so needs three spots: what the tight coupling is compared with."""
+    body = RigidBody(np.array(mission.target.inertia_kg_m2), mission.orbit.mean_motion_rad_s)
+    state: PoseState | None = None
+    rows = []
+    for k, t in enumerate(flight.t_s):
+        dcm = flight.dcm_chaser_from_lvlh[k]
+        if state is not None:
+            dt = float(t - flight.t_s[k - 1])
+            state = time_update(state, dt, body, mission, flight.acceleration_m_s2[k], np.zeros(3))
+        pose = measure(flight.spots_px[k], mission)
+        if pose.ok and state is None:
+            state = state_from_pose(pose.pose, mission, dcm)
+        elif pose.ok and state is not None:
+            state = pose_update(state, pose.pose, mission, dcm)
+        if state is not None:
+            rows.append((k, _errors(flight, k, state), state.covariance, math.nan, 1))
+    return _gathered(flight, rows)
+
+
+def _gathered(flight: MarkerFlight, rows: list[tuple[int, Vector, Matrix, float, int]]) -> PoseErrors:
+    at = np.array([row[0] for row in rows], dtype=np.int64)
+    return PoseErrors(
+        flight.t_s[at],
+        np.linalg.norm(flight.motion[at, :3], axis=-1),
+        np.array([row[1] for row in rows]).reshape(-1, 12),
+        np.array([row[2] for row in rows]).reshape(-1, 12, 12),
+        np.array([row[3] for row in rows]),
+        np.array([row[4] for row in rows], dtype=np.float64),
+    )
+
+
+def joined(parts: list[PoseErrors]) -> PoseErrors:
+    """Several flights as one."""
+    return PoseErrors(*(np.concatenate([getattr(part, name) for part in parts]) for name in PoseErrors.__annotations__))
+
+
+def flown(
+    mission: VisionMission, approach: Approach, faults: MarkerFaults, runs: int, seed: int, *, loose: bool = False
+) -> PoseErrors:
+    """Errors over flights of seeds seed, seed + 1, ..."""
+    errors = loose_errors if loose else tight_errors
+    return joined([errors(mission, simulate_flight(mission, approach, faults, seed + run)) for run in range(runs)])

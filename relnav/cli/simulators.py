@@ -1,0 +1,130 @@
+"""Which simulator flies a model: beacons on a PSD, or markers before a camera that sees the target turn."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from relnav.errors import ModelError, UsageError
+from relnav.mission import Model, VisionMission
+from relnav.simulation.trajectory import Approach
+
+
+class Write(Protocol):
+    """Writes one file with metadata at its head."""
+
+    def __call__(self, path: Path, metadata: dict[str, str]) -> None:
+        """Write."""
+        ...
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A flight, ready to be written."""
+
+    epochs: int
+    write_log: Write
+    write_truth: Write
+    rows: str = "epochs"
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the command line asks for besides the approach."""
+
+    dropout: float
+    outliers: float
+    hidden: tuple[str, ...]
+    received_power: bool
+    raw: bool
+    distortion_m: float
+    seed: int
+
+
+Simulator = Callable[[Any, Approach, Options], Simulated]
+
+
+def simulator_of(mission: Any) -> Simulator:
+    """The simulator of a loaded model.
+
+    Raises
+    ------
+    ModelError
+        For a model that does not fly.
+    """
+    if isinstance(mission, VisionMission):
+        return _markers
+    if isinstance(mission, Model):
+        return _beacons
+    raise ModelError(
+        f"{mission.path}: a relative navigation mission is expected (sensor_type three_beacon or three_marker); this "
+        f"model describes a {type(mission).__name__}"
+    )
+
+
+def _beacons(mission: Model, approach: Approach, options: Options) -> Simulated:
+    from relnav.files.simulated import write_log, write_truth
+    from relnav.simulation.detector import Faults
+    from relnav.simulation.scenario import simulate
+
+    if options.hidden:
+        raise UsageError(f"--hide is for marker models; {mission.name} has beacons: use --dropout")
+    if options.raw:
+        return _raw(mission, approach, options)
+    if options.distortion_m:
+        raise UsageError("--distortion belongs to --raw: a log of spots has none")
+    if options.received_power and (mission.detector is None or mission.light is None):
+        raise UsageError(f"--received-power needs [detector] and [light]; model {mission.name} has not both")
+    faults = Faults(options.dropout, options.outliers)
+    log = simulate(mission, approach, faults, options.seed, by_received_power=options.received_power)
+    return Simulated(
+        len(log.t_s),
+        lambda path, metadata: write_log(log, path, metadata),
+        lambda path, metadata: write_truth(log, path, metadata),
+    )
+
+
+def _raw(mission: Model, approach: Approach, options: Options) -> Simulated:
+    """A raw log; the detector's distortion comes from the same seed."""
+    from relnav.files.simulated import write_raw_log, write_truth
+    from relnav.simulation.distortion import typical_distortion
+    from relnav.simulation.raw import simulate_raw
+
+    if options.dropout or options.outliers:
+        raise UsageError("--dropout and --outliers are faults of spots, not of --raw logs")
+    half, size = 0.5 * max(mission.sensor.detector_size_m), options.distortion_m
+    distortion = typical_distortion(half, size, seed=options.seed) if size else None
+    log = simulate_raw(mission, approach, options.seed, distortion=distortion)
+    return Simulated(
+        len(log.t_s),
+        lambda path, metadata: write_raw_log(log, path, metadata),
+        lambda path, metadata: write_truth(log, path, metadata),
+        "slots",
+    )
+
+
+def _markers(mission: VisionMission, approach: Approach, options: Options) -> Simulated:
+    from relnav.files.marker_logs import write_marker_log, write_marker_truth
+    from relnav.simulation.marker_flight import MarkerFaults, simulate_flight
+
+    if options.raw or options.received_power or options.distortion_m:
+        raise UsageError(f"--raw, --received-power and --distortion are for beacon models; {mission.name} has markers")
+    letters = "abcdefghijklmnopqrstuvwxyz"[: len(mission.markers.positions_m)]
+    spans = tuple(_span(text, letters) for text in options.hidden)
+    faults = MarkerFaults(options.dropout, options.outliers, spans)
+    flight = simulate_flight(mission, approach, faults, options.seed)
+    return Simulated(
+        len(flight.t_s),
+        lambda path, metadata: write_marker_log(flight, path, metadata),
+        lambda path, metadata: write_marker_truth(flight, path, metadata),
+    )
+
+
+def _span(text: str, letters: str) -> tuple[int, float, float]:
+    """Marker and times of MARKER:FROM:TO."""
+    try:
+        marker, begin, end = text.split(":")
+        return letters.index(marker), float(begin), float(end)
+    except ValueError:
+        known = ", ".join(letters)
+        raise UsageError(f"--hide {text}: MARKER:FROM:TO is expected, a marker of {known} and two times in s") from None

@@ -1,0 +1,259 @@
+"""Rotation of a rigid body in a circular orbit, its attitude told from `lvlh_ccsds` and its rate from inertial space.
+
+    J w' = -w x J w + 3 n^2 o x J o + tau,   o = C^T z,   C' = C [(w - C^T w_L) x],   w_L = -n y
+
+(Hughes, Spacecraft Attitude Dynamics, ch. 9, for the gravity gradient.) C is `dcm_lvlh_from_target`; w (inertial rate)
+and J in body axes, o the nadir in body axes. No inertial frame is needed: the orbit's turning is in C'.
+
+An error of the attitude is a small rotation vector in body axes, C = C_hat exp([theta x]).
+"""
+
+import math
+
+import numpy as np
+
+from relnav._kernel import kernel
+from relnav.arrays import Matrix, Vector
+from relnav.geometry.rotation_vector import turn_by_rotation_vector
+
+LARGEST_TURN_RAD = 0.05
+"""Turn of one Runge-Kutta step: errors of some 1e-9 rad a minute at a degree a second."""
+
+
+@kernel
+def _derivative(
+    start: Matrix, turn: Vector, rate: Vector, inertia: Matrix, inverse: Matrix, n: float, tau: Vector, work: Matrix
+) -> None:
+    """Write (turn', rate') into work rows 3, 4, where C = start exp([turn x]) goes to rows 0-2."""
+    turn_by_rotation_vector(start, turn, work)  # writes the first three rows
+    r0, r1, r2 = rate[0] + n * work[1, 0], rate[1] + n * work[1, 1], rate[2] + n * work[1, 2]  # w - C^T w_L
+    c0, c1, c2 = turn[1] * r2 - turn[2] * r1, turn[2] * r0 - turn[0] * r2, turn[0] * r1 - turn[1] * r0
+    work[3, 0] = r0 + 0.5 * c0 + (turn[1] * c2 - turn[2] * c1) / 12.0  # inverse of the exponential's derivative
+    work[3, 1] = r1 + 0.5 * c1 + (turn[2] * c0 - turn[0] * c2) / 12.0
+    work[3, 2] = r2 + 0.5 * c2 + (turn[0] * c1 - turn[1] * c0) / 12.0
+    for i in range(3):
+        work[5, i] = inertia[i, 0] * rate[0] + inertia[i, 1] * rate[1] + inertia[i, 2] * rate[2]
+        work[6, i] = inertia[i, 0] * work[2, 0] + inertia[i, 1] * work[2, 1] + inertia[i, 2] * work[2, 2]
+    gradient = 3.0 * n * n
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        torque = tau[i] - (rate[j] * work[5, k] - rate[k] * work[5, j])
+        work[7, i] = torque + gradient * (work[2, j] * work[6, k] - work[2, k] * work[6, j])
+    for i in range(3):
+        work[4, i] = inverse[i, 0] * work[7, 0] + inverse[i, 1] * work[7, 1] + inverse[i, 2] * work[7, 2]
+
+
+@kernel
+def turn_body(
+    dcm: Matrix, rate: Vector, inertia: Matrix, inverse: Matrix, n: float, tau: Vector, dt: float, work: Matrix
+) -> None:
+    """Advance dcm (3, 3) and rate (3,), in place, by one Runge-Kutta step dt of Munthe-Kaas; work (14, 3) scratch.
+
+    The attitude moves by one rotation vector, so that it stays a rotation.
+    """
+    turn, trial, total_turn, total_rate, derivative = work[8], work[9], work[10], work[11], work[0:8]
+    for i in range(3):
+        turn[i], trial[i], total_turn[i], total_rate[i] = 0.0, rate[i], 0.0, 0.0
+    for stage in range(4):
+        _derivative(dcm, turn, trial, inertia, inverse, n, tau, derivative)
+        weight = dt / 6.0 if stage in (0, 3) else dt / 3.0
+        ahead = 0.5 * dt if stage < 2 else dt
+        for i in range(3):
+            total_turn[i] += weight * derivative[3, i]
+            total_rate[i] += weight * derivative[4, i]
+            turn[i] = ahead * derivative[3, i]
+            trial[i] = rate[i] + ahead * derivative[4, i]
+    turn_by_rotation_vector(dcm, total_turn, derivative)
+    for i in range(3):
+        rate[i] += total_rate[i]
+        for j in range(3):
+            dcm[i, j] = derivative[i, j]
+
+
+@kernel
+def error_rates_into(
+    dcm: Matrix, rate: Vector, inertia: Matrix, inverse: Matrix, n: float, F: Matrix, work: Matrix
+) -> None:
+    """Write F (6, 6) of (theta, dw)' = F (theta, dw) into F; work (6, 3) scratch.
+
+    theta' = -w x theta + dw, the orbit's turning drops out; dw' = J^-1 (3 n^2 ([o x] J - [Jo x]) [o x] theta
+    + ([Jw x] - [w x] J) dw).
+    """
+    for i in range(6):
+        for j in range(6):
+            F[i, j] = 0.0
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        F[i, j], F[i, k], F[i, 3 + i] = rate[k], -rate[j], 1.0
+        work[0, i] = inertia[i, 0] * rate[0] + inertia[i, 1] * rate[1] + inertia[i, 2] * rate[2]
+        work[1, i] = inertia[i, 0] * dcm[2, 0] + inertia[i, 1] * dcm[2, 1] + inertia[i, 2] * dcm[2, 2]
+    gradient = 3.0 * n * n
+    for c in range(3):  # column by column: what a unit error does to the torque
+        d, e = (c + 1) % 3, (c + 2) % 3
+        work[2, c], work[2, d], work[2, e] = 0.0, dcm[2, e], -dcm[2, d]  # [o x] of it
+        for i in range(3):
+            work[3, i] = inertia[i, 0] * work[2, 0] + inertia[i, 1] * work[2, 1] + inertia[i, 2] * work[2, 2]
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            turned = dcm[2, j] * work[3, k] - dcm[2, k] * work[3, j] - work[1, j] * work[2, k] + work[1, k] * work[2, j]
+            work[4, i] = gradient * turned
+            work[5, i] = -(rate[j] * inertia[k, c] - rate[k] * inertia[j, c])
+        work[5, d] += work[0, e]  # [Jw x] of it
+        work[5, e] -= work[0, d]
+        for i in range(3):
+            F[3 + i, c] = inverse[i, 0] * work[4, 0] + inverse[i, 1] * work[4, 1] + inverse[i, 2] * work[4, 2]
+            F[3 + i, 3 + c] = inverse[i, 0] * work[5, 0] + inverse[i, 1] * work[5, 1] + inverse[i, 2] * work[5, 2]
+
+
+@kernel
+def _product(a: Matrix, b: Matrix, scale: float, out: Matrix) -> None:
+    """Write a b scale (6, 6) into out, which is neither."""
+    for i in range(6):
+        for j in range(6):
+            total = 0.0
+            for k in range(6):
+                total += a[i, k] * b[k, j]
+            out[i, j] = total * scale
+
+
+@kernel
+def _carry_errors(half: Matrix, h: float, density: float, phi: Matrix, noise: Matrix, work: Matrix) -> None:
+    """Advance phi and noise (6, 6), in place, by exp(half), to third order, and white acceleration over h.
+
+    work (18, 6) scratch.
+    """
+    step, one, other = work[0:6], work[6:12], work[12:18]
+    _product(half, half, 0.5, one)
+    _product(half, one, 1.0 / 3.0, other)
+    for i in range(6):
+        for j in range(6):
+            step[i, j] = (1.0 if i == j else 0.0) + half[i, j] + one[i, j] + other[i, j]
+    _product(step, phi, 1.0, one)
+    _product(step, noise, 1.0, other)
+    for i in range(6):
+        for j in range(6):
+            phi[i, j] = one[i, j]
+    for i in range(6):
+        for j in range(6):
+            total = 0.0
+            for k in range(6):
+                total += other[i, k] * step[j, k]
+            noise[i, j] = total
+    for i in range(3):
+        noise[i, i] += density * h * h * h / 3.0
+        noise[3 + i, 3 + i] += density * h
+        noise[i, 3 + i] += 0.5 * density * h * h
+        noise[3 + i, i] += 0.5 * density * h * h
+
+
+@kernel
+def turn_body_with_errors(
+    dcm: Matrix,
+    rate: Vector,
+    inertia: Matrix,
+    inverse: Matrix,
+    n: float,
+    tau: Vector,
+    h: float,
+    count: int,
+    density: float,
+    phi: Matrix,
+    noise: Matrix,
+    work: Matrix,
+) -> None:
+    """Advance dcm, rate, the transition phi and the noise (6, 6), in place, by count steps h; work (50, 6) scratch."""
+    before, after, columns, turning = work[0:6], work[6:12], work[12:18, 0:3], work[18:32, 0:3]
+    error_rates_into(dcm, rate, inertia, inverse, n, before, columns)
+    for _ in range(count):
+        turn_body(dcm, rate, inertia, inverse, n, tau, h, turning)
+        error_rates_into(dcm, rate, inertia, inverse, n, after, columns)
+        for i in range(6):
+            for j in range(6):
+                later = after[i, j]
+                after[i, j] = 0.5 * h * (before[i, j] + later)
+                before[i, j] = later
+        _carry_errors(after, h, density, phi, noise, work[32:50])
+
+
+class RigidBody:
+    """A rigid body in a circular orbit."""
+
+    def __init__(self, inertia_kg_m2: Matrix, mean_motion_rad_s: float) -> None:
+        """Take the inertia (3, 3) in body axes and the orbit's mean motion, >= 0 (0: free space).
+
+        Raises
+        ------
+        ValueError
+            For an inertia that no body has: not symmetric, not positive, or one principal moment above the sum of the
+            other two.
+        """
+        inertia = np.array(inertia_kg_m2, dtype=np.float64)
+        if inertia.shape != (3, 3) or not np.isfinite(inertia).all() or not np.allclose(inertia, inertia.T, rtol=1e-9):
+            raise ValueError(f"inertia_kg_m2 is a symmetric matrix (3, 3) in kg m^2; got {inertia.tolist()}")
+        moments = np.linalg.eigvalsh(inertia)
+        if not moments[0] > 0.0 or moments[2] > (1.0 + 1e-9) * (moments[0] + moments[1]):
+            raise ValueError(
+                f"inertia_kg_m2: principal moments are positive and none exceeds the sum of the others; "
+                f"got {moments.tolist()}"
+            )
+        if not (math.isfinite(mean_motion_rad_s) and mean_motion_rad_s >= 0.0):
+            raise ValueError(f"mean_motion_rad_s must be >= 0 and finite; got {mean_motion_rad_s!r}")
+        self.inertia, self.inverse = inertia, np.asarray(np.linalg.inv(inertia), dtype=np.float64)
+        self.mean_motion_rad_s = float(mean_motion_rad_s)
+        self._work, self._errors = np.zeros((14, 3)), np.zeros((50, 6))
+
+    def steps(self, rate_rad_s: Vector, dt_s: float) -> int:
+        """How many Runge-Kutta steps dt_s takes at this rate."""
+        fastest = max(float(np.linalg.norm(rate_rad_s)), self.mean_motion_rad_s)
+        return max(1, math.ceil(fastest * abs(dt_s) / LARGEST_TURN_RAD))
+
+    def propagate(
+        self, dcm_lvlh_from_target: Matrix, rate_rad_s: Vector, dt_s: float, torque_n_m: Vector | None = None
+    ) -> tuple[Matrix, Vector]:
+        """Attitude (3, 3) and inertial rate (3,) rad/s after dt_s under a constant torque (3,) N m, body axes."""
+        dcm = np.array(dcm_lvlh_from_target, dtype=np.float64)
+        rate = np.array(rate_rad_s, dtype=np.float64)
+        tau = np.zeros(3) if torque_n_m is None else np.asarray(torque_n_m, dtype=np.float64)
+        count = self.steps(rate, dt_s)
+        for _ in range(count):
+            turn_body(dcm, rate, self.inertia, self.inverse, self.mean_motion_rad_s, tau, dt_s / count, self._work)
+        return dcm, rate
+
+    def error_rates(self, dcm_lvlh_from_target: Matrix, rate_rad_s: Vector) -> Matrix:
+        """F (6, 6) of (theta, dw)' = F (theta, dw), as in `error_rates_into`."""
+        F, n = np.empty((6, 6)), self.mean_motion_rad_s
+        error_rates_into(dcm_lvlh_from_target, rate_rad_s, self.inertia, self.inverse, n, F, np.empty((6, 3)))
+        return F
+
+    def propagate_with_errors(
+        self,
+        dcm_lvlh_from_target: Matrix,
+        rate_rad_s: Vector,
+        dt_s: float,
+        density_rad2_s3: float,
+        torque_n_m: Vector | None = None,
+    ) -> tuple[Matrix, Vector, Matrix, Matrix]:
+        """Attitude and rate after dt_s, the transition (6, 6) of their errors, and the process noise (6, 6).
+
+        Transition to 1e-4 of dt, noise to 1 % of its sigmas: what a covariance needs.
+
+        density_rad2_s3: of white angular acceleration, each axis.
+        """
+        dcm = np.array(dcm_lvlh_from_target, dtype=np.float64)
+        rate = np.array(rate_rad_s, dtype=np.float64)
+        tau = np.zeros(3) if torque_n_m is None else np.asarray(torque_n_m, dtype=np.float64)
+        count, phi, noise, n = self.steps(rate, dt_s), np.eye(6), np.zeros((6, 6)), self.mean_motion_rad_s
+        h, body = dt_s / count, (self.inertia, self.inverse, n)
+        turn_body_with_errors(dcm, rate, *body, tau, h, count, density_rad2_s3, phi, noise, self._errors)
+        return dcm, rate, phi, noise
+
+
+def cross(v: Vector) -> Matrix:
+    """[v x] (3, 3): [v x] w = v x w."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def lvlh_rate(dcm_lvlh_from_target: Matrix, mean_motion_rad_s: float) -> Vector:
+    """Inertial rate (3,) rad/s, body axes, of a body that is held in `lvlh_ccsds`: C^T w_L."""
+    rate: Vector = -mean_motion_rad_s * dcm_lvlh_from_target[1]
+    return rate

@@ -1,0 +1,133 @@
+"""Marker logs as files: simulated ones and their truth out, a log in, its track of position and attitude out."""
+
+import os
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from relnav.arrays import Matrix, Stack
+from relnav.errors import LogError
+from relnav.files.log_columns import ACCELERATION, DELTA_V, markers, parse_header
+from relnav.files.logs import LogFile
+from relnav.files.tables import STATE_COLUMNS, Table, check_format, relnav_version, write_table
+from relnav.mission import VisionMission
+from relnav.navigation.pose_log import PoseSolution, filter_marker_epochs
+from relnav.simulation.marker_flight import MarkerFlight
+
+_XYZ, _XYZW = ("x", "y", "z"), ("x", "y", "z", "w")
+QUATERNION_COLUMNS = tuple(f"q_lvlh_from_target_{axis}" for axis in _XYZW)
+RATE_COLUMNS = tuple(f"rate_{axis}_deg_s" for axis in _XYZ)
+TRUTH_COLUMNS = ("t_s", *STATE_COLUMNS, *QUATERNION_COLUMNS, *RATE_COLUMNS)
+PORT_COLUMNS = (
+    *(f"port_{axis}_m" for axis in _XYZ),
+    *(f"port_v{axis}_m_s" for axis in _XYZ),
+    *(f"q_target_from_chaser_{axis}" for axis in _XYZW),
+    *(f"relative_rate_{axis}_deg_s" for axis in _XYZ),
+)
+_ERRORS = ("x", "y", "z", "vx", "vy", "vz", "turn_x", "turn_y", "turn_z", "rate_x", "rate_y", "rate_z")
+_ERROR_UNITS = ("m",) * 3 + ("m_s",) * 3 + ("deg",) * 3 + ("deg_s",) * 3
+_UPPER = np.triu_indices(12)
+TRACK_COLUMNS = (
+    *TRUTH_COLUMNS,
+    *(f"sigma_{name}_{unit}" for name, unit in zip(_ERRORS, _ERROR_UNITS, strict=True)),
+    *PORT_COLUMNS,
+    *(f"sigma_port_{name}_{unit}" for name, unit in zip(_ERRORS, _ERROR_UNITS, strict=True)),
+    *("nis", "dof", "used", "status", "hypotheses", "observable"),
+    *(f"cov_{_ERRORS[i]}_{_ERRORS[j]}" for i, j in zip(*_UPPER, strict=True)),
+)
+_INTEGERS = tuple(TRACK_COLUMNS.index(name) for name in ("dof", "used", "status", "hypotheses", "observable"))
+
+
+def filter_marker_log(path: str | os.PathLike[str], mission: VisionMission) -> PoseSolution:
+    """Filter a log of marker spots (CSV or Parquet, one row an epoch).
+
+    Columns: `t_s`; `spot_a_x_px`, `spot_a_y_px`, ... one pair a marker in the model's order (empty = not seen);
+    optionally `image_t_s` (middle of the exposure, if not t_s), `accel_{x,y,z}_m_s2`, `delta_v_{x,y,z}_m_s`
+    (`lvlh_ccsds`), `q_chaser_from_lvlh_{x,y,z,w}`.
+
+    Raises
+    ------
+    LogError
+        If the log cannot be read; names file, line and column.
+    """
+    layout = markers(len(mission.markers.positions_m))
+    log = LogFile(Path(path), partial(parse_header, layout=layout))
+    values = np.concatenate(list(log.tables()))
+    t, spots = log.group(values, ("t",)), log.group(values, layout.spots)
+    assert t is not None
+    assert spots is not None
+    image = log.group(values, ("image_t",))
+    if image is not None and (late := np.flatnonzero(image[:, 0] > t[:, 0])).size:
+        raise LogError(
+            f"{path}: image_t_s {image[late[0], 0]:.15g} s lies after its row's t_s {t[late[0], 0]:.15g} s; "
+            "a row is written when its image has arrived"
+        )
+    return filter_marker_epochs(
+        mission,
+        t[:, 0],
+        spots.reshape(len(t), -1, 2),
+        image_t_s=None if image is None else image[:, 0],
+        acceleration_m_s2=log.group(values, ACCELERATION),
+        delta_v_m_s=log.group(values, DELTA_V),
+        q_chaser_from_lvlh=log.group(values, layout.quaternion),
+    )
+
+
+def _quaternions(dcm: Stack) -> Matrix:
+    """Scalar last, (n, 4); NaN where dcm is."""
+    out = np.full((len(dcm), 4), np.nan)
+    good = np.isfinite(dcm).all(axis=(1, 2))
+    if good.any():
+        out[good] = Rotation.from_matrix(dcm[good]).as_quat(canonical=True)
+    return out
+
+
+def _sigmas(covariance: Stack) -> Matrix:
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)).copy()
+    sigma[:, 6:] = np.degrees(sigma[:, 6:])
+    return sigma
+
+
+def write_track(solution: PoseSolution, path: Path, metadata: dict[str, str] | None = None) -> None:
+    """Write a solution (.csv or .parquet), one row an epoch; the covariance in SI (m, m/s, rad, rad/s)."""
+    table: Table = [
+        solution.t_s,
+        *solution.state.T,
+        *_quaternions(solution.dcm_lvlh_from_target).T,
+        *np.degrees(solution.rate_rad_s).T,
+        *_sigmas(solution.covariance).T,
+        *solution.port_m.T,
+        *solution.port_velocity_m_s.T,
+        *_quaternions(solution.dcm_target_from_chaser).T,
+        *np.degrees(solution.relative_rate_rad_s).T,
+        *_sigmas(solution.docking_covariance).T,
+        solution.nis,
+        *(getattr(solution, name) for name in ("dof", "used", "status", "hypotheses", "observable")),
+        *solution.covariance[:, _UPPER[0], _UPPER[1]].T,
+    ]
+    _write(path, TRACK_COLUMNS, table, {"model": solution.model} | (metadata or {}), _INTEGERS)
+
+
+def write_marker_log(flight: MarkerFlight, path: Path, metadata: dict[str, str] | None = None) -> None:
+    """Write a simulated log in the columns that `filter_marker_log` reads."""
+    layout = markers(flight.spots_px.shape[1])
+    columns = ("t_s", *layout.spots, *(f"{base}_m_s2" for base in ACCELERATION), *layout.quaternion)
+    spots = flight.spots_px.reshape(len(flight.t_s), -1)
+    chaser = _quaternions(np.array(flight.dcm_chaser_from_lvlh))
+    _write(path, columns, [flight.t_s, *spots.T, *flight.acceleration_m_s2.T, *chaser.T], metadata or {}, ())
+
+
+def write_marker_truth(flight: MarkerFlight, path: Path, metadata: dict[str, str] | None = None) -> None:
+    """Write a simulated log's true states."""
+    attitude, rate = _quaternions(flight.dcm_lvlh_from_target), np.degrees(flight.rate_rad_s)
+    _write(path, TRUTH_COLUMNS, [flight.t_s, *flight.motion.T, *attitude.T, *rate.T], metadata or {}, ())
+
+
+def _write(
+    path: Path, columns: tuple[str, ...], table: Table, metadata: dict[str, str], integers: tuple[int, ...]
+) -> None:
+    check_format(path)
+    head = {"relnav": relnav_version(), "frame": "lvlh_ccsds; ports and turns in target axes"} | metadata
+    write_table(path, columns, iter([table]), head, integers)

@@ -1,0 +1,245 @@
+"""The per-epoch navigator of position and attitude: images in time order or late, a record of everything out.
+
+A late image is taken in where it belongs: the bank of that time is looked up, the image used, and all that came after
+replayed. The answer is, bit for bit, that of the same events in order.
+"""
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from relnav.arrays import Flags, Matrix, Vector
+from relnav.dynamics.rigid_body import RigidBody
+from relnav.estimation.gating import chi_square_limit
+from relnav.mission import VisionMission
+from relnav.navigation.docking_port import DockingState, docking_state
+from relnav.navigation.pose_bank import Bank, Event, Hypothesis, Outcome, advance
+from relnav.navigation.pose_state import PoseState
+from relnav.navigation.status import EpochStatus
+
+_EMPTY = PoseState(np.full(6, np.nan), np.full((3, 3), np.nan), np.full(3, np.nan), np.full((12, 12), np.nan))
+
+
+@dataclass(frozen=True)
+class PoseRecord:
+    """What is known after one epoch.
+
+    Attributes
+    ----------
+    t_s : float
+    state : (6,)
+        Chaser's centre of mass from the target's, m and m/s, `lvlh_ccsds`; NaN with the rest while WAITING.
+    dcm_lvlh_from_target : (3, 3)
+    rate_rad_s : (3,)
+        Inertial rate of the target, target axes.
+    covariance : (12, 12)
+        Of (position, velocity, theta, rate), the true attitude being dcm exp([theta x]), theta in target axes.
+    docking : DockingState or None
+        Port from port, with joint covariance.
+    nis, dof : float, int
+        Of everything seen, before the gate; NaN where nothing was, and at a start.
+    accepted : (n,)
+        Which markers' spots were used.
+    status : EpochStatus
+    too_late : bool
+        The image was older than the window and was not used.
+    hypotheses : int
+        How many poses are still possible: beyond one, the state is that of the most credible alone.
+    ambiguity : float
+        Twice the log of the odds of that one against the next; infinite if there is no other. Below 18.4 (odds of ten
+        thousand, as in `PoseMeasurement`) do not rely on the attitude.
+    observable : bool
+        False while fewer than three markers have been used for longer than the model's limit: a turn about the line
+        through two markers is then hardly seen, and the covariance may be too small.
+    """
+
+    t_s: float
+    state: Vector
+    dcm_lvlh_from_target: Matrix
+    rate_rad_s: Vector
+    covariance: Matrix
+    docking: DockingState | None
+    nis: float
+    dof: int
+    accepted: Flags
+    status: EpochStatus
+    too_late: bool
+    hypotheses: int
+    ambiguity: float
+    observable: bool
+
+
+class PoseNavigator:
+    """Position, velocity, attitude and rate of chaser and target from marker spots, an epoch at a time."""
+
+    def __init__(self, mission: VisionMission) -> None:
+        """Take a loaded model, `relnav.load_model("three_marker_vision")`."""
+        self.mission = mission
+        self._body = RigidBody(np.array(mission.target.inertia_kg_m2), mission.orbit.mean_motion_rad_s)
+        self._limit = chi_square_limit(mission.filter.gate_probability, 2)
+        self._events: list[Event] = []
+        self._banks: list[Bank] = []
+        self._before = Bank()
+
+    @property
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """Every pose that is still possible, the most credible first."""
+        return self._banks[-1].hypotheses if self._banks else ()
+
+    def step(
+        self,
+        t_s: float,
+        spots_px: ArrayLike | None = None,
+        *,
+        image_t_s: float | None = None,
+        acceleration_m_s2: ArrayLike | None = None,
+        delta_v_m_s: ArrayLike | None = None,
+        dcm_chaser_from_lvlh: ArrayLike | None = None,
+        chaser_rate_rad_s: ArrayLike | None = None,
+        spot_covariance_px2: ArrayLike | None = None,
+    ) -> PoseRecord:
+        """Go on to t_s, and use the image that arrived there.
+
+        Parameters
+        ----------
+        t_s : float
+            Not before the last epoch.
+        spots_px : (n, 2), optional
+            One row a marker of the model, NaN = not seen; one is enough, three start the filter.
+        image_t_s : float, optional
+            Middle of the exposure, at most `longest_delay_s` before t_s; t_s if left out.
+        acceleration_m_s2, delta_v_m_s : (3,), optional
+            Commanded acceleration, held since the last epoch, and impulse at t_s, `lvlh_ccsds`.
+        dcm_chaser_from_lvlh : (3, 3), optional
+            The chaser's attitude at the exposure (at t_s without an image); the model's held one if left out.
+        chaser_rate_rad_s : (3,), optional
+            Its inertial rate, chaser axes, for the docking state.
+        spot_covariance_px2 : (n, 2, 2), optional
+            Of each spot; the camera's spot noise if left out.
+
+        Raises
+        ------
+        ValueError
+            For a time that goes back, an exposure in the future, arrays of another shape, or a control or an attitude
+            that is not finite.
+        """
+        last = self._events[-1].t_s if self._events else -math.inf
+        if not math.isfinite(t_s) or t_s < last:
+            raise ValueError(f"t_s must be finite and not before the last epoch, {last!r}; got {t_s!r}")
+        exposed = t_s if image_t_s is None else image_t_s
+        if not math.isfinite(exposed) or exposed > t_s:
+            raise ValueError(f"image_t_s must be finite and not after t_s = {t_s!r}; got {image_t_s!r}")
+        event = self._event(t_s, acceleration_m_s2, delta_v_m_s, dcm_chaser_from_lvlh)
+        image = self._with_image(event, spots_px, spot_covariance_px2)
+        rate = None if chaser_rate_rad_s is None else _vector("chaser_rate_rad_s", chaser_rate_rad_s)
+        outcome: Outcome | None
+        if image.spots_px is None or exposed == t_s:
+            outcome, too_late = self._append(image), False
+        else:
+            self._append(event)
+            too_late = t_s - exposed > self.mission.filter.longest_delay_s
+            outcome = None if too_late else self._insert(replace(image, t_s=exposed))
+        self._forget(t_s)
+        return self._record(event, outcome, too_late, rate)
+
+    def _event(
+        self, t_s: float, acceleration: ArrayLike | None, delta_v: ArrayLike | None, dcm: ArrayLike | None
+    ) -> Event:
+        attitude = self.mission.dcm_chaser_from_lvlh if dcm is None else np.array(dcm, dtype=np.float64)
+        if attitude.shape != (3, 3) or not np.abs(attitude @ attitude.T - np.eye(3)).max() < 1e-6:
+            raise ValueError("dcm_chaser_from_lvlh is a rotation matrix (3, 3)")
+        push = np.zeros(3) if acceleration is None else _vector("acceleration_m_s2", acceleration)
+        impulse = np.zeros(3) if delta_v is None else _vector("delta_v_m_s", delta_v)
+        return Event(t_s, push, impulse, None, None, attitude)
+
+    def _with_image(self, event: Event, spots_px: ArrayLike | None, covariance: ArrayLike | None) -> Event:
+        if spots_px is None:
+            return event
+        count, spots = len(self.mission.markers.positions_m), np.array(spots_px, dtype=np.float64)
+        if spots.shape != (count, 2):
+            raise ValueError(f"spots_px has shape ({count}, 2), one row a marker; got {spots.shape}")
+        spots[~np.isfinite(spots).all(axis=-1)] = np.nan
+        own = None if covariance is None else np.array(covariance, dtype=np.float64)
+        if own is not None and own.shape != (count, 2, 2):
+            raise ValueError(f"spot_covariance_px2 has shape ({count}, 2, 2), one a marker; got {own.shape}")
+        return replace(event, spots_px=spots, covariance_px2=own)
+
+    def _append(self, event: Event) -> Outcome:
+        before = self._banks[-1] if self._banks else self._before
+        bank, outcome = advance(before, event, self.mission, self._body, self._limit)
+        self._events.append(event)
+        self._banks.append(bank)
+        return outcome
+
+    def _insert(self, image: Event) -> Outcome | None:
+        """Take a late image in and replay what came after; None if it is older than everything that is kept."""
+        times = [event.t_s for event in self._events]
+        place = bisect_right(times, image.t_s)
+        if place == 0 and math.isfinite(self._before.t_s) and image.t_s < self._before.t_s:
+            return None
+        later = self._events[place:]
+        push = later[0].acceleration_m_s2 if later else np.zeros(3)  # held over the interval that the image divides
+        del self._events[place:], self._banks[place:]
+        outcome = self._append(replace(image, acceleration_m_s2=push, delta_v_m_s=np.zeros(3)))
+        for event in later:
+            self._append(event)
+        return outcome
+
+    def _forget(self, t_s: float) -> None:
+        """Keep what a late image may still need."""
+        oldest = t_s - self.mission.filter.longest_delay_s
+        keep = 0
+        while keep < len(self._events) - 1 and self._events[keep].t_s < oldest:
+            keep += 1
+        if keep:
+            self._before = self._banks[keep - 1]
+            del self._events[:keep], self._banks[:keep]
+
+    def _record(self, event: Event, outcome: Outcome | None, too_late: bool, rate: Vector | None) -> PoseRecord:
+        bank = self._banks[-1]
+        state = bank.hypotheses[0].state if bank.hypotheses else _EMPTY
+        accepted = np.zeros(len(self.mission.markers.positions_m), dtype=bool)
+        nis, dof = math.nan, 0
+        if outcome is not None:
+            accepted, nis, dof = outcome.accepted.copy(), outcome.nis, outcome.dof
+        docking = docking_state(state, self.mission, event.dcm_chaser_from_lvlh, rate) if bank.hypotheses else None
+        status = _status(bank, outcome)
+        for array in (state.motion, state.dcm_lvlh_from_target, state.rate_rad_s, state.covariance, accepted):
+            array.setflags(write=False)
+        return PoseRecord(
+            event.t_s,
+            state.motion,
+            state.dcm_lvlh_from_target,
+            state.rate_rad_s,
+            state.covariance,
+            docking,
+            nis,
+            dof,
+            accepted,
+            status,
+            too_late,
+            len(bank.hypotheses),
+            bank.hypotheses[1].score - bank.hypotheses[0].score if len(bank.hypotheses) > 1 else math.inf,
+            bool(bank.hypotheses) and event.t_s - bank.full_s <= self.mission.filter.few_markers_limit_s,
+        )
+
+
+def _status(bank: Bank, outcome: Outcome | None) -> EpochStatus:
+    if not bank.hypotheses:
+        return EpochStatus.WAITING
+    if outcome is None or (outcome.dof == 0 and not outcome.started):
+        return EpochStatus.PREDICTED
+    if outcome.started:
+        return EpochStatus.STARTED
+    used = 2 * int(outcome.accepted.sum())
+    return EpochStatus.UPDATED if used == outcome.dof else EpochStatus.PARTIAL if used else EpochStatus.REJECTED
+
+
+def _vector(name: str, value: ArrayLike) -> Vector:
+    out = np.array(value, dtype=np.float64)
+    if out.shape != (3,) or not np.isfinite(out).all():
+        raise ValueError(f"{name} has three finite components; got {np.asarray(value).tolist()}")
+    return out

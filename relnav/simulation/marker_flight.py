@@ -1,0 +1,113 @@
+"""A flight before the markers' camera: integrated orbits and a turning target, imaged with noise, drops, occlusion."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from relnav.arrays import Matrix, Stack, Vector
+from relnav.mission import VisionMission
+from relnav.sensors.three_marker.camera import project
+from relnav.simulation.target_rotation import rotate_target
+from relnav.simulation.trajectory import Approach, fly
+
+
+@dataclass(frozen=True)
+class MarkerFaults:
+    """What goes wrong with the images.
+
+    Attributes
+    ----------
+    dropout, outliers : float
+        Probability that a spot is not seen, or is a glint somewhere on the image, each spot and image.
+    hidden : tuple of (marker, from s, to s)
+        Markers behind something for a while.
+    """
+
+    dropout: float = 0.0
+    outliers: float = 0.0
+    hidden: tuple[tuple[int, float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("dropout", "outliers"):
+            if not 0.0 <= getattr(self, name) < 1.0:
+                raise ValueError(f"{name} is a probability, 0 <= {name} < 1; got {getattr(self, name)!r}")
+
+
+@dataclass(frozen=True)
+class MarkerFlight:
+    """A log and its truth.
+
+    Attributes
+    ----------
+    t_s : (n,)
+    spots_px : (n, markers, 2)
+        NaN = not seen.
+    acceleration_m_s2 : (n, 3)
+        As commanded, held over the interval that ends at the row, `lvlh_ccsds`.
+    dcm_chaser_from_lvlh : (n, 3, 3)
+        As the chaser knows it.
+    motion : (n, 6)
+        True relative state, `lvlh_ccsds`.
+    dcm_lvlh_from_target, rate_rad_s : (n, 3, 3), (n, 3)
+        True attitude and inertial rate of the target.
+    """
+
+    t_s: Vector
+    spots_px: Stack
+    acceleration_m_s2: Matrix
+    dcm_chaser_from_lvlh: Stack
+    motion: Matrix
+    dcm_lvlh_from_target: Stack
+    rate_rad_s: Matrix
+
+
+def true_spots(mission: VisionMission, motion: Matrix, dcm_target: Stack, dcm_chaser: Stack) -> Stack:
+    """Spots (n, markers, 2) px of true states, no noise; NaN where a marker is not on the image."""
+    camera = mission.camera
+    mount, lens, points = camera.dcm_cam_from_chaser, np.array(camera.position_m), mission.markers.points_m
+    spots = np.empty((len(motion), len(points), 2))
+    for k in range(len(motion)):
+        in_lvlh = points @ dcm_target[k].T - motion[k, :3]
+        spots[k] = project((in_lvlh @ dcm_chaser[k].T - lens) @ mount.T, camera).spots_px
+    return spots
+
+
+def simulate_flight(
+    mission: VisionMission, approach: Approach | None = None, faults: MarkerFaults | None = None, seed: int = 0
+) -> MarkerFlight:
+    """Fly an approach with a target that turns: its attitude within the expected view, its rate as the filter assumes.
+
+    The chaser holds the model's attitude but for its stated error, which is new at every image. The same seed gives the
+    same flight.
+    """
+    faults = faults or MarkerFaults()
+    streams = [np.random.default_rng(stream) for stream in np.random.SeedSequence(seed).spawn(3)]
+    t, motion, command = fly(mission, approach or Approach(), streams[0])
+    rng, n = streams[1], mission.orbit.mean_motion_rad_s
+    off = mission.view.attitude_sigma_rad * rng.normal(size=3)
+    start = Rotation.from_matrix(mission.target.dcm_target_from_lvlh.T) * Rotation.from_rotvec(off)
+    spread = np.minimum(mission.filter.initial_rate_sigma_rad_s, math.radians(10.0) / max(float(t[-1]), 1.0))
+    rate = start.inv().apply([0.0, -n, 0.0]) + spread * rng.normal(size=3)
+    dcm, rates = rotate_target(
+        t,
+        start.as_quat()[None],
+        rate[None],
+        np.array(mission.target.inertia_kg_m2),
+        n,
+        mission.target.rate_noise_density_rad2_s3,
+        rng,
+    )
+    rng = streams[2]
+    known = np.broadcast_to(mission.dcm_chaser_from_lvlh, (len(t), 3, 3))
+    error = Rotation.from_rotvec(-mission.chaser.attitude_sigma_rad * rng.normal(size=(len(t), 3)))
+    spots = true_spots(mission, motion, dcm[:, 0], error.as_matrix() @ known)
+    spots += mission.camera.spot_noise_px * rng.normal(size=spots.shape)
+    size = np.array(mission.camera.image_size_px)
+    glint = (rng.uniform(size=spots.shape[:2]) < faults.outliers) & np.isfinite(spots).all(axis=-1)
+    spots = np.where(glint[..., None], rng.uniform(size=spots.shape) * (size - 1.0), spots)
+    spots[rng.uniform(size=spots.shape[:2]) < faults.dropout] = np.nan
+    for marker, begin, end in faults.hidden:
+        spots[(t >= begin) & (t < end), marker] = np.nan
+    return MarkerFlight(t, spots, command, known, motion, dcm[:, 0], rates[:, 0])

@@ -1,0 +1,117 @@
+"""`relnav simulate` and `relnav filter` for a marker model: the track is right, wrong use and wrong files say so."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from relnav.cli import run
+
+FLIGHT = ["--duration", "40", "--rate", "4", "--quiet"]
+
+
+def table(path):
+    lines = [line for line in Path(path).read_text().splitlines() if line[0] != "#"]
+    return np.genfromtxt(lines, delimiter=",", names=True)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A log and its truth: drops, and marker c hidden for ten seconds."""
+    path = tmp_path_factory.mktemp("markers")
+    out = ["--out", str(path / "log.csv"), "--truth", str(path / "truth.csv")]
+    faults = ["--dropout", "0.05", "--hide", "c:20:30", "--seed", "3"]
+    assert run(["simulate", "three_marker_vision", *out, *FLIGHT, *faults]) == 0
+    return path
+
+
+def test_the_track_is_within_its_sigmas_of_the_truth(folder, tmp_path, capsys):
+    track, figures = tmp_path / "track.csv", tmp_path / "summary.json"
+    model = ["--model", "three_marker_vision"]
+    assert run(["filter", str(folder / "log.csv"), *model, "--out", str(track), "--json", str(figures)]) == 0
+    shown = capsys.readouterr().out
+    assert "160 epochs, model three_marker_vision, 160 with a state" in shown
+    assert "NIS per degree of freedom" in shown
+    got, truth = table(track), table(folder / "truth.csv")
+    late = got["t_s"] > 15.0
+    for name in ("x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", "rate_x_deg_s", "rate_y_deg_s", "rate_z_deg_s"):
+        ratio = (got[name] - truth[name])[late] / got["sigma_" + name][late]
+        assert np.sqrt(np.mean(ratio**2)) < 2.0, name
+    for axis in "xyzw":
+        name = f"q_lvlh_from_target_{axis}"
+        assert np.abs(got[name] - truth[name])[late].max() < 2e-3
+    np.testing.assert_allclose(got["cov_x_x"], got["sigma_x_m"] ** 2, rtol=1e-12)
+    assert json.loads(figures.read_text())["epochs_unobservable"] == 0
+
+
+def test_late_exposures_in_a_log(folder, tmp_path):
+    """The same spots, each written half a second after its exposure: the same state at the end."""
+    lines = [line for line in (folder / "log.csv").read_text().splitlines() if line[0] != "#"]
+    spots = [line.split(",")[1:7] for line in lines[1:]]
+    rows = ["image_t_s," + lines[0]]
+    for k, line in enumerate(lines[1:]):
+        cells = line.split(",")
+        image = cells[0] if k < 2 else lines[1 + k - 2].split(",")[0]
+        rows.append(",".join([image, cells[0], *(spots[k - 2] if k >= 2 else [""] * 6), *cells[7:]]))
+    log, track, plain = (tmp_path / name for name in ("late.csv", "late_track.csv", "track.csv"))
+    log.write_text("\n".join(rows) + "\n")
+    for path, out in ((log, track), (folder / "log.csv", plain)):
+        assert run(["filter", str(path), "--model", "three_marker_vision", "--out", str(out), "--quiet"]) == 0
+    late, order = table(track), table(plain)
+    sigma = order["sigma_x_m"][-1]
+    assert abs(late["x_m"][-1] - order["x_m"][-1]) < 3.0 * sigma
+    assert late["sigma_x_m"][-1] == pytest.approx(sigma, rel=0.2)
+
+
+def test_the_same_seed_the_same_log(folder, tmp_path):
+    out = tmp_path / "again.csv"
+    faults = ["--dropout", "0.05", "--hide", "c:20:30", "--seed", "3"]
+    assert run(["simulate", "three_marker_vision", "--out", str(out), *FLIGHT, *faults]) == 0
+    assert out.read_text() == (folder / "log.csv").read_text()
+    hidden = table(out)
+    gone = (hidden["t_s"] >= 20.0) & (hidden["t_s"] < 30.0)
+    assert np.isnan(hidden["spot_c_x_px"][gone]).all()
+    assert not np.isnan(hidden["spot_c_x_px"][~gone]).all()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["simulate", "three_marker_vision", "--hide", "z:1:2"], "a marker of a, b, c and two times in s"),
+        (["simulate", "three_beacon_psd", "--hide", "c:1:2"], "--hide is for marker models"),
+    ],
+)
+def test_wrong_use(tmp_path, capsys, arguments, text):
+    assert run([*arguments, "--out", str(tmp_path / "log.csv"), *FLIGHT]) == 2
+    assert text in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_marker_model_has_no_use_for(folder, capsys):
+    assert run(["filter", str(folder / "log.csv"), "--model", "three_marker_vision", "--smooth"]) == 2
+    assert "--smooth is for three-beacon models" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ("spot_b_y_px", "spot_b_y_um", "column 'spot_b_y_px' is missing"),
+        ("q_chaser_from_lvlh_w", "q_chaser_w", "column 'q_chaser_from_lvlh_w' is missing"),
+        ("accel_x_m_s2", "accel_x_g", "column 'accel_x_g': unknown unit 'g'"),
+        ("-0.5,0.5,0.5,0.5\n", "-0.5,0.5,0.5,1.5\n", "is not a unit quaternion"),
+    ],
+)
+def test_wrong_logs(folder, tmp_path, capsys, old, new, text):
+    log = tmp_path / "log.csv"
+    log.write_text((folder / "log.csv").read_text().replace(old, new, 1))
+    assert run(["filter", str(log), "--model", "three_marker_vision"]) == 3
+    assert text in capsys.readouterr().err
+
+
+def test_an_exposure_in_the_future(folder, tmp_path, capsys):
+    lines = [line for line in (folder / "log.csv").read_text().splitlines() if line[0] != "#"]
+    log = tmp_path / "log.csv"
+    log.write_text("\n".join(["image_t_s," + lines[0], *("99.0," + line for line in lines[1:])]) + "\n")
+    assert run(["filter", str(log), "--model", "three_marker_vision"]) == 3
+    assert "image_t_s 99 s lies after its row's t_s 0 s" in capsys.readouterr().err

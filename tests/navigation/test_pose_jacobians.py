@@ -1,0 +1,222 @@
+"""Every derivative of the six-degree filter against differences of what it derives, and filterpy's arithmetic."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import relnav
+from relnav.estimation.attitude import turned
+from relnav.navigation.docking_port import docking_state
+from relnav.navigation.pose_state import (
+    PoseState,
+    camera_pose,
+    control_noise,
+    spot_update,
+    state_from_pose,
+)
+from relnav.sensors.three_marker import Pose, project, spot_jacobians
+
+QUIET = 1e-9
+
+
+@pytest.fixture(scope="module")
+def mission():
+    """Everything off its default: lever arm, mounting, lens, ports, chaser attitude."""
+    model = relnav.load_model("three_marker_vision")
+    mount = Rotation.from_rotvec([0.1, -0.2, 0.3])
+    camera = dataclasses.replace(
+        model.camera,
+        position_m=(0.4, -0.2, 0.6),
+        q_cam_from_chaser=tuple(mount.as_quat()),
+        distortion=(-0.1, 0.02, 1e-3, -5e-4, 0.0),
+    )
+    chaser = dataclasses.replace(model.chaser, port_position_m=(0.2, -0.1, 0.9), attitude_sigma_rad=2e-3)
+    return dataclasses.replace(model, camera=camera, chaser=chaser)
+
+
+def a_state(seed=1, scale=1e-3):
+    rng = np.random.default_rng(seed)
+    root = scale * rng.normal(size=(12, 12))
+    return PoseState(
+        np.array([6.0, 0.3, -0.2, -0.05, 0.01, 0.02]),
+        Rotation.from_rotvec([0.05, -0.08, 0.1]).as_matrix(),
+        np.array([0.01, -0.02, 0.015]),
+        root @ root.T,
+    )
+
+
+def moved(state, error):
+    return PoseState(
+        state.motion + error[:6],
+        turned(state.dcm_lvlh_from_target, error[6:9]),
+        state.rate_rad_s + error[9:],
+        state.covariance,
+    )
+
+
+def spots(state, mission, dcm_chaser):
+    pose = camera_pose(state, mission, dcm_chaser)
+    return project(mission.markers.points_m @ pose[:3].T + pose[3], mission.camera).spots_px.ravel()
+
+
+def differences(function, size, eps):
+    return np.stack([(function(eps * u) - function(-eps * u)) / (2 * eps) for u in np.eye(size)], axis=-1)
+
+
+def chaser_attitude(mission):
+    return turned(mission.dcm_chaser_from_lvlh, np.array([0.02, -0.03, 0.01]))
+
+
+def test_the_pose_seen_is_that_of_the_formula(mission):
+    """P = C_KB (C_BL (C s - rho) - c_B), one marker at a time."""
+    state, dcm = a_state(), chaser_attitude(mission)
+    pose = camera_pose(state, mission, dcm)
+    for s in mission.markers.points_m:
+        p = mission.camera.dcm_cam_from_chaser @ (
+            dcm @ (state.dcm_lvlh_from_target @ s - state.motion[:3]) - np.array(mission.camera.position_m)
+        )
+        np.testing.assert_allclose(pose[:3] @ s + pose[3], p, atol=1e-13)
+
+
+def test_spot_rows(mission):
+    """By the state and by the chaser's attitude error, through a lens that distorts."""
+    import relnav.navigation.pose_state as module
+
+    state, dcm = a_state(), chaser_attitude(mission)
+    seen = spots(state, mission, dcm).reshape(-1, 2)
+    rows = module._predict_spots(state, seen, np.arange(3), mission, dcm, None).rows
+    expected = differences(lambda e: spots(moved(state, e), mission, dcm), 12, 1e-5)
+    np.testing.assert_allclose(rows, expected, atol=1e-7 * np.abs(expected).max())
+    pose = camera_pose(state, mission, dcm)
+    rows = spot_jacobians(mission.markers.points_m, pose, mission.camera).chaser_attitude.reshape(-1, 3)
+    expected = differences(lambda a: spots(state, mission, turned(np.eye(3), -a) @ dcm), 3, 1e-5)
+    np.testing.assert_allclose(rows, expected, atol=1e-7 * np.abs(expected).max())
+
+
+def docking_error(one, reference):
+    """Of docking states, in the order of the covariance."""
+    turn = Rotation.from_matrix(reference.dcm_target_from_chaser @ one.dcm_target_from_chaser.T).as_rotvec()
+    return np.concatenate(
+        [
+            one.position_m - reference.position_m,
+            one.velocity_m_s - reference.velocity_m_s,
+            turn,
+            one.rate_rad_s - reference.rate_rad_s,
+        ]
+    )
+
+
+def test_docking_covariance(mission):
+    """J P J^T by differences, the chaser's attitude error with it."""
+    state, dcm, own = a_state(), chaser_attitude(mission), np.array([0.003, -0.004, 0.002])
+    reference = docking_state(state, mission, dcm, own)
+    by_state = differences(
+        lambda e: docking_error(docking_state(moved(state, e), mission, dcm, own), reference), 12, 1e-5
+    )
+    by_chaser = differences(
+        lambda a: docking_error(docking_state(state, mission, turned(np.eye(3), -a) @ dcm, own), reference), 3, 1e-5
+    )
+    expected = by_state @ state.covariance @ by_state.T + (2e-3) ** 2 * by_chaser @ by_chaser.T
+    sigma = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(
+        reference.covariance / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=1e-7
+    )
+
+
+def test_docking_velocity_is_the_rate_of_its_position(mission):
+    """Carried on by a short step of chaser and target, from inertial motion alone."""
+    state, dcm, own = a_state(), chaser_attitude(mission), np.array([0.003, -0.004, 0.002])
+    orbit, h = np.array([0.0, -mission.orbit.mean_motion_rad_s, 0.0]), 1e-4
+
+    def at(t):
+        lvlh = Rotation.from_rotvec(-orbit * t).as_matrix()  # components turn against the frame
+        target = PoseState(
+            state.motion + t * np.concatenate([state.motion[3:], np.zeros(3)]),
+            lvlh @ state.dcm_lvlh_from_target @ Rotation.from_rotvec(state.rate_rad_s * t).as_matrix(),
+            state.rate_rad_s,
+            state.covariance,
+        )
+        chaser = (lvlh @ dcm.T @ Rotation.from_rotvec(own * t).as_matrix()).T
+        return docking_state(target, mission, chaser, own)
+
+    velocity = (at(h).position_m - at(-h).position_m) / (2 * h)
+    np.testing.assert_allclose(at(0.0).velocity_m_s, velocity, atol=1e-8)
+
+
+def test_start_covariance(mission):
+    """By differences: the state of a pose that is off, and of a chaser attitude that is off."""
+    dcm, rng = chaser_attitude(mission), np.random.default_rng(2)
+    root = 1e-3 * rng.normal(size=(6, 6))
+    seen = camera_pose(a_state(), mission, dcm)
+    pose = Pose(seen[3], seen[:3], root @ root.T)
+    reference = state_from_pose(pose, mission, dcm)
+
+    def by_pose(e):
+        off = Pose(pose.position_m + e[:3], turned(pose.dcm_cam_from_target, e[3:]), pose.covariance)
+        return reference.error_of(state_from_pose(off, mission, dcm))[[0, 1, 2, 6, 7, 8]]
+
+    def by_chaser(a):
+        return reference.error_of(state_from_pose(pose, mission, turned(np.eye(3), -a) @ dcm))[[0, 1, 2, 6, 7, 8]]
+
+    P, A = differences(by_pose, 6, 1e-5), differences(by_chaser, 3, 1e-5)
+    expected = P @ pose.covariance @ P.T + (2e-3) ** 2 * A @ A.T
+    here = np.ix_([0, 1, 2, 6, 7, 8], [0, 1, 2, 6, 7, 8])
+    np.testing.assert_allclose(reference.covariance[here], expected, atol=1e-7 * expected.max())
+
+
+def test_the_update_is_filterpys(mission):
+    """One image: gain, state and covariance of filterpy's EKF with the same rows, then folded alike."""
+    from filterpy.kalman import ExtendedKalmanFilter
+
+    import relnav.navigation.pose_state as module
+
+    state, dcm = a_state(3, 2e-4), chaser_attitude(mission)
+    seen = spots(state, mission, dcm).reshape(-1, 2) + 0.3
+    expected = module._predict_spots(state, seen, np.arange(3), mission, dcm, None)
+    other = ExtendedKalmanFilter(dim_x=12, dim_z=6)
+    other.x, other.P = np.zeros(12), state.covariance.copy()
+    other.update(expected.innovation, HJacobian=lambda _: expected.rows, Hx=lambda _: np.zeros(6), R=expected.noise)
+    ours = spot_update(state, seen, mission, dcm, 1e9)
+    theirs = state.corrected(other.x, other.P)
+    np.testing.assert_allclose(state.error_of(ours.state), state.error_of(theirs), rtol=1e-9, atol=1e-14)
+    scale = np.sqrt(np.outer(np.diag(theirs.covariance), np.diag(theirs.covariance)))
+    np.testing.assert_allclose(ours.state.covariance / scale, theirs.covariance / scale, atol=1e-10)
+
+
+def test_second_order_of_the_attitude(mission):
+    """Mean and covariance of the spots by sampling: a large attitude uncertainty, nothing else."""
+    import relnav.navigation.pose_state as module
+
+    covariance = np.zeros((12, 12))
+    covariance[6:9, 6:9] = np.diag([0.05, 0.08, 0.06]) ** 2
+    plain = dataclasses.replace(
+        mission,
+        camera=dataclasses.replace(mission.camera, distortion=(0.0,) * 5, position_m=(0.0, 0.0, 0.0)),
+        chaser=dataclasses.replace(mission.chaser, attitude_sigma_rad=0.0),
+    )
+    state, dcm, rng = (
+        dataclasses.replace(a_state(), covariance=covariance),
+        chaser_attitude(mission),
+        np.random.default_rng(4),
+    )
+    state = dataclasses.replace(state, motion=20.0 * state.motion)  # far away the projection is linear
+    seen = spots(state, plain, dcm).reshape(-1, 2)
+    expected = module._predict_spots(state, seen, np.arange(3), plain, dcm, None)
+    draws = np.zeros((20000, 12))
+    draws[:, 6:9] = rng.normal(size=(20000, 3)) * np.sqrt(np.diag(covariance)[6:9])
+    cloud = np.array([spots(moved(state, e), plain, dcm) for e in draws])
+    mean = -expected.innovation  # of the expected second-order shift, the image being the undisturbed one
+    spread = expected.rows @ covariance @ expected.rows.T + expected.noise - plain.camera.spot_noise_px**2 * np.eye(6)
+    sampled = np.cov(cloud.T)
+    np.testing.assert_allclose(
+        cloud.mean(axis=0) - seen.ravel(), mean, atol=4.0 * np.sqrt(np.diag(sampled).max() / 20000)
+    )
+    np.testing.assert_allclose(spread, sampled, atol=0.04 * np.diag(sampled).max())
+
+
+def test_control_noise_is_that_of_an_error_in_size_and_direction(mission):
+    noise = dataclasses.replace(mission.process_noise, control_magnitude_sigma=0.1, control_direction_sigma_rad=0.02)
+    spread = control_noise(np.array([0.0, 2.0, 0.0]), noise)
+    np.testing.assert_allclose(spread, np.diag([0.04**2, 0.2**2, 0.04**2]), atol=1e-15)
