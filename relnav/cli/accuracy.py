@@ -75,6 +75,8 @@ def claim_lines(report: "ClaimsReport") -> list[str]:
             lines.append(method)
         published = "-" if math.isnan(row.published) else f"{row.published:g}"
         verdict = ("met" if row.met else "not met") + ("" if row.as_expected else f", EXPECTED {row.expected}")
+        if math.isnan(row.published) and row.as_expected:
+            verdict = "for information"
         lines.append(
             f"  {row.quantity:<28} published {published:>8}, measured {row.measured:10.4g} {row.unit} "
             f"({row.statistic}; {row.condition})  {verdict}"
