@@ -7,13 +7,14 @@ but numba stamps its cache with the defining file alone; here the stamp is the c
 changed callee is never run in its old form.
 """
 
+import inspect
 import os
 import warnings
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
 from relnav._cache import package_stamp
-from relnav._trace import Shape, Trace
+from relnav._trace import LANES, Shape, Trace
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -116,11 +117,35 @@ def straight_line(**shapes: Shape) -> Callable[[Callable[P, R]], Callable[P, R]]
     return register
 
 
-def _register(function: Callable[..., Any], shapes: dict[str, Shape]) -> None:
+def side_by_side(function: Callable[..., None], *of_each: str) -> Callable[..., None]:
+    """A straight-line function of LANES cases at once, one instruction for all, each rounded as when it is alone.
+
+    The arrays named `of_each` have a leading dimension, (LANES, ...), and no gaps; the other arguments hold for all.
+    """
+    names = list(inspect.signature(function).parameters)
+    split = frozenset(names.index(name) for name in of_each)
+
+    def together(*arguments: Any) -> None:
+        for lane in range(LANES):
+            function(*(value[lane] if k in split else value for k, value in enumerate(arguments)))
+
+    if _NJIT is not None:
+        _register(function, STRAIGHT_LINES[function], together, split)
+    return together
+
+
+def _register(
+    function: Callable[..., Any],
+    shapes: dict[str, Shape],
+    together: Callable[..., None] | None = None,
+    split: frozenset[int] = frozenset(),
+) -> None:
+    """Tell numba what code to write for a call of a straight-line function, or of its side-by-side form."""
     from numba import types
     from numba.core.typing.templates import AbstractTemplate, infer_global, signature
     from numba.extending import lower_builtin
 
+    name: Any = together or function
     traces: list[Trace] = []
 
     def the_trace() -> Trace:
@@ -129,19 +154,22 @@ def _register(function: Callable[..., Any], shapes: dict[str, Shape]) -> None:
         return traces[0]
 
     class Template(AbstractTemplate):  # type: ignore[misc]
-        key = function
+        key = name
 
         def generic(self, arguments: Any, _keywords: Any) -> Any:
             trace = the_trace()
+            for k in split:
+                if arguments[k].layout != "C":
+                    raise TypeError(f"argument {k + 1} of {function.__name__} side by side has gaps")
             kinds = [types.boolean if trace.is_condition(place) else types.float64 for place in trace.returns]
             result = types.none if not kinds else kinds[0] if trace.single else types.Tuple(kinds)
             return signature(result, *arguments)
 
-    infer_global(function, types.Function(Template))
+    infer_global(name, types.Function(Template))
 
-    @lower_builtin(function, types.VarArg(types.Any))  # type: ignore[untyped-decorator]
+    @lower_builtin(name, types.VarArg(types.Any))  # type: ignore[untyped-decorator]
     def lower(context: Any, builder: Any, signed: Any, arguments: Any) -> Any:
-        results = _emit(the_trace(), context, builder, signed.args, arguments)
+        results = _write(the_trace(), context, builder, signed.args, arguments, split)
         if not results:
             return context.get_dummy_value()
         if the_trace().single:
@@ -149,53 +177,39 @@ def _register(function: Callable[..., Any], shapes: dict[str, Shape]) -> None:
         return context.make_tuple(builder, signed.return_type, results)
 
 
-def _emit(trace: Trace, context: Any, builder: Any, kinds: Any, arguments: Any) -> list[Any]:
-    """Write the operations of a trace as LLVM instructions: all loads before all stores; returns the results."""
+def _write(trace: Trace, context: Any, builder: Any, kinds: Any, arguments: Any, split: frozenset[int]) -> list[Any]:
+    """Write a trace's code for arguments of numba's kinds."""
     from llvmlite import ir
     from numba import types
     from numba.core import cgutils
 
-    double, byte = ir.DoubleType(), ir.IntType(8)
-    values: dict[int, Any] = {}
+    from relnav._machine_code import emit, emit_side_by_side
+
+    double, byte, word = ir.DoubleType(), ir.IntType(8), ir.IntType(64)
     arrays: dict[int, Any] = {}
 
-    def pointer(k: int, index: tuple[int, ...]) -> Any:
+    def array(k: int) -> Any:
         if k not in arrays:
-            array = context.make_array(kinds[k])(context, builder, arguments[k])
-            arrays[k] = builder.bitcast(array.data, byte.as_pointer()), cgutils.unpack_tuple(builder, array.strides)
-        base, strides = arrays[k]
-        size = ir.Constant(ir.IntType(64), 8 * index[-1])
+            made = context.make_array(kinds[k])(context, builder, arguments[k])
+            arrays[k] = builder.bitcast(made.data, byte.as_pointer()), cgutils.unpack_tuple(builder, made.strides)
+        return arrays[k]
+
+    def address(k: int, index: tuple[int, ...]) -> Any:
+        base, strides = array(k)
+        size = ir.Constant(word, 8 * index[-1])
         for i, stride in zip(index[:-1], strides[:-1], strict=True):
-            size = builder.add(size, builder.mul(stride, ir.Constant(ir.IntType(64), i)))
+            size = builder.add(size, builder.mul(stride, ir.Constant(word, i)))
         return builder.bitcast(builder.gep(base, [size]), double.as_pointer())
 
-    def node_value(node: tuple[Any, ...]) -> Any:
-        name, operands = node[0], node[1:]
-        if name == "argument":
-            return context.cast(builder, arguments[operands[0]], kinds[operands[0]], types.float64)
-        if name == "entry":
-            return builder.load(pointer(operands[0], operands[1:]))
-        if name == "constant":
-            return ir.Constant(double, operands[0])
-        inputs = [values[place] for place in operands]
-        if name in ("<", "<=", ">", ">="):
-            return builder.fcmp_ordered(name, *inputs)
-        if name in ("sqrt", "abs"):
-            called = {"sqrt": "llvm.sqrt", "abs": "llvm.fabs"}[name]
-            return builder.call(builder.module.declare_intrinsic(called, [double]), inputs)
-        if name in ("fma", "fnma", "fms"):
-            a, b, c = inputs
-            a = builder.fneg(a) if name == "fnma" else a
-            c = builder.fneg(c) if name == "fms" else c
-            return builder.fma(a, b, c)
-        if name == "atan2":
-            kind = ir.FunctionType(double, [double, double])
-            return builder.call(cgutils.get_or_insert_function(builder.module, kind, "atan2"), inputs)
-        written = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "negative": "fneg", "and": "and_"}
-        return getattr(builder, written.get(name, name))(*inputs)
-
-    for place in trace.needed():
-        values[place] = node_value(trace.nodes[place])
-    for k, index, place in trace.stores:
-        builder.store(values[place], pointer(k, index))
-    return [values[place] for place in trace.returns]
+    numbers = [
+        None if isinstance(kind, types.Array) else context.cast(builder, argument, kind, types.float64)
+        for kind, argument in zip(kinds, arguments, strict=True)
+    ]
+    if not split:
+        return emit(trace, builder, numbers, address)
+    lanes = {
+        k: [builder.gep(array(k)[0], [ir.Constant(word, 8 * trace.size(k) * lane)]) for lane in range(LANES)]
+        for k in split
+    }
+    emit_side_by_side(trace, builder, numbers, address, lanes)
+    return []

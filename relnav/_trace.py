@@ -6,6 +6,7 @@ twice. `_kernel.straight_line` turns the list into machine code. A choice that d
 `select(condition, a, b)` or `quotient(a, b, otherwise)`; conditions are joined with `&`.
 """
 
+import math
 from collections import Counter
 from collections.abc import Callable
 from types import FunctionType, SimpleNamespace
@@ -15,6 +16,9 @@ import numpy as np
 
 Shape = tuple[int, ...] | tuple[str, ...] | str
 """Of an array argument: its size, or its rows as text, "1" and "0" for entries known to be that, "*" for the rest."""
+
+LANES = 4
+"""Cases that one instruction takes side by side: doubles of a 256-bit register."""
 
 COMPARISONS = ("<", "<=", ">", ">=")
 INPUTS = ("argument", "entry", "constant")
@@ -156,6 +160,7 @@ class Trace:
         for k, name in enumerate(names):
             shape = shapes.get(name)
             arguments.append(tape.symbol("argument", k) if shape is None else _entries(tape, k, shape))
+        self._shapes = {k: a.shape for k, a in enumerate(arguments) if isinstance(a, np.ndarray)}
         before = [a.copy() if isinstance(a, np.ndarray) else None for a in arguments]
         result = _on_symbols(function, tape, {})(*arguments)
         self.single = not isinstance(result, tuple)
@@ -192,6 +197,14 @@ class Trace:
     def _operands(self, place: int) -> tuple[int, ...]:
         node = self.nodes[place]
         return () if node[0] in INPUTS else node[1:]
+
+    def size(self, k: int) -> int:
+        """Number of entries of an array argument."""
+        return math.prod(self._shapes[k])
+
+    def position(self, k: int, index: tuple[int, ...]) -> int:
+        """Place of an entry in an array argument without gaps."""
+        return int(np.ravel_multi_index(index, self._shapes[k]))
 
     def is_condition(self, place: int) -> bool:
         """Whether a place holds a truth value."""

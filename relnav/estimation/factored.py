@@ -11,7 +11,7 @@ costs what Joseph's form costs and keeps all digits where that one and the textb
 
 import numpy as np
 
-from relnav._kernel import kernel, quotient, straight_line
+from relnav._kernel import kernel, quotient, select, straight_line
 from relnav.arrays import Matrix, Vector
 
 
@@ -145,22 +145,23 @@ def scalar_update(x: Vector, ld: Matrix, h: Vector, r: float, residual: float) -
     would be news.
     """
     gain = np.zeros(6)
-    alpha = r
+    alpha, inverse = r, quotient(1.0, r, 0.0)
     for j in range(5, -1, -1):
         f = h[j]
         for i in range(j + 1, 6):
             f += ld[i, j] * h[i]
         g = ld[j, j] * f
+        lam = -f * inverse
         beta = alpha
         alpha = alpha + f * g
+        inverse = quotient(1.0, alpha, 0.0)
         gain[j] = g
-        lam = quotient(-f, beta, 0.0)
-        ld[j, j] *= quotient(beta, alpha, 1.0)
+        ld[j, j] *= select(alpha > 0.0, beta * inverse, 1.0)
         for i in range(j + 1, 6):
             u = ld[i, j]
             ld[i, j] = u + lam * gain[i]
             gain[i] += g * u
-    scaled = quotient(residual, alpha, 0.0)
+    scaled = residual * inverse
     for j in range(6):
         x[j] += gain[j] * scaled
     return alpha

@@ -1,57 +1,85 @@
-"""Backward smoothing (Rauch, Tung, Striebel 1965) in a form that stays positive definite.
+"""Backward smoothing (Rauch, Tung, Striebel 1965) as a time update backward, in sums that stay positive definite.
 
-With C = Pf Phi^T Pp^-1 the textbook subtracts covariances, Ps = Pf + C (Ps+ - Pp) C^T, and loses definiteness. Since
-Pp = Phi Pf Phi^T + Q, the same matrices are
+From one epoch to the next x+ = Phi x + u + w, w ~ Q, and the filter has xf, Pf of this one and predicts xp. The noise
+carried back, w' = Phi^-1 w ~ Q' = Phi^-1 Q Phi^-T, ties them:
 
-    C = Phi^-1 (I - Q Pp^-1),   A = I - C Phi = Phi^-1 Q Pp^-1 Phi,
-    Ps = A Pf A^T + C (Ps+ + Q) C^T,   xs = xf + C (xs+ - xp),
+    Phi^-1 (x+ - xp) = (x - xf) + w':
 
-a sum of positive parts, formed on the factors by one orthogonalisation. Phi^-1 = Phi(-dt) is exact.
+who knows x+ measures w' with the filter's own error, Pf = L D L^T, as noise: L^-1 makes of it six independent scalar
+measurements, with variances D. They turn Q' into S, and w' into M Phi^-1 (x+ - xp). So
+
+    x = xf + C (x+ - xp) + e,   C = (I - M) Phi^-1,   e ~ S,
+    xs = xf + C (xs+ - xp),     Ps = C Ps+ C^T + S:
+
+a time update with C for Phi and S for Q, where the textbook subtracts, Ps = Pf + C (Ps+ - Pp) C^T, and loses
+definiteness. C and S do not depend on what comes later: `backward_model` finds them for each epoch by itself; only
+`smooth_step` has to wait for the epoch after.
 """
 
 import numpy as np
 
 from relnav._kernel import straight_line
-from relnav.arrays import Matrix
-from relnav.estimation.factored import compose_into, orthogonalise, solve_factored, spread
+from relnav.arrays import Matrix, Vector
+from relnav.estimation.factored import orthogonalise, scalar_update, spread, time_update_into
 
 
-@straight_line(
-    filtered=(7, 6), predicted=(7, 6), later=(7, 6), phi=(6, 6), phi_inverse=(6, 6), q_ld=(6, 6)
-)  # fmt: skip
-def smooth_step(
-    filtered: Matrix, predicted: Matrix, later: Matrix, phi: Matrix, phi_inverse: Matrix, q_ld: Matrix
-) -> None:
-    """Replace `later`, the smoothed track of the epoch after, by the smoothed track of this epoch.
+@straight_line(q_ld=(6, 6), inverse=(6, 6), carried=(6, 6))
+def carry_noise_back(q_ld: Matrix, inverse: Matrix, carried: Matrix) -> None:
+    """Write the factors of Q' = Phi^-1 Q Phi^-T (6, 6) into carried, from those of Q and Phi^-1."""
+    w, weights = np.zeros((6, 6)), np.zeros(6)
+    spread(inverse, q_ld, w, weights)
+    orthogonalise(w, weights, carried)
 
-    Tracks (7, 6) are state and factors: `filtered` of this epoch, `predicted` of the epoch after. q_ld (6, 6) factors
-    of Q.
+
+@straight_line(ld=(6, 6), inverse=(6, 6), carried=(6, 6), c=(6, 6), s_ld=(6, 6))
+def backward_model(ld: Matrix, inverse: Matrix, carried: Matrix, c: Matrix, s_ld: Matrix) -> None:
+    """Write C (6, 6) and the factors of S (6, 6) of an epoch.
+
+    ld (6, 6) factors of Pf; inverse (6, 6) of the transition to the epoch after; carried (6, 6) factors of Q'.
     """
-    q, m, c, a, gain = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
-    w, weights, x = np.zeros((6, 18)), np.zeros(18), np.zeros(6)
-    compose_into(q_ld, q)
-    for j in range(6):  # M = Q Pp^-1, row by row: Q and Pp are symmetric
-        for i in range(6):
-            m[j, i] = q[i, j]
-        solve_factored(predicted[1:7], m[j])
+    h, k = np.zeros((6, 6)), np.zeros((6, 6))
     for i in range(6):
+        h[i, i] = 1.0  # rows of L^-1
+        for j in range(i):
+            for m in range(j, i):
+                h[i, j] -= ld[i, m] * h[m, j]
         for j in range(6):
-            c[i, j] = phi_inverse[i, j]
-            for k in range(6):
-                c[i, j] -= phi_inverse[i, k] * m[k, j]
-                gain[i, j] += m[i, k] * phi[k, j]
+            s_ld[i, j] = carried[i, j] if j <= i else 0.0
     for i in range(6):
-        for j in range(6):
-            for k in range(6):
-                a[i, j] += phi_inverse[i, k] * gain[k, j]
+        gain = np.zeros(6)
+        scalar_update(gain, s_ld, h[i], ld[i, i], 1.0)
+        for j in range(i):
+            seen = 0.0
+            for m in range(i + 1):
+                seen += h[i, m] * k[m, j]
+            for m in range(6):
+                k[m, j] -= gain[m] * seen
+        for m in range(6):
+            k[m, i] = gain[m]
     for i in range(6):
-        x[i] = filtered[0, i]
+        rest = np.zeros(6)  # a row of I - M, M = K L^-1
+        rest[i] = 1.0
         for j in range(6):
-            x[i] += c[i, j] * (later[0, j] - predicted[0, j])
-    spread(a, filtered[1:7], w[:, :6], weights[:6])
-    spread(c, later[1:7], w[:, 6:12], weights[6:12])
-    spread(c, q_ld, w[:, 12:], weights[12:])
-    orthogonalise(w, weights, later[1:7])
+            for m in range(j, 6):
+                rest[j] -= k[i, m] * h[m, j]
+        for j in range(6):
+            c[i, j] = 0.0
+            for m in range(6):
+                c[i, j] += rest[m] * inverse[m, j]
+
+
+@straight_line(later=(7, 6), filtered=(6,), predicted=(6,), c=(6, 6), s_ld=(6, 6))
+def smooth_step(later: Matrix, filtered: Vector, predicted: Vector, c: Matrix, s_ld: Matrix) -> None:
+    """Replace `later`, the smoothed state and factors (7, 6) of the epoch after, by those of this epoch.
+
+    filtered (6,): state of this epoch; predicted (6,): from it, of the epoch after; C and the factors of S (6, 6).
+    """
+    x = np.zeros(6)
+    for i in range(6):
+        x[i] = filtered[i]
+        for j in range(6):
+            x[i] += c[i, j] * (later[0, j] - predicted[j])
+    time_update_into(later[1:7], c, s_ld)
     for i in range(6):
         later[0, i] = x[i]
 
@@ -72,17 +100,15 @@ def rts_smooth(
     -------
     (n, 6) smoothed states and (n, 6, 6) factors.
     """
-    from relnav.estimation.factored import factorize, time_update_into
+    from relnav.estimation.factored import factorize
 
     state, factors = np.array(filtered_state), np.array(filtered_factors)
     later = np.concatenate([state[-1:], factors[-1]])
+    carried, c, s_ld = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
     for e in range(len(state) - 2, -1, -1):
-        transition = np.ascontiguousarray(phi[e])
-        q_ld = factorize(q[e])
-        filtered = np.concatenate([state[e : e + 1], factors[e]])
-        predicted = filtered.copy()
-        predicted[0] = transition @ state[e] + effect[e]
-        time_update_into(predicted[1:7], transition, q_ld)
-        smooth_step(filtered, predicted, later, transition, np.linalg.inv(transition), q_ld)
+        inverse = np.linalg.inv(phi[e])
+        carry_noise_back(factorize(q[e]), inverse, carried)
+        backward_model(factors[e], inverse, carried, c, s_ld)
+        smooth_step(later, state[e], phi[e] @ state[e] + effect[e], c, s_ld)
         state[e], factors[e] = later[0], later[1:7]
     return state, factors

@@ -17,7 +17,7 @@ from relnav.navigation.choice import choose, vector
 from relnav.navigation.record import Solution
 from relnav.navigation.reference_engine import ReferenceEngine, run_reference
 from relnav.navigation.sight import attitude_changed
-from relnav.navigation.smoothing import nothing_later, pack_factors, smooth_run
+from relnav.navigation.smoothing import new_models, nothing_later, pack_factors, smooth_run
 from relnav.navigation.step import step
 
 CHUNK = 65_536
@@ -133,7 +133,7 @@ class LogFilter:
     def backward(self, t: Vector, control: Matrix, epochs: Epochs, later: Matrix) -> None:
         """Smooth filtered epochs in place; `later` is what stands after them, and then what stands at their first."""
         self.block[INPUT] = 0.0
-        smooth_run(self.block, t, control, epochs.codes, epochs.state, epochs.factor, later)
+        smooth_run(self.block, t, control, epochs.codes, epochs.state, epochs.factor, later, new_models())
 
     @property
     def restarts(self) -> int:

@@ -43,24 +43,29 @@ def _add_execution_error(u0: float, u1: float, u2: float, along: float, across: 
 
 
 @kernel
-def prepare_step(block: Matrix, dt: float) -> None:
+def snapped(dt: float) -> float:
+    """A step as it is taken: rounded to a tick, unless it is long."""
+    return math.floor(dt * TICKS_PER_S + 0.5) / TICKS_PER_S if dt < LONGEST_SNAP_S else dt
+
+
+@kernel
+def prepare_step(block: Matrix, dt: float) -> bool:
     """Compute Phi, the factors of Q and the control effect for this dt and INPUT, unless they are those at hand.
 
-    STEP_KEY then holds the step that was taken.
+    STEP_KEY then holds the step that was taken. Returns whether it is a new one.
     """
     key, control, given = block[STEP_KEY], block[CONTROL], block[INPUT]
-    if dt < LONGEST_SNAP_S:
-        dt = math.floor(dt * TICKS_PER_S + 0.5) / TICKS_PER_S
+    dt = snapped(dt)
     impulse = given[3] != 0.0 or given[4] != 0.0 or given[5] != 0.0
     same = key[0] == dt and key[1] == given[0] and key[2] == given[1] and key[3] == given[2]
     if same and key[4] == 0.0 and not impulse:
-        return
+        return False
     key[0], key[1], key[2], key[3] = dt, given[0], given[1], given[2]
     key[4] = 1.0 if impulse else 0.0
     n, density = block[SETTINGS, 4], block[SETTINGS, 5]
     if not abs(n * dt) < LONGEST_STEP_RAD:
         block[Q_FACTORS, 0] = math.nan
-        return
+        return True
     phi, q = block[PHI : PHI + 6], block[WORK : WORK + 6]
     noise = block[WORK + 6 : WORK + 9]
     for i in range(3):
@@ -77,19 +82,26 @@ def prepare_step(block: Matrix, dt: float) -> None:
     acceleration_effect_into(n, dt, given, effect)
     for i in range(3):
         effect[3 + i] += given[3 + i]
+    return True
+
+
+@straight_line(state=(6,), phi=PHI_PATTERN, effect=(6,), carried=(6,))
+def carry_state(state: Vector, phi: Matrix, effect: Vector, carried: Vector) -> None:
+    """Write Phi x + effect of a state x (6,) into carried (6,)."""
+    x = np.zeros(6)
+    for i in range(6):
+        total = effect[i]
+        for j in range(6):
+            total = total + phi[i, j] * state[j]
+        x[i] = total
+    for i in range(6):
+        carried[i] = x[i]
 
 
 @straight_line(track=(7, 6), phi=PHI_PATTERN, effect=(6,), q_ld=(6, 6))
 def carry(track: Matrix, phi: Matrix, effect: Vector, q_ld: Matrix) -> None:
     """Carry the state and factors of a track (7, 6) over a step: x = Phi x + effect, P = Phi P Phi^T + Q."""
-    x = np.zeros(6)
-    for i in range(6):
-        total = effect[i]
-        for j in range(6):
-            total = total + phi[i, j] * track[0, j]
-        x[i] = total
-    for i in range(6):
-        track[0, i] = x[i]
+    carry_state(track[0], phi, effect, track[0])
     time_update_into(track[1:7], phi, q_ld)
 
 

@@ -4,15 +4,19 @@ import math
 
 import numpy as np
 
-from relnav._kernel import kernel, straight_line
+from relnav._kernel import kernel, side_by_side, straight_line
+from relnav._trace import LANES
 from relnav.arrays import Codes, Matrix, Vector
 from relnav.dynamics.clohessy_wiltshire import PHI_PATTERN, transition_into
-from relnav.estimation.smoothing import smooth_step
-from relnav.navigation.block import EFFECT, INPUT, PHI, Q_FACTORS, SETTINGS, STEP_KEY, WORK
-from relnav.navigation.propagation import carry, prepare_step
+from relnav.estimation.smoothing import backward_model, carry_noise_back, smooth_step
+from relnav.navigation.block import EFFECT, INPUT, PHI, Q_FACTORS, SETTINGS, STEP_KEY, WORK, X_WORK
+from relnav.navigation.propagation import carry_state, prepare_step, snapped
 from relnav.navigation.status import STARTED, WAITING
 
 LATER_ROWS = 9
+
+MODEL = 63
+"""Numbers of an epoch's backward model: C (36), packed factors of S (21), the state it predicts (6)."""
 
 
 @straight_line(ld=(6, 6), packed=(21,))
@@ -37,19 +41,34 @@ def unpack_track(state: Vector, packed: Vector, track: Matrix) -> None:
 
 
 @straight_line(
-    state=(6,), packed=(21,), later=(7, 6), phi=PHI_PATTERN, inverse=PHI_PATTERN, effect=(6,), q_ld=(6, 6)
+    state=(6,), packed=(21,), phi=PHI_PATTERN, inverse=PHI_PATTERN, effect=(6,), carried=(6, 6), model=(MODEL,)
 )  # fmt: skip
-def smooth_packed(
-    state: Vector, packed: Vector, later: Matrix, phi: Matrix, inverse: Matrix, effect: Vector, q_ld: Matrix
+def model_epoch(
+    state: Vector, packed: Vector, phi: Matrix, inverse: Matrix, effect: Vector, carried: Matrix, model: Vector
 ) -> None:
-    """Replace a filtered state (6,) and packed factors (21,) by the smoothed ones, and `later` by the same."""
-    filtered, predicted = np.zeros((7, 6)), np.zeros((7, 6))
+    """Write the backward model (63,) of a filtered epoch (6,), (21,): all of smoothing that needs nothing later."""
+    filtered, c, s_ld = np.zeros((7, 6)), np.zeros((6, 6)), np.zeros((6, 6))
     unpack_track(state, packed, filtered)
-    for i in range(7):
+    backward_model(filtered[1:7], inverse, carried, c, s_ld)
+    for i in range(6):
         for j in range(6):
-            predicted[i, j] = filtered[i, j]
-    carry(predicted, phi, effect, q_ld)
-    smooth_step(filtered, predicted, later, phi, inverse, q_ld)
+            model[6 * i + j] = c[i, j]
+    pack_factors(s_ld, model[36:57])
+    carry_state(state, phi, effect, model[57:63])
+
+
+model_epochs = side_by_side(model_epoch, "state", "packed", "model")
+
+
+@straight_line(later=(7, 6), model=(MODEL,), state=(6,), packed=(21,))
+def smooth_epoch(later: Matrix, model: Vector, state: Vector, packed: Vector) -> None:
+    """Replace a filtered state (6,) and packed factors (21,) by the smoothed ones, and `later` by the same."""
+    noise, c = np.zeros((7, 6)), np.zeros((6, 6))
+    unpack_track(model[57:63], model[36:57], noise)
+    for i in range(6):
+        for j in range(6):
+            c[i, j] = model[6 * i + j]
+    smooth_step(later, state, noise[0], c, noise[1:7])
     for i in range(6):
         state[i] = later[0, i]
     pack_factors(later[1:7], packed)
@@ -60,38 +79,70 @@ def nothing_later() -> Matrix:
     return np.zeros((LATER_ROWS, 6))
 
 
+def new_models() -> Matrix:
+    """Scratch of `smooth_run`: models of LANES epochs, (LANES, 63)."""
+    return np.zeros((LANES, MODEL))
+
+
+@kernel
+def _same_step(block: Matrix, t: Vector, control: Matrix, codes: Codes, e: int) -> bool:
+    """Whether epochs e - LANES + 1 .. e all lead to the next epoch by the step at hand."""
+    if e < LANES - 1 or block[STEP_KEY, 4] != 0.0:
+        return False
+    for k in range(e, e - LANES + 1, -1):
+        if codes[k, 1] == STARTED or codes[k, 1] == WAITING or codes[k - 1, 1] == WAITING:
+            return False
+        if snapped(t[k] - t[k - 1]) != block[STEP_KEY, 0]:
+            return False
+        for j in range(6 if control.shape[0] > 0 else 0):
+            if control[k, j] != block[INPUT, j]:
+                return False
+    return True
+
+
 @kernel
 def smooth_run(
-    block: Matrix, t: Vector, control: Matrix, codes: Codes, state: Matrix, factor: Matrix, later: Matrix
+    block: Matrix,
+    t: Vector,
+    control: Matrix,
+    codes: Codes,
+    state: Matrix,
+    factor: Matrix,
+    later: Matrix,
+    models: Matrix,
 ) -> None:
     """Smooth filtered epochs in place, from their last to their first.
 
     state (n, 6), factor (n, 21) and codes (n, 3) as `_run` wrote them; control (n, 6) may be empty. A piece ends where
     the filter was not running or was started anew. `later` (9, 6): smoothed state and factors of the epoch after
     (7 rows), its time and whether it belongs to the same piece, its control; replaced by those of the first epoch.
+    models: `new_models`.
     """
-    inverse, of_step = block[WORK + 18 : WORK + 24], math.nan  # rows that `prepare_step` leaves alone
+    inverse, carried = block[WORK + 18 : WORK + 24], block[X_WORK : X_WORK + 6]  # `prepare_step` leaves them alone
+    block[STEP_KEY, 0] = math.nan
+    ready = 0  # models at hand, of this epoch and those before it
     for e in range(t.shape[0] - 1, -1, -1):
         status = codes[e, 1]
         if status == WAITING:
             later[7, 1] = 0.0
             continue
         if later[7, 1] > 0.0:
-            for j in range(6):
-                block[INPUT, j] = later[8, j]
-            prepare_step(block, later[7, 0] - t[e])
-            if block[STEP_KEY, 0] != of_step:
-                of_step = block[STEP_KEY, 0]
-                transition_into(block[SETTINGS, 4], -of_step, inverse)
-            smooth_packed(
-                state[e],
-                factor[e],
-                later[0:7],
-                block[PHI : PHI + 6],
-                inverse,
-                block[EFFECT],
-                block[Q_FACTORS : Q_FACTORS + 6],
-            )
+            if ready == 0:
+                for j in range(6):
+                    block[INPUT, j] = later[8, j]
+                phi, effect = block[PHI : PHI + 6], block[EFFECT]
+                if prepare_step(block, later[7, 0] - t[e]):
+                    transition_into(block[SETTINGS, 4], -block[STEP_KEY, 0], inverse)
+                    carry_noise_back(block[Q_FACTORS : Q_FACTORS + 6], inverse, carried)
+                if _same_step(block, t, control, codes, e):
+                    ready = LANES
+                    first = e - LANES + 1
+                    model_epochs(state[first : e + 1], factor[first : e + 1], phi, inverse, effect, carried, models)
+                else:
+                    ready = 1
+                    model_epoch(state[e], factor[e], phi, inverse, effect, carried, models[0])
+            ready -= 1
+            smooth_epoch(later[0:7], models[ready], state[e], factor[e])
         else:
             unpack_track(state[e], factor[e], later[0:7])
         later[7, 0] = t[e]

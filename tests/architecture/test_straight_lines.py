@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import relnav._kernel as compiler
-from relnav._kernel import STRAIGHT_LINES, kernel, quotient, select, straight_line
-from relnav._trace import Trace
+from relnav._kernel import STRAIGHT_LINES, kernel, quotient, select, side_by_side, straight_line
+from relnav._trace import LANES, Trace
 from relnav.navigation import log  # noqa: F401  (registers the filter's functions)
 
 NAMES = {f"{function.__module__}.{function.__name__}": function for function in STRAIGHT_LINES}
@@ -160,3 +160,60 @@ def test_choices_results_and_scratch():
             np.testing.assert_array_equal(a, b)
     finally:
         del STRAIGHT_LINES[polar]
+
+
+def test_side_by_side_each_lane_is_as_when_alone():
+    """Bit for bit: every kind of operation, entries in whole pieces and single ones, shared arrays and numbers."""
+
+    @straight_line(own=(2, 3), out=(7,), shared=(3,))
+    def mixture(own, out, shared, factor):
+        for j in range(3):
+            product = own[0, j] * shared[j] - own[1, j] * factor
+            out[j] = abs(product) + math.sqrt(quotient(own[0, j], factor, 1.0) * own[0, j])
+            out[3 + j] = select((own[1, j] > 0.0) & (product <= 1.0), -own[1, j], 2.0)
+        out[6] = own[1, 2] / own[0, 0]
+
+    together = side_by_side(mixture, "own", "out")
+
+    @kernel
+    def alone(own, out, shared, factor):
+        for lane in range(LANES):
+            mixture(own[lane], out[lane], shared, factor)
+
+    @kernel
+    def joined(own, out, shared, factor):
+        together(own, out, shared, factor)
+
+    try:
+        rng = np.random.default_rng(8)
+        for _ in range(20):
+            own, shared = rng.normal(size=(LANES, 2, 3)), rng.normal(size=3)
+            own[:, 0] = np.abs(own[:, 0])
+            one, other, plain = (np.zeros((LANES, 7)) for _ in range(3))
+            alone(own, one, shared, 0.7)
+            joined(own, other, shared, 0.7)
+            np.testing.assert_array_equal(other, one)
+            together(own, plain, shared, 0.7)
+            np.testing.assert_allclose(plain, one, rtol=1e-13, atol=1e-13)
+            assert len({tuple(row) for row in one.tolist()}) == LANES
+    finally:
+        del STRAIGHT_LINES[mixture]
+
+
+@pytest.mark.skipif(not compiler.is_compiled(), reason="numba is switched off")
+def test_side_by_side_arrays_have_no_gaps():
+    @straight_line(own=(2,))
+    def double(own):
+        own[0] = 2.0 * own[1]
+
+    together = side_by_side(double, "own")
+
+    @kernel
+    def call(own):
+        together(own)
+
+    try:
+        with pytest.raises(TypeError, match="argument 1 of double side by side has gaps"):
+            call(np.zeros((LANES, 4))[:, ::2])
+    finally:
+        del STRAIGHT_LINES[double]

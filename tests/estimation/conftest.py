@@ -8,7 +8,7 @@ import pytest
 
 import relnav._kernel as compiler
 from relnav.estimation.factored import scalar_update, time_update_into
-from relnav.estimation.smoothing import smooth_step
+from relnav.estimation.smoothing import backward_model, smooth_step
 
 
 @pytest.fixture(scope="session")
@@ -40,3 +40,8 @@ def compiled_update():
 @pytest.fixture(scope="session")
 def compiled_smooth():
     return compiled(smooth_step)
+
+
+@pytest.fixture(scope="session")
+def compiled_model():
+    return compiled(backward_model)

@@ -128,3 +128,40 @@ def test_stays_positive_definite_where_the_textbook_form_does_not():
         textbook = plain[e] + c @ (textbook - predicted[e + 1]) @ c.T
         lost += np.linalg.eigvalsh(0.5 * (textbook + textbook.T)).min() <= 0.0
     assert lost > 0
+
+
+def test_without_process_noise_the_last_state_is_carried_back():
+    """Q = 0: nothing is known of an epoch that the last one does not know."""
+    steps = [0.5, 300.0, 2.0]
+    phi = np.array([transition(N_RAD_S, dt) for dt in steps])
+    rng, last = np.random.default_rng(4), factorize(PRIOR)
+    wide = np.array([factorize(PRIOR + np.eye(6))] * 3)
+    states = rng.normal(size=(4, 6))
+    smoothed, factors = rts_smooth(states, np.array([*wide, last]), phi, np.zeros((3, 6)), np.zeros((3, 6, 6)))
+    back = np.eye(6)
+    for e in (2, 1, 0):
+        back = transition(N_RAD_S, -steps[e]) @ back
+        np.testing.assert_allclose(smoothed[e], back @ states[3], rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(compose(factors[e]), back @ PRIOR @ back.T, rtol=1e-11, atol=1e-12)
+
+
+@pytest.mark.parametrize("known", [[0], [3, 4, 5], [0, 1, 2, 3, 4, 5]])
+@pytest.mark.parametrize("quiet", [[0], [0, 1, 2], [0, 1, 2, 3, 4, 5]])
+def test_directions_without_uncertainty(known, quiet):
+    """Components known exactly stay so, whatever comes later; and where a step has no noise either, all is finite."""
+    phi, prior, q = transition(N_RAD_S, 2.0), PRIOR.copy(), 1e-4 * np.eye(6)
+    prior[known] = prior[:, known] = 0.0
+    q[quiet] = q[:, quiet] = 0.0
+    later = factorize(prior)
+    time_update_into(later, phi, factorize(q))
+    later[np.diag_indices(6)] *= 0.25
+    filtered = np.zeros((2, 6)), np.array([factorize(prior), later])
+    smoothed, factors = rts_smooth(*filtered, phi[None], np.zeros((1, 6)), q[None])
+    with mpmath.workdps(60):  # the pseudo-inverse as the limit of a vanishing noise
+        pf, f = mpmath.matrix(prior.tolist()), mpmath.matrix(phi.tolist())
+        pp = f * pf * f.T + mpmath.matrix(q.tolist())
+        c = pf * f.T * (pp + mpmath.mpf(10) ** -30 * mpmath.eye(6)) ** -1
+        expected = pf + c * (-0.75 * pp) * c.T
+    assert np.all(smoothed[0] == 0.0)
+    np.testing.assert_allclose(compose(factors[0]), np.array(expected.tolist(), dtype=float), rtol=1e-9, atol=1e-12)
+    assert np.all(np.abs(compose(factors[0])[known]) < 1e-12)
