@@ -21,6 +21,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 from peers import linear
 from peers.by_hand import ByHand, OnFilterpy, OnKalmanPy, filterpy_smoother
 
@@ -28,6 +29,7 @@ import relnav
 from relnav.dynamics.clohessy_wiltshire import transition
 from relnav.files.filter_file import filter_file
 from relnav.files.simulated import write_log
+from relnav.files.tables import COLUMNS
 from relnav.mission import ProcessNoise
 from relnav.navigation.log import Epochs, LogFilter, controls
 from relnav.navigation.smoothing import nothing_later
@@ -250,6 +252,7 @@ PEAK = "int(next(line for line in open('/proc/self/status') if line.startswith('
 STREAM = f"""
 import json, sys, time
 import numpy as np
+import pyarrow.parquet as pq
 import relnav
 relnav.filter_epochs(relnav.load_model("three_beacon_psd"), np.arange(3.0), np.zeros((3, 3, 2)), smooth=True).view
 from relnav.files.filter_file import filter_file
@@ -276,8 +279,28 @@ def write_long_log(log, epochs, path):
     write_parquet(path, LOG_COLUMNS, parts(), {}, ())
 
 
+def definite(path):
+    """Epochs of a track with a covariance, and those of them where it is not positive definite (Cholesky)."""
+    upper = np.triu_indices(6)
+    columns = [column for column in COLUMNS if column.startswith("cov_")]
+    epochs = lost = 0
+    for batch in pq.ParquetFile(path).iter_batches(100_000, columns=columns):
+        values = np.array([batch.column(name).to_numpy(zero_copy_only=False) for name in columns]).T
+        values = values[np.isfinite(values).all(axis=1)]
+        p = np.zeros((len(values), 6, 6))
+        p[:, upper[0], upper[1]] = p[:, upper[1], upper[0]] = values
+        sigma = np.sqrt(np.diagonal(p, axis1=1, axis2=2))
+        p /= sigma[:, :, None] * sigma[:, None, :]
+        epochs += len(p)
+        try:
+            np.linalg.cholesky(p)
+        except np.linalg.LinAlgError:
+            lost += int(np.sum(np.linalg.eigvalsh(p).min(axis=1) <= 0.0))
+    return epochs, lost
+
+
 def streaming(log, epochs, folder):
-    """Peak memory and cost of a long log, filtered and smoothed, each in a process of its own."""
+    """Peak memory and cost of a long log, filtered and smoothed, each in a process of its own; definite throughout."""
     rows = []
     write_long_log(log, epochs, folder / "long.parquet")
     print(f"\n{epochs} epochs from Parquet to Parquet (spots, all columns), each in a process of its own")
@@ -286,7 +309,9 @@ def streaming(log, epochs, folder):
         done = subprocess.run(command, capture_output=True, text=True, check=True)
         rows.append({"mode": mode, **json.loads(done.stdout)})
         row = rows[-1]
-        print(f"  {mode:<8}{row['cpu_s']:>9.1f} s CPU{row['peak_mib']:>9.0f} MiB peak")
+        row["covariances"], row["not_definite"] = definite(folder / "track.parquet")
+        print(f"  {mode:<8}{row['cpu_s']:>9.1f} s CPU{row['peak_mib']:>9.0f} MiB peak", end="")
+        print(f"{row['not_definite']:>6} of {row['covariances']} covariances not positive definite")
         (folder / "track.parquet").unlink()
     return rows
 
