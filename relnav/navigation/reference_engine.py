@@ -39,8 +39,9 @@ from relnav.navigation.docking_view import LOWER
 from relnav.navigation.observation import rows_in_use
 from relnav.navigation.propagation import prepare_step
 from relnav.navigation.sight import TIGHT_SHARE2, attitude_changed, camera_position_dock, uses_coordinates
+from relnav.navigation.start import start
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
-from relnav.navigation.step import WRONG_SHAPE, WRONG_TIME, start
+from relnav.navigation.step import WRONG_SHAPE, WRONG_TIME
 from relnav.navigation.update import LONE_GATE_SHARE, MAX_ITERATIONS, bends, linearise_again, observe
 from relnav.sensors.measurement import OK
 
@@ -126,8 +127,7 @@ class ReferenceEngine:
             range2, variance = self._place(self.trial)
             tight = variance < TIGHT_SHARE2 * range2
             outcome = self._correct(self.trial, spots)
-            full = 2 * block[LAYOUT, 0] if uses_coordinates(block) else 3
-            agrees = outcome == UPDATED and block[RESULT, 2] == full
+            agrees = outcome == UPDATED and block[RESULT, 2] >= (6 if uses_coordinates(block) else 3)
             if agrees and not tight:
                 return False
             if agrees:
