@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import relnav
+from relnav.navigation.log import Epochs, LogFilter
+from relnav.navigation.smoothing import nothing_later
 from relnav.navigation.status import EpochStatus
 from relnav.simulation.detector import Faults
 from relnav.simulation.scenario import simulate
@@ -62,3 +64,29 @@ def test_pieces_do_not_mix(model):
     assert np.array_equal(whole.state[:restart], before.state, equal_nan=True)
     after = relnav.filter_epochs(model, t[restart - 1 :], spots[restart - 1 :], smooth=True)
     assert np.allclose(whole.state[restart:], after.state[1:], rtol=0.0, atol=1e-12)
+
+
+def test_epochs_side_by_side_are_as_one_at_a_time(model):
+    """Bit for bit, with burns, impulses, gaps, a restart and irregular times between stretches of one step."""
+    rng = np.random.default_rng(12)
+    log = simulate(model, Approach(duration_s=40.0), Faults(dropout=0.1), seed=5)
+    n = len(log.t_s)
+    steps = np.full(n, 0.1)
+    steps[rng.choice(n, 40, replace=False)] = rng.uniform(0.01, 3.0, size=40)
+    steps[250] = 5000.0  # the track is dropped
+    t, control = np.cumsum(steps), np.zeros((n, 6))
+    control[60:90, :3], control[90:97, :3] = 1e-3 * rng.normal(size=3), 1e-3 * rng.normal(size=3)
+    control[[100, 101, 180], 3:] = 1e-3 * rng.normal(size=(3, 3))
+    runs = []
+    for length in (n, 1, 5):
+        run, epochs, later = LogFilter(model), Epochs.empty(n, 3), nothing_later()
+        run.forward(t, log.spots_m, control, np.empty((0, 4)), epochs)
+        for end in range(n, 0, -length):
+            piece = slice(max(0, end - length), end)
+            part = Epochs(**{key: value[piece] for key, value in vars(epochs).items()})
+            run.backward(t[piece], control[piece], part, later)
+        runs.append(np.concatenate([epochs.state, epochs.factor], axis=1))
+    assert np.sum(epochs.codes[:, 1] == EpochStatus.STARTED) >= 2
+    assert np.sum(epochs.codes[:, 1] == EpochStatus.WAITING) < 0.1 * n
+    for other in runs[1:]:
+        np.testing.assert_array_equal(other, runs[0])
