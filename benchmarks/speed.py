@@ -284,8 +284,10 @@ def definite(path):
     upper = np.triu_indices(6)
     columns = [column for column in COLUMNS if column.startswith("cov_")]
     epochs = lost = 0
-    for batch in pq.ParquetFile(path).iter_batches(100_000, columns=columns):
-        values = np.array([batch.column(name).to_numpy(zero_copy_only=False) for name in columns]).T
+    file = pq.ParquetFile(path)
+    for group in range(file.num_row_groups):
+        table = file.read_row_group(group, columns=columns)
+        values = np.array([table.column(name).to_numpy() for name in columns]).T
         values = values[np.isfinite(values).all(axis=1)]
         p = np.zeros((len(values), 6, 6))
         p[:, upper[0], upper[1]] = p[:, upper[1], upper[0]] = values
