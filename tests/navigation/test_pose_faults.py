@@ -212,7 +212,7 @@ def test_odds_do_not_depend_on_the_size_of_a_pixel(mission, flight):
     """A camera of a hundred times more and smaller pixels: the same odds of a good against a bad state."""
     _, record = flown(mission, flight, 10)
     good = PoseState(record.state, record.dcm_lvlh_from_target, record.rate_rad_s, record.covariance)
-    bad = dataclasses.replace(good, motion=good.motion + [0.0, 0.05, 0.0, 0.0, 0.0, 0.0])
+    bad = dataclasses.replace(good, motion=good.motion + 0.05 * np.eye(6)[1])
     camera = mission.camera
 
     def odds(scale):

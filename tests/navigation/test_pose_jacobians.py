@@ -10,7 +10,6 @@ import relnav
 from relnav.estimation.attitude import turned
 from relnav.navigation.docking_port import docking_state
 from relnav.navigation.pose_state import (
-    POSE,
     PoseState,
     camera_pose,
     control_noise,

@@ -59,21 +59,38 @@ def test_honest_over_an_approach(mission):
     assert np.nanmean(last.nis_ratio) == pytest.approx(1.0, abs=0.05)
 
 
-def test_two_markers_then_one(mission):
-    """Half a minute each: the tight filter goes on measuring where the loose one only predicts.
-
-    By how much it is better depends on how far prediction alone drifts: 3 cm at the acceleration noise taken here.
-    """
-    noise = dataclasses.replace(mission.process_noise, acceleration_noise_density_m2_s3=1e-7)
+def few_markers(mission, density_m2_s3, runs):
+    """Errors tight and loose while one marker of three is hidden for half a minute, then two."""
+    noise = dataclasses.replace(mission.process_noise, acceleration_noise_density_m2_s3=density_m2_s3)
     restless = dataclasses.replace(mission, process_noise=noise)
     flight = dataclasses.replace(FAR, duration_s=92.0, start_m=(10.0, 0.25, -0.15), speed_m_s=0.05)
     faults = MarkerFaults(hidden=((2, 31.0, 91.0), (1, 61.0, 91.0)))
-    tight, loose = (flown(restless, flight, faults, 6, 60, loose=way) for way in (False, True))
-    for begin, end, factor in ((31.0, 61.0, 5.0), (61.0, 91.0, 4.0)):
-        parts = [errors.where((errors.t_s > begin) & (errors.t_s < end)) for errors in (tight, loose)]
-        assert factor * parts[0].position_rms_m <= parts[1].position_rms_m
-        assert parts[0].nees_ratio < 1.5
-        assert np.nanmean(parts[0].nis_ratio) == pytest.approx(1.0, abs=0.1)
+    both = [flown(restless, flight, faults, runs, 60, loose=way) for way in (False, True)]
+    return [[e.where((e.t_s > at) & (e.t_s < at + 30.0)) for e in both] for at in (31.0, 61.0)]
+
+
+def test_two_markers_then_one(mission):
+    """The tight filter goes on measuring where the loose one only predicts.
+
+    With 1e-7 m^2/s^3 prediction alone drifts as far as in the design's own prototype: loose 33 mm along the range and 17
+    across, tight 4.5 mm along; then, on one marker, 81 and 59 against 18.
+    """
+    for (tight, loose), along, drift, factor in zip(
+        few_markers(mission, 1e-7, 6), (4.5e-3, 17.9e-3), ((32.9e-3, 17e-3), (80.9e-3, 59e-3)), (5.0, 4.0), strict=True
+    ):
+        assert factor * tight.position_rms_m <= loose.position_rms_m
+        axes = np.sqrt(np.mean(loose.error[:, :3] ** 2, axis=0))
+        assert axes[0] == pytest.approx(drift[0], rel=0.35)  # six flights, one drift each: 29 % in sigma
+        assert np.sqrt(np.mean(axes[1:] ** 2)) == pytest.approx(drift[1], rel=0.35)
+        assert np.sqrt(np.mean(tight.error[:, 0] ** 2)) == pytest.approx(along, rel=0.35)
+        assert tight.nees_ratio < 1.5
+        assert np.nanmean(tight.nis_ratio) == pytest.approx(1.0, abs=0.1)
+
+
+def test_two_markers_on_a_quiet_flight(mission):
+    """At the model's own 1e-10 prediction alone drifts 7 mm: there is less to gain, a factor of 2 to 3, not 5."""
+    tight, loose = few_markers(mission, mission.process_noise.acceleration_noise_density_m2_s3, 6)[0]
+    assert 0.2 < tight.position_rms_m / loose.position_rms_m < 0.5
 
 
 def test_the_start(mission, flight):
