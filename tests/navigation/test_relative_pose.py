@@ -72,17 +72,16 @@ def few_markers(mission, density_m2_s3, runs):
 def test_two_markers_then_one(mission):
     """The tight filter goes on measuring where the loose one only predicts.
 
-    With 1e-7 m^2/s^3 prediction alone drifts as far as in the design's own prototype: loose 33 mm along the range and 17
-    across, tight 4.5 mm along; then, on one marker, 81 and 59 against 18.
+    Under the conditions of the design's prototype, which on two markers for half a minute was off by 33 mm along the
+    range and 17 on each axis across when loose, by 4.5 and 1.9 when tight; then, on one, by 81 and 59, 18 and 3.2: that
+    is acceleration noise of 1e-7 m^2/s^3, by the size of the drift.
     """
-    for (tight, loose), along, drift, factor in zip(
-        few_markers(mission, 1e-7, 6), (4.5e-3, 17.9e-3), ((32.9e-3, 17e-3), (80.9e-3, 59e-3)), (5.0, 4.0), strict=True
-    ):
+    prototype = ((32.9e-3, 17e-3), (4.5e-3, 1.9e-3)), ((80.9e-3, 59e-3), (17.9e-3, 3.2e-3))
+    for (tight, loose), figures, factor in zip(few_markers(mission, 1e-7, 6), prototype, (5.0, 4.0), strict=True):
         assert factor * tight.position_rms_m <= loose.position_rms_m
-        axes = np.sqrt(np.mean(loose.error[:, :3] ** 2, axis=0))
-        assert axes[0] == pytest.approx(drift[0], rel=0.35)  # six flights, one drift each: 29 % in sigma
-        assert np.sqrt(np.mean(axes[1:] ** 2)) == pytest.approx(drift[1], rel=0.35)
-        assert np.sqrt(np.mean(tight.error[:, 0] ** 2)) == pytest.approx(along, rel=0.35)
+        for errors, (along, across) in zip((loose, tight), figures, strict=True):
+            reported = math.sqrt(np.trace(errors.covariance[:, :3, :3], axis1=1, axis2=2).mean())
+            assert reported == pytest.approx(math.sqrt(along**2 + 2.0 * across**2), rel=0.25)
         assert tight.nees_ratio < 1.5
         assert np.nanmean(tight.nis_ratio) == pytest.approx(1.0, abs=0.1)
 
