@@ -18,8 +18,9 @@ from relnav.accuracy.pose_filter import flown, joined, tight_errors
 from relnav.accuracy.target_attitude import attitude_trials
 from relnav.dynamics.rigid_body import RigidBody
 from relnav.estimation.gating import chi_square_limit
-from relnav.navigation.pose_state import PoseState, spot_update, state_from_pose, time_update
+from relnav.navigation.pose_state import PoseState, state_from_pose, time_update
 from relnav.navigation.relative_pose import PoseNavigator
+from relnav.navigation.spot_update import spot_update
 from relnav.navigation.target_attitude import METHODS
 from relnav.sensors.three_marker import measure
 from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT

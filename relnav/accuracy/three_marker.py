@@ -7,7 +7,7 @@ import numpy as np
 
 from relnav.accuracy.claims import ClaimRow, ClaimsReport, claim_row, information
 from relnav.accuracy.published import Published
-from relnav.accuracy.three_marker_filters import filter_rows
+from relnav.accuracy.three_marker_filters import COST, filter_rows
 from relnav.accuracy.three_marker_trials import depth_iteration_success, pose_trials, small_angle_errors
 from relnav.mission import VisionMission
 from relnav.sensors.measurement import Status
@@ -70,7 +70,8 @@ def measure(
             progress(step)
             spare -= step
     notes = (
-        "the UKF and the EKF filter the same attitudes: the UKF buys no accuracy, at several times the cost",
+        f"the UKF and the EKF filter the same attitudes: the UKF buys no accuracy; its cost ({COST}) is a timing and "
+        "differs from run to run",
         f"exact pose: {model.camera.spot_noise_px:g} px spot noise, attitudes of "
         f"{math.degrees(model.view.attitude_sigma_rad):g} deg (1-sigma, each axis); an image that another pose "
         "explains as well gives no value, and is counted as such",

@@ -1,6 +1,7 @@
 """`relnav filter` for a marker model: a track of position, attitude and docking port, and a summary."""
 
 import math
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ import click
 from relnav.errors import UsageError
 
 if TYPE_CHECKING:
+    from relnav.arrays import Vector
     from relnav.mission import VisionMission
     from relnav.navigation.pose_log import PoseSolution
 
@@ -19,16 +21,19 @@ def filter_markers(
 ) -> None:
     """Filter LOG, write what was asked for, print a summary; refused: an option that only beacon models have."""
     from relnav.files.atomic import replacing
-    from relnav.files.marker_logs import filter_marker_log, write_track
+    from relnav.files.marker_logs import marker_solutions, write_track
     from relnav.files.tables import write_json
 
     if refused:
         raise UsageError(f"{refused} is for three-beacon models; {mission.name} has one filter, on its spots")
-    solution = filter_marker_log(log, mission)
-    figures = summary(solution)
+    summary = Summary(mission.name)
+    parts = summary.passing(marker_solutions(log, mission))
     with ExitStack() as outputs:
         if out is not None:
-            write_track(solution, outputs.enter_context(replacing(out)), {"log": log.name})
+            write_track(parts, mission.name, outputs.enter_context(replacing(out)), {"log": log.name})
+        for _ in parts:
+            pass
+        figures = summary.figures()
         if json_path is not None:
             write_json(figures, outputs.enter_context(replacing(json_path)))
         if not quiet:
@@ -38,28 +43,57 @@ def filter_markers(
                 click.echo(f"track: {out}")
 
 
-def summary(solution: "PoseSolution") -> dict[str, Any]:
-    """Figures of a run as plain values; sigmas are those of the last epoch."""
-    import numpy as np
+class Summary:
+    """Figures of a run, gathered while its parts pass; sigmas are those of the last epoch."""
 
-    started = np.isfinite(solution.state[:, 0])
-    consistency = solution.nis_consistency()
-    sigma = np.sqrt(np.diag(solution.docking_covariance[-1]))
-    return {
-        "model": solution.model,
-        "epochs": len(solution),
-        "epochs_with_state": int(started.sum()),
-        "epochs_with_rejected_spots": int(solution.refused.sum()),
-        "epochs_unobservable": int((started & ~solution.observable).sum()),
-        "epochs_ambiguous": int((solution.hypotheses > 1).sum()),
-        "nis_per_dof": consistency.ratio,
-        "nis": str(consistency),
-        "port_m": [float(value) for value in solution.port_m[-1]],
-        "sigma_port_m": [float(value) for value in sigma[:3]],
-        "sigma_port_velocity_m_s": [float(value) for value in sigma[3:6]],
-        "sigma_turn_deg": [math.degrees(value) for value in sigma[6:9]],
-        "sigma_rate_deg_s": [math.degrees(value) for value in sigma[9:]],
-    }
+    def __init__(self, model: str) -> None:
+        """Take the model's name."""
+        self._model, self._nis, self._dof = model, 0.0, 0
+        self._last: tuple[Vector, Vector] | None = None
+        names = ("epochs", "with_state", "with_rejected_spots", "unobservable", "ambiguous", "too_late")
+        self._counts = dict.fromkeys(names, 0)
+
+    def passing(self, parts: "Iterable[PoseSolution]") -> "Iterator[PoseSolution]":
+        """The parts, each taken in as it passes."""
+        import numpy as np
+
+        for part in parts:
+            started = np.isfinite(part.state[:, 0])
+            whole = (part.dof > 0) & ~part.refused
+            flags = {
+                "epochs": np.ones(len(part), dtype=bool),
+                "with_state": started,
+                "with_rejected_spots": part.refused,
+                "unobservable": started & ~part.observable,
+                "ambiguous": part.hypotheses > 1,
+                "too_late": part.too_late,
+            }
+            for name, flag in flags.items():
+                self._counts[name] += int(flag.sum())
+            self._nis += float(part.nis[whole].sum())
+            self._dof += int(part.dof[whole].sum())
+            self._last = part.port_m[-1], np.sqrt(np.diag(part.docking_covariance[-1]))
+            yield part
+
+    def figures(self) -> dict[str, Any]:
+        """The figures as plain values; NIS is that of the epochs used whole."""
+        from relnav.estimation.consistency import consistency_of_sum
+
+        consistency = consistency_of_sum("NIS", self._nis, self._dof)
+        assert self._last is not None
+        port, sigma = self._last
+        counts = {name if name == "epochs" else f"epochs_{name}": count for name, count in self._counts.items()}
+        return {
+            "model": self._model,
+            **counts,
+            "nis_per_dof": consistency.ratio,
+            "nis": str(consistency),
+            "port_m": [float(value) for value in port],
+            "sigma_port_m": [float(value) for value in sigma[:3]],
+            "sigma_port_velocity_m_s": [float(value) for value in sigma[3:6]],
+            "sigma_turn_deg": [math.degrees(value) for value in sigma[6:9]],
+            "sigma_rate_deg_s": [math.degrees(value) for value in sigma[9:]],
+        }
 
 
 def lines(figures: dict[str, Any], name: str) -> list[str]:
@@ -78,10 +112,15 @@ def lines(figures: dict[str, Any], name: str) -> list[str]:
     )
     out.append(f"{figures['nis']} (epochs used whole; {figures['epochs_with_rejected_spots']} had spots rejected)")
     if figures["epochs_ambiguous"]:
-        out.append(f"{figures['epochs_ambiguous']} epochs with more than one possible pose: column 'hypotheses'")
+        out.append(
+            f"{figures['epochs_ambiguous']} epochs with more than one possible pose: columns 'hypotheses', 'ambiguity' "
+            "(below 18.4 do not rely on the attitude)"
+        )
     if figures["epochs_unobservable"]:
         out.append(
-            f"{figures['epochs_unobservable']} epochs long after three markers were last seen at once: attitude hardly "
-            "observed, column 'observable'"
+            f"{figures['epochs_unobservable']} epochs long after three markers off one line were last used: attitude "
+            "hardly observed, column 'observable'"
         )
+    if figures["epochs_too_late"]:
+        out.append(f"{figures['epochs_too_late']} images later than the model's longest_delay_s, not used: 'too_late'")
     return out

@@ -9,6 +9,7 @@ An error of the attitude is a small rotation vector in body axes, C = C_hat exp(
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -248,7 +249,7 @@ class RigidBody:
         return dcm, rate, phi, noise
 
 
-def cross(v: Vector) -> Matrix:
+def cross(v: Vector | Sequence[float]) -> Matrix:
     """[v x] (3, 3): [v x] w = v x w."""
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 

@@ -7,8 +7,8 @@ What filterpy 2.0.0 leaves to its user is done here. Angles have no plain mean: 
 point. A covariance of rotations is no covariance of Euler angles: R and Q pass through T^-1. At a pitch of 90 deg there
 are no Euler angles: beyond 45 deg they are told from the present attitude instead. `update` uses the sigma points of
 the last `predict`, whatever was updated since (and does nothing before the first): they are drawn anew. Its P loses
-symmetry: it is restored. The weights are those of the symmetric set with no weight on the mean (alpha 1, kappa 0), none
-of them negative.
+symmetry: it is restored. The weights are those of the symmetric set with no weight on the mean, in mean and covariance
+(alpha 1, beta 0, kappa 0), none of them negative.
 """
 
 import math
@@ -85,7 +85,7 @@ class UnscentedAttitude:
         from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
         self._motion, self._reference = motion, np.eye(3)
-        points = MerweScaledSigmaPoints(6, alpha=1.0, beta=2.0, kappa=0.0, sqrt_method=_root, subtract=np.subtract)
+        points = MerweScaledSigmaPoints(6, alpha=1.0, beta=0.0, kappa=0.0, sqrt_method=_root, subtract=np.subtract)
         self._filter: Any = UnscentedKalmanFilter(
             dim_x=6,
             dim_z=3,

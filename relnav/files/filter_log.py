@@ -3,27 +3,62 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any, overload
 
+from relnav.errors import UsageError
 from relnav.files.filter_file import log_metadata
 from relnav.files.logs import check_beacons, read_log
-from relnav.files.models import load_mission
+from relnav.files.marker_logs import filter_marker_log
+from relnav.files.models import load_mission, load_model
 from relnav.files.raw_filter import filter_raw_log
 from relnav.files.raw_logs import is_raw_log
-from relnav.mission import Model
+from relnav.mission import Model, VisionMission
 from relnav.navigation.log import filter_epochs
+from relnav.navigation.pose_log import PoseSolution
 from relnav.navigation.record import Solution
+
+
+@overload
+def filter_log(
+    path: str | os.PathLike[str],
+    model: Model,
+    *,
+    method: str = ...,
+    projection: str | None = ...,
+    smooth: bool = ...,
+    progress: Callable[[int, int], None] | None = ...,
+) -> Solution: ...
+
+
+@overload
+def filter_log(path: str | os.PathLike[str], model: VisionMission) -> PoseSolution: ...
+
+
+@overload  # which of the two, only the model's file tells
+def filter_log(
+    path: str | os.PathLike[str],
+    model: str,
+    *,
+    method: str = ...,
+    projection: str | None = ...,
+    smooth: bool = ...,
+    progress: Callable[[int, int], None] | None = ...,
+) -> Any: ...
 
 
 def filter_log(
     path: str | os.PathLike[str],
-    model: Model | str,
+    model: Model | VisionMission | str,
     *,
     method: str = "spots",
     projection: str | None = None,
     smooth: bool = False,
     progress: Callable[[int, int], None] | None = None,
-) -> Solution:
-    """Filter a CSV log of spots into a track.
+) -> Solution | PoseSolution:
+    """Filter a log of spots (CSV or Parquet) into a track.
+
+    A log of a marker model becomes a `PoseSolution`; its columns are those of `filter_marker_log`, and the keywords
+    below are for beacons alone.
 
     Parameters
     ----------
@@ -31,7 +66,7 @@ def filter_log(
         The log: `t_s`, `spot_a_x_um`, ... (any length unit; empty = not seen), optionally `sigma_spot_a_x_um`, ... (all
         of them; empty = as before), `accel_x_m_s2`, ...,
         `delta_v_x_m_s`, ..., `q_cam_from_lvlh_x`, ... Or a raw log, a row a slot: `t_s`, `beacon`, four currents.
-    model : Model or str
+    model : Model, VisionMission or str
         A loaded model, or what `load_model` takes.
     method : {"spots", "fix"}
         Measurement model, as for `Navigator`.
@@ -44,7 +79,7 @@ def filter_log(
 
     Returns
     -------
-    Solution
+    Solution or PoseSolution
         One entry a row of the log, rejected and empty ones included.
 
     Raises
@@ -52,9 +87,18 @@ def filter_log(
     LogError
         If the log cannot be read; names file, line and column.
     ModelError
-        If the model cannot be loaded.
+        If the model cannot be loaded, or does not fly.
+    UsageError
+        For a keyword that a marker model has no use for.
     """
+    loaded: Any = load_model(model) if isinstance(model, str) else model
+    if isinstance(loaded, VisionMission):
+        given = {"method": method != "spots", "projection": projection, "smooth": smooth, "progress": progress}
+        for keyword in (name for name, value in given.items() if value):
+            raise UsageError(f"{keyword} is for three-beacon models; {loaded.name} has one filter, on its spots")
+        return filter_marker_log(path, loaded)
     mission = load_mission(model) if isinstance(model, str) else model
+    assert isinstance(mission, Model)
     if is_raw_log(Path(path)):
         return filter_raw_log(Path(path), mission, method=method, projection=projection, smooth=smooth)
     log = read_log(Path(path))

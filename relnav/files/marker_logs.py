@@ -1,6 +1,7 @@
 """Marker logs as files: simulated ones and their truth out, a log in, its track of position and attitude out."""
 
 import os
+from collections.abc import Iterable, Iterator
 from functools import partial
 from pathlib import Path
 
@@ -13,7 +14,8 @@ from relnav.files.log_columns import ACCELERATION, DELTA_V, markers, parse_heade
 from relnav.files.logs import LogFile
 from relnav.files.tables import STATE_COLUMNS, Table, check_format, relnav_version, write_table
 from relnav.mission import VisionMission
-from relnav.navigation.pose_log import PoseSolution, filter_marker_epochs
+from relnav.navigation.pose_log import PoseSolution, filter_marker_epochs, joined
+from relnav.navigation.relative_pose import PoseNavigator
 from relnav.simulation.marker_flight import MarkerFlight
 
 _XYZ, _XYZW = ("x", "y", "z"), ("x", "y", "z", "w")
@@ -34,10 +36,11 @@ TRACK_COLUMNS = (
     *(f"sigma_{name}_{unit}" for name, unit in zip(_ERRORS, _ERROR_UNITS, strict=True)),
     *PORT_COLUMNS,
     *(f"sigma_port_{name}_{unit}" for name, unit in zip(_ERRORS, _ERROR_UNITS, strict=True)),
-    *("nis", "dof", "used", "status", "hypotheses", "observable"),
+    *("nis", "dof", "used", "status", "hypotheses", "ambiguity", "observable", "too_late"),
     *(f"cov_{_ERRORS[i]}_{_ERRORS[j]}" for i, j in zip(*_UPPER, strict=True)),
 )
-_INTEGERS = tuple(TRACK_COLUMNS.index(name) for name in ("dof", "used", "status", "hypotheses", "observable"))
+_WHOLE_NUMBERS = ("dof", "used", "status", "hypotheses", "observable", "too_late")
+_INTEGERS = tuple(TRACK_COLUMNS.index(name) for name in _WHOLE_NUMBERS)
 
 
 def filter_marker_log(path: str | os.PathLike[str], mission: VisionMission) -> PoseSolution:
@@ -52,27 +55,39 @@ def filter_marker_log(path: str | os.PathLike[str], mission: VisionMission) -> P
     LogError
         If the log cannot be read; names file, line and column.
     """
+    return joined(marker_solutions(path, mission))
+
+
+def marker_solutions(path: str | os.PathLike[str], mission: VisionMission) -> Iterator[PoseSolution]:
+    """The same, piece after piece of the log as it is read.
+
+    Raises
+    ------
+    LogError
+        As `filter_marker_log`.
+    """
     layout = markers(len(mission.markers.positions_m))
-    log = LogFile(Path(path), partial(parse_header, layout=layout))
-    values = np.concatenate(list(log.tables()))
-    t, spots = log.group(values, ("t",)), log.group(values, layout.spots)
-    assert t is not None
-    assert spots is not None
-    image = log.group(values, ("image_t",))
-    if image is not None and (late := np.flatnonzero(image[:, 0] > t[:, 0])).size:
-        raise LogError(
-            f"{path}: image_t_s {image[late[0], 0]:.15g} s lies after its row's t_s {t[late[0], 0]:.15g} s; "
-            "a row is written when its image has arrived"
+    log, navigator = LogFile(Path(path), partial(parse_header, layout=layout)), PoseNavigator(mission)
+    for values in log.tables():
+        t, spots = log.group(values, ("t",)), log.group(values, layout.spots)
+        assert t is not None
+        assert spots is not None
+        image = log.group(values, ("image_t",))
+        if image is not None and (late := np.flatnonzero(image[:, 0] > t[:, 0])).size:
+            raise LogError(
+                f"{path}: image_t_s {image[late[0], 0]:.15g} s lies after its row's t_s {t[late[0], 0]:.15g} s; "
+                "a row is written when its image has arrived"
+            )
+        yield filter_marker_epochs(
+            mission,
+            t[:, 0],
+            spots.reshape(len(t), -1, 2),
+            image_t_s=None if image is None else image[:, 0],
+            acceleration_m_s2=log.group(values, ACCELERATION),
+            delta_v_m_s=log.group(values, DELTA_V),
+            q_chaser_from_lvlh=log.group(values, layout.quaternion),
+            navigator=navigator,
         )
-    return filter_marker_epochs(
-        mission,
-        t[:, 0],
-        spots.reshape(len(t), -1, 2),
-        image_t_s=None if image is None else image[:, 0],
-        acceleration_m_s2=log.group(values, ACCELERATION),
-        delta_v_m_s=log.group(values, DELTA_V),
-        q_chaser_from_lvlh=log.group(values, layout.quaternion),
-    )
 
 
 def _quaternions(dcm: Stack) -> Matrix:
@@ -90,9 +105,17 @@ def _sigmas(covariance: Stack) -> Matrix:
     return sigma
 
 
-def write_track(solution: PoseSolution, path: Path, metadata: dict[str, str] | None = None) -> None:
-    """Write a solution (.csv or .parquet), one row an epoch; the covariance in SI (m, m/s, rad, rad/s)."""
-    table: Table = [
+def write_track(parts: Iterable[PoseSolution], model: str, path: Path, metadata: dict[str, str] | None = None) -> None:
+    """Write consecutive solutions (.csv or .parquet), one row an epoch; the covariance in SI (m, m/s, rad, rad/s).
+
+    An empty `ambiguity`: no other pose is possible.
+    """
+    _write(path, TRACK_COLUMNS, map(_rows, parts), {"model": model} | (metadata or {}), _INTEGERS)
+
+
+def _rows(solution: PoseSolution) -> Table:
+    doubtful = np.where(np.isfinite(solution.ambiguity), solution.ambiguity, np.nan)
+    return [
         solution.t_s,
         *solution.state.T,
         *_quaternions(solution.dcm_lvlh_from_target).T,
@@ -103,11 +126,10 @@ def write_track(solution: PoseSolution, path: Path, metadata: dict[str, str] | N
         *_quaternions(solution.dcm_target_from_chaser).T,
         *np.degrees(solution.relative_rate_rad_s).T,
         *_sigmas(solution.docking_covariance).T,
-        solution.nis,
-        *(getattr(solution, name) for name in ("dof", "used", "status", "hypotheses", "observable")),
+        *(solution.nis, solution.dof, solution.used, solution.status, solution.hypotheses, doubtful),
+        *(solution.observable, solution.too_late),
         *solution.covariance[:, _UPPER[0], _UPPER[1]].T,
     ]
-    _write(path, TRACK_COLUMNS, table, {"model": solution.model} | (metadata or {}), _INTEGERS)
 
 
 def write_marker_log(flight: MarkerFlight, path: Path, metadata: dict[str, str] | None = None) -> None:
@@ -116,18 +138,20 @@ def write_marker_log(flight: MarkerFlight, path: Path, metadata: dict[str, str] 
     columns = ("t_s", *layout.spots, *(f"{base}_m_s2" for base in ACCELERATION), *layout.quaternion)
     spots = flight.spots_px.reshape(len(flight.t_s), -1)
     chaser = _quaternions(np.array(flight.dcm_chaser_from_lvlh))
-    _write(path, columns, [flight.t_s, *spots.T, *flight.acceleration_m_s2.T, *chaser.T], metadata or {}, ())
+    table: Table = [flight.t_s, *spots.T, *flight.acceleration_m_s2.T, *chaser.T]
+    _write(path, columns, [table], metadata or {}, ())
 
 
 def write_marker_truth(flight: MarkerFlight, path: Path, metadata: dict[str, str] | None = None) -> None:
     """Write a simulated log's true states."""
     attitude, rate = _quaternions(flight.dcm_lvlh_from_target), np.degrees(flight.rate_rad_s)
-    _write(path, TRUTH_COLUMNS, [flight.t_s, *flight.motion.T, *attitude.T, *rate.T], metadata or {}, ())
+    table: Table = [flight.t_s, *flight.motion.T, *attitude.T, *rate.T]
+    _write(path, TRUTH_COLUMNS, [table], metadata or {}, ())
 
 
 def _write(
-    path: Path, columns: tuple[str, ...], table: Table, metadata: dict[str, str], integers: tuple[int, ...]
+    path: Path, columns: tuple[str, ...], parts: Iterable[Table], metadata: dict[str, str], integers: tuple[int, ...]
 ) -> None:
     check_format(path)
     head = {"relnav": relnav_version(), "frame": "lvlh_ccsds; ports and turns in target axes"} | metadata
-    write_table(path, columns, iter([table]), head, integers)
+    write_table(path, columns, iter(parts), head, integers)

@@ -14,6 +14,7 @@ from relnav.arrays import Vector
 from relnav.errors import UsageError
 from relnav.files.atomic import replacing
 from relnav.navigation.docking_view import UPPER
+from relnav.navigation.pose_log import PoseSolution
 from relnav.navigation.record import DIAGONAL, Solution
 
 STATE = ("x", "y", "z", "vx", "vy", "vz")
@@ -92,12 +93,12 @@ def _cells(row: tuple[float, ...], integers: tuple[int, ...]) -> list[str]:
     return cells
 
 
-def write(solution: Solution, path: str | os.PathLike[str]) -> None:
+def write(solution: Solution | PoseSolution, path: str | os.PathLike[str]) -> None:
     """Write a solution as a table, one row an epoch; numbers are exact (read back, they are the same).
 
     Parameters
     ----------
-    solution : Solution
+    solution : Solution or PoseSolution
         From `filter_log`.
     path : str or path
         Ends in `.csv` or `.parquet` (needs pyarrow). Empty cells: no state yet. The file appears whole or not at all.
@@ -109,6 +110,11 @@ def write(solution: Solution, path: str | os.PathLike[str]) -> None:
     """
     target = Path(path)
     check_format(target)
+    if not isinstance(solution, Solution):
+        from relnav.files.marker_logs import write_track
+
+        write_track([solution], solution.model, target)
+        return
     stated = head(solution.model, solution.method, solution.smoothed)
     stated |= {key: str(value) for key, value in solution.metadata.items()}
     write_table(target, COLUMNS, _parts(solution), stated, INTEGERS)

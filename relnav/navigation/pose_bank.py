@@ -4,19 +4,28 @@ A flat pattern has up to four poses that explain an image; a filter on the most 
 one for ever. Here each root starts a filter, with its covariance widened (seen head-on the misfit is no parabola, and
 the truth lies up to 3 sigma off). A hypothesis falls when its latest spots are a million times less likely than
 another's; every ten seconds roots that no hypothesis covers start new ones; two that have become one are joined.
+
+The bank begins anew on an image of three markers when the filters are locked out, or when after a gap they know too
+little for errors to count as small. An image that no pose explains begins nothing: the filters go on.
 """
 
 import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from relnav.arrays import Flags, Matrix, Stack, Vector
 from relnav.dynamics.rigid_body import RigidBody
+from relnav.estimation.attitude import turned
+from relnav.geometry.rotation_vector import rotation_vector_between
 from relnav.mission import VisionMission
-from relnav.navigation.pose_state import PoseState, SpotUpdate, spot_update, state_from_pose, time_update
+from relnav.navigation.pose_state import PoseState, state_from_pose, time_update
+from relnav.navigation.spot_update import SpotUpdate, spot_update, spots_seen
 from relnav.sensors.three_marker.measure import measure
+from relnav.sensors.three_marker.outcome import MISFIT_PROBABILITY
 from relnav.sensors.three_marker.pose import Pose
+from relnav.sensors.three_marker.sensor import View
 
 WIDENED = 4.0
 DROP = 2.0 * math.log(1e6)
@@ -26,6 +35,9 @@ RENEWED_S = 10.0
 _COVERED = 16.0  # chi-square: a root whose attitude is this near a hypothesis starts none
 _JOINED = 1.0  # chi-square of twelve: two hypotheses this near are one
 _MOST = 8
+_LARGEST_TURN_RAD = 0.3
+_LARGEST_SHARE_OF_RANGE = 0.2
+"""1-sigma of attitude and position up to which errors count as small (tested: NEES after gaps of any length)."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +60,8 @@ class Bank:
         The most credible first; empty before a start.
     renewed_s : float
         When roots were last looked for.
-    full_s : float
-        When three or more spots were last used.
+    used_s : tuple of float
+        When each marker was last used, NaN = never; empty before a start.
     rejected : int
         Epochs in a row with at least half of what was seen rejected.
     """
@@ -57,7 +69,7 @@ class Bank:
     t_s: float = math.nan
     hypotheses: tuple[Hypothesis, ...] = ()
     renewed_s: float = -math.inf
-    full_s: float = math.nan
+    used_s: tuple[float, ...] = ()
     rejected: int = 0
 
 
@@ -85,35 +97,47 @@ class Event:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What an event did to the leading hypothesis."""
+    """What an event did to the leading hypothesis: which markers had a spot (n,), which were used (n,), and so on."""
 
-    nis: float
-    dof: int
+    seen: Flags
     accepted: Flags
-    started: bool
+    nis: float = math.nan
+    dof: int = 0
+    started: bool = False
 
 
-def _roots(event: Event, spots: Matrix, mission: VisionMission, believed: PoseState | None) -> list[PoseState]:
-    """States on the poses that explain an image and are not a million times less credible than the best of them.
+def _with_view(pose: Pose, view: View) -> Pose:
+    """A root joined with the expected view, by which alone a flat pattern far off tells its tilt."""
+    known = np.zeros((6, 6))
+    known[3:, 3:] = np.eye(3) / view.attitude_sigma_rad**2
+    covariance = np.asarray(np.linalg.inv(np.linalg.inv(pose.covariance) + known), dtype=np.float64)
+    toward = known[:, 3:] @ rotation_vector_between(view.dcm_cam_from_target, pose.dcm_cam_from_target)
+    shift = covariance @ toward
+    return Pose(pose.position_m + shift[:3], turned(pose.dcm_cam_from_target, shift[3:]), covariance)
 
-    Before a start the expected view decides and is part of the state: a root is then its own and the view's mean width.
+
+def _roots(
+    event: Event, spots: Matrix, mission: VisionMission, believed: PoseState | None
+) -> tuple[list[PoseState], Flags]:
+    """States on the poses that explain an image and are not a million times less credible than the best; markers used.
+
+    The expected view decides and is part of the state. An image whose spots misfit every pose has none.
     """
     result = measure(spots, mission, spot_covariance_px2=event.covariance_px2)
+    used = np.array(result.labels) >= 0
+    worst = float(chdtri(result.dof, MISFIT_PROBABILITY)) if result.dof > 0 else math.inf
     out = []
     for root in result.roots:
-        if root.score - result.roots[0].score > DROP:
+        if root.score - result.roots[0].score > DROP or root.misfit > worst:
             continue
-        prior = np.zeros((6, 6))
-        prior[3:, 3:] = np.eye(3) / mission.view.attitude_sigma_rad**2
-        narrowed = np.asarray(np.linalg.inv(np.linalg.inv(root.pose.covariance) + prior), dtype=np.float64)
-        pose = Pose(root.pose.position_m, root.pose.dcm_cam_from_target, narrowed)
+        pose = _with_view(root.pose, mission.view)
         state = state_from_pose(pose, mission, event.dcm_chaser_from_lvlh, widened=WIDENED)
         if believed is not None:  # the velocity is common to all: unknown, its width alone would cost the odds
             motion, covariance = np.concatenate([state.motion[:3], believed.motion[3:]]), state.covariance.copy()
             covariance[3:6, 3:6] = WIDENED * believed.covariance[3:6, 3:6]
             state = replace(state, motion=motion, covariance=covariance)
         out.append(state)
-    return out
+    return out, used
 
 
 def _apart(one: PoseState, other: PoseState, parts: slice, spread: Matrix) -> float:
@@ -137,28 +161,54 @@ def _renewed(bank: list[Hypothesis], event: Event, spots: Matrix, mission: Visio
     best = bank[0]
     fresh = [
         state
-        for state in _roots(event, spots, mission, best.state)
+        for state in _roots(event, spots, mission, best.state)[0]
         if all(_apart(h.state, state, slice(6, 9), h.state.covariance + state.covariance) > _COVERED for h in bank)
     ]
     return bank + [Hypothesis(state, best.score) for state in fresh]
 
 
+def _begun(event: Event, mission: VisionMission, believed: PoseState | None = None) -> tuple[Bank, Outcome] | None:
+    """A bank of the poses that explain the image; None if there are none."""
+    if event.spots_px is None:
+        return None
+    states, used = _roots(event, event.spots_px, mission, believed)
+    if not states:
+        return None
+    last_used = tuple(event.t_s if one else math.nan for one in used)
+    bank = Bank(event.t_s, tuple(Hypothesis(state, 0.0) for state in states), event.t_s, last_used, 0)
+    return bank, Outcome(spots_seen(event.spots_px), used, started=True)
+
+
+def _is_wide(state: PoseState) -> bool:
+    """Whether errors are no longer small: a full image then tells more than the state that it would correct."""
+    variances = np.diagonal(state.covariance)
+    share = float(variances[:3].max()) / float(state.motion[:3] @ state.motion[:3])
+    return float(variances[6:9].max()) > _LARGEST_TURN_RAD**2 or share > _LARGEST_SHARE_OF_RANGE**2
+
+
+def _is_forgotten(state: PoseState, dt: float, mission: VisionMission) -> bool:
+    """Whether after dt nothing is known of the attitude any more: 1-sigma of half a turn."""
+    variances = np.diagonal(state.covariance)
+    drift = mission.target.rate_noise_density_rad2_s3 * dt**3 / 3.0
+    return float(variances[6:9].max() + variances[9:].max() * dt**2) + drift > math.pi**2
+
+
 def advance(bank: Bank, event: Event, mission: VisionMission, body: RigidBody, limit: float) -> tuple[Bank, Outcome]:
     """The bank after an event, and what became of it; limit: gate of each spot's NIS."""
-    nothing = np.zeros(len(mission.markers.positions_m), dtype=bool)
     spots = event.spots_px
+    count = len(mission.markers.positions_m)
+    seen = np.zeros(count, dtype=bool) if spots is None else spots_seen(spots)
+    nothing = Outcome(seen, np.zeros(count, dtype=bool))
     dt = event.t_s - bank.t_s if math.isfinite(bank.t_s) else 0.0
-    if not bank.hypotheses:
-        states = [] if spots is None else _roots(event, spots, mission, None)
-        if spots is None or not states:
-            return replace(bank, t_s=event.t_s), Outcome(math.nan, 0, nothing, started=False)
-        begun = Bank(event.t_s, tuple(Hypothesis(state, 0.0) for state in states), event.t_s, event.t_s, 0)
-        used = np.logical_and(np.isfinite(spots[:, 0]), np.isfinite(spots[:, 1]))
-        return begun, Outcome(math.nan, 0, used, started=True)
+    known = [h for h in bank.hypotheses if not _is_forgotten(h.state, dt, mission)]
+    if not known:
+        return _begun(event, mission) or (Bank(event.t_s), nothing)
     fade = math.exp(-dt / MEMORY_S)
-    moved = [Hypothesis(_moved(h.state, dt, event, body, mission), fade * h.score) for h in bank.hypotheses]
-    if spots is None or not np.isfinite(spots).all(axis=-1).any():
-        return replace(bank, t_s=event.t_s, hypotheses=tuple(moved)), Outcome(math.nan, 0, nothing, started=False)
+    moved = [Hypothesis(_moved(h.state, dt, event, body, mission), fade * h.score) for h in known]
+    if spots is None or not seen.any():
+        return replace(bank, t_s=event.t_s, hypotheses=tuple(moved)), nothing
+    if seen.sum() >= 3 and _is_wide(moved[0].state) and (anew := _begun(event, mission, moved[0].state)):
+        return anew
     updates = [
         spot_update(h.state, spots, mission, event.dcm_chaser_from_lvlh, limit, event.covariance_px2) for h in moved
     ]
@@ -178,14 +228,15 @@ def _moved(state: PoseState, dt: float, event: Event, body: RigidBody, mission: 
 def _after(
     bank: Bank, event: Event, spots: Matrix, mission: VisionMission, hypotheses: list[Hypothesis], lead: SpotUpdate
 ) -> tuple[Bank, Outcome]:
-    """Count rejections, look for new roots when it is time, give up what is locked out."""
-    used, seen = int(lead.accepted.sum()), int(np.isfinite(spots).all(axis=-1).sum())
+    """Count rejections, begin anew if locked out, look for new roots when it is time."""
+    used, seen = int(lead.accepted.sum()), int(lead.seen.sum())
     rejected = bank.rejected + 1 if 2 * used <= seen else 0
-    renewed_s, full_s = bank.renewed_s, event.t_s if used >= 3 else bank.full_s
-    outcome = Outcome(lead.nis, lead.dof, lead.accepted, started=False)
+    if rejected >= mission.filter.restart_after_epochs and (anew := _begun(event, mission)):
+        return anew
+    renewed_s = bank.renewed_s
     if seen >= 3 and event.t_s - renewed_s >= RENEWED_S:
         hypotheses, renewed_s = _renewed(hypotheses, event, spots, mission), event.t_s
-    if rejected >= mission.filter.restart_after_epochs:
-        return Bank(event.t_s), outcome
+    used_s = tuple(event.t_s if now else last for now, last in zip(lead.accepted, bank.used_s, strict=True))
     ordered = tuple(sorted(hypotheses, key=lambda h: h.score))
-    return Bank(event.t_s, ordered, renewed_s, full_s, rejected), outcome
+    outcome = Outcome(lead.seen, lead.accepted, lead.nis, lead.dof)
+    return Bank(event.t_s, ordered, renewed_s, used_s, rejected), outcome

@@ -1,6 +1,7 @@
 """A whole log of marker spots through the pose navigator: one record an epoch, gathered in arrays."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -32,7 +33,9 @@ class PoseSolution:
     used : (n,)
         Spots used.
     status, hypotheses : (n,)
-    observable : (n,)
+    ambiguity : (n,)
+        Infinite where one pose is left; below 18.4 do not rely on the attitude, as in `PoseRecord`.
+    observable, too_late : (n,)
     """
 
     model: str
@@ -51,7 +54,9 @@ class PoseSolution:
     used: Codes
     status: Codes
     hypotheses: Codes
+    ambiguity: Vector
     observable: Flags
+    too_late: Flags
 
     def __len__(self) -> int:
         """Epochs."""
@@ -69,6 +74,13 @@ class PoseSolution:
         return nis_consistency(self.nis[whole], self.dof[whole], probability)
 
 
+def joined(parts: Iterable[PoseSolution]) -> PoseSolution:
+    """Consecutive parts of a log as one."""
+    whole = list(parts)
+    arrays = [entry.name for entry in fields(PoseSolution) if entry.name != "model"]
+    return PoseSolution(whole[0].model, *(np.concatenate([getattr(part, name) for part in whole]) for name in arrays))
+
+
 def filter_marker_epochs(
     mission: VisionMission,
     t_s: Vector,
@@ -78,15 +90,18 @@ def filter_marker_epochs(
     acceleration_m_s2: Matrix | None = None,
     delta_v_m_s: Matrix | None = None,
     q_chaser_from_lvlh: Matrix | None = None,
+    navigator: PoseNavigator | None = None,
 ) -> PoseSolution:
     """Filter epochs t_s (n,) with spots (n, markers, 2) px and, where known, exposure times, control and attitude.
+
+    navigator: one that has worked through the log so far, to go on with.
 
     Raises
     ------
     ValueError
         As `PoseNavigator.step`.
     """
-    nav, records = PoseNavigator(mission), []
+    nav, records = navigator or PoseNavigator(mission), []
     for k in range(len(t_s)):
         attitude = None if q_chaser_from_lvlh is None else dcm_from_quaternion(q_chaser_from_lvlh[k])
         records.append(
@@ -130,5 +145,7 @@ def _gathered(mission: VisionMission, records: list[PoseRecord]) -> PoseSolution
         np.array([int(r.accepted.sum()) for r in records], dtype=np.int64),
         np.array([int(r.status) for r in records], dtype=np.int64),
         np.array([r.hypotheses for r in records], dtype=np.int64),
+        of("ambiguity"),
         np.array([r.observable for r in records], dtype=bool),
+        np.array([r.too_late for r in records], dtype=bool),
     )

@@ -12,13 +12,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Flags, Matrix, Vector
-from relnav.dynamics.rigid_body import RigidBody
+from relnav.dynamics.rigid_body import RigidBody, lvlh_rate
+from relnav.estimation.attitude import turned
 from relnav.estimation.gating import chi_square_limit
 from relnav.mission import VisionMission
 from relnav.navigation.docking_port import DockingState, docking_state
 from relnav.navigation.pose_bank import Bank, Event, Hypothesis, Outcome, advance
 from relnav.navigation.pose_state import PoseState
 from relnav.navigation.status import EpochStatus
+from relnav.sensors.three_marker.camera import usable_covariance
+from relnav.sensors.three_marker.sensor import span_a_plane
 
 _EMPTY = PoseState(np.full(6, np.nan), np.full((3, 3), np.nan), np.full(3, np.nan), np.full((12, 12), np.nan))
 
@@ -40,7 +43,8 @@ class PoseRecord:
     docking : DockingState or None
         Port from port, with joint covariance.
     nis, dof : float, int
-        Of everything seen, before the gate; NaN where nothing was, and at a start.
+        Of everything seen, before the gate (spots off the image, or of a marker that should be behind the camera, are
+        refused without); NaN where nothing was, and at a start.
     accepted : (n,)
         Which markers' spots were used.
     status : EpochStatus
@@ -52,8 +56,8 @@ class PoseRecord:
         Twice the log of the odds of that one against the next; infinite if there is no other. Below 18.4 (odds of ten
         thousand, as in `PoseMeasurement`) do not rely on the attitude.
     observable : bool
-        False while fewer than three markers have been used for longer than the model's limit: a turn about the line
-        through two markers is then hardly seen, and the covariance may be too small.
+        False while the markers used within the model's limit are fewer than three, or stand on one line: a turn about
+        it is then hardly seen, and the covariance may be too small.
     """
 
     t_s: float
@@ -116,9 +120,11 @@ class PoseNavigator:
         dcm_chaser_from_lvlh : (3, 3), optional
             The chaser's attitude at the exposure (at t_s without an image); the model's held one if left out.
         chaser_rate_rad_s : (3,), optional
-            Its inertial rate, chaser axes, for the docking state.
+            Its inertial rate, chaser axes, for the docking state, and to carry its attitude on from a late exposure to
+            t_s there; that of a chaser held in `lvlh_ccsds` if left out.
         spot_covariance_px2 : (n, 2, 2), optional
-            Of each spot; the camera's spot noise if left out.
+            Of each spot; the camera's spot noise if left out. A spot whose covariance is not finite, symmetric and
+            positive definite counts as not seen.
 
         Raises
         ------
@@ -137,19 +143,18 @@ class PoseNavigator:
         rate = None if chaser_rate_rad_s is None else _vector("chaser_rate_rad_s", chaser_rate_rad_s)
         outcome: Outcome | None
         if image.spots_px is None or exposed == t_s:
-            outcome, too_late = self._append(image), False
+            outcome = self._append(image)
         else:
             self._append(event)
-            too_late = t_s - exposed > self.mission.filter.longest_delay_s
-            outcome = None if too_late else self._insert(replace(image, t_s=exposed))
+            outcome = self._insert(replace(image, t_s=exposed), t_s - self.mission.filter.longest_delay_s)
         self._forget(t_s)
-        return self._record(event, outcome, too_late, rate)
+        return self._record(event, outcome, rate, t_s - exposed)
 
     def _event(
         self, t_s: float, acceleration: ArrayLike | None, delta_v: ArrayLike | None, dcm: ArrayLike | None
     ) -> Event:
         attitude = self.mission.dcm_chaser_from_lvlh if dcm is None else np.array(dcm, dtype=np.float64)
-        if attitude.shape != (3, 3) or not np.abs(attitude @ attitude.T - np.eye(3)).max() < 1e-6:
+        if dcm is not None and not _is_rotation(attitude):
             raise ValueError("dcm_chaser_from_lvlh is a rotation matrix (3, 3)")
         push = np.zeros(3) if acceleration is None else _vector("acceleration_m_s2", acceleration)
         impulse = np.zeros(3) if delta_v is None else _vector("delta_v_m_s", delta_v)
@@ -165,6 +170,8 @@ class PoseNavigator:
         own = None if covariance is None else np.array(covariance, dtype=np.float64)
         if own is not None and own.shape != (count, 2, 2):
             raise ValueError(f"spot_covariance_px2 has shape ({count}, 2, 2), one a marker; got {own.shape}")
+        if own is not None:
+            spots[~usable_covariance(own)] = np.nan
         return replace(event, spots_px=spots, covariance_px2=own)
 
     def _append(self, event: Event) -> Outcome:
@@ -174,11 +181,11 @@ class PoseNavigator:
         self._banks.append(bank)
         return outcome
 
-    def _insert(self, image: Event) -> Outcome | None:
-        """Take a late image in and replay what came after; None if it is older than everything that is kept."""
+    def _insert(self, image: Event, oldest: float) -> Outcome | None:
+        """Take a late image in and replay what came after; None if it is older than the window or all that is kept."""
         times = [event.t_s for event in self._events]
         place = bisect_right(times, image.t_s)
-        if place == 0 and math.isfinite(self._before.t_s) and image.t_s < self._before.t_s:
+        if image.t_s < oldest or (place == 0 and image.t_s < self._before.t_s):  # False for NaN: nothing was forgotten
             return None
         later = self._events[place:]
         push = later[0].acceleration_m_s2 if later else np.zeros(3)  # held over the interval that the image divides
@@ -198,16 +205,18 @@ class PoseNavigator:
             self._before = self._banks[keep - 1]
             del self._events[:keep], self._banks[:keep]
 
-    def _record(self, event: Event, outcome: Outcome | None, too_late: bool, rate: Vector | None) -> PoseRecord:
-        bank = self._banks[-1]
+    def _record(self, event: Event, outcome: Outcome | None, rate: Vector | None, delay_s: float) -> PoseRecord:
+        bank, docking = self._banks[-1], None
         state = bank.hypotheses[0].state if bank.hypotheses else _EMPTY
-        accepted = np.zeros(len(self.mission.markers.positions_m), dtype=bool)
-        nis, dof = math.nan, 0
-        if outcome is not None:
-            accepted, nis, dof = outcome.accepted.copy(), outcome.nis, outcome.dof
-        docking = docking_state(state, self.mission, event.dcm_chaser_from_lvlh, rate) if bank.hypotheses else None
-        status = _status(bank, outcome)
-        for array in (state.motion, state.dcm_lvlh_from_target, state.rate_rad_s, state.covariance, accepted):
+        if bank.hypotheses:
+            dcm = event.dcm_chaser_from_lvlh
+            if delay_s > 0.0 and rate is not None:
+                relative = rate - lvlh_rate(dcm.T, self.mission.orbit.mean_motion_rad_s)
+                dcm = turned(dcm.T, delay_s * relative).T
+            docking = docking_state(state, self.mission, dcm, rate)
+        nothing = np.zeros(len(self.mission.markers.positions_m), dtype=bool)
+        accepted = nothing if outcome is None else outcome.accepted.copy()
+        for array in (*vars(state).values(), accepted, *(() if docking is None else vars(docking).values())):
             array.setflags(write=False)
         return PoseRecord(
             event.t_s,
@@ -216,26 +225,41 @@ class PoseNavigator:
             state.rate_rad_s,
             state.covariance,
             docking,
-            nis,
-            dof,
+            math.nan if outcome is None else outcome.nis,
+            0 if outcome is None else outcome.dof,
             accepted,
-            status,
-            too_late,
+            _status(bank, outcome),
+            outcome is None,
             len(bank.hypotheses),
             bank.hypotheses[1].score - bank.hypotheses[0].score if len(bank.hypotheses) > 1 else math.inf,
-            bool(bank.hypotheses) and event.t_s - bank.full_s <= self.mission.filter.few_markers_limit_s,
+            self._is_observable(bank, event.t_s),
         )
+
+    def _is_observable(self, bank: Bank, t_s: float) -> bool:
+        """Whether the markers used of late span a plane; all of a model's do."""
+        recent = [t_s - used_s <= self.mission.filter.few_markers_limit_s for used_s in bank.used_s]
+        if all(recent) or sum(recent) < 3:
+            return all(recent) and bool(bank.hypotheses)
+        return span_a_plane(self.mission.markers.points_m[recent])
 
 
 def _status(bank: Bank, outcome: Outcome | None) -> EpochStatus:
     if not bank.hypotheses:
         return EpochStatus.WAITING
-    if outcome is None or (outcome.dof == 0 and not outcome.started):
+    if outcome is None or not outcome.seen.any():
         return EpochStatus.PREDICTED
     if outcome.started:
         return EpochStatus.STARTED
-    used = 2 * int(outcome.accepted.sum())
-    return EpochStatus.UPDATED if used == outcome.dof else EpochStatus.PARTIAL if used else EpochStatus.REJECTED
+    if not outcome.accepted.any():
+        return EpochStatus.REJECTED
+    return EpochStatus.UPDATED if np.array_equal(outcome.seen, outcome.accepted) else EpochStatus.PARTIAL
+
+
+def _is_rotation(dcm: Matrix) -> bool:
+    """Orthonormal to 1e-6, and no reflection."""
+    if dcm.shape != (3, 3) or not np.abs(dcm @ dcm.T - np.eye(3)).max() < 1e-6:
+        return False
+    return bool(np.linalg.det(dcm) > 0.0)
 
 
 def _vector(name: str, value: ArrayLike) -> Vector:

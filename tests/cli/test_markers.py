@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import relnav
 from relnav.cli import run
 
 FLIGHT = ["--duration", "40", "--rate", "4", "--quiet"]
@@ -43,6 +44,52 @@ def test_the_track_is_within_its_sigmas_of_the_truth(folder, tmp_path, capsys):
         assert np.abs(got[name] - truth[name])[late].max() < 2e-3
     np.testing.assert_allclose(got["cov_x_x"], got["sigma_x_m"] ** 2, rtol=1e-12)
     assert json.loads(figures.read_text())["epochs_unobservable"] == 0
+
+
+def test_filter_log_takes_a_marker_model(folder, tmp_path):
+    """One public face: the same call and the same `write` as for beacons, the same track as the command's."""
+    log, plain, track = folder / "log.csv", tmp_path / "plain.csv", tmp_path / "track.csv"
+    assert run(["filter", str(log), "--model", "three_marker_vision", "--out", str(plain), "--quiet"]) == 0
+    for model in ("three_marker_vision", relnav.load_model("three_marker_vision")):
+        relnav.write(relnav.filter_log(log, model), track)
+        written = [[line for line in path.read_text().splitlines() if line[0] != "#"] for path in (track, plain)]
+        assert written[0] == written[1]
+    with pytest.raises(relnav.UsageError, match="smooth is for three-beacon models"):
+        relnav.filter_log(log, "three_marker_vision", smooth=True)
+
+
+def test_a_log_is_read_piece_by_piece(folder, monkeypatch):
+    """The navigator goes on from piece to piece: no bit changes."""
+    whole = relnav.filter_log(folder / "log.csv", "three_marker_vision")
+    monkeypatch.setattr("relnav.files.logs.CHUNK_LINES", 37)
+    pieces = relnav.filter_log(folder / "log.csv", "three_marker_vision")
+    for name in ("t_s", "state", "covariance", "docking_covariance", "ambiguity", "status"):
+        np.testing.assert_array_equal(getattr(pieces, name), getattr(whole, name))
+
+
+def test_the_track_says_what_is_doubtful(tmp_path, capsys):
+    """A flat pattern from 20 m: more than one pose, their odds in a column of their own, empty where one is left."""
+    log, out = tmp_path / "log.csv", tmp_path / "track.csv"
+    flight = ["--duration", "20", "--rate", "1", "--start-range", "20", "--seed", "5", "--quiet"]
+    assert run(["simulate", "three_marker_vision_flat", "--out", str(log), *flight]) == 0
+    assert run(["filter", str(log), "--model", "three_marker_vision_flat", "--out", str(out)]) == 0
+    track = table(out)
+    np.testing.assert_array_equal(np.isnan(track["ambiguity"]), track["hypotheses"] <= 1)
+    assert (track["hypotheses"] > 1).any()
+    assert "columns 'hypotheses', 'ambiguity'" in capsys.readouterr().out
+
+
+def test_images_that_come_too_late_are_counted(folder, tmp_path, capsys):
+    lines = [line for line in (folder / "log.csv").read_text().splitlines() if line[0] != "#"]
+    rows = ["image_t_s," + lines[0]]
+    for k, line in enumerate(lines[1:]):
+        t = float(line.split(",")[0])
+        rows.append(f"{t - 3.0 if k in (50, 60) else t!r}," + line)
+    log, out = tmp_path / "late.csv", tmp_path / "track.csv"
+    log.write_text("\n".join(rows) + "\n")
+    assert run(["filter", str(log), "--model", "three_marker_vision", "--out", str(out)]) == 0
+    assert "2 images later than the model's longest_delay_s" in capsys.readouterr().out
+    assert np.flatnonzero(table(out)["too_late"]).tolist() == [50, 60]
 
 
 def test_late_exposures_in_a_log(folder, tmp_path):

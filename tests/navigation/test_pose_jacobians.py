@@ -13,9 +13,9 @@ from relnav.navigation.pose_state import (
     PoseState,
     camera_pose,
     control_noise,
-    spot_update,
     state_from_pose,
 )
+from relnav.navigation.spot_update import predict_spots, spot_update
 from relnav.sensors.three_marker import Pose, project, spot_jacobians
 
 QUIET = 1e-9
@@ -82,11 +82,10 @@ def test_the_pose_seen_is_that_of_the_formula(mission):
 
 def test_spot_rows(mission):
     """By the state and by the chaser's attitude error, through a lens that distorts."""
-    import relnav.navigation.pose_state as module
-
     state, dcm = a_state(), chaser_attitude(mission)
     seen = spots(state, mission, dcm).reshape(-1, 2)
-    rows = module._predict_spots(state, seen, np.arange(3), mission, dcm, None).rows
+    rows = predict_spots(state, seen, np.arange(3), mission, dcm).rows
+    rows = np.hstack([rows[:, :3], np.zeros((6, 3)), rows[:, 3:], np.zeros((6, 3))])
     expected = differences(lambda e: spots(moved(state, e), mission, dcm), 12, 1e-5)
     np.testing.assert_allclose(rows, expected, atol=1e-7 * np.abs(expected).max())
     pose = camera_pose(state, mission, dcm)
@@ -170,14 +169,13 @@ def test_the_update_is_filterpys(mission):
     """One image: gain, state and covariance of filterpy's EKF with the same rows, then folded alike."""
     from filterpy.kalman import ExtendedKalmanFilter
 
-    import relnav.navigation.pose_state as module
-
     state, dcm = a_state(3, 2e-4), chaser_attitude(mission)
     seen = spots(state, mission, dcm).reshape(-1, 2) + 0.3
-    expected = module._predict_spots(state, seen, np.arange(3), mission, dcm, None)
+    expected = predict_spots(state, seen, np.arange(3), mission, dcm)
+    whole = np.hstack([expected.rows[:, :3], np.zeros((6, 3)), expected.rows[:, 3:], np.zeros((6, 3))])
     other = ExtendedKalmanFilter(dim_x=12, dim_z=6)
     other.x, other.P = np.zeros(12), state.covariance.copy()
-    other.update(expected.innovation, HJacobian=lambda _: expected.rows, Hx=lambda _: np.zeros(6), R=expected.noise)
+    other.update(expected.innovation, HJacobian=lambda _: whole, Hx=lambda _: np.zeros(6), R=expected.noise)
     ours = spot_update(state, seen, mission, dcm, 1e9)
     theirs = state.corrected(other.x, other.P)
     np.testing.assert_allclose(state.error_of(ours.state), state.error_of(theirs), rtol=1e-9, atol=1e-14)
@@ -185,35 +183,28 @@ def test_the_update_is_filterpys(mission):
     np.testing.assert_allclose(ours.state.covariance / scale, theirs.covariance / scale, atol=1e-10)
 
 
-def test_second_order_of_the_attitude(mission):
-    """Mean and covariance of the spots by sampling: a large attitude uncertainty, nothing else."""
-    import relnav.navigation.pose_state as module
-
-    covariance = np.zeros((12, 12))
-    covariance[6:9, 6:9] = np.diag([0.05, 0.08, 0.06]) ** 2
+@pytest.mark.parametrize("sigmas", [(0.0, 0.05), (0.15, 0.0), (0.1, 0.04)], ids=["turn", "position", "both"])
+def test_second_order(mission, sigmas):
+    """Mean and covariance by sampling: of pairs of opposite errors the odd orders cancel."""
+    rng = np.random.default_rng(4)
+    root = np.zeros((12, 12))
+    root[:3, :3], root[6:9, 6:9] = sigmas[0] * rng.normal(size=(3, 3)), sigmas[1] * rng.normal(size=(3, 3))
+    root[6:9, :3] = 0.3 * sigmas[1] * rng.normal(size=(3, 3))  # correlated
+    camera = dataclasses.replace(mission.camera, distortion=(0.0,) * 5, image_size_px=(9000, 9000))
     plain = dataclasses.replace(
-        mission,
-        camera=dataclasses.replace(mission.camera, distortion=(0.0,) * 5, position_m=(0.0, 0.0, 0.0)),
-        chaser=dataclasses.replace(mission.chaser, attitude_sigma_rad=0.0),
+        mission, camera=camera, chaser=dataclasses.replace(mission.chaser, attitude_sigma_rad=0.0)
     )
-    state, dcm, rng = (
-        dataclasses.replace(a_state(), covariance=covariance),
-        chaser_attitude(mission),
-        np.random.default_rng(4),
-    )
-    state = dataclasses.replace(state, motion=20.0 * state.motion)  # far away the projection is linear
-    seen = spots(state, plain, dcm).reshape(-1, 2)
-    expected = module._predict_spots(state, seen, np.arange(3), plain, dcm, None)
-    draws = np.zeros((20000, 12))
-    draws[:, 6:9] = rng.normal(size=(20000, 3)) * np.sqrt(np.diag(covariance)[6:9])
-    cloud = np.array([spots(moved(state, e), plain, dcm) for e in draws])
-    mean = -expected.innovation  # of the expected second-order shift, the image being the undisturbed one
-    spread = expected.rows @ covariance @ expected.rows.T + expected.noise - plain.camera.spot_noise_px**2 * np.eye(6)
-    sampled = np.cov(cloud.T)
-    np.testing.assert_allclose(
-        cloud.mean(axis=0) - seen.ravel(), mean, atol=4.0 * np.sqrt(np.diag(sampled).max() / 20000)
-    )
-    np.testing.assert_allclose(spread, sampled, atol=0.04 * np.diag(sampled).max())
+    state, dcm = dataclasses.replace(a_state(), covariance=root @ root.T), chaser_attitude(mission)
+    still = spots(state, plain, dcm)
+    expected = predict_spots(state, still.reshape(-1, 2), np.arange(3), plain, dcm)
+    draws = rng.normal(size=(8000, 12)) @ root.T
+    even = np.array([0.5 * (spots(moved(state, e), plain, dcm) + spots(moved(state, -e), plain, dcm)) for e in draws])
+    sampled = np.cov(even.T)
+    sigma = np.sqrt(np.diag(sampled))
+    assert sigma.min() > 0.3
+    np.testing.assert_allclose((even.mean(axis=0) - still) / sigma, -expected.innovation / sigma, atol=0.06)
+    curved = expected.noise - plain.camera.spot_noise_px**2 * np.eye(6)
+    np.testing.assert_allclose(curved / np.outer(sigma, sigma), sampled / np.outer(sigma, sigma), atol=0.15)
 
 
 def test_control_noise_is_that_of_an_error_in_size_and_direction(mission):

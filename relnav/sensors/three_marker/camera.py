@@ -45,23 +45,38 @@ def usable_covariance(covariance_px2: Stack) -> Flags:
     return usable
 
 
+def image_of(points_cam_m: Matrix, camera: MarkerCamera) -> tuple[Matrix, Stack]:
+    """Spots (n, 2) px of points (n, 3) m in camera axes, on the image or off it, and their Jacobian (n, 2, 3), px/m.
+
+    NaN behind the camera, and where the distortion folds back.
+    """
+    z = np.where(points_cam_m[:, 2] > 0.0, points_cam_m[:, 2], np.nan)
+    xy = points_cam_m[:, :2] / z[:, None]
+    focal = np.array(camera.focal_length_px)
+    pinhole = np.zeros((len(z), 2, 3))
+    pinhole[:, 0, 0] = pinhole[:, 1, 1] = 1.0 / z
+    pinhole[:, :, 2] = -xy / z[:, None]
+    if not any(camera.distortion):
+        return xy * focal + np.array(camera.principal_point_px), focal[:, None] * pinhole
+    with np.errstate(over="ignore", invalid="ignore"):
+        image, bend = distort(xy, np.array(camera.distortion))
+        folded = ~(bend[:, 0, 0] * bend[:, 1, 1] - bend[:, 0, 1] * bend[:, 1, 0] > 0.0)
+        image[folded] = np.nan
+        jacobian = focal[:, None] * (bend @ pinhole)
+    jacobian[folded] = np.nan
+    return image * focal + np.array(camera.principal_point_px), jacobian
+
+
 def project(points_cam_m: Matrix, camera: MarkerCamera) -> Projection:
     """Spots of points (n, 3) m in camera axes."""
     p = np.asarray(points_cam_m, dtype=np.float64)
-    front = p[:, 2] > 0.0
-    z = np.where(front, p[:, 2], np.nan)
-    xy = p[:, :2] / z[:, None]
-    with np.errstate(over="ignore", invalid="ignore"):
-        image, bend = distort(xy, np.array(camera.distortion))
-        spots = image * np.array(camera.focal_length_px) + np.array(camera.principal_point_px)
-        visible = front & on_image(spots, camera)
-        if any(camera.distortion):
-            back, _ = undistort(image, np.array(camera.distortion))
-            visible &= np.abs(back - xy).max(axis=-1) < 1e-6
-        pinhole = np.zeros((len(p), 2, 3))
-        pinhole[:, 0, 0] = pinhole[:, 1, 1] = 1.0 / z
-        pinhole[:, :, 2] = -xy / z[:, None]
-        jacobian = np.array(camera.focal_length_px)[:, None] * (bend @ pinhole)
+    spots, jacobian = image_of(p, camera)
+    visible = on_image(spots, camera)
+    if any(camera.distortion):
+        image = (spots - np.array(camera.principal_point_px)) / np.array(camera.focal_length_px)
+        back, _ = undistort(image, np.array(camera.distortion))
+        with np.errstate(invalid="ignore"):
+            visible &= np.abs(back * p[:, 2:] - p[:, :2]).max(axis=-1) < 1e-6 * np.abs(p[:, 2])
     return Projection(
         np.where(visible[:, None], spots, np.nan), np.where(visible[:, None, None], jacobian, np.nan), visible
     )

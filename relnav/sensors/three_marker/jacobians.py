@@ -1,6 +1,7 @@
 """How the spots move with everything that can be a little off: pose, markers, camera mounting, chaser attitude."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -11,30 +12,59 @@ from relnav.sensors.three_marker.sensor import MarkerCamera
 
 @dataclass(frozen=True)
 class SpotJacobians:
-    """Derivatives of n spots, px per m or rad, each (n, 2, 3); NaN for a marker that is not visible.
+    """Derivatives of n spots, px per m or rad, each (n, 2, 3) and worked out when asked for.
+
+    With p = C s + r and D = d(spot)/dp through the lens: dp/dr = I, dp/dtheta = -C [s x], dp/ds = C, dp/dc_B = -C_KB,
+    dp/deps = [p x], dp/dalpha = C_KB [q x], q = C_KB^T p + c_B the marker from the chaser's centre of mass.
 
     Attributes
     ----------
     position : (n, 2, 3)
-        By the target's position r, camera axes.
-    attitude : (n, 2, 3)
-        By a turn of the target, C = C_hat exp([theta x]), target axes.
-    marker : (n, 2, 3)
-        By the marker's own position, target axes.
-    lever_arm : (n, 2, 3)
-        By the camera's position in the chaser, chaser axes, chaser and target held.
-    mounting : (n, 2, 3)
-        By a turn of the camera, C_KB = exp(-[eps x]) C_KB_hat, camera axes, its lens held.
-    chaser_attitude : (n, 2, 3)
-        By a turn of the chaser about its centre of mass, C_BI = exp(-[alpha x]) C_BI_hat, chaser axes, target held.
+        D, by the target's position r, camera axes.
+    points_m, in_camera_m : (n, 3)
+        s and p.
+    dcm_cam_from_target : (3, 3)
+        C.
+    camera : MarkerCamera
     """
 
     position: Stack
-    attitude: Stack
-    marker: Stack
-    lever_arm: Stack
-    mounting: Stack
-    chaser_attitude: Stack
+    points_m: Matrix
+    in_camera_m: Matrix
+    dcm_cam_from_target: Matrix
+    camera: MarkerCamera
+
+    @cached_property
+    def marker(self) -> Stack:
+        """By the marker's own position, target axes."""
+        by_marker: Stack = self.position @ self.dcm_cam_from_target
+        return by_marker
+
+    @property
+    def attitude(self) -> Stack:
+        """By a turn of the target, C = C_hat exp([theta x]), target axes."""
+        by_attitude: Stack = -self.marker @ cross_matrix(self.points_m)
+        return by_attitude
+
+    @property
+    def lever_arm(self) -> Stack:
+        """By the camera's position in the chaser, chaser axes, chaser and target held."""
+        by_lever: Stack = -self.position @ self.camera.dcm_cam_from_chaser
+        return by_lever
+
+    @property
+    def mounting(self) -> Stack:
+        """By a turn of the camera, C_KB = exp(-[eps x]) C_KB_hat, camera axes, its lens held."""
+        by_mounting: Stack = self.position @ cross_matrix(self.in_camera_m)
+        return by_mounting
+
+    @property
+    def chaser_attitude(self) -> Stack:
+        """By a turn of the chaser about its centre of mass, C_BI = exp(-[alpha x]) C_BI_hat, chaser axes."""
+        mount = self.camera.dcm_cam_from_chaser
+        from_chaser = self.in_camera_m @ mount + np.array(self.camera.position_m)
+        by_chaser: Stack = self.position @ mount @ cross_matrix(from_chaser)
+        return by_chaser
 
 
 def cross_matrix(v: Matrix) -> Stack:
@@ -48,19 +78,7 @@ def cross_matrix(v: Matrix) -> Stack:
 def spot_jacobians(points_m: Matrix, pose: Matrix, camera: MarkerCamera) -> SpotJacobians:
     """Derivatives of the spots of markers (n, 3) m, target axes, under a pose (4, 3), rows 0-2 C, row 3 r.
 
-    With p = C s + r and D = d(spot)/dp through the lens: dp/dr = I, dp/dtheta = -C [s x], dp/ds = C, dp/dc_B = -C_KB,
-    dp/deps = [p x], dp/dalpha = C_KB [q x], q = C_KB^T p + c_B the marker from the chaser's centre of mass.
+    NaN for a marker that is not visible.
     """
-    dcm, position = pose[:3], pose[3]
-    p = points_m @ dcm.T + position
-    D = project(p, camera).jacobian_px_m
-    mount = camera.dcm_cam_from_chaser
-    from_chaser = p @ mount + np.array(camera.position_m)
-    return SpotJacobians(
-        position=D,
-        attitude=-D @ dcm @ cross_matrix(points_m),
-        marker=D @ dcm,
-        lever_arm=-D @ mount,
-        mounting=D @ cross_matrix(p),
-        chaser_attitude=D @ mount @ cross_matrix(from_chaser),
-    )
+    p = points_m @ pose[:3].T + pose[3]
+    return SpotJacobians(project(p, camera).jacobian_px_m, points_m, p, pose[:3], camera)

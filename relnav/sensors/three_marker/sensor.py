@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Annotated
 
 import numpy as np
@@ -16,6 +17,11 @@ NonNegative = Annotated[float, Ge(0.0)]
 Pair = tuple[float, float]
 Triple = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
+
+
+def _constant(array: Matrix) -> Matrix:
+    array.setflags(write=False)
+    return array
 
 
 @dataclass(frozen=True)
@@ -49,10 +55,16 @@ class MarkerCamera:
     def __post_init__(self) -> None:
         dcm_from_quaternion(np.array(self.q_cam_from_chaser))
 
-    @property
+    @cached_property
     def dcm_cam_from_chaser(self) -> Matrix:
-        """v_cam = dcm @ v_chaser, (3, 3)."""
-        return dcm_from_quaternion(np.array(self.q_cam_from_chaser))
+        """v_cam = dcm @ v_chaser, (3, 3), read-only."""
+        return _constant(dcm_from_quaternion(np.array(self.q_cam_from_chaser)))
+
+
+def span_a_plane(points_m: Matrix) -> bool:
+    """Whether three points or more (n, 3) do not all stand on one line."""
+    spread = np.linalg.svd(points_m - points_m.mean(axis=0), compute_uv=False)
+    return bool(spread[1] > 1e-6 * spread[0])
 
 
 @dataclass(frozen=True)
@@ -71,14 +83,13 @@ class Markers:
         points = np.array(self.positions_m, dtype=np.float64).reshape(-1, 3)
         if len(points) < 3:
             raise ValueError(f"positions_m holds three markers or more; got {len(points)}")
-        spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-        if not spread[1] > 1e-6 * spread[0]:
+        if not span_a_plane(points):
             raise ValueError("positions_m: the markers stand on one line; move one of them off it")
 
-    @property
+    @cached_property
     def points_m(self) -> Matrix:
-        """The markers as rows of (n, 3), m."""
-        return np.array(self.positions_m)
+        """The markers as rows of (n, 3), m, read-only."""
+        return _constant(np.array(self.positions_m, dtype=np.float64))
 
 
 @dataclass(frozen=True)
