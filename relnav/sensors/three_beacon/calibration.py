@@ -25,7 +25,10 @@ def exponents(order: int) -> list[tuple[int, int]]:
 
 def powers(u: Matrix, order: int) -> Matrix:
     """Terms u^i v^j (..., p) of points (..., 2), in the order of `exponents`."""
-    return np.stack([u[..., 0] ** i * u[..., 1] ** j for i, j in exponents(order)], axis=-1)
+    i, j = np.array(exponents(order)).T
+    each = u[..., None, :] ** np.arange(order + 1)[:, None]
+    terms: Matrix = each[..., i, 0] * each[..., j, 1]
+    return terms
 
 
 @dataclass(frozen=True)
