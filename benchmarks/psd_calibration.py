@@ -24,7 +24,7 @@ from relnav.navigation.slots import filter_slots
 from relnav.sensors.three_beacon.calibrate import HIGHEST_ORDER, calibrate
 from relnav.sensors.three_beacon.psd import currents_of_counts
 from relnav.sensors.three_beacon.slots import read_slots
-from relnav.sensors.three_beacon.smooth_figure import Box, Estimator, Figure, legendre
+from relnav.sensors.three_beacon.smooth_figure import Box, Estimator, Figures, legendre
 from relnav.simulation.distortion import typical_distortion
 from relnav.simulation.raw import simulate_raw
 from relnav.simulation.trajectory import Approach
@@ -60,7 +60,7 @@ def three_rms(error):
 def told(detector, true, measured, points, noise_m):
     """What is left of each axis by the estimator that knows the figure's covariance and the noise, m."""
     box = Box.around(true)
-    figure = Figure(detector.figure_sigma_m, detector.figure_length_m / INSIDE_M, noise_m)
+    figure = Figures.known(detector.figure_length_m / INSIDE_M, detector.figure_sigma_m, noise_m)
     best = Estimator(box, box.scaled(true), HIGHEST_ORDER, figure)
     fitted = legendre(box.scaled(points), HIGHEST_ORDER) @ best.coefficients(measured - true)
     return three_rms(fitted - detector.error(points))

@@ -1,6 +1,5 @@
 """`relnav calibrate psd`: a grid of known spots in, the correction of the detector's distortion out."""
 
-import math
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -62,13 +61,13 @@ def command(
 
 def summary(report: "CalibrationReport") -> dict[str, Any]:
     """The figures as plain values."""
-    c, length = report.calibration, report.figure_length_m
+    c = report.calibration
     return {
         "points": c.points,
         "noise_um": report.noise_m * 1e6,
         "raw_max_um": report.raw_max_m * 1e6,
         "raw_rms_um": report.raw_rms_m * 1e6,
-        "figure_length_mm": length * 1e3 if math.isfinite(length) else None,
+        "figure_length_mm": [value * 1e3 for value in report.figure_length_m],
         "order": c.order,
         "chosen_order": report.chosen.order,
         "orders": [
@@ -98,11 +97,11 @@ def summary(report: "CalibrationReport") -> dict[str, Any]:
 def lines(report: "CalibrationReport") -> list[str]:
     """The figures for a reader."""
     c, chosen, length = report.calibration, report.chosen, report.figure_length_m
-    figure = f"a smooth figure of length {length * 1e3:.1f} mm" if math.isfinite(length) else "no figure beyond them"
     out = [
         f"{c.points} points, noise {report.noise_m * 1e6:.1f} um (estimated); detection error before: largest "
         f"{report.raw_max_m * 1e6:.0f} um, rms {report.raw_rms_m * 1e6:.0f} um",
-        f"offset, scale, shear, pin-cushion and tilt, and {figure} (estimated)",
+        "offset, scale, shear, pin-cushion and tilt, and a smooth figure of length "
+        f"{length[0] * 1e3:.1f} to {length[1] * 1e3:.1f} mm (68 %)",
         "order  terms  in use  left-out point  fit noise  figure beyond   (1-sigma, um, each axis)",
     ]
     for fit in report.orders:

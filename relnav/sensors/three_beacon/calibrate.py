@@ -1,7 +1,7 @@
 """Fit a detector's calibration from a grid of known spots: the order by cross-validation, and what it leaves.
 
-The distortion is fitted where the spots are known to be: optics freely, a smooth figure as its size and length make it
-likely (`smooth_figure`). Of all total orders the one is taken that predicts points best which were left out; that costs
+The distortion is fitted where the spots are known to be: optics freely, a smooth figure as is likely after the points
+(`smooth_figure`). Of all total orders the one is taken that predicts points best which were left out; that costs
 nothing extra: the error is e_i / (1 - h_i), h_i the leverage (Allen 1974). The correction is the distortion's inverse.
 What it leaves has two parts: the noise of the terms in use, and the figure beyond the order.
 """
@@ -14,13 +14,12 @@ import numpy as np
 from relnav.arrays import Matrix
 from relnav.sensors.three_beacon.calibration import Calibration, exponents, powers
 from relnav.sensors.three_beacon.smooth_figure import (
-    LENGTHS,
     OPTICS_ORDER,
     Box,
     Estimator,
-    Figure,
+    Figures,
     legendre,
-    most_likely,
+    likely_figures,
 )
 
 HIGHEST_ORDER = 12
@@ -63,6 +62,8 @@ class CalibrationReport:
         Every order tried.
     chosen : OrderFit
         The one that predicts left-out points best. The correction is its inverse, of an order somewhat higher.
+    figures : tuple of Figures
+        That the points may come from.
     estimator : Estimator
         Of the chosen order: what it leaves, and with what chance.
     box : Box
@@ -80,6 +81,7 @@ class CalibrationReport:
     calibration: Calibration
     orders: tuple[OrderFit, ...]
     chosen: OrderFit
+    figures: tuple[Figures, ...]
     estimator: Estimator
     box: Box
     raw_max_m: float
@@ -91,13 +93,14 @@ class CalibrationReport:
     @property
     def noise_m(self) -> float:
         """1-sigma of a grid point, each axis, estimated."""
-        return self.estimator.figure.noise_m
+        return self.calibration.noise_sigma_m
 
     @property
-    def figure_length_m(self) -> float:
-        """Length of the smooth figure, estimated; inf if there is none that differs from optics."""
-        length = self.estimator.figure.length
-        return math.inf if length >= LENGTHS[-1] else length * float(self.box.half_m.max())
+    def figure_length_m(self) -> tuple[float, float]:
+        """Between which the smooth figure's length lies with 68 %, estimated."""
+        reached = np.cumsum([some.weight.sum() for some in self.figures])
+        low, high = (self.figures[int(np.searchsorted(reached, part))].length for part in (0.16, 0.84))
+        return low * float(self.box.half_m.max()), high * float(self.box.half_m.max())
 
     @property
     def reached_m(self) -> float:
@@ -119,7 +122,7 @@ class CalibrationReport:
 
         def sure(side: int) -> bool:
             u = self.box.scaled(self.box.grid(side))
-            return Estimator(self.box, u, self.orders[-1].order, self.estimator.figure).chance(self.target_m) >= SURE
+            return Estimator(self.box, u, self.orders[-1].order, self.figures).chance(self.target_m) >= SURE
 
         low, high = math.isqrt(LEAST_POINTS - 1), LARGEST_SIDE
         if not sure(high):
@@ -167,10 +170,10 @@ def calibrate(
     if not ((box.half_m > 0.0).all() and (seen.half_m > 0.0).all()):
         raise ValueError("the points lie on one line; spread them over the detector")
     u, error = box.scaled(true_m), measured_m - true_m
-    figure = most_likely(box, u, error, highest_order)
-    fits = _fit_orders(box, u, error, highest_order, figure)
+    figures = likely_figures(box, u, error, highest_order)
+    fits = _fit_orders(box, u, error, highest_order, figures)
     chosen = min(fits, key=lambda fit: fit.prediction_m)
-    estimator = Estimator(box, u, chosen.order, figure)
+    estimator = Estimator(box, u, chosen.order, figures, error)
     order, solution = _inverse(box, seen, estimator, error)
     cells = np.minimum((0.5 * (u + 1.0) * 5.0).astype(int), 4)
     return CalibrationReport(
@@ -183,10 +186,11 @@ def calibrate(
             residual_sigma_m=estimator.residual_m,
             rim_slope=_rim_slope(solution, order, seen.half_m),
             points=len(u),
-            noise_sigma_m=figure.noise_m,
+            noise_sigma_m=math.sqrt(sum(float(some.weight @ some.noise_m**2) for some in figures)),
         ),
         orders=tuple(fits),
         chosen=chosen,
+        figures=figures,
         estimator=estimator,
         box=box,
         raw_max_m=float(np.abs(error).max()),
@@ -197,11 +201,11 @@ def calibrate(
     )
 
 
-def _fit_orders(box: Box, u: Matrix, error: Matrix, highest: int, figure: Figure) -> list[OrderFit]:
-    """Every order, with the same figure."""
+def _fit_orders(box: Box, u: Matrix, error: Matrix, highest: int, figures: tuple[Figures, ...]) -> list[OrderFit]:
+    """Every order, with the same figures."""
     fits = []
     for order in range(OPTICS_ORDER, highest + 1):
-        estimator = Estimator(box, u, order, figure)
+        estimator = Estimator(box, u, order, figures, error)
         leverage = np.minimum(estimator.leverage(), 1.0 - 1e-12)
         left = (error - estimator.terms @ estimator.coefficients(error)) / (1.0 - leverage)
         prediction, in_use = float(np.sqrt(np.mean(left**2))), 0.5 * float(leverage.sum())

@@ -2,10 +2,10 @@
 
     error = offset, scale, shear + pin-cushion t |t|^2 + tilt (T t) t + figure,    cov(figure) = s^2 exp(-d^2 / (2 l^2))
 
-written in products of Legendre polynomials, orthonormal over the box of the points. Size s, length l and the points'
-noise are those of greatest restricted likelihood, both axes together (Patterson and Thompson 1971; Rasmussen and
-Williams 2006, sections 2.7 and 5.4). Given them the posterior mean is the best estimate there is, linear or not: no
-other is within any bound more often (Anderson 1955). Its covariance says what it leaves.
+written in products of Legendre polynomials, orthonormal over the box of the points. Given size s, length l and the
+points' noise the posterior mean is the best estimate there is, linear or not: no other is within any bound more often
+(Anderson 1955). All three are weighed by their restricted likelihood, both axes together, and averaged over (Patterson
+and Thompson 1971; Rasmussen and Williams 2006, sections 2.7 and 5.2). The covariance says what the estimate leaves.
 """
 
 import math
@@ -24,6 +24,8 @@ LENGTHS = tuple(np.geomspace(0.2, 12.0, 15).tolist())
 """Tried for the figure, in half-widths: from finer than order 12 follows to what looks like optics."""
 RATIOS = np.geomspace(1e-10, 1e4, 141)
 """Tried for noise^2 / s^2."""
+SLIGHT = 1e-3
+"""Weight at which a length, or a ratio beside the best of its length, is left out."""
 NODES = 40
 """Of Gauss's quadrature along an axis."""
 
@@ -37,12 +39,26 @@ def legendre(u: Matrix, order: int) -> Matrix:
 
 
 @dataclass(frozen=True)
-class Figure:
-    """What points tell: 1-sigma of the figure and of a point, m, and the figure's length in (larger) half-widths."""
+class Figures:
+    """Figures of one length that points may have come from, and their weights; of all lengths they add up to 1.
 
-    size_m: float
+    Attributes
+    ----------
+    length : float
+        In (larger) half-widths.
+    size_m, noise_m, weight : (k,)
+        1-sigma of the figure and of a point, m.
+    """
+
     length: float
-    noise_m: float
+    size_m: Vector
+    noise_m: Vector
+    weight: Vector
+
+    @classmethod
+    def known(cls, length: float, size_m: float, noise_m: float) -> "tuple[Figures, ...]":
+        """One figure that is certain."""
+        return (cls(length, np.array([size_m]), np.array([noise_m]), np.ones(1)),)
 
 
 @dataclass(frozen=True)
@@ -106,59 +122,86 @@ class _Normal:
     """Normal equations of both axes: Z'Z, and what is left of it when the optics X are fitted freely."""
 
     def __init__(self, box: Box, terms: Matrix, order: int) -> None:
-        self.optics = box.optics(order)
-        whole = _both(terms.T @ terms)
-        cross = self.optics.T @ whole
-        self.inverse = np.linalg.inv(cross @ self.optics)
-        self.mistaken = self.inverse @ cross  # (9, 2 p): the optics that a coefficient is taken for
-        self.left = whole - cross.T @ self.mistaken
+        optics = box.optics(order)
+        whole = np.kron(np.eye(2), terms.T @ terms)
+        cross = optics.T @ whole
+        inverse = np.linalg.inv(cross @ optics)
+        mistaken = inverse @ cross  # (9, 2 p): the optics that a coefficient is taken for
+        self._left = whole - cross.T @ mistaken
+        self._free = np.eye(len(optics)) - optics @ mistaken
+        self.optics: Matrix = optics @ inverse @ optics.T
+        """Covariance of the coefficients over noise^2, without a figure."""
 
-    def gain(self, root: Matrix, ratio: float) -> Matrix:
-        """Covariance (2 p, 2 p) of the coefficients over noise^2, for the figure's root and noise^2 / s^2."""
-        free = root - self.optics @ (self.mistaken @ root)
-        inner = root.T @ self.left @ root + ratio * np.eye(root.shape[1])
-        out: Matrix = free @ np.linalg.solve(inner, free.T) + self.optics @ self.inverse @ self.optics.T
-        return out
+    def modes(self, variance: Matrix) -> tuple[Vector, Matrix]:
+        """Values v (m,) and modes V (2 p, m) of a unit figure with this covariance (p, p) of an axis.
 
-
-def _both(own: Matrix) -> Matrix:
-    """Block diagonal of two."""
-    out: Matrix = np.kron(np.eye(2), own).astype(np.float64)
-    return out
-
-
-def _root(variance: Matrix) -> Matrix:
-    """R of variance = R R' of both axes; it may be singular."""
-    values, vectors = np.linalg.eigh(variance)
-    return _both(vectors * np.sqrt(np.maximum(values, 0.0)))
+        With it the coefficients' covariance over noise^2 is optics + V diag(1 / (v + noise^2 / s^2)) V'.
+        """
+        values, vectors = np.linalg.eigh(variance)
+        kept = values > 1e-14 * values[-1]
+        root = np.kron(np.eye(2), vectors[:, kept] * np.sqrt(values[kept]))
+        values, vectors = np.linalg.eigh(root.T @ self._left @ root)
+        out: Matrix = self._free @ root @ vectors
+        return np.maximum(values, 0.0), out
 
 
 class Estimator:
-    """The best estimator up to a total order, for points (n, 2) in half-widths of the box, a figure and a noise.
+    """The best estimator up to a total order, for points (n, 2) in half-widths of the box and likely figures.
 
-    `gain` (2 p, 2 p) times noise^2 is the covariance of the coefficients of both axes.
+    With the errors (n, 2) m at the points the spread of the figures' estimates is part of the covariance.
+
+    Attributes
+    ----------
+    terms : (n, p)
+        Legendre products at the points.
+    gain : (2 p, 2 p)
+        Coefficients of both axes are gain @ (terms.T @ error of each axis).
+    covariance : (2 p, 2 p)
+        Of the coefficients, m^2.
+    missed_m : float
+        1-sigma of the figure beyond the order, mean over the box.
     """
 
-    def __init__(self, box: Box, u: Matrix, order: int, figure: Figure) -> None:
-        self.order, self.figure, self.terms = order, figure, legendre(u, order)
-        variance = box.figure(figure.length, order)
-        ratio = (figure.noise_m / figure.size_m) ** 2
-        self.gain = _Normal(box, self.terms, order).gain(_root(variance), ratio)
-        self.missed_m = figure.size_m * math.sqrt(max(0.0, 1.0 - float(np.trace(variance))))
-        """1-sigma of the figure beyond the order, mean over the box."""
-        self.fit_noise_m = figure.noise_m * math.sqrt(0.5 * float(np.trace(self.gain)))
-        """1-sigma of what is wrong with the terms in use, mean over the box and the axes."""
+    def __init__(
+        self, box: Box, u: Matrix, order: int, figures: tuple[Figures, ...], error_m: Matrix | None = None
+    ) -> None:
+        self.order, self.terms = order, legendre(u, order)
+        normal = _Normal(box, self.terms, order)
+        self.gain = normal.optics.copy()
+        self.covariance = normal.optics * sum(float(some.weight @ some.noise_m**2) for some in figures)
+        moments = np.zeros(len(self.gain)) if error_m is None else (self.terms.T @ error_m).T.ravel()
+        mean, missed = np.zeros(len(self.gain)), 0.0
+        for some in figures:
+            variance = box.figure(some.length, order)
+            values, modes = normal.modes(variance)
+            shares = 1.0 / (values[:, None] + (some.noise_m / some.size_m) ** 2)
+            self.gain += (modes * (shares @ some.weight)) @ modes.T
+            self.covariance += (modes * (shares @ (some.weight * some.noise_m**2))) @ modes.T
+            along = (modes.T @ moments)[:, None] * shares
+            self.covariance += modes @ ((along * some.weight) @ along.T) @ modes.T
+            mean += modes @ (along @ some.weight)
+            missed += float(some.weight @ some.size_m**2) * max(0.0, 1.0 - float(np.trace(variance)))
+        self.covariance -= np.outer(mean, mean)
+        self.missed_m = math.sqrt(missed)
 
     def coefficients(self, error_m: Matrix) -> Matrix:
         """Of the Legendre products, (p, 2), from errors (n, 2) at the points."""
         out: Matrix = (self.gain @ (self.terms.T @ error_m).T.ravel()).reshape(2, -1).T
         return out
 
+    def _own(self, both: Matrix) -> tuple[Matrix, Matrix]:
+        p = self.terms.shape[1]
+        return both[:p, :p], both[p:, p:]
+
     def leverage(self) -> Matrix:
         """Share (n, 2) that an error has in its own estimate; their sum is the number of terms in use."""
-        p = self.terms.shape[1]
-        own = (self.gain[:p, :p], self.gain[p:, p:])
+        own = self._own(self.gain)
         return np.stack([np.einsum("np,pq,nq->n", self.terms, block, self.terms) for block in own], axis=1)
+
+    @property
+    def fit_noise_m(self) -> float:
+        """1-sigma of what is wrong with the terms in use, mean over the box and the axes."""
+        return math.sqrt(0.5 * float(np.trace(self.covariance)))
 
     @property
     def residual_m(self) -> float:
@@ -168,8 +211,7 @@ class Estimator:
     @property
     def freedom(self) -> float:
         """Degrees of freedom of the chi-square that has mean and variance of what an axis is left with."""
-        p = self.terms.shape[1]
-        own = (self.gain[:p, :p], self.gain[p:, p:])
+        own = self._own(self.covariance)
         return float(np.mean([np.trace(block) ** 2 / (block**2).sum() for block in own]))
 
     def chance(self, target_m: float) -> float:
@@ -180,8 +222,8 @@ class Estimator:
         return float(chdtr(nu, nu * (target_m / (3.0 * self.residual_m)) ** 2))
 
 
-def most_likely(box: Box, u: Matrix, error_m: Matrix, order: int) -> Figure:
-    """Size and length of the figure and noise of the points, from errors (n, 2) m at points (n, 2) in half-widths.
+def likely_figures(box: Box, u: Matrix, error_m: Matrix, order: int) -> tuple[Figures, ...]:
+    """Figures that errors (n, 2) m at points (n, 2) in half-widths may come from, weighed; flat in every logarithm.
 
     Raises
     ------
@@ -196,16 +238,22 @@ def most_likely(box: Box, u: Matrix, error_m: Matrix, order: int) -> Figure:
     y = y - design @ np.linalg.lstsq(design, y)[0]
     moments = (terms.T @ y.reshape(2, -1).T).T.ravel()
     normal, m, total = _Normal(box, terms, order), len(y) - OPTICS, float(y @ y)
-    least, best = math.inf, Figure(0.0, 1.0, 0.0)
+    surprises, sizes2 = [], []  # -2 log likelihood, and s^2, of every length and ratio
     for length in LENGTHS:
-        root = _root(box.figure(length, order))
-        values, vectors = np.linalg.eigh(root.T @ normal.left @ root)
-        values = np.maximum(values, 0.0)[:, None] + RATIOS
-        along = (vectors.T @ (root.T @ moments))[:, None]
-        misfit = np.maximum((total - (along**2 / values).sum(axis=0)) / RATIOS, np.finfo(float).tiny)
-        surprise = m * np.log(misfit / m) + (m - len(root)) * np.log(RATIOS) + np.log(values).sum(axis=0)
-        k = int(np.argmin(surprise))
-        if surprise[k] < least:
-            size = math.sqrt(float(misfit[k]) / m)
-            least, best = float(surprise[k]), Figure(size, length, size * math.sqrt(RATIOS[k]))
-    return best
+        values, modes = normal.modes(box.figure(length, order))
+        spread = values[:, None] + RATIOS
+        misfit = total - ((modes.T @ moments)[:, None] ** 2 / spread).sum(axis=0)
+        misfit = np.maximum(misfit / RATIOS, np.finfo(float).tiny)
+        surprises.append(m * np.log(misfit / m) + (m - len(values)) * np.log(RATIOS) + np.log(spread).sum(axis=0))
+        sizes2.append(misfit / (m - 2))
+    weights = np.exp(-0.5 * (np.array(surprises) - np.min(surprises)))
+    weights[weights < SLIGHT * weights.max(axis=1, keepdims=True)] = 0.0
+    weights[weights.sum(axis=1) < SLIGHT * weights.sum()] = 0.0
+    weights /= weights.sum()
+    out = []
+    for length, size2, weight in zip(LENGTHS, sizes2, weights, strict=True):
+        kept = weight > 0.0
+        if kept.any():
+            size = np.sqrt(size2[kept])
+            out.append(Figures(length, size, size * np.sqrt(RATIOS[kept]), weight[kept]))
+    return tuple(out)
