@@ -14,6 +14,7 @@ import numpy as np
 from relnav.arrays import Matrix
 from relnav.sensors.three_beacon.calibration import Calibration, exponents, powers
 from relnav.sensors.three_beacon.smooth_figure import (
+    LENGTHS,
     OPTICS_ORDER,
     Box,
     Estimator,
@@ -97,10 +98,11 @@ class CalibrationReport:
 
     @property
     def figure_length_m(self) -> tuple[float, float]:
-        """Between which the smooth figure's length lies with 68 %, estimated."""
+        """Between which the smooth figure's length lies with 68 %, estimated; each length tried stands for a step."""
         reached = np.cumsum([some.weight.sum() for some in self.figures])
         low, high = (self.figures[int(np.searchsorted(reached, part))].length for part in (0.16, 0.84))
-        return low * float(self.box.half_m.max()), high * float(self.box.half_m.max())
+        unit, half_step = float(self.box.half_m.max()), math.sqrt(LENGTHS[1] / LENGTHS[0])
+        return low / half_step * unit, high * half_step * unit
 
     @property
     def reached_m(self) -> float:

@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
-from relnav.sensors.three_beacon.calibration import exponents
+from relnav.sensors.three_beacon.calibration import exponent_arrays, exponents
 
 OPTICS = 9
 """Free terms of both axes together: three each, one of the pin-cushion, two of the tilt."""
@@ -32,7 +32,7 @@ NODES = 40
 
 def legendre(u: Matrix, order: int) -> Matrix:
     """Products (n, p) of Legendre polynomials of both coordinates up to a total order, mean square 1 over the box."""
-    i, j = np.array(exponents(order)).T
+    i, j = exponent_arrays(order)
     first, second = (np.polynomial.legendre.legvander(u[:, axis], order) for axis in range(2))
     values: Matrix = first[:, i] * second[:, j] * np.sqrt((2.0 * i + 1.0) * (2.0 * j + 1.0))
     return values
@@ -103,7 +103,7 @@ class Box:
     def figure(self, length: float, order: int) -> Matrix:
         """Covariance (p, p) of an axis' coefficients of a figure of unit size."""
         first, second = (_along(length * float(self.half_m.max() / half), order) for half in self.half_m)
-        i, j = np.array(exponents(order)).T
+        i, j = exponent_arrays(order)
         out: Matrix = first[np.ix_(i, i)] * second[np.ix_(j, j)]
         return out
 
