@@ -33,7 +33,8 @@ def test_calibrate_psd(run, tmp_path, grid_of):
     got = json.loads(figures.read_text())
     assert got["points"] == 225
     assert got["raw_max_um"] == pytest.approx(250.0, abs=30.0)
-    assert got["residual_3_sigma_um"] < 11.0
+    assert got["residual_3_sigma_um"] < 9.0
+    assert 0.9 < got["chance_within_target"] < 1.0
     assert got["detector_share"] == pytest.approx(0.79, abs=0.04)
     assert got["noise_um"] == pytest.approx(10.0, abs=1.5)
     assert f"left by the correction, 3-sigma: {got['residual_3_sigma_um']:.1f} um of 10 um wanted" in text
@@ -65,7 +66,7 @@ def test_calibrate_wrong_use(run, tmp_path, grid_of):
     path.write_text("true_x_um,true_y_um,spot_x_um,spot_y_um\n0,0,1,1\n1,1,2,2\n")
     code, _, error = run("calibrate", "psd", path)
     assert code == 3
-    assert "grid.csv: six points or more are needed for a calibration; got 2" in error
+    assert "grid.csv: twelve points or more are needed for a calibration; got 2" in error
 
 
 def test_raw_log_from_simulation_to_track(run, tmp_path):

@@ -76,14 +76,14 @@ def test_a_model_that_names_something_else(write_model, text, message):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("order = 3", "order = 2", "correction_x_m has 6 coefficients for order 2; got 10"),
+        ("order = 4", "order = 2", "correction_x_m has 6 coefficients for order 2; got 15"),
         ("points = 100", "", "'points' is missing"),
         ("residual_sigma_um = ", "residual_sigma_um = -", "residual_sigma_um: .*greater than or equal to 0"),
         ("[calibration]", "[correction]", r"a section \[calibration\] is expected, as `relnav calibrate psd` writes"),
     ],
 )
 def test_a_file_that_is_wrong(report, tmp_path, old, new, message):
-    assert report.calibration.order == 3
+    assert report.calibration.order == 4
     path = tmp_path / "c.toml"
     write_calibration(report, path, "grid.csv")
     path.write_text(path.read_text().replace(old, new))

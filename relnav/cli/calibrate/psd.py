@@ -25,7 +25,7 @@ def command(
     """Fit a two-dimensional correction from GRID, a CSV of known and measured spots, one row a point.
 
     Columns of GRID: true_x_um, true_y_um, spot_x_um, spot_y_um (any length unit; an empty spot is not seen). The order
-    of the correction is chosen by cross-validation.
+    of the correction is chosen by cross-validation. Sizes are those of one axis; what is left is 3 x rms over the grid.
     """
     from relnav.errors import LogError, UsageError
     from relnav.files.atomic import check_distinct, check_folder, replacing
@@ -61,17 +61,20 @@ def command(
 
 def summary(report: "CalibrationReport") -> dict[str, Any]:
     """The figures as plain values."""
-    c, grid = report.calibration, report.recommended()
+    c = report.calibration
     return {
         "points": c.points,
         "noise_um": report.noise_m * 1e6,
         "raw_max_um": report.raw_max_m * 1e6,
         "raw_rms_um": report.raw_rms_m * 1e6,
+        "figure_length_mm": [value * 1e3 for value in report.figure_length_m],
         "order": c.order,
+        "chosen_order": report.chosen.order,
         "orders": [
             {
                 "order": fit.order,
                 "terms": fit.terms,
+                "in_use": fit.in_use,
                 "prediction_um": fit.prediction_m * 1e6,
                 "fit_noise_um": fit.fit_noise_m * 1e6,
                 "figure_um": fit.figure_m * 1e6,
@@ -81,33 +84,35 @@ def summary(report: "CalibrationReport") -> dict[str, Any]:
         "residual_3_sigma_um": report.reached_m * 1e6,
         "target_um": report.target_m * 1e6,
         "met": report.met,
+        "chance_within_target": report.chance,
         "center_mm": [value * 1e3 for value in c.center_m],
         "half_width_mm": [value * 1e3 for value in c.half_width_m],
         "detector_share": report.detector_share,
         "empty_cells": report.empty_cells,
         "rim_slope": c.rim_slope,
-        "recommended_side": None if grid is None else grid[0],
-        "recommended_order": None if grid is None else grid[1],
+        "recommended_side": report.recommended(),
     }
 
 
 def lines(report: "CalibrationReport") -> list[str]:
     """The figures for a reader."""
-    c, chosen = report.calibration, report.chosen
+    c, chosen, length = report.calibration, report.chosen, report.figure_length_m
     out = [
         f"{c.points} points, noise {report.noise_m * 1e6:.1f} um (estimated); detection error before: largest "
         f"{report.raw_max_m * 1e6:.0f} um, rms {report.raw_rms_m * 1e6:.0f} um",
-        "order  terms  left-out point  fit noise  figure not followed   (1-sigma, um, each axis)",
+        "offset, scale, shear, pin-cushion and tilt, and a smooth figure of length "
+        f"{length[0] * 1e3:.1f} to {length[1] * 1e3:.1f} mm (68 %)",
+        "order  terms  in use  left-out point  fit noise  figure beyond   (1-sigma, um, each axis)",
     ]
     for fit in report.orders:
         mark = "  <- least" if fit is chosen else ""
         out.append(
-            f"{fit.order:5}  {fit.terms:5}  {fit.prediction_m * 1e6:14.2f}  {fit.fit_noise_m * 1e6:9.2f}"
-            f"  {fit.figure_m * 1e6:19.2f}{mark}"
+            f"{fit.order:5}  {fit.terms:5}  {fit.in_use:6.1f}  {fit.prediction_m * 1e6:14.2f}"
+            f"  {fit.fit_noise_m * 1e6:9.2f}  {fit.figure_m * 1e6:13.2f}{mark}"
         )
     out.append(
         f"left by the correction, 3-sigma: {report.reached_m * 1e6:.1f} um of {report.target_m * 1e6:g} um wanted"
-        f"  {'met' if report.met else 'NOT met'}"
+        f"  {'met' if report.met else 'NOT met'}; an axis is within with {_percent(report.chance)}"
     )
     box = (
         f"valid within {c.half_width_m[0] * 1e3:.2f} x {c.half_width_m[1] * 1e3:.2f} mm of "
@@ -124,17 +129,23 @@ def lines(report: "CalibrationReport") -> list[str]:
 
 
 def _advice(report: "CalibrationReport") -> str:
-    grid, width = report.recommended(), 2.0 * max(report.calibration.half_width_m) * 1e3
-    if grid is None:
+    from relnav.sensors.three_beacon.calibrate import LARGEST_SIDE, SURE
+
+    side, width = report.recommended(), 2e3 * float(max(report.box.half_m))
+    target = f"{report.target_m * 1e6:g} um"
+    if side is None:
         finest = report.orders[-1]
-        side = 2 * round(report.calibration.points**0.5)
         return (
-            f"recommended: a grid of {side} x {side} (every {width / (side - 1):.2f} mm): the figure is finer than "
-            f"order {finest.order} follows, and more orders need more points"
+            f"no grid up to {LARGEST_SIDE} x {LARGEST_SIDE} keeps an axis within {target} at this noise; order "
+            f"{finest.order} leaves {3e6 * finest.figure_m:.1f} um (3-sigma) of the figure with whatever grid: "
+            "calibrate a smaller area, or with less noise"
         )
-    side, order = grid
     have = "enough" if side * side <= report.calibration.points else "recommended"
     return (
-        f"{have}: a grid of {side} x {side} (every {width / (side - 1):.2f} mm, order {order}) reaches "
-        f"{report.target_m * 1e6:g} um at this noise"
+        f"{have}: a grid of {side} x {side} (every {width / (side - 1):.2f} mm) keeps an axis within {target} with "
+        f"{100.0 * SURE:g} % at this noise"
     )
+
+
+def _percent(chance: float) -> str:
+    return f"{100.0 * chance:.1f} %" if chance < 0.9995 else "more than 99.9 %"

@@ -1,11 +1,9 @@
 """Fit a detector's calibration from a grid of known spots: the order by cross-validation, and what it leaves.
 
-Every order is fitted by least squares. Leaving one point out and predicting it costs nothing extra: the error is
-e_i / (1 - h_i), h_i the leverage (Allen 1974); the order with the least of these over both axes is taken. The choice
-is uncertain by one, so the next order is added and every degree from the second on is shrunk by how little it stands
-out of the noise (the positive part of James and Stein 1961): a degree that is noise vanishes. What the correction
-leaves has two parts: the fit's own noise, sigma sqrt(p / n) for p terms in use from n points, and what they cannot
-follow, seen as residuals above the noise.
+The distortion is fitted where the spots are known to be: optics freely, a smooth figure as is likely after the points
+(`smooth_figure`). Of all total orders the one is taken that predicts points best which were left out; that costs
+nothing extra: the error is e_i / (1 - h_i), h_i the leverage (Allen 1974). The correction is the distortion's inverse.
+What it leaves has two parts: the noise of the terms in use, and the figure beyond the order.
 """
 
 import math
@@ -15,33 +13,42 @@ import numpy as np
 
 from relnav.arrays import Matrix
 from relnav.sensors.three_beacon.calibration import Calibration, exponents, powers
+from relnav.sensors.three_beacon.smooth_figure import (
+    LENGTHS,
+    OPTICS_ORDER,
+    Box,
+    Estimator,
+    Figures,
+    legendre,
+    likely_figures,
+)
 
-HIGHEST_ORDER = 10
-POINTS_PER_TERM = 1.5
-"""An order is tried only while there are this many points a term."""
-SPARE_ORDERS = 2
-"""The noise is read from orders up to this much above the one in question: they follow the figure more closely."""
+HIGHEST_ORDER = 12
+LEAST_POINTS = 12
+"""Nine numbers go to the optics, three to the figure and the noise."""
+SURE = 0.99
+"""Probability with which a recommended grid keeps an axis within the target."""
+LARGEST_SIDE = 64
+"""Of a grid that is recommended."""
+INVERSE_SHARE = 0.02
+"""Of the residual that the inverse may be wrong by: its order is raised until it is."""
+HIGHEST_INVERSE_ORDER = 16
 
 
 @dataclass(frozen=True)
 class OrderFit:
-    """One order: terms, error of predicted left-out points, fit noise, figure that it does not follow; 1-sigma."""
+    """One order: terms an axis, how many of them are in use, and what it does; 1-sigma of each axis, m.
+
+    `prediction_m` is the error of predicted left-out points, their noise included; `fit_noise_m` what is wrong with the
+    terms in use; `figure_m` what is beyond them.
+    """
 
     order: int
     terms: int
+    in_use: float
     prediction_m: float
     fit_noise_m: float
     figure_m: float
-
-    @property
-    def residual_m(self) -> float:
-        """1-sigma of what the correction leaves, each axis."""
-        return math.hypot(self.fit_noise_m, self.figure_m)
-
-    def points_for(self, target_m: float, noise_m: float) -> float:
-        """Grid points with which 3-sigma of this order comes down to the target; inf if its figure alone is above."""
-        room = (target_m / 3.0) ** 2 - self.figure_m**2
-        return self.terms * noise_m**2 / room if room > 0.0 else math.inf
 
 
 @dataclass(frozen=True)
@@ -53,13 +60,17 @@ class CalibrationReport:
     calibration : Calibration
         The correction.
     orders : tuple of OrderFit
-        Every order tried, by plain least squares.
+        Every order tried.
     chosen : OrderFit
-        The one that predicts left-out points best; the calibration's own order is one above, shrunk.
+        The one that predicts left-out points best. The correction is its inverse, of an order somewhat higher.
+    figures : tuple of Figures
+        That the points may come from.
+    estimator : Estimator
+        Of the chosen order: what it leaves, and with what chance.
+    box : Box
+        Of the known positions.
     raw_max_m, raw_rms_m : float
         Detection error before: largest and rms, each axis.
-    noise_m : float
-        1-sigma of a grid point, each axis, estimated.
     empty_cells : int
         Of 25 equal cells of the grid's box, those without a point.
     detector_share : float or None
@@ -71,30 +82,57 @@ class CalibrationReport:
     calibration: Calibration
     orders: tuple[OrderFit, ...]
     chosen: OrderFit
+    figures: tuple[Figures, ...]
+    estimator: Estimator
+    box: Box
     raw_max_m: float
     raw_rms_m: float
-    noise_m: float
     empty_cells: int
     detector_share: float | None
     target_m: float
 
     @property
+    def noise_m(self) -> float:
+        """1-sigma of a grid point, each axis, estimated."""
+        return self.calibration.noise_sigma_m
+
+    @property
+    def figure_length_m(self) -> tuple[float, float]:
+        """Between which the smooth figure's length lies with 68 %, estimated; each length tried stands for a step."""
+        reached = np.cumsum([some.weight.sum() for some in self.figures])
+        low, high = (self.figures[int(np.searchsorted(reached, part))].length for part in (0.16, 0.84))
+        unit, half_step = float(self.box.half_m.max()), math.sqrt(LENGTHS[1] / LENGTHS[0])
+        return low / half_step * unit, high * half_step * unit
+
+    @property
     def reached_m(self) -> float:
-        """3-sigma of what the correction leaves, each axis."""
+        """3-sigma of what the correction leaves, each axis: expected 3 x rms over the box."""
         return 3.0 * self.calibration.residual_sigma_m
+
+    @property
+    def chance(self) -> float:
+        """Probability that an axis is within the target."""
+        return self.estimator.chance(self.target_m)
 
     @property
     def met(self) -> bool:
         """Whether the target is reached on a grid without holes."""
         return self.reached_m <= self.target_m and self.empty_cells == 0
 
-    def recommended(self) -> tuple[int, int] | None:
-        """Side of a square grid that reaches the target, and the order that then does; None if no order tried can."""
-        best = min(self.orders, key=lambda fit: fit.points_for(self.target_m, self.noise_m))
-        points = best.points_for(self.target_m, self.noise_m)
-        if not math.isfinite(points):
+    def recommended(self) -> int | None:
+        """Side of the smallest square grid that keeps an axis within the target, `SURE`; None if it has none."""
+
+        def sure(side: int) -> bool:
+            u = self.box.scaled(self.box.grid(side))
+            return Estimator(self.box, u, self.orders[-1].order, self.figures).chance(self.target_m) >= SURE
+
+        low, high = math.isqrt(LEAST_POINTS - 1), LARGEST_SIDE
+        if not sure(high):
             return None
-        return math.ceil(math.sqrt(max(points, POINTS_PER_TERM * best.terms))), best.order
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (low, middle) if sure(middle) else (middle, high)
+        return high
 
 
 def calibrate(
@@ -116,93 +154,84 @@ def calibrate(
     target_m : float
         Wanted 3-sigma of what is left, each axis: the recommendation is for it.
     highest_order : int
-        Total orders 0 .. this are tried, as far as the points allow.
+        Total orders 3 .. this are tried.
 
     Raises
     ------
     ValueError
-        For arrays of other shapes, fewer than six usable points, or points on one line.
+        For arrays of other shapes, fewer than twelve usable points, or points on one line.
     """
     true_m, measured_m = np.asarray(true_m, dtype=np.float64), np.asarray(measured_m, dtype=np.float64)
     if true_m.ndim != 2 or true_m.shape[1] != 2 or true_m.shape != measured_m.shape:
         raise ValueError(f"true_m and measured_m have one shape (n, 2); got {true_m.shape} and {measured_m.shape}")
     known = np.isfinite(true_m).all(axis=1) & np.isfinite(measured_m).all(axis=1)
     true_m, measured_m = true_m[known], measured_m[known]
-    if len(true_m) < 6:
-        raise ValueError(f"six points or more are needed for a calibration; got {len(true_m)}")
-    low, high = measured_m.min(axis=0), measured_m.max(axis=0)
-    center, half = 0.5 * (low + high), 0.5 * (high - low)
-    if not (half > 0.0).all():
+    if len(true_m) < LEAST_POINTS:
+        raise ValueError(f"twelve points or more are needed for a calibration; got {len(true_m)}")
+    box, seen = Box.around(true_m), Box.around(measured_m)
+    if not ((box.half_m > 0.0).all() and (seen.half_m > 0.0).all()):
         raise ValueError("the points lie on one line; spread them over the detector")
-    u = (measured_m - center) / half
-    error = true_m - measured_m
-    fits, noise = _fit_orders(u, error, highest_order)
+    u, error = box.scaled(true_m), measured_m - true_m
+    figures = likely_figures(box, u, error, highest_order)
+    fits = _fit_orders(box, u, error, highest_order, figures)
     chosen = min(fits, key=lambda fit: fit.prediction_m)
-    top = min(chosen.order + 1, len(fits) - 1)
-    solution, in_use = _shrunk(u, error, top, noise)
-    calibration = Calibration(
-        order=top,
-        center_m=(float(center[0]), float(center[1])),
-        half_width_m=(float(half[0]), float(half[1])),
-        correction_x_m=tuple(solution[:, 0].tolist()),
-        correction_y_m=tuple(solution[:, 1].tolist()),
-        residual_sigma_m=math.hypot(noise * math.sqrt(in_use / len(u)), fits[top].figure_m),
-        rim_slope=_rim_slope(solution, top, half),
-        points=len(u),
-        noise_sigma_m=noise,
-    )
+    estimator = Estimator(box, u, chosen.order, figures, error)
+    order, solution = _inverse(box, seen, estimator, error)
     cells = np.minimum((0.5 * (u + 1.0) * 5.0).astype(int), 4)
     return CalibrationReport(
-        calibration=calibration,
+        calibration=Calibration(
+            order=order,
+            center_m=(float(seen.center_m[0]), float(seen.center_m[1])),
+            half_width_m=(float(seen.half_m[0]), float(seen.half_m[1])),
+            correction_x_m=tuple(solution[:, 0].tolist()),
+            correction_y_m=tuple(solution[:, 1].tolist()),
+            residual_sigma_m=estimator.residual_m,
+            rim_slope=_rim_slope(solution, order, seen.half_m),
+            points=len(u),
+            noise_sigma_m=math.sqrt(sum(float(some.weight @ some.noise_m**2) for some in figures)),
+        ),
         orders=tuple(fits),
         chosen=chosen,
+        figures=figures,
+        estimator=estimator,
+        box=box,
         raw_max_m=float(np.abs(error).max()),
         raw_rms_m=float(np.sqrt(np.mean(error**2))),
-        noise_m=noise,
         empty_cells=25 - len({(int(i), int(j)) for i, j in cells}),
-        detector_share=None if detector_size_m is None else float(4.0 * half.prod() / np.prod(detector_size_m)),
+        detector_share=None if detector_size_m is None else float(4.0 * seen.half_m.prod() / np.prod(detector_size_m)),
         target_m=target_m,
     )
 
 
-def _fit_orders(u: Matrix, error: Matrix, highest: int) -> tuple[list[OrderFit], float]:
-    """Every affordable order, and the noise of a point."""
-    n = len(u)
-    predictions, spreads = [], []
-    for order in range(highest + 1):
-        terms = len(exponents(order))
-        if order > 1 and n < POINTS_PER_TERM * terms:
-            break
-        q, r = np.linalg.qr(powers(u, order))
-        if np.abs(np.diag(r)).min() < 1e-10 * np.abs(np.diag(r)).max():
-            break  # the points do not tell these terms apart
-        left = error - q @ (q.T @ error)
-        leverage = np.minimum((q**2).sum(axis=1), 1.0 - 1e-12)[:, None]
-        predictions.append(float(np.sqrt(np.mean((left / (1.0 - leverage)) ** 2))))
-        spreads.append(float((left**2).sum() / (2.0 * (n - terms))) if n > terms else math.nan)
-    best = int(np.argmin(predictions))
-    noise2 = min(spreads[: best + SPARE_ORDERS + 1])
+def _fit_orders(box: Box, u: Matrix, error: Matrix, highest: int, figures: tuple[Figures, ...]) -> list[OrderFit]:
+    """Every order, with the same figures."""
     fits = []
-    for order, (prediction, spread) in enumerate(zip(predictions, spreads, strict=True)):
-        terms = len(exponents(order))
-        figure = math.sqrt(max(0.0, spread - noise2))
-        fits.append(OrderFit(order, terms, prediction, math.sqrt(noise2 * terms / n), figure))
-    return fits, math.sqrt(noise2)
+    for order in range(OPTICS_ORDER, highest + 1):
+        estimator = Estimator(box, u, order, figures, error)
+        leverage = np.minimum(estimator.leverage(), 1.0 - 1e-12)
+        left = (error - estimator.terms @ estimator.coefficients(error)) / (1.0 - leverage)
+        prediction, in_use = float(np.sqrt(np.mean(left**2))), 0.5 * float(leverage.sum())
+        fits.append(
+            OrderFit(order, len(exponents(order)), in_use, prediction, estimator.fit_noise_m, estimator.missed_m)
+        )
+    return fits
 
 
-def _shrunk(u: Matrix, error: Matrix, order: int, noise: float) -> tuple[Matrix, float]:
-    """Coefficients (p, 2) with every degree shrunk by its own noise, and how many terms an axis then has in use."""
-    degree = np.array([i + j for i, j in exponents(order)])
-    q, r = np.linalg.qr(powers(u, order))  # column after column: each degree is what the lower ones leave
-    c, in_use = q.T @ error, 3.0
-    for d in range(2, order + 1):
-        block = degree == d
-        values = 2 * int(block.sum())  # of both axes
-        energy = float((c[block] ** 2).sum())
-        kept = max(0.0, 1.0 - (values - 2) * noise**2 / energy) if energy > 0.0 else 0.0
-        c[block] *= kept
-        in_use += kept * 0.5 * values
-    return np.linalg.solve(r, c), in_use
+def _inverse(box: Box, seen: Box, estimator: Estimator, error: Matrix) -> tuple[int, Matrix]:
+    """The correction as a polynomial of the measured position, in half-widths of its box: order, coefficients (p, 2).
+
+    Fitted to a fine grid of true positions and where they are measured.
+    """
+    true = box.grid(3 * HIGHEST_INVERSE_ORDER)
+    error = legendre(box.scaled(true), estimator.order) @ estimator.coefficients(error)
+    v = seen.scaled(true + error)
+    for order in range(estimator.order, HIGHEST_INVERSE_ORDER + 1):
+        terms = powers(v, order)
+        solution: Matrix = np.asarray(-np.linalg.lstsq(terms, error)[0], dtype=np.float64)
+        wrong = float(np.sqrt(np.mean((terms @ solution + error) ** 2)))
+        if wrong < INVERSE_SHARE * estimator.residual_m:
+            break
+    return order, solution
 
 
 def _rim_slope(solution: Matrix, order: int, half: Matrix) -> float:

@@ -7,10 +7,12 @@ its uncertainty grows with the distance, at the slope that the correction has th
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Gt
+from numpy.typing import NDArray
 
 from relnav.arrays import Matrix
 
@@ -23,9 +25,19 @@ def exponents(order: int) -> list[tuple[int, int]]:
     return [(total - j, j) for total in range(order + 1) for j in range(total + 1)]
 
 
+@lru_cache
+def exponent_arrays(order: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """`exponents` as two arrays (p,)."""
+    i, j = np.array(exponents(order), dtype=np.int64).T
+    return i, j
+
+
 def powers(u: Matrix, order: int) -> Matrix:
     """Terms u^i v^j (..., p) of points (..., 2), in the order of `exponents`."""
-    return np.stack([u[..., 0] ** i * u[..., 1] ** j for i, j in exponents(order)], axis=-1)
+    i, j = exponent_arrays(order)
+    each = u[..., None, :] ** np.arange(order + 1)[:, None]
+    terms: Matrix = each[..., i, 0] * each[..., j, 1]
+    return terms
 
 
 @dataclass(frozen=True)
