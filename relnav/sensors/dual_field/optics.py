@@ -83,7 +83,10 @@ def project(
     s = r.copy()  # |d|, from |d| (1 + k1 |d|^2 + k2 |d|^4) = |p| by Newton
     for _ in range(20):
         s2 = s * s
-        s -= (s * (1.0 + s2 * (k1 + k2 * s2)) - r) / (1.0 + s2 * (3.0 * k1 + 5.0 * k2 * s2))
+        step = (s * (1.0 + s2 * (k1 + k2 * s2)) - r) / (1.0 + s2 * (3.0 * k1 + 5.0 * k2 * s2))
+        s -= step
+        if not np.any(np.abs(step) > 1e-16):
+            break
     scale = np.where(r > 0.0, s / np.where(r > 0.0, r, 1.0), 1.0)
     spots: Matrix = p * (focal_px * scale)[:, None] + np.asarray(principal_px)
     return spots
