@@ -55,6 +55,9 @@ LEAST_FOUND = 3
 
 LEAST_SPOTS = 6
 
+WIDEST_RAD = math.radians(60.0)
+"""Spots farther from the axis, were the focal length as given, are not used: lenses that show them are no pinholes."""
+
 NARROWEST = 1e-3
 """Height or width, rad, below which spots are taken to cover no field."""
 
@@ -227,7 +230,8 @@ def solve_blind(blind: Blind, catalogue: StarCatalogue, epoch_jyear: float, log1
     """
     n = len(blind.spots_px)
     if n < LEAST_SPOTS:
-        reason = f"{n} spots; with unknown focal length {LEAST_SPOTS} or more are needed"
+        where = f"within {math.degrees(WIDEST_RAD):.0f} deg of the axis"
+        reason = f"{n} spots {where}; with unknown focal length {LEAST_SPOTS} or more are needed"
         return no_solution(StarStatus.TOO_FEW, reason, n)
     points = blind.points
     if float(np.min(np.ptp(points, axis=0))) < NARROWEST:
