@@ -1,38 +1,63 @@
-"""Long campaigns of the star sensor; each prints its figures and adds a line of JSON to --out.
+"""The star sensor against its bars, by simulation; exit status 1 if one is missed.
 
-    python benchmarks/star_sensor.py frames --count 100000     # two fields, 3 false spots, 5 % missing
-    python benchmarks/star_sensor.py false --count 1000000     # 4 to 16 false spots and nothing else
-    python benchmarks/star_sensor.py blind --count 2000        # other cameras, focal length known to 3 %
-    python benchmarks/star_sensor.py fold --count 300          # the mirror from one frame without a prior
+    python benchmarks/star_sensor.py                           # a tenth of every campaign
+    python benchmarks/star_sensor.py --full                    # every campaign whole
+    python benchmarks/star_sensor.py frames --count 100000     # one of them, of any size
+    python benchmarks/star_sensor.py false --count 1000000 --part 3/20 --out false.jsonl
 
-A tenth or less of each is in the ordinary tests. --part i/n runs one of n equal parts with a seed of its own.
+frames: two fields superimposed, 3 false spots, 5 % missing, observer at 30.3 km/s. false: 4 to 16 false spots and
+nothing else. patent: the patent's method beside ours, 0 to 5 false spots. blind: other cameras, focal length known to
+3 %. fold: the mirror from one frame without a prior. --part i/n runs one of n equal parts with a seed of its own.
+Speed is `star_speed.py`.
 """
 
 import argparse
 import dataclasses
 import json
+import sys
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 import relnav
 from relnav.accuracy.dual_field_blind import fly_blind
-from relnav.accuracy.dual_field_runs import fly_frames
+from relnav.accuracy.dual_field_runs import fly_frames, identification_rates
 from relnav.sensors.dual_field.fold import mirror_fold
 from relnav.sensors.dual_field.fold_calibration import estimate_fold, normal_error
 from relnav.sensors.dual_field.optics import plane_points, ray_sigma, rays
-from relnav.simulation.star_field import SkyConditions, StarFieldSimulator
+from relnav.simulation.star_field import SkyConditions, StarFieldSimulator, random_velocity
 
-ARCSEC = np.degrees(1.0) * 3600.0
+FALSE_SPOTS = (0, 1, 2, 3, 5)
+
+
+class Bar(NamedTuple):
+    """One requirement, what was measured, and whether it is met; `required` is empty where nothing is."""
+
+    quantity: str
+    measured: str
+    required: str = ""
+    met: bool = True
 
 
 def frames(count, seed):
     """Superimposed frames: solved, wrong, errors, NEES."""
     model = relnav.load_model("dual_field_star")
     runs = fly_frames(model, SkyConditions(), count, seed, two_fields=True)
-    result = dataclasses.asdict(runs)
-    return result | {"rms_rad": runs.rms_rad.tolist(), "predicted_rad": runs.predicted_rad.tolist()}
+    figures = dataclasses.asdict(runs) | {
+        "rms_rad": runs.rms_rad.tolist(),
+        "predicted_rad": runs.predicted_rad.tolist(),
+    }
+    allowance = 0.1 if count >= 1000 else 9.8 / np.sqrt(count)  # four sigma of the mean of a chi^2 of 3, (6 / n)^(1/2)
+    axes = ", ".join(f"{value * 1e6:.2f}" for value in runs.rms_rad)
+    return figures, [
+        Bar("wrong attitudes", f"{runs.wrong} of {count}", "0", runs.wrong == 0),
+        Bar("frames of 4 or more true stars not solved", f"{runs.missed} of {runs.solvable}", "0", runs.missed == 0),
+        Bar("rms about x, y, z, 1e-6 rad", axes, "each < 3", bool(np.all(runs.rms_rad < 3e-6))),
+        Bar("mean NEES", f"{runs.nees:.3f}", f"3 +- {allowance:.1f}", abs(runs.nees - 3.0) <= allowance),
+        Bar("spots given another star", f"{runs.wrong_stars} of {runs.true_stars}"),
+    ]
 
 
 def false(count, seed):
@@ -42,15 +67,35 @@ def false(count, seed):
     accepted = tried = 0
     for _ in range(count):
         spots, magnitude = simulator.false_frame(rng, int(rng.integers(4, 17)))
-        solution = relnav.dual_field.measure(spots, model, magnitude=magnitude, velocity_km_s=(0.0, 0.0, 0.0))
+        solution = relnav.dual_field.measure(spots, model, magnitude=magnitude, velocity_km_s=random_velocity(rng))
         accepted += solution.ok
         tried += solution.tried
-    return {"frames": count, "accepted": accepted, "attitudes_tried": tried}
+    figures = {"frames": count, "accepted": accepted, "attitudes_tried": tried}
+    return figures, [Bar("all-false frames accepted", f"{accepted} of {count}", "0", accepted == 0)]
+
+
+def patent(count, seed):
+    """Share of frames solved by pairs, by the patent's method, and by it with 90 deg -+ a, for 0 to 5 false spots."""
+    model = relnav.load_model("dual_field_star")
+    conditions = [SkyConditions(false_spots=spots, missing=0.03) for spots in FALSE_SPOTS]
+    rates = identification_rates(model, conditions, count, seed)
+    ours = [row[0] for row in rates]
+    columns = (", ".join(f"{row[k]:.3f}" for row in rates) for k in range(3))
+    text = ", ".join(str(spots) for spots in FALSE_SPOTS)
+    names = ("solved by pairs", "by the patent's method", "by it with 90 deg -+ a")
+    return {"frames": count, "false_spots": FALSE_SPOTS, "rates": rates}, [
+        Bar(f"{name}, {text} false", measured, "1 each" if k == 0 else "", k > 0 or min(ours) == 1.0)
+        for k, (name, measured) in enumerate(zip(names, columns, strict=True))
+    ]
 
 
 def blind(count, seed):
     """Frames of cameras of many kinds, solved with a focal length that is up to 3 % wrong."""
-    return fly_blind(relnav.load_model("ground_camera").catalogue, count, seed)
+    figures = fly_blind(relnav.load_model("ground_camera").catalogue, count, seed)
+    return figures, [
+        Bar("wrong attitudes of unknown cameras", f"{figures['wrong']} of {count}", "0", figures["wrong"] == 0),
+        Bar("true frames solved", f"{figures['solved']} of {figures['true_frames']}"),
+    ]
 
 
 def fold(count, seed):
@@ -68,36 +113,64 @@ def fold(count, seed):
         if found is not None:
             errors.append(normal_error(found, normal) / np.sqrt(np.diagonal(found.covariance)))
     e = np.array(errors)
-    return {
-        "frames": count,
-        "five_stars_in_each": int(possible),
-        "found": len(e),
-        "wrong": int(np.sum(np.abs(e).max(axis=1) > 10.0)),
-        "rms_in_sigmas": np.sqrt(np.mean(e**2, axis=0)).tolist(),
-    }
+    wrong = int(np.sum(np.abs(e).max(axis=1) > 10.0))
+    figures = {"frames": count, "five_stars_in_each": int(possible), "found": len(e), "wrong": wrong}
+    return figures | {"rms_in_sigmas": np.sqrt(np.mean(e**2, axis=0)).tolist()}, [
+        Bar("mirrors wrong", f"{wrong} of {count}", "0", wrong == 0),
+        Bar(
+            "found without a prior, of frames with 5 stars in each field",
+            f"{len(e)} of {possible}",
+            ">= 99 %",
+            len(e) >= 0.99 * possible,
+        ),
+    ]
 
 
-CAMPAIGNS = {"frames": frames, "false": false, "blind": blind, "fold": fold}
+CAMPAIGNS = {
+    "frames": (frames, 100_000),
+    "false": (false, 1_000_000),
+    "patent": (patent, 1000),
+    "blind": (blind, 2000),
+    "fold": (fold, 300),
+}
+"""Each with its full size."""
 
 
-def main() -> None:
-    """Run one campaign."""
+def run(name, count, seed, part, parts, out):
+    """Run one campaign, print its bars, add a line to `out`; whether all are met."""
+    began = time.perf_counter()
+    figures, bars = CAMPAIGNS[name][0](count // parts, seed + 1000 * part)
+    seconds = time.perf_counter() - began
+    print(f"{name}: {count // parts} in {seconds:.0f} s")
+    for bar in bars:
+        verdict = "" if not bar.required else f"{bar.required:>12}  {'met' if bar.met else 'MISSED'}"
+        print(f"  {bar.quantity:<62}{bar.measured:>34}{verdict}", flush=True)
+    if out is not None:
+        with out.open("a") as file:
+            file.write(json.dumps(figures | {"campaign": name, "part": f"{part}/{parts}", "seconds": seconds}) + "\n")
+    return all(bar.met for bar in bars)
+
+
+def main() -> int:
+    """Run one campaign or all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("campaign", choices=CAMPAIGNS)
-    parser.add_argument("--count", type=int, required=True)
+    parser.add_argument("campaign", nargs="?", choices=CAMPAIGNS, help="all of them if left out")
+    parser.add_argument("--count", type=int, help="frames of the one campaign")
+    parser.add_argument("--full", action="store_true", help="the whole of what is run, instead of a tenth")
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--part", default="1/1")
-    parser.add_argument("--out", type=Path)
+    parser.add_argument("--out", type=Path, help="add every campaign's figures to this file, a line of JSON each")
     options = parser.parse_args()
+    if options.count is not None and options.campaign is None:
+        parser.error("--count belongs to one campaign: name it")
     part, parts = (int(text) for text in options.part.split("/"))
-    began = time.perf_counter()
-    result = CAMPAIGNS[options.campaign](options.count // parts, options.seed + 1000 * part)
-    result |= {"campaign": options.campaign, "part": options.part, "seconds": time.perf_counter() - began}
-    print(json.dumps(result, indent=2))
-    if options.out is not None:
-        with options.out.open("a") as file:
-            file.write(json.dumps(result) + "\n")
+    met = True
+    for name, (_, full) in CAMPAIGNS.items():
+        if options.campaign in (None, name):
+            count = options.count or (full if options.full else full // 10)
+            met &= run(name, count, options.seed, part, parts, options.out)
+    return 0 if met else 1
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from relnav.arrays import Vector
+from relnav.geometry.rotation_vector import frame_error
 from relnav.geometry.star_places import LIGHT_KM_S, aberration
-from relnav.geometry.wahba import rotation_vector
 from relnav.sensors.dual_field.four_primaries import FourSky, build_four_sky, identify_patent
 from relnav.sensors.dual_field.measure import measure
 from relnav.sensors.dual_field.optics import plane_points, ray_sigma, rays
@@ -27,8 +27,9 @@ class FieldRuns:
 
     Attributes
     ----------
-    frames, solved, solvable, wrong : int
-        All, those with an attitude, those with four or more true stars, those with a wrong attitude.
+    frames, solved, solvable, missed, wrong : int
+        All, those with an attitude, those with four or more true stars, those of them without an attitude, those with a
+        wrong one.
     rms_rad, predicted_rad : (3,)
         Error about camera x, y, z, and what the closed form says for the mean numbers of stars.
     nees : float
@@ -46,6 +47,7 @@ class FieldRuns:
     frames: int
     solved: int
     solvable: int
+    missed: int
     wrong: int
     rms_rad: Vector
     predicted_rad: Vector
@@ -70,16 +72,18 @@ def fly_frames(
     used = sensor if two_fields else single_field(sensor, conditions)
     simulator, rng = StarFieldSimulator(used, conditions), np.random.default_rng(seed)
     errors, nees, stars, worst = [], [], [], -math.inf
-    solvable = wrong = wrong_stars = true_stars = 0
+    solvable = missed = wrong = wrong_stars = true_stars = 0
     for _ in range(frames):
         frame = simulator.frame(rng, velocity_km_s=random_velocity(rng))
         solution = measure(frame.spots_px, used, magnitude=frame.magnitude, velocity_km_s=frame.velocity_km_s)
-        solvable += int(np.sum(frame.hip > 0)) >= 4
+        enough = int(np.sum(frame.hip > 0)) >= 4
+        solvable += enough
+        missed += enough and not solution.ok
         if progress is not None:
             progress(1)
         if not solution.ok:
             continue
-        e = rotation_vector(solution.dcm_cam_from_icrs, frame.dcm_cam_from_icrs)
+        e = frame_error(solution.dcm_cam_from_icrs, frame.dcm_cam_from_icrs)
         value = float(e @ np.linalg.solve(solution.covariance, e))
         far = np.trace(solution.dcm_cam_from_icrs @ frame.dcm_cam_from_icrs.T) < 2.99
         worst = max(worst, solution.log10_false_alarm)
@@ -98,6 +102,7 @@ def fly_frames(
         frames=frames,
         solved=len(errors) + wrong,
         solvable=solvable,
+        missed=missed,
         wrong=wrong,
         rms_rad=np.sqrt(np.mean(np.square(errors), axis=0)) if errors else np.full(3, np.nan),
         predicted_rad=attitude_sigma(counts[0], counts[1], 2.0 * conditions.field_radius_rad, sigma),

@@ -68,7 +68,7 @@ def read_star_table(path: Path, columns: tuple[str, ...], choices: tuple[str, ..
         Naming file, line and column of what cannot be read.
     """
     try:
-        with path.open(encoding="utf-8", newline="") as file:
+        with path.open(encoding="utf-8-sig", newline="") as file:
             lines = [(number, text) for number, text in enumerate(file, start=1)]
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not a text file in UTF-8") from error

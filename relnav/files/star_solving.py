@@ -1,13 +1,22 @@
 """Solve a frame of spots with what is known of its camera: a model, or little more than its focal length."""
 
-import numpy as np
+import math
 
+from numpy.typing import ArrayLike
+
+from relnav.arrays import Vector
 from relnav.errors import UsageError
 from relnav.files.models import load_model
 from relnav.files.star_catalogue import load_star_catalogue
 from relnav.files.star_frames import StarFrame
-from relnav.sensors.dual_field.blind import Blind, solve_blind
-from relnav.sensors.dual_field.measure import in_order_of_spots, measure, spot_magnitudes, usable_spots
+from relnav.sensors.dual_field.blind import WIDEST_RAD, Blind, solve_blind
+from relnav.sensors.dual_field.measure import (
+    in_order_of_spots,
+    measure,
+    observer_velocity,
+    spot_magnitudes,
+    usable_spots,
+)
 from relnav.sensors.dual_field.sensor import StarSensor
 from relnav.sensors.dual_field.solution import StarSolution
 
@@ -29,6 +38,20 @@ def load_star_sensor(name: str) -> StarSensor:
     return model
 
 
+def velocity_option(name: str, value: ArrayLike) -> Vector:
+    """A velocity (3,) km/s from the command line.
+
+    Raises
+    ------
+    UsageError
+        For one that stars cannot be seen from, naming the option.
+    """
+    try:
+        return observer_velocity(value)
+    except ValueError as error:
+        raise UsageError(f"{name}: {error}") from error
+
+
 def solve_frame(
     frame: StarFrame,
     model_name: str | None,
@@ -41,11 +64,16 @@ def solve_frame(
     Raises
     ------
     UsageError
-        Without model and focal length; for two fields without a velocity or with an unknown focal length.
+        Without model and focal length, or for one that is no number; for two fields without a velocity or with an
+        unknown focal length; for an impossible velocity.
     """
     model = None if model_name is None else load_star_sensor(model_name)
     if model is None and focal_px is None:
         raise UsageError("--model or --focal-px is needed: the camera, or at least its focal length to 5 %")
+    if focal_px is not None and not 0.0 < focal_px < math.inf:
+        raise UsageError(f"--focal-px is a focal length in pixels; got {focal_px}")
+    if velocity_km_s is not None:
+        velocity_option("--velocity-km-s", velocity_km_s)
     two_fields = model is not None and model.fold.kind != "none"
     if two_fields and focal_px is not None:
         raise UsageError(
@@ -76,8 +104,9 @@ def _solve_with_focal(
     velocity_km_s: tuple[float, float, float] | None,
 ) -> StarSolution:
     magnitude = spot_magnitudes(frame.flux, frame.magnitude, len(frame.spots_px), 0.0)
-    size = (np.inf, np.inf) if model is None else model.camera.detector_size_px
-    order = usable_spots(frame.spots_px, magnitude, size)
+    widest = 2.0 * focal_px * math.tan(WIDEST_RAD)
+    width, height = (widest, widest) if model is None else model.camera.detector_size_px
+    order = usable_spots(frame.spots_px, magnitude, (min(width, widest), min(height, widest)))
     blind = Blind(
         frame.spots_px[order],
         None if magnitude is None else magnitude[order],

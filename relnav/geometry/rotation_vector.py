@@ -1,4 +1,4 @@
-"""Rotation vectors: dcm exp([v x]), and the v between two attitudes."""
+"""Rotation vectors: dcm exp([v x]), the v between two attitudes, and the error of an estimated frame."""
 
 import math
 
@@ -42,3 +42,11 @@ def rotation_vector_between(dcm: Matrix, reference: Matrix) -> Vector:
     sign = -1.0 if float(axis @ sine_axis) < 0.0 else 1.0
     half_turn: Vector = sign * math.atan2(sine, cosine) * axis
     return half_turn
+
+
+def frame_error(dcm_b_from_a: Matrix, dcm_b_from_a_true: Matrix) -> Vector:
+    """Rotation vector e (3,) rad that turns the true frame b into the estimated one, in b: dcm = exp(-[e x]) dcm_true.
+
+    The covariance of `solve_wahba` and of a star sensor is that of e.
+    """
+    return rotation_vector_between(np.asarray(dcm_b_from_a).T, np.asarray(dcm_b_from_a_true).T)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,3 @@ def solve_wahba(measured: ArrayLike, known: ArrayLike, sigma_rad: ArrayLike) -> 
     dcm = left @ np.diag([1.0, 1.0, np.linalg.det(left) * np.linalg.det(right)]) @ right
     chi2 = float(np.sum(weight[:, None] * (w - v @ dcm.T) ** 2))
     return WahbaSolution(dcm, np.linalg.inv(information), chi2, 2 * len(w) - 3)
-
-
-def rotation_vector(dcm_b_from_a: Matrix, dcm_b_from_a_true: Matrix) -> Vector:
-    """Small rotation (3,) rad from the true frame b to the estimated one, in b: dcm = (I - [e x]) dcm_true."""
-    turn = dcm_b_from_a @ dcm_b_from_a_true.T
-    return 0.5 * np.array([turn[1, 2] - turn[2, 1], turn[2, 0] - turn[0, 2], turn[0, 1] - turn[1, 0]])

@@ -82,15 +82,19 @@ class StarFieldSimulator:
         self, rng: np.random.Generator, *, velocity_km_s: Vector | None = None, dcm: Matrix | None = None
     ) -> SimulatedStars:
         """A frame with a random attitude (or dcm) as a moving observer sees it (at rest unless a velocity is given)."""
-        velocity = np.zeros(3) if velocity_km_s is None else velocity_km_s
+        velocity = np.zeros(3) if velocity_km_s is None else np.asarray(velocity_km_s, dtype=np.float64)
         A = random_attitude(rng) if dcm is None else dcm
-        seen = aberration(self.directions, velocity / LIGHT_KM_S) @ A.T
-        limit, camera = np.cos(self.conditions.field_radius_rad), self.sensor.camera
+        beta, camera, radius = velocity / LIGHT_KM_S, self.sensor.camera, self.conditions.field_radius_rad
         spots, magnitude, hip, field = [], [], [], []
-        for f in range(1 if self.fold is None else 2):
-            rays = seen if f == 0 or self.fold is None else seen @ self.fold  # s = M u, so that u = M^T s
-            chosen = np.flatnonzero((rays[:, 2] > limit) & (rng.random(len(rays)) >= self.conditions.missing))
-            spots.append(project(rays[chosen], camera.focal_length_px, camera.principal_point_px, camera.distortion))
+        for f, fold in enumerate([np.eye(3)] if self.fold is None else [np.eye(3), self.fold]):
+            turn = fold.T @ A  # s = M u, so that u = M^T s
+            reach = np.cos(radius + 2.0 * np.linalg.norm(beta))  # aberration moves no star farther
+            present = rng.random(len(self.directions)) >= self.conditions.missing
+            near = np.flatnonzero((self.directions @ turn[2] > reach) & present)
+            rays = aberration(self.directions[near], beta) @ turn.T
+            inside = rays[:, 2] > np.cos(radius)
+            chosen = near[inside]
+            spots.append(project(rays[inside], camera.focal_length_px, camera.principal_point_px, camera.distortion))
             magnitude.append(self.magnitude[chosen])
             hip.append(self.hip[chosen])
             field.append(np.full(len(chosen), f, dtype=np.int64))
@@ -98,8 +102,11 @@ class StarFieldSimulator:
 
     def false_frame(self, rng: np.random.Generator, spots: int) -> tuple[Matrix, Vector]:
         """A frame of false spots alone, brightest first: spots (n, 2) px and magnitudes (n,)."""
-        magnitude = np.sort(rng.choice(self.magnitude, spots))
+        magnitude = np.sort(self._false_magnitudes(rng, spots))
         return self._false_spots(rng, spots), magnitude
+
+    def _false_magnitudes(self, rng: np.random.Generator, count: int) -> Vector:
+        return self.magnitude[rng.integers(0, len(self.magnitude), count)]
 
     def _false_spots(self, rng: np.random.Generator, count: int) -> Matrix:
         radius = self.sensor.camera.focal_length_px * np.tan(self.conditions.field_radius_rad)
@@ -121,7 +128,7 @@ class StarFieldSimulator:
         spots = spots + rng.normal(size=spots.shape) * self.sensor.camera.spot_noise_px
         spots = np.concatenate([spots, self._false_spots(rng, false)])
         magnitude = magnitude + rng.normal(size=len(magnitude)) * self.conditions.magnitude_noise
-        magnitude = np.concatenate([magnitude, rng.choice(self.magnitude, false)])
+        magnitude = np.concatenate([magnitude, self._false_magnitudes(rng, false)])
         order = np.argsort(magnitude)
         return SimulatedStars(
             spots[order],

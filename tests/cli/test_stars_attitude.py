@@ -66,6 +66,11 @@ def test_it_feeds_the_navigation_filter(run, flight, short_log):
 
 WRONG = {
     "no Earth": (["--model", "dual_field_star"], 2, "two fields need --earth-velocity-km-s"),
+    "too fast": (
+        ["--model", "dual_field_star", "--earth-velocity-km-s", 3e4, 0, 0],
+        2,
+        "--earth-velocity-km-s: velocity_km_s is in km/s and up to 300",
+    ),
     "log alone": ([*OPTIONS, "--log", "log.csv"], 2, "--log and --joined go together"),
     "mounting": ([*OPTIONS, "--q-cam-from-star", 1, 1, 0, 0], 2, "--q-cam-from-star: a rotation quaternion"),
 }

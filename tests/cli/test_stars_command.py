@@ -79,6 +79,17 @@ WRONG_USE = {
     "picture": ([FRAME, "--model", "ground_camera", "--plot", "a.pdf"], "a picture ends in .png; got '.pdf'"),
     "folder": ([FRAME, "--model", "ground_camera", "--json", "none/a.json"], "the folder none does not exist"),
     "negative": ([FRAME, "--focal-px", "-5"], "-5"),
+    "no number": ([FRAME, "--focal-px", "nan"], "--focal-px is a focal length in pixels; got nan"),
+    "without end": ([FRAME, "--focal-px", "inf"], "--focal-px is a focal length in pixels; got inf"),
+    "no centre": ([FRAME, "--focal-px", "5000", "--centre-px", "nan", "0"], "--centre-px is two numbers of pixels"),
+    "m/s": (
+        [FRAME, "--focal-px", "5000", "--epoch", "2020", "--velocity-km-s", 25e3, -15e3, -6e3],
+        "--velocity-km-s: velocity_km_s is in km/s and up to 300 in size",
+    ),
+    "velocity": (
+        [FRAME, "--model", "ground_camera", "--epoch", "2020", "--velocity-km-s", "nan", 0, 0],
+        "velocity_km_s is three finite numbers",
+    ),
     "no such command": ([], "Missing argument 'FRAME'"),
 }
 
@@ -92,6 +103,55 @@ def test_wrong_use_is_2(run, tmp_path, monkeypatch, name):
     assert text in err
     assert out == ""
     assert list(tmp_path.iterdir()) == []
+
+
+def lines_of(rows):
+    return "x_px,y_px,flux\n" + "".join(f"{x},{y},{flux}\n" for x, y, flux in rows)
+
+
+@pytest.mark.parametrize("options", [("--focal-px", "5200"), ("--model", "ground_camera")])
+@pytest.mark.parametrize("kind", ["random", "mirrored", "one place", "stretched", "few and false"])
+def test_frames_of_no_sky_are_refused(run, tmp_path, kind, options):
+    """One clear sentence, and no attitude."""
+    rows = np.loadtxt(FRAME, delimiter=",", skiprows=1)
+    rng = np.random.default_rng(3)
+    if kind == "random":
+        rows[:, :2] = (rng.random((40, 2)) - 0.5) * (1024.0, 768.0)
+    elif kind == "mirrored":
+        rows[:, 0] *= -1.0
+    elif kind == "one place":
+        rows[:, :2] = -100.0, 50.0
+    elif kind == "stretched":
+        rows[:, 0] *= 1.2
+    else:
+        rows = np.concatenate([rows[:3], np.column_stack([(rng.random((9, 2)) - 0.5) * 700.0, rows[:9, 2]])])
+    (tmp_path / "frame.csv").write_text(lines_of(rows))
+    out, values = solve(run, tmp_path, tmp_path / "frame.csv", *options)
+    assert values["status"] == "no_match"
+    assert values["ra_deg"] is None
+    assert out == f"no_match: {values['reason']}\n"
+
+
+@pytest.mark.parametrize("options", [("--focal-px", "5200"), ("--model", "ground_camera")])
+def test_what_is_added_to_a_frame_does_no_harm(run, tmp_path, options):
+    """Every spot twice, a spot far off the detector, fluxes below zero, and a byte order mark before the header."""
+    rows = np.loadtxt(FRAME, delimiter=",", skiprows=1)
+    more = [[1e308, -1e308, 9.0], [1.0, 2.0, -5.0], [3.0, 4.0, 0.0]]
+    (tmp_path / "frame.csv").write_text("\ufeff" + lines_of(np.concatenate([rows, rows, more])), encoding="utf-8")
+    _, plain = solve(run, tmp_path, FRAME, *options)
+    _, values = solve(run, tmp_path, tmp_path / "frame.csv", *options)
+    assert values["status"] == "ok"
+    for key in ("ra_deg", "dec_deg", "roll_deg"):
+        assert values[key] == pytest.approx(plain[key], abs=1e-6)
+    assert values["matches"] == plain["matches"]
+
+
+@pytest.mark.parametrize("focal", ["0.001", "40"])
+def test_a_focal_length_of_another_unit_is_refused(run, tmp_path, focal):
+    """Millimetres instead of pixels: hardly a spot would be within 60 deg of the axis."""
+    out, values = solve(run, tmp_path, FRAME, "--focal-px", focal)
+    assert values["status"] == "too_few"
+    assert "spots within 60 deg of the axis; with unknown focal length 6 or more are needed" in out
 
 
 def test_a_bad_frame_is_3(run, tmp_path):

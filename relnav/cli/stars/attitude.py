@@ -66,7 +66,7 @@ def command(
         write_attitude_log,
     )
     from relnav.files.epochs import julian_year
-    from relnav.files.star_solving import load_star_sensor
+    from relnav.files.star_solving import load_star_sensor, velocity_option
     from relnav.files.tables import check_format
     from relnav.geometry.rotation import dcm_from_quaternion
     from relnav.sensors.dual_field import measure
@@ -81,12 +81,13 @@ def command(
     sensor = load_star_sensor(model)
     if sensor.fold.kind != "none" and earth_velocity_km_s is None:
         raise UsageError("two fields need --earth-velocity-km-s: aberration changes the angle between them")
+    earth = None if earth_velocity_km_s is None else velocity_option("--earth-velocity-km-s", earth_velocity_km_s)
     year = None if epoch is None else julian_year(epoch)
     images, states = read_star_log(frames), read_orbit(orbit)
     at = states_at(states, np.array([t for t, _ in images]), orbit)
     solved, solutions = [], []
     for k, (_, frame) in enumerate(images):
-        velocity = None if earth_velocity_km_s is None else np.array(earth_velocity_km_s) + at[k, 3:]
+        velocity = None if earth is None else earth + at[k, 3:]
         solution = measure(
             frame.spots_px,
             sensor,

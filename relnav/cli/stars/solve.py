@@ -62,6 +62,8 @@ def command(
         raise UsageError(f"{plot}: a picture ends in .png; got '{plot.suffix}'")
     if velocity_km_s is not None and epoch is None:
         raise UsageError("--velocity-km-s needs --epoch as well: the velocity belongs to a time")
+    if not all(math.isfinite(value) for value in centre_px):
+        raise UsageError(f"--centre-px is two numbers of pixels; got {centre_px[0]} {centre_px[1]}")
     year = None if epoch is None else julian_year(epoch)
     spots = read_star_frame(frame, centre_px)
     solution = solve_frame(spots, model, focal_px, year, velocity_km_s)

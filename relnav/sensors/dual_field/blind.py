@@ -19,7 +19,16 @@ from relnav.sensors.dual_field.identify import make_frame
 from relnav.sensors.dual_field.matching import Frame, match_loosely
 from relnav.sensors.dual_field.optics import plane_points, rays
 from relnav.sensors.dual_field.pair_table import k_range
-from relnav.sensors.dual_field.search import WORK_ROWS, count_stars, log_false_alarm, promising, triad_of_spots
+from relnav.sensors.dual_field.screening import (
+    QUESTIONS,
+    attitude_of_triads,
+    extent,
+    prepare_questions,
+    promising,
+    spot_triad,
+    star_triad,
+)
+from relnav.sensors.dual_field.search import WORK_ROWS, count_stars, log_false_alarm
 from relnav.sensors.dual_field.sky import Sky, SkyArrays, prepare_sky
 from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solution
 
@@ -41,7 +50,13 @@ STARS_IN_FIELD = 25.0
 SHEAR = 0.01
 """Error of a spot relative to its distance from the pair, left by unknown distortion."""
 
+LEAST_FOUND = 3
+"""Spots that must find a star beside the pair before a candidate is looked at."""
+
 LEAST_SPOTS = 6
+
+WIDEST_RAD = math.radians(60.0)
+"""Spots farther from the axis, were the focal length as given, are not used: lenses that show them are no pinholes."""
 
 NARROWEST = 1e-3
 """Height or width, rad, below which spots are taken to cover no field."""
@@ -58,6 +73,17 @@ def scale_of_pair(points: Matrix, i: int, j: int, angle: float) -> float:
         cosine = (1.0 + s2 * dot) / math.sqrt((1.0 + s2 * a) * (1.0 + s2 * c))
         scale *= angle / math.acos(min(1.0, cosine))
     return scale
+
+
+@kernel
+def scale_rays(points: Matrix, scale: float, first: int, count: int, W: Matrix) -> None:
+    """Write the unit rays of some of the plane points (n, 2), moved out, into W (n, 3): from `first` on, cyclically."""
+    n = points.shape[0]
+    for step in range(count):
+        k = (first + step) % n
+        x, y = scale * points[k, 0], scale * points[k, 1]
+        norm = math.sqrt(1.0 + x * x + y * y)
+        W[k, 0], W[k, 1], W[k, 2] = x / norm, y / norm, 1.0 / norm
 
 
 @kernel
@@ -80,30 +106,37 @@ def try_scaled_pair(
     differences of magnitude. Rows of frame.W are scratch.
     """
     n = frame.sigma2.shape[0]
-    A, out = work[10:13], work[13]
-    x, y, p, q = points[i, 0], points[i, 1], points[j, 0], points[j, 1]
-    cosine = (1.0 + x * p + y * q) / math.sqrt((1.0 + x * x + y * y) * (1.0 + p * p + q * q))
+    A, out, spots, stars = work[10:13], work[13], work[15:18], work[21:24]
+    asked, ways, least = extent(n, 1, LEAST_FOUND)
+    questions = work[24:44].reshape((QUESTIONS, 5))
+    x, y, u, w = points[i, 0], points[i, 1], points[j, 0], points[j, 1]
+    cosine = (1.0 + x * u + y * w) / math.sqrt((1.0 + x * x + y * y) * (1.0 + u * u + w * w))
     angle = math.acos(min(1.0, cosine))
     low, high = math.cos(angle * (1.0 + FOCAL_RANGE)), math.cos(angle * (1.0 - FOCAL_RANGE))
     first, last = k_range(sky.cosines, sky.k, sky.line, low, high)
     best = 0.0
+    fainter = frame.magnitude[j] - frame.magnitude[i]
     for pair in range(first, last):
+        step = sky.stars[sky.pairs[pair, 1], 3] - sky.stars[sky.pairs[pair, 0], 3]
+        if min(abs(step - fainter), abs(step + fainter)) > contrast:
+            continue
         scale = scale_of_pair(points, i, j, math.acos(sky.cosines[pair]))
-        for k in range(n):
-            u, w = scale * points[k, 0], scale * points[k, 1]
-            norm = math.sqrt(1.0 + u * u + w * w)
-            frame.W[k, 0], frame.W[k, 1], frame.W[k, 2] = u / norm, w / norm, 1.0 / norm
-        triad_of_spots(frame, i, j, work[15:18], work[8:10])
+        scale_rays(points, scale, i, 1, frame.W)
+        scale_rays(points, scale, j, min(n, asked + 3), frame.W)  # those that are asked follow j
+        spot_triad(frame.W, i, j, spots, work[8:10])
+        prepare_questions(frame, i, j, 0, spots, asked, ways, SHEAR * SHEAR, questions)
+        apart = star_triad(sky.stars, frame.beta, sky.pairs[pair, 0], sky.pairs[pair, 1], stars, work[4:8])
         for order in range(2):
-            a, c = sky.pairs[pair, order], sky.pairs[pair, 1 - order]
-            difference = sky.stars[a, 3] - sky.stars[c, 3] - frame.magnitude[i] + frame.magnitude[j]
-            if abs(difference) > contrast:
+            sign, a, c = 1.0 - 2.0 * order, sky.pairs[pair, order], sky.pairs[pair, 1 - order]
+            if abs(sign * step - fainter) > contrast:
                 continue
             info[0] += 1.0
-            if not promising(frame, sky, i, j, a, c, 0, SHEAR * SHEAR, A, work):
+            if not (apart and promising(frame, sky, questions, asked, ways, least, stars, sign)):
                 continue
+            attitude_of_triads(spots, stars, sign, A)
+            scale_rays(points, scale, 0, n, frame.W)
             found = match_loosely(frame, sky, i, j, 0, SHEAR * SHEAR, A, match, out)
-            if found < 3:
+            if found < LEAST_FOUND:
                 continue
             chance = log_false_alarm(info[0], n, found, out[0])
             if chance < best:
@@ -197,7 +230,8 @@ def solve_blind(blind: Blind, catalogue: StarCatalogue, epoch_jyear: float, log1
     """
     n = len(blind.spots_px)
     if n < LEAST_SPOTS:
-        reason = f"{n} spots; with unknown focal length {LEAST_SPOTS} or more are needed"
+        where = f"within {math.degrees(WIDEST_RAD):.0f} deg of the axis"
+        reason = f"{n} spots {where}; with unknown focal length {LEAST_SPOTS} or more are needed"
         return no_solution(StarStatus.TOO_FEW, reason, n)
     points = blind.points
     if float(np.min(np.ptp(points, axis=0))) < NARROWEST:

@@ -8,7 +8,7 @@ from relnav.sensors.dual_field.matching import Frame, aberrate_into
 from relnav.sensors.dual_field.optics import plane_point, ray_and_variance
 from relnav.sensors.dual_field.pair_table import Indices
 from relnav.sensors.dual_field.search import FOUND, WORK_ROWS, search_pairs
-from relnav.sensors.dual_field.sky import SkyArrays
+from relnav.sensors.dual_field.sky import Bits, SkyArrays
 
 FOCAL, CX, CY, K1, K2, HALF_WIDTH, HALF_HEIGHT, SPOT_SIGMA, GATE, FIELDS = range(10)
 SETTINGS, BETA, FOLD, PARAMETERS = 10, 14, 17, 26
@@ -52,6 +52,7 @@ def solve_spots(
     parameters: Vector,
     stars: Matrix,
     cells: Indices,
+    near: Bits,
     brighter: Vector,
     cosines: Vector,
     pairs: Indices,
@@ -69,7 +70,7 @@ def solve_spots(
     attitude (9), covariance (9), what `search_pairs` calls info (2), number of spots or fit (1), residuals (n) rad; the
     rest is scratch. Nothing need be set before.
     """
-    p, sky = parameters, SkyArrays(stars, cells, brighter, cosines, pairs, k, line)
+    p, sky = parameters, SkyArrays(stars, cells, near, brighter, cosines, pairs, k, line)
     total = spots.shape[0]
     solution, residual, scratch = block[:21].reshape((7, 3)), block[21 : 21 + total], block[21 + total :]
     order, match = found[:total], found[total : 3 * total].reshape((total, 2))

@@ -12,7 +12,10 @@ from relnav.sensors.dual_field.search import AMBIGUOUS, FOUND, WORK_ROWS, search
 from relnav.sensors.dual_field.sky import Sky
 from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solution
 
-SINGLE_FIELD_REASON = "stars of one field only were found: the roll is worse than two fields promise"
+SINGLE_FIELD_REASON = (
+    "stars of one field only were found: the roll is worse than two fields promise; is there glare in the other, is "
+    "the mirror off its place, or is the image mirrored, and the attitude with it?"
+)
 LEAST_SPOTS = 4
 REST = np.zeros(3)
 ONE_FIELD = np.eye(3)

@@ -60,14 +60,22 @@ def aberrate_into(x: float, y: float, z: float, b: Vector, sign: float, out: Vec
 
 
 @kernel
-def looked_up(W: Matrix, row: int, A: Matrix, b: Vector) -> tuple[float, float, float]:
-    """The catalogue direction that a row of `W` looks at under A: aberration undone to first order, within 2 mas."""
-    w0, w1, w2 = W[row, 0], W[row, 1], W[row, 2]
-    x = A[0, 0] * w0 + A[1, 0] * w1 + A[2, 0] * w2
-    y = A[0, 1] * w0 + A[1, 1] * w1 + A[2, 1] * w2
-    z = A[0, 2] * w0 + A[1, 2] * w1 + A[2, 2] * w2
+def aberration_undone(x: float, y: float, z: float, b: Vector) -> tuple[float, float, float]:
+    """The catalogue direction of an apparent one, to first order: within 2 mas."""
     along = 1.0 + x * b[0] + y * b[1] + z * b[2]
     return x * along - b[0], y * along - b[1], z * along - b[2]
+
+
+@kernel
+def looked_up(W: Matrix, row: int, A: Matrix, b: Vector) -> tuple[float, float, float]:
+    """The catalogue direction that a row of `W` looks at under A."""
+    w0, w1, w2 = W[row, 0], W[row, 1], W[row, 2]
+    return aberration_undone(
+        A[0, 0] * w0 + A[1, 0] * w1 + A[2, 0] * w2,
+        A[0, 1] * w0 + A[1, 1] * w1 + A[2, 1] * w2,
+        A[0, 2] * w0 + A[1, 2] * w1 + A[2, 2] * w2,
+        b,
+    )
 
 
 @kernel

@@ -30,6 +30,9 @@ from relnav.sensors.dual_field.tracking import WIDEST_PRIOR_RAD, track_rays
 NO_MAGNITUDE = np.empty(0)
 LOG_10 = math.log(10.0)
 
+FASTEST_KM_S = 300.0
+"""No spacecraft is faster; the search's first-order aberration is then off by (v/c)^2, 0.2 arcsec."""
+
 WITHOUT_BRIGHTNESS = 30.0
 """A frame without brightness takes so many times more attitudes: every star may be every spot."""
 
@@ -194,7 +197,7 @@ def _checked(
             "two fields need velocity_km_s, the observer's barycentric velocity (ICRS): aberration changes the angle "
             "between the fields; give zeros for a simulated frame without it"
         )
-    velocity = None if velocity_km_s is None else three_numbers("velocity_km_s", velocity_km_s)
+    velocity = None if velocity_km_s is None else observer_velocity(velocity_km_s)
     return spots, spot_magnitudes(flux, magnitude, len(spots), model.identification.magnitude_zero_point), velocity
 
 
@@ -214,11 +217,13 @@ def _prepare(
     return _Ready(rays(points), sigma, None if mag is None else mag[order], fold, velocity, order, len(spots))
 
 
-def three_numbers(name: str, value: ArrayLike) -> Vector:
-    """A vector (3,) of finite numbers, or a ValueError that says so."""
+def observer_velocity(value: ArrayLike) -> Vector:
+    """A velocity (3,) km/s that stars can be seen from, or a ValueError that says so."""
     vector = np.asarray(value, dtype=np.float64)
     if vector.shape != (3,) or not np.all(np.isfinite(vector)):
-        raise ValueError(f"{name} is three finite numbers; got {vector.tolist()}")
+        raise ValueError(f"velocity_km_s is three finite numbers; got {vector.tolist()}")
+    if np.abs(vector).max() > FASTEST_KM_S or np.linalg.norm(vector) > FASTEST_KM_S:
+        raise ValueError(f"velocity_km_s is in km/s and up to {FASTEST_KM_S:g} in size; got {vector.tolist()}")
     return vector
 
 

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from relnav._kernel import kernel
 from relnav.arrays import Matrix, Vector
+from relnav.geometry.distortion import undistort
 
 
 @kernel
@@ -74,16 +75,14 @@ def ray_sigma(points: Matrix, spot_sigma_px: float, focal_px: float) -> Vector:
 def project(
     directions: Matrix, focal_px: float, principal_px: ArrayLike = (0.0, 0.0), distortion: ArrayLike = (0.0, 0.0)
 ) -> Matrix:
-    """Spots (n, 2) px of camera-frame directions (n, 3) with z > 0; NaN for the others. Inverse of `plane_points`."""
+    """Spots (n, 2) px of camera-frame directions (n, 3); inverse of `plane_points`.
+
+    NaN behind the camera, and where the distortion polynomial folds back: no spot shows such a direction.
+    """
     u = np.asarray(directions, dtype=np.float64)
     front = u[:, 2] > 0.0
     p = np.where(front[:, None], u[:, :2] / np.where(front, u[:, 2], 1.0)[:, None], np.nan)
     k1, k2 = np.asarray(distortion, dtype=np.float64)
-    r = np.linalg.norm(p, axis=1)
-    s = r.copy()  # |d|, from |d| (1 + k1 |d|^2 + k2 |d|^4) = |p| by Newton
-    for _ in range(20):
-        s2 = s * s
-        s -= (s * (1.0 + s2 * (k1 + k2 * s2)) - r) / (1.0 + s2 * (3.0 * k1 + 5.0 * k2 * s2))
-    scale = np.where(r > 0.0, s / np.where(r > 0.0, r, 1.0), 1.0)
-    spots: Matrix = p * (focal_px * scale)[:, None] + np.asarray(principal_px)
+    d, _ = undistort(p, np.array([k1, k2, 0.0, 0.0, 0.0]))
+    spots: Matrix = focal_px * d + np.asarray(principal_px)
     return spots

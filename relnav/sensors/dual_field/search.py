@@ -9,29 +9,31 @@ import math
 
 from relnav._kernel import kernel
 from relnav.arrays import Codes, Matrix, Vector
-from relnav.geometry.rotation import triad
 from relnav.sensors.dual_field.matching import (
     Frame,
-    aberrate_into,
     fit_attitude,
-    looked_up,
-    loose_chord2,
     match_loosely,
     match_tightly,
 )
 from relnav.sensors.dual_field.pair_table import k_range
-from relnav.sensors.dual_field.sky import BRIGHTEST_MAG, MAG_STEP, SkyArrays, nearest_star
+from relnav.sensors.dual_field.screening import (
+    QUESTIONS,
+    attitude_of_triads,
+    extent,
+    prepare_questions,
+    promising,
+    spot_triad,
+    star_triad,
+)
+from relnav.sensors.dual_field.sky import BRIGHTEST_MAG, MAG_STEP, SkyArrays
 
 CLUSTERING = 2.0
 """Bright stars crowd along the Milky Way and Gould's belt: chance matches are counted as this much likelier."""
 
-FEW_SPOTS = 12
-"""Up to so many spots of two fields (half of one) every pair's attitude is checked against all of them."""
-
 LOG_PFA, MOST_TRIED, SHORTEST_CHORD2, LEAST_MATCHES = range(4)
 """Entries of `settings`."""
 
-WORK_ROWS = 21
+WORK_ROWS = 24 + 2 * QUESTIONS * 5 // 3
 FOUND, NOTHING, AMBIGUOUS = 1, 0, -1
 
 
@@ -56,73 +58,6 @@ def log_false_alarm(tried: float, spots: int, others: float, log_chance: float) 
     rest = spots - 2.0
     choices = math.lgamma(rest + 1.0) - math.lgamma(others + 1.0) - math.lgamma(rest - others + 1.0)
     return math.log(tried) + choices + log_chance
-
-
-@kernel
-def triad_of_spots(frame: Frame, i: int, j: int, out: Matrix, work: Matrix) -> bool:
-    """Write the triad (3, 3) of the sum and the difference of rows i and j of `W`; work (2, 3) is scratch."""
-    for k in range(3):
-        work[0, k], work[1, k] = frame.W[i, k] + frame.W[j, k], frame.W[i, k] - frame.W[j, k]
-    return triad(work[0], work[1], out)
-
-
-@kernel
-def attitude_of_pair(stars: Matrix, beta: Vector, t: Matrix, a: int, c: int, A: Matrix, work: Matrix) -> bool:
-    """Write the attitude that sees the sum and the difference of stars a and c along the triad t (3, 3) of spots."""
-    s, va, vc = work[3:6], work[6], work[7]
-    aberrate_into(stars[a, 0], stars[a, 1], stars[a, 2], beta, 1.0, va)
-    aberrate_into(stars[c, 0], stars[c, 1], stars[c, 2], beta, 1.0, vc)
-    for k in range(3):
-        work[8, k], work[9, k] = va[k] + vc[k], va[k] - vc[k]
-    if not triad(work[8], work[9], s):
-        return False
-    for r in range(3):
-        for k in range(3):
-            A[r, k] = t[0, r] * s[0, k] + t[1, r] * s[1, k] + t[2, r] * s[2, k]
-    return True
-
-
-@kernel
-def promising(
-    frame: Frame,
-    sky: SkyArrays,
-    i: int,
-    j: int,
-    a: int,
-    c: int,
-    field: int,
-    stretch2: float,
-    A: Matrix,
-    work: Matrix,
-) -> bool:
-    """Write the attitude that makes spots i, j stars a, c; whether a next fainter spot finds a star in that field too.
-
-    Rows 15 on of work hold the spots' triads. Asking a few spots about the pair's own field, where they are predicted
-    closely, refuses all but a few wrong pairs; a right one that is refused is followed by others. The spots asked
-    change with the pair, so that a few bright false ones do not stand in every pair's way. Among few spots none is
-    refused here.
-    """
-    W, sigma2, magnitude, b, stars, cells = frame.W, frame.sigma2, frame.magnitude, frame.beta, sky.stars, sky.cells
-    if not attitude_of_pair(stars, b, work[15 + 3 * field : 18 + 3 * field], a, c, A, work):
-        return False
-    n = sigma2.shape[0]
-    if n <= FEW_SPOTS // frame.fields:
-        return True
-    p, q = field * n + i, field * n + j
-    m0, m1, m2 = W[p, 0] + W[q, 0], W[p, 1] + W[q, 1], W[p, 2] + W[q, 2]
-    asked = 2 + frame.fields
-    step = 0
-    while asked > 0 and step < n - 1:
-        step += 1
-        k = (j + step) % n
-        if k in (i, j):
-            continue
-        asked -= 1
-        x, y, z = looked_up(W, field * n + k, A, b)
-        t2 = loose_chord2(W, field * n + k, sigma2[k], m0, m1, m2, stretch2)
-        if nearest_star(stars, cells, x, y, z, t2, magnitude[k], frame.gate) >= 0:
-            return True
-    return False
 
 
 @kernel
@@ -226,11 +161,13 @@ def search_pairs(
     info (2,): logarithm of the false alarm probability, hypotheses tried. work (WORK_ROWS, 3) is scratch. Pairs go by
     their fainter spot, brightest first.
     """
-    W, gate, b, M = frame.W, frame.gate, frame.beta, frame.fold
+    W, n, gate, b = frame.W, frame.sigma2.shape[0], frame.gate, frame.beta
     speed = math.sqrt(b[0] * b[0] + b[1] * b[1] + b[2] * b[2])
+    asked, ways, least = extent(n, frame.fields, int(settings[LEAST_MATCHES]) - 2)
+    spots, stars, questions = work[15:21], work[21:24], work[24:WORK_ROWS].reshape((2, QUESTIONS, 5))
     count_stars(frame, sky)
     info[0], info[1] = 0.0, 0.0
-    for j in range(1, frame.sigma2.shape[0]):
+    for j in range(1, n):
         for i in range(j):
             cosine = W[i, 0] * W[j, 0] + W[i, 1] * W[j, 1] + W[i, 2] * W[j, 2]
             if 2.0 - 2.0 * cosine < settings[SHORTEST_CHORD2]:
@@ -240,29 +177,42 @@ def search_pairs(
             low, high = math.cos(angle + tolerance), math.cos(max(0.0, angle - tolerance))
             first, last = k_range(sky.cosines, sky.k, sky.line, low, high)
             for field in range(frame.fields):
-                base = field * frame.sigma2.shape[0]
-                triad_of_spots(frame, base + i, base + j, work[15 + 3 * field : 18 + 3 * field], work[8:10])
+                triad = spots[3 * field : 3 * field + 3]
+                spot_triad(W, field * n + i, field * n + j, triad, work[8:10])
+                prepare_questions(frame, i, j, field, triad, asked, ways, 0.0, questions[field])
+            mi, mj = frame.magnitude[i], frame.magnitude[j]
             for pair in range(first, last):
+                p, q = sky.pairs[pair, 0], sky.pairs[pair, 1]
+                mp, mq = sky.stars[p, 3], sky.stars[q, 3]
+                straight = abs(mp - mi) <= gate and abs(mq - mj) <= gate
+                crossed = abs(mq - mi) <= gate and abs(mp - mj) <= gate
+                if not (straight or crossed):
+                    continue
+                apart = star_triad(sky.stars, b, p, q, stars, work[4:8])
                 for order in range(2):
-                    a, c = sky.pairs[pair, order], sky.pairs[pair, 1 - order]
-                    if abs(sky.stars[a, 3] - frame.magnitude[i]) > gate:
+                    if not (straight if order == 0 else crossed):
                         continue
-                    if abs(sky.stars[c, 3] - frame.magnitude[j]) > gate:
-                        continue
+                    sign, a, c = 1.0 - 2.0 * order, sky.pairs[pair, order], sky.pairs[pair, 1 - order]
                     for field in range(frame.fields):
                         info[1] += 1.0
-                        if not promising(frame, sky, i, j, a, c, field, 0.0, A, work):
+                        if not (apart and promising(frame, sky, questions[field], asked, ways, least, stars, sign)):
                             continue
+                        attitude_of_triads(spots[3 * field : 3 * field + 3], stars, sign, A)
                         if not try_stars(frame, sky, i, j, a, c, field, settings, match, A, cov, work, info):
                             continue
-                        determinant = (
-                            M[0, 0] * (M[1, 1] * M[2, 2] - M[1, 2] * M[2, 1])
-                            - M[0, 1] * (M[1, 0] * M[2, 2] - M[1, 2] * M[2, 0])
-                            + M[0, 2] * (M[1, 0] * M[2, 1] - M[1, 1] * M[2, 0])
-                        )
-                        if frame.fields == 2 and determinant > 0.0:
+                        if frame.fields == 2 and determinant(frame.fold) > 0.0:
                             return swap_fields(frame, sky, match, A, cov, work)
                         return FOUND
             if info[1] > settings[MOST_TRIED]:
                 return NOTHING
     return NOTHING
+
+
+@kernel
+def determinant(M: Matrix) -> float:
+    """Of a matrix (3, 3)."""
+    return float(
+        M[0, 0] * (M[1, 1] * M[2, 2] - M[1, 2] * M[2, 1])
+        - M[0, 1] * (M[1, 0] * M[2, 2] - M[1, 2] * M[2, 0])
+        + M[0, 2] * (M[1, 0] * M[2, 1] - M[1, 1] * M[2, 0])
+    )
