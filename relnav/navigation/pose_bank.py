@@ -37,7 +37,7 @@ _JOINED = 1.0  # chi-square of twelve: two hypotheses this near are one
 _MOST = 8
 _LARGEST_TURN_RAD = 0.3
 _LARGEST_SHARE_OF_RANGE = 0.2
-"""1-sigma of attitude and position up to which errors count as small (tested: NEES after gaps of any length)."""
+"""1-sigma of attitude and position up to which errors count as small (tests: NEES after gaps)."""
 
 
 @dataclass(frozen=True)
