@@ -79,6 +79,23 @@ def delayed(mission, runs, seed):
     return np.mean(out["replayed"]), np.mean(out["naive"])
 
 
+def after_a_gap(mission, runs, seed, gap):
+    """Mean NEES / 12 of the first three images after one image and a gap, velocity and rate being hardly known."""
+    approach = dataclasses.replace(FAR, duration_s=gap + 2.0, assumed_start=True)
+    values = []
+    for run in range(runs):
+        flight, nav = simulate_flight(mission, approach, seed=seed + run), PoseNavigator(mission)
+        for k, t in enumerate(flight.t_s):
+            spots = flight.spots_px[k] if k == 0 or t > gap else None
+            record = nav.step(t, spots, acceleration_m_s2=flight.acceleration_m_s2[k])
+            if spots is not None and k:
+                truth = PoseState(flight.motion[k], flight.dcm_lvlh_from_target[k], flight.rate_rad_s[k], None)
+                state = PoseState(record.state, record.dcm_lvlh_from_target, record.rate_rad_s, record.covariance)
+                error = state.error_of(truth)
+                values.append(error @ np.linalg.solve(record.covariance, error) / 12.0)
+    return np.mean(values)
+
+
 def wrong(error, covariance):
     """Whether an attitude is off by 6 sigma and 1 deg."""
     turn, spread = error[6:9], covariance[6:9, 6:9]
@@ -168,6 +185,9 @@ def main() -> int:
     replayed, naive = delayed(mission, max(2, runs // 4), seed)
     figures.show("images 0.25 s late, replayed: NEES / 12", replayed, 0.0, 1.2)
     print(f"  the same taken as present: NEES / 12 = {naive:.3g}")
+    for gap in (10.0, 40.0, 100.0):
+        value = after_a_gap(mission, runs, seed, gap)
+        figures.show(f"one image, then none for {gap:g} s, then three: NEES / 12", value, 0.0, 1.25)
     early, middle, late = few_for_long(mission, max(2, runs // 2), seed)
     print(f"  two markers from 10 s on: NEES / 12 = {early:.2f} to 40 s, {middle:.2f} to 100 s, {late:.2f} at 150 s")
     figures.show("one step of the paper's UKF over one of the EKF", attitude_cost(mission), 1.0, 1e3)

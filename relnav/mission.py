@@ -300,7 +300,7 @@ class PoseFilterSettings(FilterSettings):
     longest_delay_s : float
         An image may arrive this long after its exposure.
     few_markers_limit_s : float
-        Fewer than three markers for longer: the record says that the attitude is hardly observed.
+        No three markers off one line used within this time: the record says that the attitude is hardly observed.
     """
 
     initial_rate_sigma_rad_s: Positive = 1e-3

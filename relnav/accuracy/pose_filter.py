@@ -9,8 +9,9 @@ from relnav.arrays import Flags, Matrix, Stack, Vector
 from relnav.dynamics.rigid_body import RigidBody
 from relnav.estimation.consistency import nees
 from relnav.mission import VisionMission
-from relnav.navigation.pose_state import PoseState, pose_update, state_from_pose, time_update
+from relnav.navigation.pose_state import PoseState, state_from_pose, time_update
 from relnav.navigation.relative_pose import PoseNavigator
+from relnav.navigation.spot_update import pose_update
 from relnav.sensors.three_marker.measure import measure
 from relnav.simulation.marker_flight import MarkerFaults, MarkerFlight, simulate_flight
 from relnav.simulation.trajectory import Approach

@@ -30,10 +30,8 @@ def filter_rows(model: VisionMission, published: Published, flights: int, seed: 
     claims = {claim.quantity: claim for claim in published.claims}
     sigma, density = math.radians(RAW_SIGMA_DEG), model.target.rate_noise_density_rad2_s3
     where = f"{RAW_SIGMA_DEG:g} deg raw, {RATE_HZ:g} Hz"
-    rows: list[ClaimRow] = []
-    steps_s = {}
-    for method, name in (("unscented", UKF), ("multiplicative", MEKF)):
-        trials = attitude_trials(
+    trials = {
+        name: attitude_trials(
             np.array(model.target.inertia_kg_m2),
             model.orbit.mean_motion_rad_s,
             sigma_rad=sigma,
@@ -44,12 +42,17 @@ def filter_rows(model: VisionMission, published: Published, flights: int, seed: 
             seed=seed,
             method=method,
         )
-        steps_s[name] = trials.step_s
+        for method, name in (("unscented", UKF), ("multiplicative", MEKF))
+    }
+    rows: list[ClaimRow] = []
+    settled = settled_sigmas(sigma, 1.0 / RATE_HZ, density)
+    for name, of in trials.items():
         if _CLAIM in claims:
-            rows.append(claim_row(claims[_CLAIM], published, name, 1.0 / trials.gain))
-        rows.extend(_attitude_rows(name, where, trials, flights, settled_sigmas(sigma, 1.0 / RATE_HZ, density)))
-    ratio = steps_s[UKF] / steps_s[MEKF]
-    rows.append(information(COST, UKF, "on this machine, for information", ratio, "ratio", "fastest run"))
+            rows.append(claim_row(claims[_CLAIM], published, name, 1.0 / of.gain))
+        rows.extend(_attitude_rows(name, where, of, flights, settled))
+        if name == UKF:
+            ratio = of.step_s / trials[MEKF].step_s
+            rows.append(information(COST, UKF, "on this machine, for information", ratio, "ratio", "fastest run"))
     return rows + _pose_rows(model, flights, seed)
 
 

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from relnav.errors import ModelError, UsageError
+from relnav.errors import UsageError
+from relnav.files.models import flown
 from relnav.mission import Model, VisionMission
 from relnav.simulation.trajectory import Approach
 
@@ -52,14 +53,7 @@ def simulator_of(mission: Any) -> Simulator:
     ModelError
         For a model that does not fly.
     """
-    if isinstance(mission, VisionMission):
-        return _markers
-    if isinstance(mission, Model):
-        return _beacons
-    raise ModelError(
-        f"{mission.path}: a relative navigation mission is expected (sensor_type three_beacon or three_marker); this "
-        f"model describes a {type(mission).__name__}"
-    )
+    return _markers if isinstance(flown(mission), VisionMission) else _beacons
 
 
 def _beacons(mission: Model, approach: Approach, options: Options) -> Simulated:

@@ -9,7 +9,7 @@ from relnav.errors import UsageError
 from relnav.files.filter_file import log_metadata
 from relnav.files.logs import check_beacons, read_log
 from relnav.files.marker_logs import filter_marker_log
-from relnav.files.models import load_mission, load_model
+from relnav.files.models import flown, load_model
 from relnav.files.raw_filter import filter_raw_log
 from relnav.files.raw_logs import is_raw_log
 from relnav.mission import Model, VisionMission
@@ -91,14 +91,12 @@ def filter_log(
     UsageError
         For a keyword that a marker model has no use for.
     """
-    loaded: Any = load_model(model) if isinstance(model, str) else model
-    if isinstance(loaded, VisionMission):
+    mission = flown(load_model(model) if isinstance(model, str) else model)
+    if isinstance(mission, VisionMission):
         given = {"method": method != "spots", "projection": projection, "smooth": smooth, "progress": progress}
         for keyword in (name for name, value in given.items() if value):
-            raise UsageError(f"{keyword} is for three-beacon models; {loaded.name} has one filter, on its spots")
-        return filter_marker_log(path, loaded)
-    mission = load_mission(model) if isinstance(model, str) else model
-    assert isinstance(mission, Model)
+            raise UsageError(f"{keyword} is for three-beacon models; {mission.name} has one filter, on its spots")
+        return filter_marker_log(path, mission)
     if is_raw_log(Path(path)):
         return filter_raw_log(Path(path), mission, method=method, projection=projection, smooth=smooth)
     log = read_log(Path(path))

@@ -13,7 +13,7 @@ from relnav.errors import ModelError, UnknownModelError
 from relnav.files.psd_calibration import named_calibration
 from relnav.files.systems import SYSTEMS, resolve
 from relnav.files.toml_values import build, change_value, read_toml
-from relnav.mission import Model
+from relnav.mission import Model, VisionMission
 from relnav.sensors.three_beacon.calibration import Calibration
 
 
@@ -131,6 +131,22 @@ def load_mission(name_or_path: str | os.PathLike[str]) -> Model:
         raise ModelError(
             f"{model.path}: a relative navigation mission is expected (sensor_type three_beacon); this model describes "
             f"a {type(model).__name__}"
+        )
+    return model
+
+
+def flown(model: Any) -> Model | VisionMission:
+    """A loaded model, if a filter flies it.
+
+    Raises
+    ------
+    ModelError
+        For a model of another kind.
+    """
+    if not isinstance(model, Model | VisionMission):
+        raise ModelError(
+            f"{model.path}: a relative navigation mission is expected (sensor_type three_beacon or three_marker); this "
+            f"model describes a {type(model).__name__}"
         )
     return model
 

@@ -37,7 +37,7 @@ _JOINED = 1.0  # chi-square of twelve: two hypotheses this near are one
 _MOST = 8
 _LARGEST_TURN_RAD = 0.3
 _LARGEST_SHARE_OF_RANGE = 0.2
-"""1-sigma of attitude and position up to which errors count as small (tested: NEES after gaps of any length)."""
+"""1-sigma of attitude and position up to which errors count as small (tests: NEES after gaps)."""
 
 
 @dataclass(frozen=True)
@@ -181,16 +181,16 @@ def _begun(event: Event, mission: VisionMission, believed: PoseState | None = No
 
 def _is_wide(state: PoseState) -> bool:
     """Whether errors are no longer small: a full image then tells more than the state that it would correct."""
-    variances = np.diagonal(state.covariance)
-    share = float(variances[:3].max()) / float(state.motion[:3] @ state.motion[:3])
-    return float(variances[6:9].max()) > _LARGEST_TURN_RAD**2 or share > _LARGEST_SHARE_OF_RANGE**2
+    variances: list[float] = np.diagonal(state.covariance).tolist()
+    share = max(variances[:3]) / float(state.motion[:3] @ state.motion[:3])
+    return max(variances[6:9]) > _LARGEST_TURN_RAD**2 or share > _LARGEST_SHARE_OF_RANGE**2
 
 
 def _is_forgotten(state: PoseState, dt: float, mission: VisionMission) -> bool:
     """Whether after dt nothing is known of the attitude any more: 1-sigma of half a turn."""
-    variances = np.diagonal(state.covariance)
+    variances: list[float] = np.diagonal(state.covariance).tolist()
     drift = mission.target.rate_noise_density_rad2_s3 * dt**3 / 3.0
-    return float(variances[6:9].max() + variances[9:].max() * dt**2) + drift > math.pi**2
+    return max(variances[6:9]) + max(variances[9:]) * dt**2 + drift > math.pi**2
 
 
 def advance(bank: Bank, event: Event, mission: VisionMission, body: RigidBody, limit: float) -> tuple[Bank, Outcome]:
@@ -205,9 +205,9 @@ def advance(bank: Bank, event: Event, mission: VisionMission, body: RigidBody, l
         return _begun(event, mission) or (Bank(event.t_s), nothing)
     fade = math.exp(-dt / MEMORY_S)
     moved = [Hypothesis(_moved(h.state, dt, event, body, mission), fade * h.score) for h in known]
-    if spots is None or not seen.any():
+    if spots is None or not np.count_nonzero(seen):
         return replace(bank, t_s=event.t_s, hypotheses=tuple(moved)), nothing
-    if seen.sum() >= 3 and _is_wide(moved[0].state) and (anew := _begun(event, mission, moved[0].state)):
+    if np.count_nonzero(seen) >= 3 and _is_wide(moved[0].state) and (anew := _begun(event, mission, moved[0].state)):
         return anew
     updates = [
         spot_update(h.state, spots, mission, event.dcm_chaser_from_lvlh, limit, event.covariance_px2) for h in moved
@@ -220,7 +220,7 @@ def advance(bank: Bank, event: Event, mission: VisionMission, body: RigidBody, l
 def _moved(state: PoseState, dt: float, event: Event, body: RigidBody, mission: VisionMission) -> PoseState:
     return (
         time_update(state, dt, body, mission, event.acceleration_m_s2, event.delta_v_m_s)
-        if dt > 0.0 or event.delta_v_m_s.any()
+        if dt > 0.0 or np.count_nonzero(event.delta_v_m_s)
         else state
     )
 
@@ -229,14 +229,14 @@ def _after(
     bank: Bank, event: Event, spots: Matrix, mission: VisionMission, hypotheses: list[Hypothesis], lead: SpotUpdate
 ) -> tuple[Bank, Outcome]:
     """Count rejections, begin anew if locked out, look for new roots when it is time."""
-    used, seen = int(lead.accepted.sum()), int(lead.seen.sum())
+    used, seen = np.count_nonzero(lead.accepted), np.count_nonzero(lead.seen)
     rejected = bank.rejected + 1 if 2 * used <= seen else 0
     if rejected >= mission.filter.restart_after_epochs and (anew := _begun(event, mission)):
         return anew
     renewed_s = bank.renewed_s
     if seen >= 3 and event.t_s - renewed_s >= RENEWED_S:
         hypotheses, renewed_s = _renewed(hypotheses, event, spots, mission), event.t_s
-    used_s = tuple(event.t_s if now else last for now, last in zip(lead.accepted, bank.used_s, strict=True))
+    used_s = tuple(event.t_s if now else last for now, last in zip(lead.accepted.tolist(), bank.used_s, strict=True))
     ordered = tuple(sorted(hypotheses, key=lambda h: h.score))
     outcome = Outcome(lead.seen, lead.accepted, lead.nis, lead.dof)
     return Bank(event.t_s, ordered, renewed_s, used_s, rejected), outcome

@@ -18,7 +18,7 @@ from relnav.arrays import Matrix, Vector
 from relnav.dynamics.clohessy_wiltshire import propagate, transition
 from relnav.dynamics.process_noise import acceleration_noise
 from relnav.dynamics.rigid_body import RigidBody, cross
-from relnav.estimation.attitude import joseph, reset, turned
+from relnav.estimation.attitude import turned
 from relnav.geometry.rotation_vector import rotation_vector_between
 from relnav.mission import ProcessNoise, VisionMission
 from relnav.sensors.three_marker.pose import Pose
@@ -47,13 +47,13 @@ class PoseState:
     rate_rad_s: Vector
     covariance: Matrix
 
-    def corrected(self, correction: Vector, covariance: Matrix) -> "PoseState":
-        """With a correction (12,) taken in, covariance being about the present state."""
+    def moved(self, correction: Vector, covariance: Matrix) -> "PoseState":
+        """With a correction (12,) taken in, covariance being about the state that results."""
         return PoseState(
             self.motion + correction[:6],
             turned(self.dcm_lvlh_from_target, correction[6:9]),
             self.rate_rad_s + correction[9:],
-            reset(covariance, correction[6:9], at=6),
+            covariance,
         )
 
     def error_of(self, truth: "PoseState") -> Vector:
@@ -64,9 +64,9 @@ class PoseState:
 
 def control_noise(control: Vector, noise: ProcessNoise) -> Matrix:
     """Covariance (3, 3) of what is executed of a control vector (3,), by its errors in size and direction."""
-    along = np.outer(control, control)
-    across = float(control @ control) * np.eye(3) - along
-    spread: Matrix = noise.control_magnitude_sigma**2 * along + noise.control_direction_sigma_rad**2 * across
+    along, across = noise.control_magnitude_sigma**2, noise.control_direction_sigma_rad**2
+    spread: Matrix = (along - across) * control[:, None] * control
+    spread.flat[::4] += across * float(control @ control)
     return spread
 
 
@@ -83,12 +83,13 @@ def time_update(
     dcm, rate, turn, turn_noise = body.propagate_with_errors(
         state.dcm_lvlh_from_target, state.rate_rad_s, dt_s, mission.target.rate_noise_density_rad2_s3
     )
-    density = noise.acceleration_noise_density_m2_s3 * np.eye(3)
-    density += noise.control_correlation_time_s * control_noise(acceleration_m_s2, noise)
+    density = noise.control_correlation_time_s * control_noise(acceleration_m_s2, noise)
+    density.flat[::4] += noise.acceleration_noise_density_m2_s3
     phi, added = np.zeros((size, size)), np.zeros((size, size))
     phi[:6, :6], phi[6:, 6:] = transition(n, dt_s), turn
     added[:6, :6], added[6:, 6:] = acceleration_noise(n, dt_s, density), turn_noise
-    added[3:6, 3:6] += control_noise(delta_v_m_s, noise)
+    if np.count_nonzero(delta_v_m_s):
+        added[3:6, 3:6] += control_noise(delta_v_m_s, noise)
     covariance = phi @ state.covariance @ phi.T + added
     motion = propagate(state.motion, n, dt_s, acceleration_m_s2, delta_v_m_s)
     return PoseState(motion, dcm, rate, 0.5 * (covariance + covariance.T))
@@ -96,32 +97,10 @@ def time_update(
 
 def camera_pose(state: PoseState, mission: VisionMission, dcm_chaser_from_lvlh: Matrix) -> Matrix:
     """Pose (4, 3) of the target seen from the camera: rows C_KT, r."""
-    mount = mission.camera.dcm_cam_from_chaser
-    position = mount @ (-dcm_chaser_from_lvlh @ state.motion[:3] - np.array(mission.camera.position_m))
-    return np.vstack([mount @ dcm_chaser_from_lvlh @ state.dcm_lvlh_from_target, position])
-
-
-def _chaser_attitude_effect(state: PoseState, mission: VisionMission, dcm_chaser: Matrix) -> Matrix:
-    """How a chaser attitude error alpha moves (r, theta) of the pose that is seen, (6, 3)."""
-    out = np.empty((6, 3))
-    out[:3] = mission.camera.dcm_cam_from_chaser @ cross(-dcm_chaser @ state.motion[:3])
-    out[3:] = -(dcm_chaser @ state.dcm_lvlh_from_target).T
-    return out
-
-
-def pose_update(state: PoseState, pose: Pose, mission: VisionMission, dcm_chaser_from_lvlh: Matrix) -> PoseState:
-    """Use a finished pose of one image (loosely coupled): what needs three spots, for comparison with `spot_update`."""
-    expected = camera_pose(state, mission, dcm_chaser_from_lvlh)
-    turn = rotation_vector_between(pose.dcm_cam_from_target, expected[:3])
-    H = np.zeros((6, 12))
-    H[:3, :3] = -mission.camera.dcm_cam_from_chaser @ dcm_chaser_from_lvlh
-    H[3:, 6:9] = np.eye(3)
-    alpha = _chaser_attitude_effect(state, mission, dcm_chaser_from_lvlh)
-    R = pose.covariance + mission.chaser.attitude_sigma_rad**2 * alpha @ alpha.T
-    S = H @ state.covariance @ H.T + R
-    gain = np.asarray(np.linalg.solve(S, H @ state.covariance).T, dtype=np.float64)
-    innovation = np.concatenate([pose.position_m - expected[3], turn])
-    return state.corrected(gain @ innovation, joseph(state.covariance, gain, H, R))
+    mount, pose = mission.camera.dcm_cam_from_chaser, np.empty((4, 3))
+    pose[:3] = mount @ dcm_chaser_from_lvlh @ state.dcm_lvlh_from_target
+    pose[3] = mount @ (-dcm_chaser_from_lvlh @ state.motion[:3] - np.array(mission.camera.position_m))
+    return pose
 
 
 def state_from_pose(

@@ -84,6 +84,7 @@ class PoseNavigator:
         self.mission = mission
         self._body = RigidBody(np.array(mission.target.inertia_kg_m2), mission.orbit.mean_motion_rad_s)
         self._limit = chi_square_limit(mission.filter.gate_probability, 2)
+        self._held, self._nothing = mission.dcm_chaser_from_lvlh, np.zeros(3)
         self._events: list[Event] = []
         self._banks: list[Bank] = []
         self._before = Bank()
@@ -153,11 +154,11 @@ class PoseNavigator:
     def _event(
         self, t_s: float, acceleration: ArrayLike | None, delta_v: ArrayLike | None, dcm: ArrayLike | None
     ) -> Event:
-        attitude = self.mission.dcm_chaser_from_lvlh if dcm is None else np.array(dcm, dtype=np.float64)
+        attitude = self._held if dcm is None else np.array(dcm, dtype=np.float64)
         if dcm is not None and not _is_rotation(attitude):
             raise ValueError("dcm_chaser_from_lvlh is a rotation matrix (3, 3)")
-        push = np.zeros(3) if acceleration is None else _vector("acceleration_m_s2", acceleration)
-        impulse = np.zeros(3) if delta_v is None else _vector("delta_v_m_s", delta_v)
+        push = self._nothing if acceleration is None else _vector("acceleration_m_s2", acceleration)
+        impulse = self._nothing if delta_v is None else _vector("delta_v_m_s", delta_v)
         return Event(t_s, push, impulse, None, None, attitude)
 
     def _with_image(self, event: Event, spots_px: ArrayLike | None, covariance: ArrayLike | None) -> Event:
@@ -246,13 +247,14 @@ class PoseNavigator:
 def _status(bank: Bank, outcome: Outcome | None) -> EpochStatus:
     if not bank.hypotheses:
         return EpochStatus.WAITING
-    if outcome is None or not outcome.seen.any():
+    if outcome is None or not np.count_nonzero(outcome.seen):
         return EpochStatus.PREDICTED
     if outcome.started:
         return EpochStatus.STARTED
-    if not outcome.accepted.any():
+    used = np.count_nonzero(outcome.accepted)
+    if used == 0:
         return EpochStatus.REJECTED
-    return EpochStatus.UPDATED if np.array_equal(outcome.seen, outcome.accepted) else EpochStatus.PARTIAL
+    return EpochStatus.UPDATED if used == np.count_nonzero(outcome.seen) else EpochStatus.PARTIAL
 
 
 def _is_rotation(dcm: Matrix) -> bool:
@@ -264,6 +266,6 @@ def _is_rotation(dcm: Matrix) -> bool:
 
 def _vector(name: str, value: ArrayLike) -> Vector:
     out = np.array(value, dtype=np.float64)
-    if out.shape != (3,) or not np.isfinite(out).all():
+    if out.shape != (3,) or not all(map(math.isfinite, out.tolist())):
         raise ValueError(f"{name} has three finite components; got {np.asarray(value).tolist()}")
     return out

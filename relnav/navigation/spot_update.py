@@ -14,12 +14,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from relnav._kernel import kernel
 from relnav.arrays import Codes, Flags, Matrix, Stack, Vector
-from relnav.estimation.attitude import joseph
+from relnav.dynamics.rigid_body import cross
+from relnav.geometry.rotation_vector import rotation_vector_between
 from relnav.mission import VisionMission
+from relnav.navigation.pose_correction import correct, gate
 from relnav.navigation.pose_state import POSE, PoseState, camera_pose
 from relnav.sensors.three_marker.camera import image_of, on_image
 from relnav.sensors.three_marker.jacobians import SpotJacobians, cross_matrix
+from relnav.sensors.three_marker.pose import Pose
 
 
 @dataclass(frozen=True)
@@ -65,20 +69,43 @@ def spots_seen(spots_px: Matrix) -> Flags:
     return np.asarray(np.isfinite(spots_px).all(axis=-1))
 
 
-def second_order(rows: Matrix, nearer: Matrix, by_marker: Matrix, points: Matrix, P: Matrix) -> tuple[Vector, Matrix]:
-    """Mean (2k,) and covariance (2k, 2k) of the spots' second order, P (6, 6) being the covariance of (drho, theta).
+@kernel
+def add_second_order(
+    rows: Matrix, nearer: Matrix, by_marker: Matrix, points: Matrix, P: Matrix, mean: Vector, noise: Matrix, work: Stack
+) -> None:
+    """Write the mean (2k,) of the spots' second order and add its covariance to noise (2k, 2k).
 
-    rows (2k, 6); nearer (2k, 6): g; by_marker (2k, 3): q; points (2k, 3): s; see the module's head.
+    rows (2k, 6); nearer (k, 6): g; by_marker (2k, 3): q; points (k, 3): s, see the module's head; P (6, 6): covariance
+    of (drho, theta); work (2k + 1, 6, 6): scratch.
     """
-    bent = rows[:, :, None] * nearer[:, None, :]
-    B = -(bent + bent.transpose(0, 2, 1))
-    turned = 0.5 * by_marker[:, :, None] * points[:, None, :]
-    B[:, 3:, 3:] += turned + turned.transpose(0, 2, 1)
-    B[:, [3, 4, 5], [3, 4, 5]] -= np.sum(by_marker * points, axis=-1)[:, None]
-    spread = B @ P
-    flat = spread.reshape(-1, 36)
-    across = np.swapaxes(spread, 1, 2).reshape(-1, 36)
-    return 0.5 * np.trace(spread, axis1=1, axis2=2), 0.5 * flat @ across.T
+    B = work[len(rows)]
+    for r in range(len(rows)):
+        g, s, q = nearer[r // 2], points[r // 2], by_marker[r]
+        along = q[0] * s[0] + q[1] * s[1] + q[2] * s[2]
+        for i in range(6):
+            for j in range(6):
+                B[i, j] = -(rows[r, i] * g[j] + rows[r, j] * g[i])
+        for i in range(3):
+            for j in range(3):
+                B[3 + i, 3 + j] += 0.5 * (q[i] * s[j] + q[j] * s[i])
+            B[3 + i, 3 + i] -= along
+        mean[r] = 0.0
+        for i in range(6):
+            for j in range(6):
+                total = 0.0
+                for m in range(6):
+                    total += B[i, m] * P[m, j]
+                work[r, i, j] = total
+            mean[r] += 0.5 * work[r, i, i]
+    for r in range(len(rows)):
+        for c in range(r + 1):
+            total = 0.0
+            for i in range(6):
+                for j in range(6):
+                    total += work[r, i, j] * work[c, j, i]
+            noise[r, c] += 0.5 * total
+            if c < r:
+                noise[c, r] += 0.5 * total
 
 
 def predict_spots(
@@ -95,7 +122,7 @@ def predict_spots(
     p = points @ pose[:3].T + pose[3]
     expected, by_point = image_of(p, camera)
     usable = np.isfinite(expected[:, 0]) & on_image(spots_px[seen], camera)
-    if not usable.all():
+    if np.count_nonzero(usable) < len(usable):
         seen, points, p = seen[usable], points[usable], p[usable]
         expected, by_point = expected[usable], by_point[usable]
     J = SpotJacobians(by_point, points, p, pose[:3], camera)
@@ -108,25 +135,15 @@ def predict_spots(
     nearer /= p[:, 2:]
     turns = J.chaser_attitude.reshape(-1, 3)
     noise = mission.chaser.attitude_sigma_rad**2 * turns @ turns.T
-    at = np.arange(2 * len(seen)).reshape(-1, 2)
-    noise[at[:, :, None], at[:, None, :]] += (
-        camera.spot_noise_px**2 * np.eye(2) if covariances is None else covariances[seen]
-    )
-    mean, curved = second_order(
-        rows,
-        np.repeat(nearer, 2, axis=0),
-        J.marker.reshape(-1, 3),
-        np.repeat(points, 2, axis=0),
-        state.covariance[POSE[:, None], POSE],
-    )
-    innovation = (spots_px[seen] - expected).ravel() - mean
-    return Prediction(seen, innovation, rows, noise + curved)
-
-
-def _spot_blocks(S: Matrix) -> tuple[Vector, Vector, Vector]:
-    """Elements xx, xy and yy of each spot's own block of S (2k, 2k)."""
-    diagonal = np.diagonal(S)
-    return diagonal[::2], np.diagonal(S, 1)[::2], diagonal[1::2]
+    if covariances is None:
+        noise.flat[:: 2 * len(seen) + 1] += camera.spot_noise_px**2
+    else:
+        at = np.arange(2 * len(seen)).reshape(-1, 2)
+        noise[at[:, :, None], at[:, None, :]] += covariances[seen]
+    mean, work = np.empty(2 * len(seen)), np.empty((2 * len(seen) + 1, 6, 6))
+    P = state.covariance[POSE[:, None], POSE]
+    add_second_order(rows, nearer, J.marker.reshape(-1, 3), points, P, mean, noise, work)
+    return Prediction(seen, (spots_px[seen] - expected).ravel() - mean, rows, noise)
 
 
 def spot_update(
@@ -148,23 +165,38 @@ def spot_update(
     score = lost * (limit + 4.0 * math.log(mission.camera.spot_noise_px))
     if len(expected.markers) == 0:
         return SpotUpdate(state, seen, accepted, math.nan, 0, score)
-    y, P_rows = expected.innovation, state.covariance[:, POSE] @ expected.rows.T
-    S = expected.rows @ P_rows[POSE] + expected.noise
-    nis, dof = float(y @ np.linalg.solve(S, y)), len(y)
-    xx, xy, yy = _spot_blocks(S)
-    areas, even, odd = xx * yy - xy * xy, y[::2], y[1::2]
-    good = (yy * even * even - 2.0 * xy * even * odd + xx * odd * odd) / areas <= limit
-    score += float(np.sum(limit + np.log(areas[~good])))
+    y, H, R = expected.innovation, expected.rows, expected.noise
+    nis, own, areas = gate(state, H, R, y)
+    good = own <= limit
+    kept = np.count_nonzero(good)
+    if kept < len(good):
+        score += float(np.sum(limit + np.log(areas[~good])))
+        of = np.repeat(good, 2)
+        H, y, R = H[of], y[of], R[np.ix_(of, of)]
+    updated, cost = (state, 0.0) if kept == 0 else correct(state, H, R, y)
+    if math.isnan(
+        cost
+    ):  # spots against a prior without bounds: rounding has eaten the covariance, and nothing is learnt
+        return SpotUpdate(state, seen, accepted, nis, len(own) * 2, score + limit * kept)
     accepted[expected.markers[good]] = True
-    if not good.any():
-        return SpotUpdate(state, seen, accepted, nis, dof, score)
-    H, R = np.zeros((dof, 12)), expected.noise
-    H[:, POSE] = expected.rows
-    if not good.all():
-        kept = np.repeat(good, 2)
-        H, y, P_rows, S, R = H[kept], y[kept], P_rows[:, kept], S[kept][:, kept], R[kept][:, kept]
-    gain = np.asarray(np.linalg.solve(S, P_rows.T).T, dtype=np.float64)
-    own = nis if good.all() else float(y @ np.linalg.solve(S, y))
-    score += own + float(np.linalg.slogdet(S)[1])
-    updated = state.corrected(gain @ y, joseph(state.covariance, gain, H, R))
-    return SpotUpdate(updated, seen, accepted, nis, dof, score)
+    return SpotUpdate(updated, seen, accepted, nis, len(own) * 2, score + cost)
+
+
+def _chaser_attitude_effect(state: PoseState, mission: VisionMission, dcm_chaser: Matrix) -> Matrix:
+    """How a chaser attitude error alpha moves (r, theta) of the pose that is seen, (6, 3)."""
+    out = np.empty((6, 3))
+    out[:3] = mission.camera.dcm_cam_from_chaser @ cross(-dcm_chaser @ state.motion[:3])
+    out[3:] = -(dcm_chaser @ state.dcm_lvlh_from_target).T
+    return out
+
+
+def pose_update(state: PoseState, pose: Pose, mission: VisionMission, dcm_chaser_from_lvlh: Matrix) -> PoseState:
+    """Use a finished pose of one image (loosely coupled): what needs three spots, for comparison with `spot_update`."""
+    expected = camera_pose(state, mission, dcm_chaser_from_lvlh)
+    turn = rotation_vector_between(pose.dcm_cam_from_target, expected[:3])
+    rows = np.zeros((6, 6))
+    rows[:3, :3] = -mission.camera.dcm_cam_from_chaser @ dcm_chaser_from_lvlh
+    rows[3:, 3:] = np.eye(3)
+    alpha = _chaser_attitude_effect(state, mission, dcm_chaser_from_lvlh)
+    R = pose.covariance + mission.chaser.attitude_sigma_rad**2 * alpha @ alpha.T
+    return correct(state, rows, R, np.concatenate([pose.position_m - expected[3], turn]))[0]

@@ -75,6 +75,6 @@ def test_wrong_values(changed, old, new, text):
         relnav.load_model(changed(old, new))
 
 
-def test_a_filter_says_that_it_does_not_fly_it():
-    with pytest.raises(relnav.ModelError, match=r"a relative navigation mission is expected .* a VisionMission"):
-        relnav.filter_log("x.csv", "three_marker_vision")
+def test_a_filter_says_what_does_not_fly():
+    with pytest.raises(relnav.ModelError, match=r"a relative navigation mission is expected .* a ApsSunModel"):
+        relnav.filter_log("x.csv", "aps_sun")

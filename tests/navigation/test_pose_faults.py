@@ -64,7 +64,7 @@ def nees_ratio(record, flight, k):
 def test_honest_at_once_after_a_gap(mission, gap):
     """One image, then nothing while velocity and rate are hardly known: meters and degrees off when markers return.
 
-    Taken to first order these spots bend into a state that is 50 to 10,000 times more certain than true.
+    Taken to first order these spots make NEES / 12 of the first image 50 and more.
     """
     values = []
     for seed in range(100, 112):
