@@ -1,7 +1,7 @@
 """The star sensor against its bars, by simulation; exit status 1 if one is missed.
 
-    python benchmarks/star_sensor.py                           # a tenth of every campaign
-    python benchmarks/star_sensor.py --full                    # every campaign whole
+    python benchmarks/star_sensor.py                           # a tenth of every campaign, two minutes
+    python benchmarks/star_sensor.py --full                    # every campaign whole, ten times that
     python benchmarks/star_sensor.py frames --count 100000     # one of them, of any size
     python benchmarks/star_sensor.py false --count 1000000 --part 3/20 --out false.jsonl
 
