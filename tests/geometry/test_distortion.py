@@ -19,7 +19,7 @@ def grid(half=0.36):
 
 @pytest.mark.parametrize("lens", LENSES)
 def test_against_opencv(lens):
-    cv2 = pytest.importorskip("cv2")
+    cv2 = pytest.importorskip("cv2", reason="OpenCV, the other implementation, is not installed")
     k, xy = LENSES[lens], grid()
     points = np.column_stack([xy, np.ones(len(xy))])
     theirs, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), np.eye(3), k)

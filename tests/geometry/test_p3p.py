@@ -131,7 +131,8 @@ def test_all_real_solutions_are_found():
 
 def test_at_least_as_complete_as_others():
     """OpenCV's two solvers and PoseLib, same views: nobody finds a true pose that is missed here."""
-    cv2, poselib = pytest.importorskip("cv2"), pytest.importorskip("poselib")
+    cv2 = pytest.importorskip("cv2", reason="OpenCV, one of the other solvers, is not installed")
+    poselib = pytest.importorskip("poselib", reason="PoseLib, one of the other solvers, is not installed")
     rng = np.random.default_rng(15)
     found = dict.fromkeys(("relnav", "poselib", "P3P", "AP3P"), 0)
     views = [random_view(rng) for _ in range(300)] + [symmetric_view(rng) for _ in range(300)]

@@ -16,7 +16,7 @@ def points_in_front(n=40, seed=1):
 
 
 def test_against_opencv(with_lens):
-    cv2 = pytest.importorskip("cv2")
+    cv2 = pytest.importorskip("cv2", reason="OpenCV, the other implementation, is not installed")
     camera, p = with_lens.camera, points_in_front()
     (fx, fy), (cx, cy) = camera.focal_length_px, camera.principal_point_px
     matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
