@@ -167,6 +167,24 @@ def scalar_update(x: Vector, ld: Matrix, h: Vector, r: float, residual: float) -
     return alpha
 
 
+@straight_line(ld=(6, 6), v=(6,))
+def add_rank_one(ld: Matrix, v: Vector) -> None:
+    """Replace the factors of P by those of P + v v^T, in place (Agee and Turner; Bierman 1977, ch. III)."""
+    rest, c = np.zeros(6), 1.0
+    for i in range(6):
+        rest[i] = v[i]
+    for j in range(6):
+        p, d = rest[j], ld[j, j]
+        total = d + c * p * p
+        inverse = quotient(1.0, total, 0.0)
+        along = c * p * inverse
+        c *= select(total > 0.0, d * inverse, 1.0)
+        ld[j, j] = total
+        for i in range(j + 1, 6):
+            rest[i] -= p * ld[i, j]
+            ld[i, j] += along * rest[i]
+
+
 @straight_line(ld=(6, 6), h1=(6,), h2=(6,))
 def innovation_variance(ld: Matrix, h1: Vector, h2: Vector) -> float:
     """h1 P h2^T, the prior covariance of two scalar measurements."""

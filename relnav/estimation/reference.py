@@ -15,6 +15,9 @@ from relnav.arrays import Matrix, Vector
 class ReferenceTrack:
     """State and covariance of one track, on filterpy."""
 
+    considered: Matrix
+    """What lasting errors do to the state, a row an error (m, 6): the caller's to carry."""
+
     def __init__(self, state: Vector, covariance: Matrix) -> None:
         """Start from a state (6,) and its covariance (6, 6)."""
         from filterpy.kalman import ExtendedKalmanFilter

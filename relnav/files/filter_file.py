@@ -26,7 +26,6 @@ from relnav.files.tables import COLUMNS, INTEGERS, Table, head, rows_of, write, 
 from relnav.mission import Model
 from relnav.navigation.log import Epochs, LogFilter, controls
 from relnav.navigation.record import Solution
-from relnav.navigation.smoothing import nothing_later
 
 
 @dataclass(frozen=True)
@@ -76,7 +75,7 @@ def filter_file(
         return _filter_raw_file(Path(path), mission, out, method, projection, smooth)
     log = LogFile(Path(path))
     check_beacons(log.path, log.columns.beacons, mission.name, len(mission.beacons_lvlh_m))
-    run = _Run(mission, log, LogFilter(mission, method, projection=projection), progress)
+    run = _Run(log, LogFilter(mission, method, projection=projection), progress)
     summary = RunSummary(load_published(mission), mission.filter.gate_probability)
     summary.ignored = ", ".join(log.columns.ignored)
 
@@ -118,16 +117,15 @@ def log_metadata(path: Path, metadata: dict[str, str], ignored: tuple[str, ...])
 class _Run:
     """One log on its way through one filter."""
 
-    def __init__(self, model: Model, log: LogFile, log_filter: LogFilter, progress: Callable[[int], None] | None):
-        self.beacons = len(model.beacons_lvlh_m)
+    def __init__(self, log: LogFile, log_filter: LogFilter, progress: Callable[[int], None] | None):
         self.log, self.filter, self.progress = log, log_filter, progress
 
     def _chunks(self) -> Iterator[_Chunk]:
         for piece in self.log.chunks():
             yield _chunk(piece)
 
-    def _forward(self, chunk: _Chunk) -> Epochs:
-        epochs = Epochs.empty(len(chunk.t), self.beacons)
+    def _forward(self, chunk: _Chunk, *, smooth: bool) -> Epochs:
+        epochs = self.filter.room(len(chunk.t), smooth=smooth)
         self.filter.forward(chunk.t, chunk.spots, chunk.control, chunk.quaternion, epochs, chunk.sigma)
         if self.progress is not None:
             self.progress(len(chunk.t))
@@ -139,7 +137,7 @@ class _Run:
     def filtered(self) -> Iterator[Solution]:
         """The log's epochs, filtered, chunk after chunk."""
         for chunk in self._chunks():
-            yield self._solution(chunk, self._forward(chunk), smoothed=False)
+            yield self._solution(chunk, self._forward(chunk, smooth=False), smoothed=False)
 
     def smoothed(self) -> Iterator[Solution]:
         """The log's epochs, smoothed, chunk after chunk."""
@@ -148,21 +146,21 @@ class _Run:
             for chunk in self._chunks():
                 before.append(self.filter.block.copy())
                 spool.append(chunk)
-                epochs = self._forward(chunk)
+                epochs = self._forward(chunk, smooth=True)
             restarts = self.filter.restarts
-            after = [nothing_later() for _ in before]
+            after = [self.filter.nothing_later() for _ in before]
             for k in range(len(before) - 1, 0, -1):
                 chunk = spool[k]
                 if k < len(before) - 1:
                     self.filter.block[:] = before[k]
-                    epochs = self._forward(chunk)
+                    epochs = self._forward(chunk, smooth=True)
                 after[k - 1][:] = after[k]
                 self.filter.backward(chunk.t, chunk.control, epochs, after[k - 1])
             for k, start in enumerate(before):
                 chunk = spool[k]
                 if len(before) > 1:
                     self.filter.block[:] = start
-                    epochs = self._forward(chunk)
+                    epochs = self._forward(chunk, smooth=True)
                 self.filter.backward(chunk.t, chunk.control, epochs, after[k])
                 yield self._solution(chunk, epochs, smoothed=True)
             assert self.filter.restarts == restarts

@@ -8,7 +8,7 @@ the constants once; `step` owns the rest.
 import numpy as np
 
 from relnav._kernel import kernel
-from relnav.arrays import Matrix
+from relnav.arrays import Matrix, Vector
 from relnav.estimation.gating import gate_limits
 from relnav.mission import Model
 from relnav.sensors.three_beacon.measure import PROJECTIONS
@@ -17,7 +17,7 @@ from relnav.sensors.three_beacon.measure import PROJECTIONS
 SENSOR = 0  # f, half width x, half width y, spot sigma, a, b   (m)
 SETTINGS = 1  # projection, method, attitude known, restart after, mean motion, acceleration noise density
 CONTROL = 2  # magnitude sigma, direction sigma, correlation time, initial velocity sigma
-LAYOUT = 3  # number of beacons; first row of the gate limits, of the beacons, of what KEPT copies
+LAYOUT = 3  # number of beacons; first rows: gate limits, beacons, results set aside, sensitivities of track, of trial
 
 # Derived from the attitude (`sight.set_attitude`)
 CAM_FROM_DOCK = 4  # 3 rows: dcm_cam_from_dock
@@ -49,7 +49,7 @@ VARIANCE = 54  # variances of the independent rows; 0 = row not used
 R_FACTOR = 55  # 3 rows: L of R = L diag L^T
 WORK = 58  # 24 rows: scratch of the closed form, of a start, of a step
 
-# What a record keeps: one piece, DOCK .. the innovations
+# What a record keeps: one piece, DOCK .. the innovations and the track's sensitivities
 DOCK = 82  # 3 rows: dcm_dock_from_lvlh | port position, lvlh_ccsds
 ATTITUDE = 85  # 3 rows: dcm_cam_from_lvlh | camera from the chaser's centre of mass, camera axes
 CLOCK = 88  # time of the last epoch, running, trial running, rejected streak, starts, number of beacons
@@ -57,9 +57,14 @@ TRACK = 89  # 7 rows: state x, then factors ld
 RESULT = 96  # status, NIS, dof, measurement status, iterations, groups used
 INNOVATION = 97  # two numbers a beacon, row after row; NaN where there is none
 
+# Only with a calibration, from LAYOUT's fifth and sixth number on: what one sigma of a spot coordinate's lasting error
+# does to the state of the track, and of the trial (`considered.py`), a row a coordinate A'x, A'y, B'x, ...
+
 # A beacon's four rows, from LAYOUT's second number on
 BEACON_ROWS = 4
-POSITION = 0  # position from the target's centre of mass, lvlh_ccsds (3); sigma of its spot x, y; squared distance
+POSITION = (
+    0  # position from the target's centre of mass, lvlh_ccsds (3); sigma of its spot's noise x, y, and of what lasts
+)
 OBSERVED = 1  # residual x, y; variance x, y (0 = coordinate not used)
 GRADIENT = 2  # 2 rows: measurement rows
 
@@ -73,8 +78,8 @@ def rows_for(numbers: int) -> int:
     return -(-numbers // 6)
 
 
-def record_end(beacons: int) -> int:
-    """Row after the last that a record keeps."""
+def results_end(beacons: int) -> int:
+    """Row after the innovations: the first of the track's sensitivities, if there are any."""
     return INNOVATION + rows_for(2 * beacons)
 
 
@@ -83,10 +88,14 @@ def new_block(model: Model, method: str, projection: str) -> Matrix:
     sensor, noise, settings = model.sensor, model.process_noise, model.filter
     beacons = model.beacons_lvlh_m
     count = len(beacons)
-    gate = record_end(count)
+    calibration = model.calibration
+    considered = 0 if calibration is None else 2 * count
+    results = results_end(count)
+    gate = results + considered
     first_beacon = gate + rows_for(2 * count)
     kept = first_beacon + BEACON_ROWS * count
-    block = np.zeros((kept + gate - RESULT, 6))
+    trial = kept + results - RESULT
+    block = np.zeros((trial + considered, 6))
     block[SENSOR] = (
         sensor.focal_length_m,
         0.5 * sensor.detector_size_m[0],
@@ -109,14 +118,15 @@ def new_block(model: Model, method: str, projection: str) -> Matrix:
         noise.control_correlation_time_s,
         settings.initial_velocity_sigma_m_s,
     )
-    block[LAYOUT, :4] = count, gate, first_beacon, kept
+    block[LAYOUT] = count, gate, first_beacon, kept, results, trial
     block[CLOCK, 0], block[CLOCK, 5] = -np.inf, count
     block[gate:first_beacon].ravel()[: 2 * count] = gate_limits(settings.gate_probability, 2 * count)
     block[DOCK : DOCK + 3, :3] = model.dcm_dock_from_lvlh
     block[DOCK : DOCK + 3, 3] = model.port_position_m
     block[ATTITUDE : ATTITUDE + 3, 3] = model.camera_lever_cam_m
     block[first_beacon:kept:BEACON_ROWS, :3] = beacons
-    block[first_beacon:kept:BEACON_ROWS, 3:5] = model.spot_sigma_m
+    block[first_beacon:kept:BEACON_ROWS, 3:5] = sensor.spot_noise_m
+    block[first_beacon:kept:BEACON_ROWS, 5] = 0.0 if calibration is None else calibration.residual_sigma_m
     block[STEP_KEY] = np.nan
     return block
 
@@ -141,9 +151,16 @@ def gate_limit(block: Matrix, dof: int) -> float:
 
 @kernel
 def set_spot_sigma(block: Matrix, sigma: Matrix) -> None:
-    """Set the spots' 1-sigma (beacons, 2) m from this epoch on; where it is NaN the last one stays."""
+    """Set the 1-sigma (beacons, 2) m of the spots' noise from this epoch on; where it is NaN the last one stays."""
     for beacon in range(int(block[LAYOUT, 0])):
         row = int(block[LAYOUT, 2]) + BEACON_ROWS * beacon
         for k in range(2):
             if sigma[beacon, k] > 0.0:
                 block[row + POSITION, 3 + k] = sigma[beacon, k]
+
+
+@kernel
+def set_lasting_sigma(block: Matrix, sigma: Vector) -> None:
+    """Set the 1-sigma (beacons,) m of what lasts in the spots of this epoch."""
+    for beacon in range(int(block[LAYOUT, 0])):
+        block[int(block[LAYOUT, 2]) + BEACON_ROWS * beacon + POSITION, 5] = sigma[beacon]

@@ -12,13 +12,27 @@ from relnav._kernel import kernel
 from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.geometry.rotation import dcm_from_quaternion_into
 from relnav.mission import Model
-from relnav.navigation.block import ATTITUDE, CLOCK, INNOVATION, INPUT, RESULT, SETTINGS, TRACK, set_spot_sigma
+from relnav.navigation.block import (
+    ATTITUDE,
+    CLOCK,
+    INNOVATION,
+    INPUT,
+    LAYOUT,
+    RESULT,
+    SETTINGS,
+    TRACK,
+    X_WORK,
+    set_lasting_sigma,
+    set_spot_sigma,
+)
 from relnav.navigation.choice import choose, vector
+from relnav.navigation.considered import add_considered
 from relnav.navigation.record import Solution
 from relnav.navigation.reference_engine import ReferenceEngine, run_reference
 from relnav.navigation.sight import attitude_changed
-from relnav.navigation.smoothing import new_models, nothing_later, pack_factors, smooth_run
+from relnav.navigation.smoothing import new_models, nothing_later, pack_factors, smooth_run, unpack_track
 from relnav.navigation.step import step
+from relnav.navigation.update import copy_track
 
 CHUNK = 65_536
 
@@ -27,7 +41,9 @@ CHUNK = 65_536
 class Epochs:
     """What the filter says of n epochs.
 
-    state (n, 6), factor (n, 21), innovation (n, 2 beacons), nis (n,); codes (n, 3): dof, EpochStatus, Status.
+    state (n, 6), factor (n, 21), innovation (n, 2 beacons), nis (n,); codes (n, 3): dof, EpochStatus, Status;
+    considered (n, m, 6): sensitivities to what is considered, factor then being the filter's own, until both are
+    joined. m = 0: nothing is considered, or it is in the factors.
     """
 
     state: Matrix
@@ -35,12 +51,14 @@ class Epochs:
     innovation: Matrix
     nis: Vector
     codes: Codes
+    considered: Stack
 
     @classmethod
-    def empty(cls, n: int, beacons: int) -> "Epochs":
+    def empty(cls, n: int, beacons: int, considered: int = 0) -> "Epochs":
         """Room for n epochs."""
-        codes = np.empty((n, 3), dtype=np.int64)
-        return cls(np.empty((n, 6)), np.empty((n, 21)), np.empty((n, 2 * beacons)), np.empty(n), codes)
+        codes, numbers = np.empty((n, 3), dtype=np.int64), 2 * beacons
+        rows = np.empty((n, considered, 6))
+        return cls(np.empty((n, 6)), np.empty((n, 21)), np.empty((n, numbers)), np.empty(n), codes, rows)
 
     def part(self, cut: slice) -> "Epochs":
         """Some of the epochs (views, not copies)."""
@@ -55,14 +73,23 @@ def _run(
     control: Matrix,
     quaternion: Matrix,
     sigma: Stack,
+    lasting: Matrix,
     state: Matrix,
     factor: Matrix,
     innovation: Matrix,
     nis: Vector,
     codes: Codes,
+    considered: Stack,
 ) -> None:
-    """`step` over epochs; control (n, 6), quaternion (n, 4) and sigma (n, beacons, 2) may be empty."""
-    noisy = sigma.shape[0] > 0
+    """`step` over epochs; control (n, 6), quaternion (n, 4), sigma (n, beacons, 2), lasting (n, beacons) may be empty.
+
+    With room in considered (n, m, 6), sensitivities and the filter's own factors are kept apart.
+    """
+    noisy, lasts = sigma.shape[0] > 0, lasting.shape[0] > 0
+    first, apart = int(block[LAYOUT, 4]), considered.shape[1]
+    sensitivities, ld = block[first : int(block[LAYOUT, 1])], block[TRACK + 1 : TRACK + 7]
+    if sensitivities.shape[0] > apart:
+        ld = block[X_WORK + 1 : X_WORK + 7]
     controlled, turned, numbers = control.shape[0] > 0, quaternion.shape[0] > 0, innovation.shape[1]
     for e in range(t.shape[0]):
         if controlled:
@@ -73,6 +100,8 @@ def _run(
             attitude_changed(block)
         if noisy:
             set_spot_sigma(block, sigma[e])
+        if lasts:
+            set_lasting_sigma(block, lasting[e])
         codes[e, 1] = step(block, t[e], spots[e])
         codes[e, 0] = int(block[RESULT, 2])
         codes[e, 2] = int(block[RESULT, 3])
@@ -82,12 +111,31 @@ def _run(
         if block[CLOCK, 1] > 0.0:
             for i in range(6):
                 state[e, i] = block[TRACK, i]
-            pack_factors(block[TRACK + 1 : TRACK + 7], factor[e])
+            if sensitivities.shape[0] > apart:
+                copy_track(block[TRACK : TRACK + 7], block[X_WORK : X_WORK + 7])
+                add_considered(ld, sensitivities)
+            pack_factors(ld, factor[e])
+            for k in range(apart):
+                for i in range(6):
+                    considered[e, k, i] = sensitivities[k, i]
         else:
             for i in range(6):
                 state[e, i] = np.nan
             for i in range(21):
                 factor[e, i] = np.nan
+            for k in range(apart):
+                for i in range(6):
+                    considered[e, k, i] = np.nan
+
+
+@kernel
+def _join(state: Matrix, factor: Matrix, considered: Stack, track: Matrix) -> None:
+    """Add what is considered (n, m, 6) to the packed factors (n, 21) of states (n, 6); track (7, 6) is scratch."""
+    for e in range(factor.shape[0]):
+        if state[e, 0] == state[e, 0]:
+            unpack_track(state[e], factor[e], track)
+            add_considered(track[1:7], considered[e])
+            pack_factors(track[1:7], factor[e])
 
 
 class LogFilter:
@@ -100,6 +148,15 @@ class LogFilter:
         self.model, self.method = model, method
         self.block = choose(model, method, projection, engine)
         self._reference = ReferenceEngine(self.block) if engine == "filterpy" else None
+        self._considered = int(self.block[LAYOUT, 1] - self.block[LAYOUT, 4])
+
+    def room(self, n: int, *, smooth: bool) -> Epochs:
+        """Room for n epochs, which are to be smoothed or not."""
+        return Epochs.empty(n, len(self.model.beacons_lvlh_m), self._considered if smooth else 0)
+
+    def nothing_later(self) -> Matrix:
+        """What stands after a log's last epoch."""
+        return nothing_later(self._considered)
 
     def forward(
         self, t: Vector, spots: Stack, control: Matrix, quaternion: Matrix, epochs: Epochs, sigma: Stack | None = None
@@ -107,11 +164,13 @@ class LogFilter:
         """Filter the next epochs.
 
         t (n,), spots (n, beacons, 2), control (n, 6) or (0, 6), quaternion (n, 4) or (0, 4); sigma (n, beacons, 2) of
-        the spots, if it is not the model's.
+        the spots' noise, if it is not the model's.
         """
         if len(quaternion):
             self.block[SETTINGS, 2] = 1.0
-        spots = self.model.corrected(spots)
+        lasting = np.empty((0, 0))
+        if self.model.calibration is not None:
+            spots, lasting = self.model.calibration.corrected(spots)
         arguments = (
             self.block,
             t,
@@ -119,11 +178,13 @@ class LogFilter:
             control,
             quaternion,
             np.empty((0, 0, 2)) if sigma is None else sigma,
+            lasting,
             epochs.state,
             epochs.factor,
             epochs.innovation,
             epochs.nis,
             epochs.codes,
+            epochs.considered,
         )
         if self._reference is None:
             _run(*arguments)
@@ -133,7 +194,10 @@ class LogFilter:
     def backward(self, t: Vector, control: Matrix, epochs: Epochs, later: Matrix) -> None:
         """Smooth filtered epochs in place; `later` is what stands after them, and then what stands at their first."""
         self.block[INPUT] = 0.0
-        smooth_run(self.block, t, control, epochs.codes, epochs.state, epochs.factor, later, new_models())
+        state, factor, considered = epochs.state, epochs.factor, epochs.considered
+        smooth_run(self.block, t, control, epochs.codes, state, factor, considered, later, new_models())
+        if self._considered:
+            _join(state, factor, considered, np.empty((7, 6)))
 
     @property
     def restarts(self) -> int:
@@ -193,7 +257,8 @@ def filter_epochs(
     method, projection, engine
         As for `Navigator`.
     spot_sigma_m : (n, 3, 2), optional
-        1-sigma of each spot coordinate; the model's if left out. Where it is NaN the last one stays.
+        1-sigma of each spot coordinate's noise; the model's if left out. Where it is NaN the last one stays. What a
+        calibration leaves comes on top.
     smooth : bool
         Run backward too: every state then rests on all measurements of its unbroken piece of track.
     progress : callable, optional
@@ -213,7 +278,7 @@ def filter_epochs(
     control = controls(n, acceleration_m_s2, delta_v_m_s)
     quaternion = _quaternions(n, q_cam_from_lvlh)
     log = LogFilter(model, method, projection=projection, engine=engine)
-    epochs = Epochs.empty(n, len(model.beacons_lvlh_m))
+    epochs = log.room(n, smooth=smooth)
     for begin in range(0, n, CHUNK):
         part = slice(begin, min(n, begin + CHUNK))
         noise = None if spot_sigma_m is None else spot_sigma_m[part]
@@ -221,7 +286,7 @@ def filter_epochs(
         if progress is not None:
             progress(part.stop - part.start)
     if smooth:
-        log.backward(t, control, epochs, nothing_later())
+        log.backward(t, control, epochs, log.nothing_later())
     return log.solution(t, quaternion, epochs, smoothed=smooth)
 
 

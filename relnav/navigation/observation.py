@@ -14,12 +14,13 @@ L^-1 z and L^-1 H with R = L diag(VARIANCE) L^T.
 import numpy as np
 
 from relnav._kernel import kernel, straight_line
-from relnav.arrays import Codes, Matrix, Vector
+from relnav.arrays import Matrix, Vector
 from relnav.estimation.factored import decorrelate
 from relnav.geometry.rotation import triad
 from relnav.geometry.spherical import docking_difference, range_azimuth_elevation_jacobian
 from relnav.navigation.block import (
     ATTITUDE,
+    BEACON_ROWS,
     CAM_FROM_DOCK,
     DOCK,
     FIX,
@@ -51,7 +52,6 @@ from relnav.navigation.sight import (
     implied_attitude,
     prior_is_tight,
     see_beacon,
-    uses_coordinates,
 )
 from relnav.sensors.measurement import DEGENERATE, NO_CONVERGENCE, NOT_SEEN, OFF_DETECTOR, OK, OUTSIDE_DOMAIN
 from relnav.sensors.three_beacon.fix import PERSPECTIVE, coordinate_usable, image_rays, image_usable
@@ -86,10 +86,10 @@ def take_in_coordinates(block: Matrix, spots: Matrix) -> tuple[int, int, int]:
             status = OFF_DETECTOR
             continue
         if on_x:
-            observed[2] = position[3] * position[3]
+            observed[2] = position[3] * position[3] + position[5] * position[5]
             usable += 1
         if on_y:
-            observed[3] = position[4] * position[4]
+            observed[3] = position[4] * position[4] + position[5] * position[5]
             usable += 1
     return seen, usable, status if seen > 0 else NOT_SEEN
 
@@ -112,35 +112,46 @@ def linearise_coordinates(block: Matrix, x: Vector, spots: Matrix) -> int:
 
 @straight_line(jacobian=(3, 6), triangle=(TRIANGLE_ROWS, 6), factor=(3, 3), variances=(3,))
 def correlated_noise(jacobian: Matrix, triangle: Matrix, factor: Matrix, variances: Vector) -> bool:
-    """Write L and d of R = J S J^T = L diag(d) L^T; S from the spots' sigmas in the beacons' POSITION rows."""
-    r, scaled = np.zeros((3, 3)), np.zeros((3, 6))
+    """Write L and d of R = J S J^T = L diag(d) L^T; S from the sigmas in the beacons' POSITION rows."""
+    r, weighted = np.zeros((3, 3)), np.zeros((3, 6))
+    for k in range(6):
+        position = triangle[BEACON_ROWS * (k // 2) + POSITION]
+        variance = position[3 + k % 2] * position[3 + k % 2] + position[5] * position[5]
+        for i in range(3):
+            weighted[i, k] = jacobian[i, k] * variance
     for i in range(3):
-        for k in range(6):
-            scaled[i, k] = jacobian[i, k] * triangle[4 * (k // 2), 3 + k % 2]
-    for i in range(3):
-        for j in range(3):
+        for j in range(i + 1):
             for k in range(6):
-                r[i, j] += scaled[i, k] * scaled[j, k]
+                r[i, j] += weighted[i, k] * jacobian[j, k]
     return decorrelate(r, factor, variances)
 
 
 @straight_line(
-    p=(3,), inverse=(3, 3), u=(3, 3), triangle=(TRIANGLE_ROWS, 6), factor=(3, 3), variances=(3,)
+    p=(3,), inverse=(3, 3), u=(3, 3), triangle=(TRIANGLE_ROWS, 6), jacobian=(3, 6), factor=(3, 3), variances=(3,)
 )  # fmt: skip
 def fix_noise(
-    p: Vector, inverse: Matrix, u: Matrix, f: float, triangle: Matrix, factor: Matrix, variances: Vector
+    p: Vector,
+    inverse: Matrix,
+    u: Matrix,
+    f: float,
+    triangle: Matrix,
+    jacobian: Matrix,
+    factor: Matrix,
+    variances: Vector,
 ) -> bool:
-    """Write L and d of the noise of (range, azimuth, elevation) at p, seen along camera-frame rays u.
+    """Write J = d(range, azimuth, elevation) / d spots at p, seen along camera-frame rays u, and L, d of their noise.
 
     inverse (3, 3) is (dg/dp)^-1 at p. False where singular.
     """
-    to_angles, to_position, jacobian = np.zeros((3, 3)), np.zeros((3, 6)), np.zeros((3, 6))
+    to_angles, to_position = np.zeros((3, 3)), np.zeros((3, 6))
     regular = range_azimuth_elevation_jacobian(p, to_angles)
     implicit_jacobian(inverse, u, f, to_position)
     for i in range(3):
         for k in range(6):
+            total = 0.0
             for j in range(3):
-                jacobian[i, k] += to_angles[i, j] * to_position[j, k]
+                total += to_angles[i, j] * to_position[j, k]
+            jacobian[i, k] = total
     return regular & correlated_noise(jacobian, triangle, factor, variances)
 
 
@@ -224,7 +235,7 @@ def _prepare_position(block: Matrix, spots: Matrix) -> int:
     if not rays_in_camera(p, a, b, dcm, rays):
         return NO_CONVERGENCE
     if block[SETTINGS, 1] == FIX and exact:
-        return OK if fix_noise(p, inverse, rays, f, triangle, factor, variance) else DEGENERATE
+        return OK if fix_noise(p, inverse, rays, f, triangle, jacobian, factor, variance) else DEGENERATE
     if block[SETTINGS, 1] == FIX:
         predicted = block[WORK + 3 : WORK + 6]
         for i in range(3):
@@ -266,12 +277,16 @@ def _prepare_pair(block: Matrix, spots: Matrix) -> bool:
     rays[2, 0], rays[2, 1], rays[2, 2] = 0.0, 0.0, 1.0  # any ray: g1 does not use it
     invariants(rays, block[VALUE])
     spot_gradient(rays, block[SENSOR, 0], jacobian)
-    variance, column = 0.0, 0
-    for i in range(3):
-        if i != missing:
-            for k in range(2):
-                variance += (jacobian[0, column] * block[beacon_row(block, i), 3 + k]) ** 2
-                column += 1
+    variance, column = 0.0, 4
+    for i in range(2, -1, -1):
+        position = block[beacon_row(block, i) + POSITION]
+        for k in range(1, -1, -1):
+            if i == missing:
+                jacobian[0, 2 * i + k] = 0.0
+            else:  # from the column among the two rays to the beacon's own
+                column -= 1
+                jacobian[0, 2 * i + k] = jacobian[0, column]
+                variance += jacobian[0, column] ** 2 * (position[3 + k] ** 2 + position[5] ** 2)
     block[VARIANCE, 0] = variance
     return variance > 0.0
 
@@ -362,25 +377,3 @@ def linearise_position(block: Matrix, x: Vector, spots: Matrix) -> bool:
         return bool(fix_rows(p, block[FIX_AT], dock, factor, h, block[RESIDUAL]))
     _linearise_invariants(block, p, spots)
     return True
-
-
-def rows_in_use(block: Matrix) -> tuple[Matrix, Vector, Matrix, Codes]:
-    """What the last image gave, as matrices: H (m, 6), residuals (m,), R (m, m), and the group of each row (m,).
-
-    Residuals and rows are those of the measured values themselves, correlated as R says. For other estimators.
-    """
-    if not uses_coordinates(block):
-        size = int(np.sum(block[VARIANCE, :3] > 0.0))
-        lower = np.tril(block[R_FACTOR : R_FACTOR + size, :size], -1) + np.eye(size)
-        r = lower @ np.diag(block[VARIANCE, :size]) @ lower.T
-        return lower @ block[H : H + size], block[RESIDUAL, 3 : 3 + size].copy(), r, np.zeros(size, dtype=np.int64)
-    h, residual, variance, groups = [], [], [], []
-    for i in range(beacon_count(block)):
-        row = beacon_row(block, i)
-        for k in range(2):
-            if block[row + OBSERVED, 2 + k] > 0.0:
-                h.append(block[row + GRADIENT + k].copy())
-                residual.append(block[row + OBSERVED, k])
-                variance.append(block[row + OBSERVED, 2 + k])
-                groups.append(i)
-    return np.array(h).reshape(-1, 6), np.array(residual), np.diag(variance), np.array(groups, dtype=np.int64)

@@ -98,6 +98,17 @@ def carry_state(state: Vector, phi: Matrix, effect: Vector, carried: Vector) -> 
         carried[i] = x[i]
 
 
+@straight_line(phi=PHI_PATTERN, vector=(6,))
+def multiply(phi: Matrix, vector: Vector) -> None:
+    """Replace a vector (6,) by Phi vector."""
+    x = np.zeros(6)
+    for i in range(6):
+        for j in range(6):
+            x[i] += phi[i, j] * vector[j]
+    for i in range(6):
+        vector[i] = x[i]
+
+
 @straight_line(track=(7, 6), phi=PHI_PATTERN, effect=(6,), q_ld=(6, 6))
 def carry(track: Matrix, phi: Matrix, effect: Vector, q_ld: Matrix) -> None:
     """Carry the state and factors of a track (7, 6) over a step: x = Phi x + effect, P = Phi P Phi^T + Q."""
@@ -106,6 +117,9 @@ def carry(track: Matrix, phi: Matrix, effect: Vector, q_ld: Matrix) -> None:
 
 
 @kernel
-def advance(block: Matrix, track: Matrix) -> None:
-    """Carry the state and factors of a track (7, 6) over the prepared step."""
-    carry(track, block[PHI : PHI + 6], block[EFFECT], block[Q_FACTORS : Q_FACTORS + 6])
+def advance(block: Matrix, track: Matrix, sensitivities: Matrix) -> None:
+    """Carry the state and factors of a track (7, 6), and its sensitivities (m, 6), over the prepared step."""
+    phi = block[PHI : PHI + 6]
+    carry(track, phi, block[EFFECT], block[Q_FACTORS : Q_FACTORS + 6])
+    for j in range(sensitivities.shape[0]):
+        multiply(phi, sensitivities[j])

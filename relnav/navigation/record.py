@@ -8,7 +8,8 @@ import numpy as np
 
 from relnav.arrays import Codes, Flags, Matrix, Stack, Vector
 from relnav.estimation.consistency import Consistency, nis_consistency
-from relnav.navigation.block import ATTITUDE, CLOCK, DOCK, INNOVATION, RESULT, TRACK
+from relnav.navigation.block import ATTITUDE, CLOCK, DOCK, INNOVATION, RESULT, TRACK, results_end
+from relnav.navigation.considered import add_considered
 from relnav.navigation.docking_view import LOWER, UPPER, symmetric, views
 from relnav.navigation.status import STARTED, UPDATED, EpochStatus
 from relnav.sensors.measurement import Status
@@ -56,7 +57,7 @@ class FilterRecord:
 
     @property
     def covariance(self) -> Matrix:
-        """Covariance of `state`, (6, 6)."""
+        """Covariance of `state`, (6, 6), with what a calibration's lasting error adds."""
         covariance: Matrix = symmetric(self._view()[9:])[0]
         return covariance
 
@@ -64,7 +65,10 @@ class FilterRecord:
         """`docking_view.VIEW_ROWS` of this epoch, (30, 1)."""
         mount, dock = self._rows[ATTITUDE - DOCK : ATTITUDE + 3 - DOCK], self._rows[:3]
         lever = mount[:, :3].T @ mount[:, 3]
-        ld = self._rows[TRACK + 1 - DOCK : TRACK + 7 - DOCK] if self.has_state else np.full((6, 6), np.nan)
+        ld = np.full((6, 6), np.nan)
+        if self.has_state:
+            ld = self._rows[TRACK + 1 - DOCK : TRACK + 7 - DOCK].copy()
+            add_considered(ld, self._rows[results_end(int(self._at(CLOCK)[5])) - DOCK :])
         return views(self.state[None], ld[LOWER][None], dock[:, :3], dock[:, 3], lever[None])
 
     @property
@@ -165,7 +169,8 @@ class Solution:
     state : (n, 6)
         Chaser relative to target, `lvlh_ccsds`.
     factor : (n, 21)
-        Covariance as L D L^T: the lower triangle of `ld`, row by row, D on its diagonal.
+        Covariance as L D L^T, with what a calibration's lasting error adds: the lower triangle of `ld`, row by row, D
+        on its diagonal.
     innovation, nis, dof : (n, 2 beacons), (n,), (n,)
         As in FilterRecord: of everything seen, before the gate.
     status, measurement_status : (n,)

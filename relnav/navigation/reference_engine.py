@@ -33,10 +33,11 @@ from relnav.navigation.block import (
     TRACK,
     TRIAL,
     beacon_row,
+    set_lasting_sigma,
     set_spot_sigma,
 )
 from relnav.navigation.docking_view import LOWER
-from relnav.navigation.observation import rows_in_use
+from relnav.navigation.in_use import lasting_in_use, rows_in_use
 from relnav.navigation.propagation import prepare_step
 from relnav.navigation.sight import TIGHT_SHARE2, attitude_changed, camera_position_dock, uses_coordinates
 from relnav.navigation.start import start
@@ -70,12 +71,14 @@ class ReferenceEngine:
                 track.time_update(
                     block[PHI : PHI + 6].copy(), block[EFFECT].copy(), compose(block[Q_FACTORS : Q_FACTORS + 6])
                 )
+                track.considered = track.considered @ block[PHI : PHI + 6].T
             self.track, self.trial = self._usable(self.track), self._usable(self.trial)
         block[CLOCK, 0] = t
         status = self._step_track(spots)
         if self.track is not None:
             block[TRACK] = self.track.state
             block[TRACK + 1 : TRACK + 7] = factorize(0.5 * (self.track.covariance + self.track.covariance.T))
+            block[int(block[LAYOUT, 4]) : int(block[LAYOUT, 1])] = self.track.considered
         block[CLOCK, 1], block[CLOCK, 3] = float(self.track is not None), self.streak
         block[RESULT, 0] = status
         return status
@@ -107,7 +110,7 @@ class ReferenceEngine:
                 self.streak, self.trial = 0, None
             if self.streak < block[SETTINGS, 3]:
                 return status
-        results = block[RESULT : int(block[LAYOUT, 1])]
+        results = block[RESULT : int(block[LAYOUT, 4])]
         kept = results.copy()
         if self._look_for_start(spots):
             return STARTED
@@ -119,7 +122,7 @@ class ReferenceEngine:
 
     def _clear(self) -> None:
         self.block[RESULT] = (0.0, math.nan, 0.0, 0.0, 0.0, 0.0)
-        self.block[INNOVATION : int(self.block[LAYOUT, 1])] = math.nan
+        self.block[INNOVATION : int(self.block[LAYOUT, 4])] = math.nan
 
     def _look_for_start(self, spots: Matrix) -> bool:
         block = self.block
@@ -135,9 +138,11 @@ class ReferenceEngine:
                 self.track, self.trial, self.streak = self.trial, None, 0
                 return True
         rows = block[TRIAL : TRIAL + 7]
-        block[RESULT, 3] = start(block, rows, spots)
+        considered = block[int(block[LAYOUT, 5]) :]
+        block[RESULT, 3] = start(block, rows, considered, spots)
         if block[RESULT, 3] == OK:
             self.trial = ReferenceTrack(rows[0], compose(rows[1:7]))
+            self.trial.considered = considered.copy()
         return False
 
     def _correct(self, track: ReferenceTrack, spots: Matrix) -> int:
@@ -153,7 +158,7 @@ class ReferenceEngine:
         coordinates = uses_coordinates(block)
         if coordinates and len(set(groups)) == 1 and not self._lone_beacon_is_telling(int(groups[0]), p):
             return PREDICTED
-        numbers = block[INNOVATION : int(block[LAYOUT, 1])].ravel()
+        numbers = block[INNOVATION : int(block[LAYOUT, 4])].ravel()
         numbers[_places(block, groups) if coordinates else range(len(h))] = residual
         block[RESULT, 1], block[RESULT, 2] = self._update(track, x, x, p, np.arange(len(h))), len(h)
         rows = np.arange(len(h))
@@ -173,6 +178,8 @@ class ReferenceEngine:
                 break
             self._update(track, at, x, p, rows)
             iterations += 1
+        if len(track.considered):
+            self._consider(track, rows)
         block[RESULT, 4], block[RESULT, 5] = iterations, passed
         return UPDATED if passed == seen else PARTIAL
 
@@ -182,7 +189,8 @@ class ReferenceEngine:
     def _lone_beacon_is_telling(self, beacon: int, p: Matrix) -> bool:
         block = self.block
         first = beacon_row(block, beacon)
-        both, sigma = block[first + GRADIENT : first + GRADIENT + 2], block[first + POSITION, 3:5]
+        both = block[first + GRADIENT : first + GRADIENT + 2]
+        sigma = np.hypot(block[first + POSITION, 3:5], block[first + POSITION, 5])
         s = both @ p @ both.T + np.diag(sigma**2)
         area = math.pi * self._limit(2) * math.sqrt(max(0.0, np.linalg.det(s)))
         return bool(area < LONE_GATE_SHARE * 4.0 * block[SENSOR, 1] * block[SENSOR, 2])
@@ -192,6 +200,13 @@ class ReferenceEngine:
         h, residual, r, _ = rows_in_use(self.block)
         track.set(x, p)
         return track.measurement_update(h[rows], r[np.ix_(rows, rows)], residual[rows] - h[rows] @ (x - at))
+
+    def _consider(self, track: ReferenceTrack, rows: Codes) -> None:
+        """Update what is considered by the rows used, K = P+ H^T R^-1."""
+        h, _, r, _ = rows_in_use(self.block)
+        gain = np.linalg.solve(r[np.ix_(rows, rows)], h[rows] @ track.covariance).T
+        s = track.considered.T
+        track.considered = (s + gain @ (lasting_in_use(self.block)[rows] - h[rows] @ s)).T
 
     def _gate(self, track: ReferenceTrack, x: Vector, p: Matrix, groups: Codes) -> Codes:
         """Rows of the beacons that are credible alone and together, as `update` decides."""
@@ -233,11 +248,13 @@ def run_reference(
     control: Matrix,
     quaternion: Matrix,
     sigma: Stack,
+    lasting: Matrix,
     state: Matrix,
     factor: Matrix,
     innovation: Matrix,
     nis: Vector,
     codes: Codes,
+    considered: Stack,
     engine: ReferenceEngine,
 ) -> None:
     """The log loop over the reference engine, with the arguments of the compiled one."""
@@ -249,10 +266,17 @@ def run_reference(
             attitude_changed(block)
         if len(sigma):
             set_spot_sigma(block, sigma[e])
+        if len(lasting):
+            set_lasting_sigma(block, lasting[e])
         status = engine.step(float(t[e]), spots[e])
         codes[e] = int(block[RESULT, 2]), status, int(block[RESULT, 3])
         nis[e] = block[RESULT, 1]
         innovation[e] = block[INNOVATION:].ravel()[: innovation.shape[1]]
         running = engine.track is not None
         state[e] = block[TRACK] if running else math.nan
-        factor[e] = block[TRACK + 1 : TRACK + 7][LOWER] if running else math.nan
+        own, sensitivities = block[TRACK + 1 : TRACK + 7].copy(), block[int(block[LAYOUT, 4]) : int(block[LAYOUT, 1])]
+        if considered.shape[1]:
+            considered[e] = sensitivities if running else math.nan
+        elif len(sensitivities):
+            own = factorize(compose(own) + sensitivities.T @ sensitivities)
+        factor[e] = own[LOWER] if running else math.nan

@@ -8,7 +8,17 @@ from numpy.typing import ArrayLike
 from relnav._kernel import only_for
 from relnav.arrays import Matrix
 from relnav.mission import Model
-from relnav.navigation.block import ATTITUDE, CLOCK, DOCK, INPUT, SETTINGS, beacon_count, record_end, set_spot_sigma
+from relnav.navigation.block import (
+    ATTITUDE,
+    CLOCK,
+    DOCK,
+    INPUT,
+    LAYOUT,
+    SETTINGS,
+    beacon_count,
+    set_lasting_sigma,
+    set_spot_sigma,
+)
 from relnav.navigation.choice import choose, vector
 from relnav.navigation.record import FilterRecord
 from relnav.navigation.reference_engine import ReferenceEngine
@@ -55,9 +65,9 @@ class Navigator:
         self._beacons = beacon_count(self._block)
         self._held = self._block[ATTITUDE : ATTITUDE + 3, :3].copy()
         self._held_known = bool(self._block[SETTINGS, 2])
-        self._kept = self._block[DOCK : record_end(self._beacons)]
+        self._kept = self._block[DOCK : int(self._block[LAYOUT, 1])]
         self._changed = False
-        self._calibrated = model.calibration is not None
+        self._calibration = model.calibration
         self.model = model
         self.method = method
 
@@ -86,7 +96,8 @@ class Navigator:
         dcm_cam_from_lvlh : (3, 3), optional
             Camera attitude now; the model's if left out.
         spot_sigma_m : (3, 2), optional
-            1-sigma of the spots from now on; where it is NaN, or left out, the last one stays.
+            1-sigma of the spots' noise from now on; where it is NaN, or left out, the last one stays. What a
+            calibration leaves comes on top.
 
         Returns
         -------
@@ -103,8 +114,10 @@ class Navigator:
             self._set(acceleration_m_s2, delta_v_m_s, dcm_cam_from_lvlh)
         if type(spots_m) is not np.ndarray:
             spots_m = np.array(spots_m, dtype=np.float64)
-        if self._calibrated:
-            spots_m = self.model.corrected(spots_m)
+        if self._calibration is not None:
+            spots_m, lasting = self._calibration.corrected(spots_m)
+            if lasting.shape == (self._beacons,):  # else `step` says what is wrong with the spots
+                set_lasting_sigma(self._block, lasting)
         if spot_sigma_m is not None:
             sigma = np.array(spot_sigma_m, dtype=np.float64)
             if sigma.shape != (self._beacons, 2) or np.any(sigma <= 0.0):

@@ -8,7 +8,7 @@ from relnav.dynamics.process_noise import acceleration_noise
 from relnav.estimation.steady_state import SteadyState, steady_state
 from relnav.mission import Model
 from relnav.navigation.choice import choose
-from relnav.navigation.observation import rows_in_use
+from relnav.navigation.in_use import rows_in_use
 from relnav.navigation.sight import locate
 from relnav.navigation.update import observe
 from relnav.sensors.measurement import Status

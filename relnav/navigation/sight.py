@@ -107,7 +107,7 @@ def camera_position_dock(x: Vector, offset: Vector, dock: Matrix, p: Vector) -> 
 
 @straight_line(x=(3,), mount=(3, 4), position=(6,), spot=(2,), rows=(3, 6))
 def see_beacon(x: Vector, mount: Matrix, position: Vector, f: float, spot: Vector, rows: Matrix) -> float:
-    """Write a beacon's OBSERVED residual and GRADIENT rows, and its squared distance; returns its depth, m.
+    """Write a beacon's OBSERVED residual and GRADIENT rows; returns its depth, m.
 
     position: the beacon's POSITION row; rows: its OBSERVED and GRADIENT rows. h(x) = central projection,
     c = mount (beacon - x) - lever; dh/dx = -f/Z (e_axis - (c_axis/Z) e_z) mount.
@@ -115,11 +115,8 @@ def see_beacon(x: Vector, mount: Matrix, position: Vector, f: float, spot: Vecto
     d, c = np.zeros(3), np.zeros(3)
     for i in range(3):
         d[i] = position[i] - x[i]
-    distance2 = 0.0
     for i in range(3):
         c[i] = mount[i, 0] * d[0] + mount[i, 1] * d[1] + mount[i, 2] * d[2] - mount[i, 3]
-        distance2 = distance2 + c[i] * c[i]
-    position[5] = distance2
     near = quotient(1.0, c[2], 0.0)
     g = f * near
     for axis in range(2):

@@ -43,9 +43,6 @@ def filter_slots(
     """
     (spots, spot_sigma), (images, image_sigma) = slots.epochs(), slots.images()
     sigma = np.where(np.isnan(spot_sigma), image_sigma, spot_sigma)  # an image's own beacons have no other
-    if model.calibration is not None:
-        places = np.where(np.isnan(spots), images, spots)
-        sigma = np.hypot(sigma, model.calibration.sigma(places))
     each_slot = method == "spots" and (model.attitude.mode == "lvlh_hold" or q_cam_from_lvlh is not None)
 
     def run(begin: int, part: Stack) -> Solution:

@@ -6,11 +6,11 @@ import numpy as np
 
 from relnav._kernel import kernel, side_by_side, straight_line
 from relnav._trace import LANES
-from relnav.arrays import Codes, Matrix, Vector
+from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.dynamics.clohessy_wiltshire import PHI_PATTERN, transition_into
 from relnav.estimation.smoothing import backward_model, carry_noise_back, smooth_step
 from relnav.navigation.block import EFFECT, INPUT, PHI, Q_FACTORS, SETTINGS, STEP_KEY, WORK, X_WORK
-from relnav.navigation.propagation import carry_state, prepare_step, snapped
+from relnav.navigation.propagation import carry_state, multiply, prepare_step, snapped
 from relnav.navigation.status import STARTED, WAITING
 
 LATER_ROWS = 9
@@ -57,6 +57,21 @@ def model_epoch(
     carry_state(state, phi, effect, model[57:63])
 
 
+@straight_line(later=(6,), row=(6,), phi=PHI_PATTERN, model=(MODEL,))
+def smooth_sensitivity(later: Vector, row: Vector, phi: Matrix, model: Vector) -> None:
+    """Replace a filtered sensitivity (6,) by the smoothed one, s + C (later - Phi s), and `later` by the same."""
+    ahead = np.zeros(6)
+    for i in range(6):
+        ahead[i] = row[i]
+    multiply(phi, ahead)
+    for i in range(6):
+        total = row[i]
+        for j in range(6):
+            total += model[6 * i + j] * (later[j] - ahead[j])
+        row[i] = total
+        later[i] = total
+
+
 model_epochs = side_by_side(model_epoch, "state", "packed", "model")
 
 
@@ -74,9 +89,9 @@ def smooth_epoch(later: Matrix, model: Vector, state: Vector, packed: Vector) ->
     pack_factors(later[1:7], packed)
 
 
-def nothing_later() -> Matrix:
-    """The `later` of a log's last epoch, (9, 6)."""
-    return np.zeros((LATER_ROWS, 6))
+def nothing_later(considered: int = 0) -> Matrix:
+    """The `later` of a log's last epoch, (9 + considered, 6), with so many sensitivities."""
+    return np.zeros((LATER_ROWS + considered, 6))
 
 
 def new_models() -> Matrix:
@@ -108,15 +123,16 @@ def smooth_run(
     codes: Codes,
     state: Matrix,
     factor: Matrix,
+    considered: Stack,
     later: Matrix,
     models: Matrix,
 ) -> None:
     """Smooth filtered epochs in place, from their last to their first.
 
     state (n, 6), factor (n, 21) and codes (n, 3) as `_run` wrote them; control (n, 6) may be empty. A piece ends where
-    the filter was not running or was started anew. `later` (9, 6): smoothed state and factors of the epoch after
-    (7 rows), its time and whether it belongs to the same piece, its control; replaced by those of the first epoch.
-    models: `new_models`.
+    the filter was not running or was started anew. considered (n, m, 6): sensitivities, m may be 0. `later` (9 + m, 6):
+    smoothed state and factors of the epoch after (7 rows), its time and whether it belongs to the same piece, its
+    control, its sensitivities; replaced by those of the first epoch. models: `new_models`.
     """
     inverse, carried = block[WORK + 18 : WORK + 24], block[X_WORK : X_WORK + 6]  # `prepare_step` leaves them alone
     block[STEP_KEY, 0] = math.nan
@@ -143,8 +159,13 @@ def smooth_run(
                     model_epoch(state[e], factor[e], phi, inverse, effect, carried, models[0])
             ready -= 1
             smooth_epoch(later[0:7], models[ready], state[e], factor[e])
+            for k in range(considered.shape[1]):
+                smooth_sensitivity(later[LATER_ROWS + k], considered[e, k], block[PHI : PHI + 6], models[ready])
         else:
             unpack_track(state[e], factor[e], later[0:7])
+            for k in range(considered.shape[1]):
+                for j in range(6):
+                    later[LATER_ROWS + k, j] = considered[e, k, j]
         later[7, 0] = t[e]
         later[7, 1] = 0.0 if status == STARTED else 1.0
         for j in range(6):

@@ -59,7 +59,7 @@ def _start_covariance(
 
 
 @kernel
-def _start_of_fix(block: Matrix, track: Matrix, spots: Matrix) -> int:
+def _start_of_fix(block: Matrix, track: Matrix, sensitivities: Matrix, spots: Matrix) -> int:
     """Set a track (7, 6) by the closed form: its covariance J S J^T, turned from angles into `lvlh_ccsds` position."""
     sensor, p, x = block[SENSOR], block[FIX_AT], track[0]
     status = fix_of_spots(block, spots, p)
@@ -80,6 +80,16 @@ def _start_of_fix(block: Matrix, track: Matrix, spots: Matrix) -> int:
     _start_covariance(dock, from_angles, jacobian, block[first : first + TRIANGLE_ROWS], block[CONTROL, 3], covariance)
     if not factorize_into(covariance, track[1:7]):
         return DEGENERATE
+    for j in range(sensitivities.shape[0]):
+        for i in range(6):
+            sensitivities[j, i] = 0.0
+        if j < 6:
+            sigma = block[beacon_row(block, j // 2) + POSITION, 5]
+            for k in range(3):
+                moved = from_angles[k, 0] * jacobian[0, j] + from_angles[k, 1] * jacobian[1, j]
+                moved += from_angles[k, 2] * jacobian[2, j]
+                for i in range(3):
+                    sensitivities[j, i] += dock[k, i] * moved * sigma
     for i in range(3):
         x[i] = dock[0, i] * p[0] + dock[1, i] * p[1] + dock[2, i] * p[2] - block[OFFSET, i]
         x[3 + i] = 0.0
@@ -151,7 +161,7 @@ def _spot_equations(block: Matrix, normal: Matrix) -> tuple[float, int]:
 
 
 @kernel
-def _start_of_planes(block: Matrix, track: Matrix, spots: Matrix) -> int:
+def _start_of_planes(block: Matrix, track: Matrix, sensitivities: Matrix, spots: Matrix) -> int:
     """Set a track (7, 6) by least squares over all whole beacons, three or more, that must agree; a Status code.
 
     The planes' meeting point, then one Gauss-Newton step with the spots' noise; its normal matrix is the information.
@@ -180,14 +190,26 @@ def _start_of_planes(block: Matrix, track: Matrix, spots: Matrix) -> int:
         for j in range(6):
             velocity = block[CONTROL, 3] * block[CONTROL, 3] if i == j else 0.0
             covariance[i, j] = 0.5 * (inverse[i, j] + inverse[j, i]) if i < 3 and j < 3 else velocity
+    for j in range(sensitivities.shape[0]):
+        row = beacon_row(block, j // 2)
+        variance = block[row + OBSERVED, 2 + j % 2]
+        weight = block[row + POSITION, 5] / variance if variance > 0.0 else 0.0
+        for i in range(3):
+            sensitivities[j, 3 + i] = 0.0
+            sensitivities[j, i] = 0.0
+            for k in range(3):
+                sensitivities[j, i] += covariance[i, k] * block[row + GRADIENT + j % 2, k] * weight
     return OK if factorize_into(covariance, track[1:7]) else DEGENERATE
 
 
 @kernel
-def start(block: Matrix, track: Matrix, spots: Matrix) -> int:
-    """Set a track (7, 6) from one image (n, 2) m alone, with zero velocity; a Status code."""
-    status = _start_of_fix(block, track, spots)
+def start(block: Matrix, track: Matrix, sensitivities: Matrix, spots: Matrix) -> int:
+    """Set a track (7, 6), and its sensitivities (m, 6), from one image (n, 2) m alone, with zero velocity.
+
+    Returns a Status code.
+    """
+    status = _start_of_fix(block, track, sensitivities, spots)
     if status != OK and beacon_count(block) > 3 and uses_coordinates(block):
-        other = _start_of_planes(block, track, spots)
+        other = _start_of_planes(block, track, sensitivities, spots)
         status = OK if other == OK else status
     return status

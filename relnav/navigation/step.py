@@ -37,23 +37,33 @@ WRONG_TIME = -2
 
 
 @kernel
+def _copy_rows(source: Matrix, target: Matrix) -> None:
+    for i in range(source.shape[0]):
+        for j in range(6):
+            target[i, j] = source[i, j]
+
+
+@kernel
 def _look_for_start(block: Matrix, spots: Matrix) -> bool:
     """Test the trial with this image, or open one; True if a trial was confirmed and now is the track."""
     clock, trial = block[CLOCK], block[TRIAL : TRIAL + P_ROWS]
+    of_track = block[int(block[LAYOUT, 4]) : int(block[LAYOUT, 1])]
+    of_trial = block[int(block[LAYOUT, 5]) : block.shape[0]]
     if clock[2] > 0.0:
-        outcome = correct(block, trial, spots)
+        outcome = correct(block, trial, of_trial, spots)
         whole = 6 if uses_coordinates(block) else 3
         if outcome == UPDATED and block[RESULT, 2] >= whole:
             if not prior_is_tight(block):
                 return False
             copy_track(trial, block[TRACK : TRACK + P_ROWS])
+            _copy_rows(of_trial, of_track)
             clock[1], clock[2], clock[3] = 1.0, 0.0, 0.0
             clock[4] += 1.0
             return True
         if outcome == LOST:
             clock[2] = 0.0
     clear_results(block)
-    reason = start(block, trial, spots)
+    reason = start(block, trial, of_trial, spots)
     block[RESULT, 3] = reason
     if reason == OK:
         clock[2] = 1.0
@@ -70,13 +80,6 @@ def _half_rejected(spots: Matrix, used: float) -> bool:
 
 
 @kernel
-def _copy_rows(source: Matrix, target: Matrix) -> None:
-    for i in range(source.shape[0]):
-        for j in range(6):
-            target[i, j] = source[i, j]
-
-
-@kernel
 def step(block: Matrix, t: float, spots: Matrix) -> int:
     """Take the image (n, 2) m of time t s into the filter; returns an epoch status, details in RESULT.
 
@@ -89,17 +92,18 @@ def step(block: Matrix, t: float, spots: Matrix) -> int:
     if not (clock[0] < t and t < math.inf):
         return WRONG_TIME
     track, trial = block[TRACK : TRACK + P_ROWS], block[TRIAL : TRIAL + P_ROWS]
+    of_track = block[int(block[LAYOUT, 4]) : int(block[LAYOUT, 1])]
     running = clock[1] > 0.0
     if running or clock[2] > 0.0:
         prepare_step(block, t - clock[0])
     if running:
-        advance(block, track)
+        advance(block, track, of_track)
     if clock[2] > 0.0:
-        advance(block, trial)
+        advance(block, trial, block[int(block[LAYOUT, 5]) : block.shape[0]])
     clock[0] = t
     status = WAITING
     if running:
-        status = correct(block, track, spots)
+        status = correct(block, track, of_track, spots)
         running = status != LOST
         clock[1] = 1.0 if running else 0.0
     if running:
@@ -111,8 +115,8 @@ def step(block: Matrix, t: float, spots: Matrix) -> int:
         if clock[3] < block[SETTINGS, 3]:
             result[0] = status
             return status
-        kept = int(block[LAYOUT, 3])
-        results, place_to_keep = block[RESULT : int(block[LAYOUT, 1])], block[kept : block.shape[0]]
+        results = block[RESULT : int(block[LAYOUT, 4])]
+        place_to_keep = block[int(block[LAYOUT, 3]) : int(block[LAYOUT, 5])]
         _copy_rows(results, place_to_keep)
         if _look_for_start(block, spots):
             status = STARTED

@@ -31,6 +31,7 @@ from relnav.navigation.block import (
     beacon_row,
     gate_limit,
 )
+from relnav.navigation.considered import update_sensitivities
 from relnav.navigation.observation import (
     linearise_coordinates,
     linearise_position,
@@ -217,8 +218,9 @@ def _lone_beacon_is_telling(block: Matrix, track: Matrix) -> bool:
     if beacons != 1:
         return True
     ld, hx, hy, position = track[1:7], block[lone + GRADIENT], block[lone + GRADIENT + 1], block[lone + POSITION]
-    xx = innovation_variance(ld, hx, hx) + position[3] * position[3]
-    yy = innovation_variance(ld, hy, hy) + position[4] * position[4]
+    lasting = position[5] * position[5]
+    xx = innovation_variance(ld, hx, hx) + position[3] * position[3] + lasting
+    yy = innovation_variance(ld, hy, hy) + position[4] * position[4] + lasting
     xy = innovation_variance(ld, hx, hy)
     area = math.pi * gate_limit(block, 2) * math.sqrt(max(0.0, xx * yy - xy * xy))
     return bool(area < LONE_GATE_SHARE * 4.0 * block[SENSOR, 1] * block[SENSOR, 2])
@@ -273,8 +275,11 @@ def linearise_again(block: Matrix, x: Vector, spots: Matrix) -> bool:
 
 
 @kernel
-def correct(block: Matrix, track: Matrix, spots: Matrix) -> int:
-    """Update a track (7, 6), state and factors, with one image (n, 2) m; returns an epoch status, details in RESULT."""
+def correct(block: Matrix, track: Matrix, sensitivities: Matrix, spots: Matrix) -> int:
+    """Update a track (7, 6), state and factors, and its sensitivities (m, 6), with one image (n, 2) m.
+
+    Returns an epoch status, details in RESULT.
+    """
     x, result, work = track[0], block[RESULT], block[X_WORK : X_WORK + P_ROWS]
     clear_results(block)
     if not locate(block, track):
@@ -312,4 +317,5 @@ def correct(block: Matrix, track: Matrix, spots: Matrix) -> int:
         iterations += 1
     result[4], result[5] = iterations, passed
     copy_track(work, track)
+    update_sensitivities(block, track[1:7], sensitivities)
     return UPDATED if passed == seen else PARTIAL

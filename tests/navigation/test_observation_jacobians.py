@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 import relnav
 from relnav.navigation.block import RESIDUAL, VARIANCE, H
 from relnav.navigation.choice import choose
-from relnav.navigation.observation import rows_in_use
+from relnav.navigation.in_use import rows_in_use
 from relnav.navigation.sight import locate
 from relnav.navigation.update import linearise_again, observe
 

@@ -6,15 +6,17 @@ inside the box that the grid covered. Outside it polynomials run away: the corre
 its uncertainty grows with the distance, at the slope that the correction has there.
 """
 
+import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Gt
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from relnav.arrays import Matrix
+from relnav._kernel import kernel
+from relnav.arrays import Matrix, Vector
 
 Positive = Annotated[float, Gt(0.0)]
 NonNegative = Annotated[float, Ge(0.0)]
@@ -38,6 +40,34 @@ def powers(u: Matrix, order: int) -> Matrix:
     each = u[..., None, :] ** np.arange(order + 1)[:, None]
     terms: Matrix = each[..., i, 0] * each[..., j, 1]
     return terms
+
+
+@kernel
+def _correct(table: Matrix, order: int, spots: Matrix, sigma: Vector) -> None:
+    """Correct spots (n, 2) m in place, and write what is left of each, 1-sigma m, into sigma (n,).
+
+    table: centre, half width, (residual, slope at the rim), then the coefficients of both axes, a row a term.
+    """
+    for k in range(spots.shape[0]):
+        u = (spots[k, 0] - table[0, 0]) / table[1, 0]
+        v = (spots[k, 1] - table[0, 1]) / table[1, 1]
+        held_u, held_v = max(-1.0, min(1.0, u)), max(-1.0, min(1.0, v))
+        x, y = 0.0, 0.0
+        for j in range(order, -1, -1):  # Horner in v of Horner in u
+            x_row, y_row = 0.0, 0.0
+            for i in range(order - j, -1, -1):
+                term = 3 + (i + j) * (i + j + 1) // 2 + j
+                x_row = x_row * held_u + table[term, 0]
+                y_row = y_row * held_u + table[term, 1]
+            x = x * held_v + x_row
+            y = y * held_v + y_row
+        outside_u, outside_v = (u - held_u) * table[1, 0], (v - held_v) * table[1, 1]
+        distance2 = outside_u * outside_u + outside_v * outside_v
+        slope = table[2, 1] * table[2, 1] * distance2 if distance2 > 0.0 else 0.0
+        sigma[k] = math.sqrt(table[2, 0] * table[2, 0] + slope)
+        known = 0.0 if u == u and v == v else math.nan  # the correction of one coordinate needs both
+        spots[k, 0] += x + known
+        spots[k, 1] += y + known
 
 
 @dataclass(frozen=True)
@@ -78,22 +108,33 @@ class Calibration:
                     f"{name} has {terms} coefficients for order {self.order}; got {len(getattr(self, name))}"
                 )
 
-    def _scaled(self, spots_m: Matrix) -> tuple[Matrix, Matrix]:
-        """Points scaled and held within the box, and their distances (..., 2) m outside it."""
-        u = (np.asarray(spots_m, dtype=np.float64) - np.array(self.center_m)) / np.array(self.half_width_m)
-        held = np.clip(u, -1.0, 1.0)
-        return held, (u - held) * np.array(self.half_width_m)
+    @cached_property
+    def _table(self) -> Matrix:
+        box = [self.center_m, self.half_width_m, (self.residual_sigma_m, self.rim_slope)]
+        return np.concatenate([np.array(box), np.stack([self.correction_x_m, self.correction_y_m], axis=-1)])
 
-    def correct(self, spots_m: Matrix) -> Matrix:
-        """Spots (..., 2) m as they would be without distortion; NaN and infinity stay."""
-        held, _ = self._scaled(spots_m)
-        terms = powers(held, self.order)
-        c = np.stack([self.correction_x_m, self.correction_y_m], axis=-1)
-        corrected: Matrix = np.asarray(spots_m) + terms @ c
-        return corrected
+    def corrected(self, spots_m: ArrayLike) -> tuple[Matrix, Matrix]:
+        """Spots without distortion, and how well.
 
-    def sigma(self, spots_m: Matrix) -> Matrix:
-        """1-sigma (..., 2) m of what the correction leaves of measured spots (..., 2) m."""
-        _, outside = self._scaled(spots_m)
-        distance = np.linalg.norm(outside, axis=-1, keepdims=True)
-        return np.broadcast_to(np.hypot(self.residual_sigma_m, self.rim_slope * distance), np.shape(spots_m)).copy()
+        Parameters
+        ----------
+        spots_m : (..., 2)
+            As measured, m.
+
+        Returns
+        -------
+        (..., 2)
+            As they would be without distortion; infinity stays, and with one coordinate NaN both are.
+        (...)
+            1-sigma of what is left of each coordinate, m: the residual inside the box, more outside.
+        """
+        spots = np.asarray(spots_m, dtype=np.float64)
+        out = np.array(spots, order="C")
+        sigma = np.empty(spots.shape[:-1])
+        if spots.shape[-1:] == (2,):
+            _correct(self._table, self.order, out.reshape(-1, 2), sigma.reshape(-1))
+        return out, sigma
+
+    def correct(self, spots_m: ArrayLike) -> Matrix:
+        """Spots (..., 2) m as they would be without distortion."""
+        return self.corrected(spots_m)[0]
