@@ -33,6 +33,8 @@ from relnav.files.tables import COLUMNS
 from relnav.mission import ProcessNoise
 from relnav.navigation.log import Epochs, LogFilter, controls
 from relnav.navigation.smoothing import nothing_later
+from relnav.sensors.three_beacon.calibrate import HIGHEST_ORDER
+from relnav.sensors.three_beacon.calibration import Calibration, exponents
 from relnav.simulation.detector import Faults, image
 from relnav.simulation.scenario import SimulatedLog
 
@@ -243,6 +245,17 @@ def growth(model, log):
         run = {"": (EPOCHS, lambda mission=mission, spots=spots: relnav.filter_epochs(mission, log.t_s, spots))}
         rows.append({"beacons": beacons, "ns": 1000.0 * min(measure(run, 5)[""])})
         print(f"  {beacons:>10} beacons seen {rows[-1]['ns']:>4.0f}")
+    terms = tuple(1e-9 * np.random.default_rng(4).normal(size=len(exponents(HIGHEST_ORDER))))
+    calibration = Calibration(HIGHEST_ORDER, (0.0, 0.0), (4e-3, 4e-3), terms, terms, 2.4e-6, 0.0, 225, 1e-5)
+    calibrated = dataclasses.replace(model, calibration=calibration)
+    tolerances = dataclasses.replace(model.tolerances, considered=True)
+    for name, mission in (
+        ("of a calibrated detector", calibrated),
+        ("the same, tolerances considered", dataclasses.replace(calibrated, tolerances=tolerances)),
+    ):
+        run = {"": (EPOCHS, lambda mission=mission: relnav.filter_epochs(mission, log.t_s, log.spots_m))}
+        rows.append({"beacons": 3, "of": name, "ns": 1000.0 * min(measure(run, 5)[""])})
+        print(f"  3 beacons, {name:<32}{rows[-1]['ns']:>6.0f}")
     return rows
 
 

@@ -1,5 +1,6 @@
 """Everything a relative navigation filter or simulator must know about its mission, in SI units: plain values."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
@@ -151,6 +152,8 @@ class Tolerances:
         Largest detection error of the uncalibrated detector, each coordinate, uniform within it.
     speed_m_s, turn_rate_rad_s : float
         Motion across the line of sight and turn of the camera, for which slots are wrongly taken as simultaneous.
+    considered : bool
+        Whether the filter's covariance includes the lasting errors too, not the budget alone.
     """
 
     focal_length_relative_sigma: NonNegative
@@ -160,6 +163,7 @@ class Tolerances:
     distortion_limit_m: NonNegative
     speed_m_s: NonNegative
     turn_rate_rad_s: NonNegative
+    considered: bool = False
 
 
 @dataclass(frozen=True)
@@ -206,10 +210,29 @@ class Model:
                 )
 
     @property
+    def lasting_spot_sigma_m(self) -> float:
+        """1-sigma of the error of a spot coordinate that lasts, as far as the filter considers it.
+
+        What a calibration leaves; without one the detector's distortion, if tolerances are considered.
+        """
+        if self.calibration is not None:
+            return self.calibration.residual_sigma_m
+        if self.tolerances is not None and self.tolerances.considered:
+            return self.tolerances.distortion_limit_m / math.sqrt(3.0)
+        return 0.0
+
+    @property
+    def considered(self) -> str:
+        """Which lasting errors the filter's covariance includes, in words; empty if none."""
+        tolerances = self.tolerances is not None and self.tolerances.considered
+        spots = "what the calibration leaves" if self.calibration is not None else "distortion of the detector"
+        names = [spots] if self.lasting_spot_sigma_m > 0.0 else []
+        return ", ".join([*names, "focal length, mountings, beacons"] if tolerances else names)
+
+    @property
     def spot_sigma_m(self) -> float:
-        """1-sigma of a spot coordinate that a filter works with: its noise, and what a calibration leaves."""
-        residual = 0.0 if self.calibration is None else self.calibration.residual_sigma_m
-        return float(np.hypot(self.sensor.spot_noise_m, residual))
+        """1-sigma of a spot coordinate that a filter works with: its noise, and what lasts."""
+        return float(np.hypot(self.sensor.spot_noise_m, self.lasting_spot_sigma_m))
 
     def corrected(self, spots_m: Stack) -> Stack:
         """Spots (..., 2) m as the detector measures them, without its distortion as far as it is calibrated."""

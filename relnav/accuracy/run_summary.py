@@ -32,6 +32,8 @@ class RunSummary:
         Of the last epoch.
     ignored : str
         Columns of the log that nobody used.
+    considered : str
+        Lasting errors that the covariance includes.
     notes : tuple of str
         What else there is to say of the log, for a reader.
     """
@@ -44,7 +46,7 @@ class RunSummary:
         self.counts: Counter[int] = Counter()
         self.reasons: Counter[int] = Counter()
         self.last = EpochStatus.WAITING
-        self.ignored = ""
+        self.ignored, self.considered = "", ""
         self.notes: tuple[str, ...] = ()
         self._trend = PublishedTrend(published)
         self._used, self._used_dof, self._seen, self._seen_dof, self._seen_epochs = 0.0, 0, 0.0, 0, 0
@@ -52,6 +54,7 @@ class RunSummary:
     def take(self, part: Solution) -> None:
         """Go on with the next epochs; at least one."""
         self.model, self.method, self.smoothed, self.restarts = part.model, part.method, part.smoothed, part.restarts
+        self.considered = part.metadata.get("considered", "")
         if self.epochs == 0:
             self.t_first_s = float(part.t_s[0])
         self.epochs += len(part)
@@ -112,6 +115,7 @@ class RunSummary:
             "model": self.model,
             "method": self.method,
             "smoothed": self.smoothed,
+            "considered": self.considered,
             "epochs": self.epochs,
             "t_first_s": self.t_first_s,
             "t_last_s": self.t_last_s,
@@ -121,7 +125,7 @@ class RunSummary:
             "accepted": self.accepted,
             "nis_per_dof": self.nis.ratio,
             "nis_interval": [self.nis.lower, self.nis.upper],
-            "nis_consistent": self.nis.consistent,
+            "nis_consistent": None if self.considered else self.nis.consistent,
             "nis_all_per_dof": self.nis_all_per_dof,
             "refused_unexplained": self.refused_unexplained,
             "rows": [
@@ -145,6 +149,8 @@ class RunSummary:
         lines = [f"{log}: {span}; model {self.model}, method {method}"]
         if self.ignored:
             lines.append(f"ignored columns: {self.ignored}")
+        if self.considered:
+            lines.append(f"lasting errors in the covariance: {self.considered}")
         lines.extend(self.notes)
         if math.isnan(self.started_s):
             names = [f"{Status(code).name} {count}" for code, count in sorted(self.reasons.items())]
@@ -160,7 +166,10 @@ class RunSummary:
             f"in part {counts[EpochStatus.PARTIAL]}, rejected {counts[EpochStatus.REJECTED]}, "
             f"without a measurement {counts[EpochStatus.PREDICTED]}, without a state {counts[EpochStatus.WAITING]}"
         )
-        lines.append(f"{self.nis} (epochs used whole)")
+        if self.considered:  # they are the same in every epoch: no average over epochs is near one for certain
+            lines.append(f"NIS per degree of freedom {self.nis.ratio:.3f} (epochs used whole), lasting errors included")
+        else:
+            lines.append(f"{self.nis} (epochs used whole)")
         if self.refused_unexplained:
             lines.append(
                 f"  BUT {self.refused} epochs had spots rejected, more than the gate alone explains, and restarts are "

@@ -37,6 +37,11 @@ if TYPE_CHECKING:
 @click.option(
     "--raw", is_flag=True, help="Write converter counts, a row a slot, by the model's [detector] and [pulses]."
 )
+@click.option(
+    "--as-built",
+    is_flag=True,
+    help="Draw focal length, mountings and beacons within the model's [tolerances] (by --seed).",
+)
 @click.option("--distortion", "distortion_um", default=0.0, help="With --raw: largest detection error, um.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
@@ -56,6 +61,7 @@ def command(
     air_density_kg_m3: float,
     received_power: bool,
     raw: bool,
+    as_built: bool,
     distortion_um: float,
     quiet: bool,
 ) -> None:
@@ -83,7 +89,7 @@ def command(
             j2=j2,
             air_density_kg_m3=air_density_kg_m3,
         )
-        options = Options(dropout, outliers, hidden, received_power, raw, distortion_um * 1e-6, seed)
+        options = Options(dropout, outliers, hidden, received_power, raw, as_built, distortion_um * 1e-6, seed)
         simulated = simulator_of(mission)(mission, approach, options)
     except ValueError as error:
         raise UsageError(str(error)) from error

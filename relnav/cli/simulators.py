@@ -38,6 +38,7 @@ class Options:
     hidden: tuple[str, ...]
     received_power: bool
     raw: bool
+    as_built: bool
     distortion_m: float
     seed: int
 
@@ -63,6 +64,10 @@ def _beacons(mission: Model, approach: Approach, options: Options) -> Simulated:
 
     if options.hidden:
         raise UsageError(f"--hide is for marker models; {mission.name} has beacons: use --dropout")
+    if options.as_built:
+        from relnav.simulation.as_built import as_built
+
+        mission = as_built(mission, options.seed)
     if options.raw:
         return _raw(mission, approach, options)
     if options.distortion_m:
@@ -101,8 +106,10 @@ def _markers(mission: VisionMission, approach: Approach, options: Options) -> Si
     from relnav.files.marker_logs import write_marker_log, write_marker_truth
     from relnav.simulation.marker_flight import MarkerFaults, simulate_flight
 
-    if options.raw or options.received_power or options.distortion_m:
-        raise UsageError(f"--raw, --received-power and --distortion are for beacon models; {mission.name} has markers")
+    if options.raw or options.received_power or options.as_built or options.distortion_m:
+        raise UsageError(
+            f"--raw, --received-power, --as-built and --distortion are for beacon models; {mission.name} has markers"
+        )
     letters = "abcdefghijklmnopqrstuvwxyz"[: len(mission.markers.positions_m)]
     spans = tuple(_span(text, letters) for text in options.hidden)
     faults = MarkerFaults(options.dropout, options.outliers, spans)

@@ -88,7 +88,9 @@ def filter_file(
         for _ in parts():
             pass
     else:
-        stated = head(mission.name, method, smooth) | log_metadata(log.path, log.metadata, log.columns.ignored)
+        stated = head(mission.name, method, smooth)
+        stated |= {"considered": mission.considered} if mission.considered else {}
+        stated |= log_metadata(log.path, log.metadata, log.columns.ignored)
         write_table(Path(out), COLUMNS, parts(), stated, INTEGERS)
     return summary
 

@@ -18,47 +18,48 @@ SENSOR = 0  # f, half width x, half width y, spot sigma, a, b   (m)
 SETTINGS = 1  # projection, method, attitude known, restart after, mean motion, acceleration noise density
 CONTROL = 2  # magnitude sigma, direction sigma, correlation time, initial velocity sigma
 LAYOUT = 3  # number of beacons; first rows: gate limits, beacons, results set aside, sensitivities of track, of trial
+TOLERANCES = 4  # 1-sigma: focal length, relative; camera mounting, beacon mounting (rad); beacon placement (m)
 
 # Derived from the attitude (`sight.set_attitude`)
-CAM_FROM_DOCK = 4  # 3 rows: dcm_cam_from_dock
-OFFSET = 7  # camera minus chaser's centre of mass, minus the port: camera from O = state + OFFSET, lvlh_ccsds
+CAM_FROM_DOCK = 5  # 3 rows: dcm_cam_from_dock
+OFFSET = 8  # camera minus chaser's centre of mass, minus the port: camera from O = state + OFFSET, lvlh_ccsds
 
 # State that lasts from step to step
-TRIAL = 8  # 7 rows: the start under test, state and factors
+TRIAL = 9  # 7 rows: the start under test, state and factors
 P_ROWS = 7  # rows of a track
-STEP_KEY = 15  # dt and acceleration for which the three below were computed; then whether an impulse was in them
-PHI = 16  # 6 rows: transition
-Q_FACTORS = 22  # 6 rows: factors of the process noise
-EFFECT = 28  # what the control adds to the state
+STEP_KEY = 16  # dt and acceleration for which the three below were computed; then whether an impulse was in them
+PHI = 17  # 6 rows: transition
+Q_FACTORS = 23  # 6 rows: factors of the process noise
+EFFECT = 29  # what the control adds to the state
 
 # Input of one step
-INPUT = 29  # acceleration, delta-v
+INPUT = 30  # acceleration, delta-v
 
 # Scratch of the update
-X_WORK = 30  # 7 rows: state and factors during the update
-X_AT = 37  # point of linearisation
-PLACE = 38  # camera from O in the docking frame at the prediction (3), its range^2, the prior's position variance
-RAYS = 39  # 3 rows: rays of the measured spots, camera axes
-FIX_AT = 42  # position of the fix (3), docking frame
-VALUE = 43  # invariants measured (3), then those at the prediction (3)
-INVERSE = 44  # 3 rows: (dg/dp)^-1
-JACOBIAN = 47  # 3 rows: d value / d spots
-H = 50  # 3 rows: measurement rows of a fix or of invariants, made independent
-RESIDUAL = 53  # their innovations, independent (3) and as they are (3)
-VARIANCE = 54  # variances of the independent rows; 0 = row not used
-R_FACTOR = 55  # 3 rows: L of R = L diag L^T
-WORK = 58  # 24 rows: scratch of the closed form, of a start, of a step
+X_WORK = 31  # 7 rows: state and factors during the update
+X_AT = 38  # point of linearisation
+PLACE = 39  # camera from O in the docking frame at the prediction (3), its range^2, the prior's position variance
+RAYS = 40  # 3 rows: rays of the measured spots, camera axes
+FIX_AT = 43  # position of the fix (3), docking frame
+VALUE = 44  # invariants measured (3), then those at the prediction (3)
+INVERSE = 45  # 3 rows: (dg/dp)^-1
+JACOBIAN = 48  # 3 rows: d value / d spots
+H = 51  # 3 rows: measurement rows of a fix or of invariants, made independent
+RESIDUAL = 54  # their innovations, independent (3) and as they are (3)
+VARIANCE = 55  # variances of the independent rows; 0 = row not used
+R_FACTOR = 56  # 3 rows: L of R = L diag L^T
+WORK = 59  # 24 rows: scratch of the closed form, of a start, of a step
 
 # What a record keeps: one piece, DOCK .. the innovations and the track's sensitivities
-DOCK = 82  # 3 rows: dcm_dock_from_lvlh | port position, lvlh_ccsds
-ATTITUDE = 85  # 3 rows: dcm_cam_from_lvlh | camera from the chaser's centre of mass, camera axes
-CLOCK = 88  # time of the last epoch, running, trial running, rejected streak, starts, number of beacons
-TRACK = 89  # 7 rows: state x, then factors ld
-RESULT = 96  # status, NIS, dof, measurement status, iterations, groups used
-INNOVATION = 97  # two numbers a beacon, row after row; NaN where there is none
+DOCK = 83  # 3 rows: dcm_dock_from_lvlh | port position, lvlh_ccsds
+ATTITUDE = 86  # 3 rows: dcm_cam_from_lvlh | camera from the chaser's centre of mass, camera axes
+CLOCK = 89  # time of the last epoch, running, trial running, rejected streak, starts, number of beacons
+TRACK = 90  # 7 rows: state x, then factors ld
+RESULT = 97  # status, NIS, dof, measurement status, iterations, groups used
+INNOVATION = 98  # two numbers a beacon, row after row; NaN where there is none
 
-# Only with a calibration, from LAYOUT's fifth and sixth number on: what one sigma of a spot coordinate's lasting error
-# does to the state of the track, and of the trial (`considered.py`), a row a coordinate A'x, A'y, B'x, ...
+# Where errors are considered, from LAYOUT's fifth and sixth number on: what one sigma of each does to the state of the
+# track, and of the trial; before those of the trial as many rows of scratch (`considered.py`)
 
 # A beacon's four rows, from LAYOUT's second number on
 BEACON_ROWS = 4
@@ -67,6 +68,9 @@ POSITION = (
 )
 OBSERVED = 1  # residual x, y; variance x, y (0 = coordinate not used)
 GRADIENT = 2  # 2 rows: measurement rows
+
+TOLERANCES_SHARED = 7
+"""Tolerances that all beacons share: the focal length, three turns of the camera, three of the beacons."""
 
 METHODS = {"spots": 0, "fix": 1}
 SPOTS = 0
@@ -88,13 +92,16 @@ def new_block(model: Model, method: str, projection: str) -> Matrix:
     sensor, noise, settings = model.sensor, model.process_noise, model.filter
     beacons = model.beacons_lvlh_m
     count = len(beacons)
-    calibration = model.calibration
-    considered = 0 if calibration is None else 2 * count
+    tolerances = model.tolerances if model.tolerances is not None and model.tolerances.considered else None
+    lasting = model.lasting_spot_sigma_m
+    considered = 0 if tolerances is None else 2 * count + TOLERANCES_SHARED + 3 * count
+    if tolerances is None and model.calibration is not None:
+        considered = 2 * count
     results = results_end(count)
     gate = results + considered
     first_beacon = gate + rows_for(2 * count)
     kept = first_beacon + BEACON_ROWS * count
-    trial = kept + results - RESULT
+    trial = kept + results - RESULT + considered
     block = np.zeros((trial + considered, 6))
     block[SENSOR] = (
         sensor.focal_length_m,
@@ -118,6 +125,13 @@ def new_block(model: Model, method: str, projection: str) -> Matrix:
         noise.control_correlation_time_s,
         settings.initial_velocity_sigma_m_s,
     )
+    if tolerances is not None:
+        block[TOLERANCES, :4] = (
+            tolerances.focal_length_relative_sigma,
+            tolerances.camera_mounting_sigma_rad,
+            tolerances.beacon_mounting_sigma_rad,
+            tolerances.beacon_placement_sigma_m,
+        )
     block[LAYOUT] = count, gate, first_beacon, kept, results, trial
     block[CLOCK, 0], block[CLOCK, 5] = -np.inf, count
     block[gate:first_beacon].ravel()[: 2 * count] = gate_limits(settings.gate_probability, 2 * count)
@@ -126,7 +140,7 @@ def new_block(model: Model, method: str, projection: str) -> Matrix:
     block[ATTITUDE : ATTITUDE + 3, 3] = model.camera_lever_cam_m
     block[first_beacon:kept:BEACON_ROWS, :3] = beacons
     block[first_beacon:kept:BEACON_ROWS, 3:5] = sensor.spot_noise_m
-    block[first_beacon:kept:BEACON_ROWS, 5] = 0.0 if calibration is None else calibration.residual_sigma_m
+    block[first_beacon:kept:BEACON_ROWS, 5] = lasting
     block[STEP_KEY] = np.nan
     return block
 

@@ -1,15 +1,26 @@
 """What the filter uses of the last image, as matrices, for other estimators: the reference engine, steady states."""
 
+from collections.abc import Callable
+
 import numpy as np
 
-from relnav.arrays import Codes, Matrix, Vector
+from relnav.arrays import Codes, Matrix, Stack, Vector
+from relnav.geometry.spherical import range_azimuth_elevation_jacobian
 from relnav.navigation.block import (
+    ATTITUDE,
+    DOCK,
+    FIX,
     GRADIENT,
     JACOBIAN,
+    LAYOUT,
     OBSERVED,
+    OFFSET,
     POSITION,
     R_FACTOR,
     RESIDUAL,
+    SENSOR,
+    SETTINGS,
+    TOLERANCES,
     VARIANCE,
     H,
     beacon_count,
@@ -40,15 +51,83 @@ def rows_in_use(block: Matrix) -> tuple[Matrix, Vector, Matrix, Codes]:
     return np.array(h).reshape(-1, 6), np.array(residual), np.diag(variance), np.array(groups, dtype=np.int64)
 
 
-def lasting_in_use(block: Matrix) -> Matrix:
-    """What one sigma of each coordinate's lasting error does to the numbers of `rows_in_use`, (rows, m)."""
+def errors_in_use(block: Matrix, x: Vector, spots: Matrix) -> Matrix:
+    """What one sigma of each considered error does to the numbers of `rows_in_use`, (rows, m), at the state x (6,).
+
+    Columns as the rows of `considered.py`, found another way: by small displacements.
+    """
     count = beacon_count(block)
-    sigma = np.repeat([block[beacon_row(block, i) + POSITION, 5] for i in range(count)], 2)
-    if not uses_coordinates(block):
-        size = int(np.sum(block[VARIANCE, :3] > 0.0))
-        errors = np.zeros((size, 2 * count))
-        errors[:, :6] = block[JACOBIAN : JACOBIAN + size] * sigma[:6]
+    lasting = np.repeat([block[beacon_row(block, i) + POSITION, 5] for i in range(count)], 2)
+    tolerant = block[LAYOUT, 1] - block[LAYOUT, 4] > 2 * count
+    if uses_coordinates(block):
+        used = [block[beacon_row(block, i) + OBSERVED, 2 + k] > 0.0 for i in range(count) for k in range(2)]
+        columns = [np.diag(lasting)]
+        if tolerant:
+            columns.extend(_coordinates_by_tolerance(block, x))
+        errors_of_all: Matrix = np.hstack(columns)
+        return errors_of_all[used]
+    size = int(np.sum(block[VARIANCE, :3] > 0.0))
+    jacobian = block[JACOBIAN : JACOBIAN + size]
+    errors = np.zeros((size, 2 * count))
+    errors[:, :6] = jacobian * lasting[:6]
+    if not tolerant:
         return errors
-    used = [block[beacon_row(block, i) + OBSERVED, 2 + k] > 0.0 for i in range(count) for k in range(2)]
-    rows: Matrix = np.diag(sigma)[used]
-    return rows
+    by_focal_length = block[TOLERANCES, 0] * np.nan_to_num(jacobian) @ np.nan_to_num(spots[:3].ravel())
+    dock = block[DOCK : DOCK + 3, :3]
+    p = dock @ (x[:3] + block[OFFSET, :3])
+    beacons = _beacons(block) @ dock.T
+    seen = [i for i in range(3) if np.any(jacobian[:, 2 * i : 2 * i + 2])]
+
+    def numbers(shift: Matrix) -> Vector:
+        rays = beacons[:3] + shift[:3] - p
+        rays /= np.linalg.norm(rays, axis=1)[:, None]
+        if size == 1:
+            return np.array([np.sum((rays[seen[0]] - rays[seen[1]]) ** 2)])
+        apart = rays[0] - rays[1]
+        return np.array([apart @ apart, rays[2] @ apart, np.linalg.det(rays)])
+
+    by_shift: Matrix = np.column_stack([_difference(numbers, shift) for shift in _shifts(block, beacons)])
+    if block[SETTINGS, 1] == FIX:
+        moved = np.column_stack([_difference(numbers, np.tile(-axis, (count, 1))) for axis in np.eye(3)])
+        angles = np.zeros((3, 3))
+        range_azimuth_elevation_jacobian(p, angles)
+        by_shift = angles @ np.linalg.solve(moved, by_shift)
+    all_errors: Matrix = np.hstack([errors, by_focal_length[:, None], np.zeros((size, 3)), by_shift])
+    return all_errors
+
+
+def _beacons(block: Matrix) -> Matrix:
+    """Beacons from the port, `lvlh_ccsds`, (n, 3) m."""
+    rows = [block[beacon_row(block, i) + POSITION, :3] for i in range(beacon_count(block))]
+    return np.array(rows) - block[DOCK : DOCK + 3, 3]
+
+
+def _shifts(block: Matrix, beacons: Matrix) -> Stack:
+    """Displacements (n, 3) m of the beacons (n, 3) for turns about three axes, and for each one along them."""
+    turns = [block[TOLERANCES, 2] * np.cross(axis, beacons) for axis in np.eye(3)]
+    each = block[TOLERANCES, 3] * np.eye(beacons.size).reshape(-1, *beacons.shape)
+    return np.concatenate([turns, each])
+
+
+def _difference(function: Callable[[Matrix], Matrix], shift: Matrix) -> Vector:
+    """Derivative of a function along a shift, as a vector."""
+    small = 1e-4 / max(1e-9, float(np.abs(shift).max()))
+    out: Vector = np.ravel(function(small * shift) - function(-small * shift)) / (2.0 * small)
+    return out
+
+
+def _coordinates_by_tolerance(block: Matrix, x: Vector) -> list[Matrix]:
+    """Derivatives (2 n, k) of all coordinates by the tolerances."""
+    f, mount = block[SENSOR, 0], block[ATTITUDE : ATTITUDE + 3, :3]
+    dock, beacons = block[DOCK : DOCK + 3, :3], _beacons(block) @ block[DOCK : DOCK + 3, :3].T
+
+    def project(shift: Matrix, turn: Matrix) -> Matrix:
+        c = ((beacons + shift) @ dock - x[:3] - block[OFFSET, :3]) @ mount.T
+        c = c + np.cross(turn, c)
+        spots: Matrix = f * c[:, :2] / c[:, 2:]
+        return spots
+
+    focal = block[TOLERANCES, 0] * project(np.zeros(3), np.zeros(3)).ravel()
+    turns = [block[TOLERANCES, 1] * _difference(lambda t: project(np.zeros(3), t), axis) for axis in np.eye(3)]
+    shifts = [_difference(lambda s: project(s, np.zeros(3)), shift) for shift in _shifts(block, beacons)]
+    return [focal[:, None], np.column_stack(turns), np.column_stack(shifts)]

@@ -222,6 +222,7 @@ class LogFilter:
             port_m=self.model.port_position_m,
             lever_lvlh_m=_levers(self.model, len(t), quaternion),
             smoothed=smoothed,
+            metadata={"considered": self.model.considered} if self.model.considered else {},
         )
 
 

@@ -86,10 +86,10 @@ def take_in_coordinates(block: Matrix, spots: Matrix) -> tuple[int, int, int]:
             status = OFF_DETECTOR
             continue
         if on_x:
-            observed[2] = position[3] * position[3] + position[5] * position[5]
+            observed[2] = position[3] * position[3]
             usable += 1
         if on_y:
-            observed[3] = position[4] * position[4] + position[5] * position[5]
+            observed[3] = position[4] * position[4]
             usable += 1
     return seen, usable, status if seen > 0 else NOT_SEEN
 

@@ -37,7 +37,7 @@ from relnav.navigation.block import (
     set_spot_sigma,
 )
 from relnav.navigation.docking_view import LOWER
-from relnav.navigation.in_use import lasting_in_use, rows_in_use
+from relnav.navigation.in_use import errors_in_use, rows_in_use
 from relnav.navigation.propagation import prepare_step
 from relnav.navigation.sight import TIGHT_SHARE2, attitude_changed, camera_position_dock, uses_coordinates
 from relnav.navigation.start import start
@@ -154,8 +154,10 @@ class ReferenceEngine:
             return PREDICTED
         if usable == 0:
             return REJECTED
-        h, residual, _, groups = rows_in_use(block)
         coordinates = uses_coordinates(block)
+        if coordinates and len(track.considered):
+            self._add_considered_noise(track, x, spots)
+        h, residual, _, groups = rows_in_use(block)
         if coordinates and len(set(groups)) == 1 and not self._lone_beacon_is_telling(int(groups[0]), p):
             return PREDICTED
         numbers = block[INNOVATION : int(block[LAYOUT, 4])].ravel()
@@ -179,7 +181,7 @@ class ReferenceEngine:
             self._update(track, at, x, p, rows)
             iterations += 1
         if len(track.considered):
-            self._consider(track, rows)
+            self._consider(track, rows, spots)
         block[RESULT, 4], block[RESULT, 5] = iterations, passed
         return UPDATED if passed == seen else PARTIAL
 
@@ -189,8 +191,7 @@ class ReferenceEngine:
     def _lone_beacon_is_telling(self, beacon: int, p: Matrix) -> bool:
         block = self.block
         first = beacon_row(block, beacon)
-        both = block[first + GRADIENT : first + GRADIENT + 2]
-        sigma = np.hypot(block[first + POSITION, 3:5], block[first + POSITION, 5])
+        both, sigma = block[first + GRADIENT : first + GRADIENT + 2], block[first + POSITION, 3:5]
         s = both @ p @ both.T + np.diag(sigma**2)
         area = math.pi * self._limit(2) * math.sqrt(max(0.0, np.linalg.det(s)))
         return bool(area < LONE_GATE_SHARE * 4.0 * block[SENSOR, 1] * block[SENSOR, 2])
@@ -201,12 +202,23 @@ class ReferenceEngine:
         track.set(x, p)
         return track.measurement_update(h[rows], r[np.ix_(rows, rows)], residual[rows] - h[rows] @ (x - at))
 
-    def _consider(self, track: ReferenceTrack, rows: Codes) -> None:
+    def _add_considered_noise(self, track: ReferenceTrack, x: Vector, spots: Matrix) -> None:
+        """Add to the variances of the coordinates in use what considered errors leave in their innovations."""
+        block = self.block
+        h, _, _, _ = rows_in_use(block)
+        left = np.sum((errors_in_use(block, x, spots) - h @ track.considered.T) ** 2, axis=1)
+        places = [(i, k) for i in range(int(block[LAYOUT, 0])) for k in range(2)]
+        used = [(beacon_row(block, i) + OBSERVED, 2 + k) for i, k in places]
+        used = [place for place in used if block[place] > 0.0]
+        for place, variance in zip(used, left, strict=True):
+            block[place] += variance
+
+    def _consider(self, track: ReferenceTrack, rows: Codes, spots: Matrix) -> None:
         """Update what is considered by the rows used, K = P+ H^T R^-1."""
         h, _, r, _ = rows_in_use(self.block)
         gain = np.linalg.solve(r[np.ix_(rows, rows)], h[rows] @ track.covariance).T
         s = track.considered.T
-        track.considered = (s + gain @ (lasting_in_use(self.block)[rows] - h[rows] @ s)).T
+        track.considered = (s + gain @ (errors_in_use(self.block, track.state, spots)[rows] - h[rows] @ s)).T
 
     def _gate(self, track: ReferenceTrack, x: Vector, p: Matrix, groups: Codes) -> Codes:
         """Rows of the beacons that are credible alone and together, as `update` decides."""

@@ -27,6 +27,11 @@ from relnav.navigation.block import (
     beacon_row,
     gate_limit,
 )
+from relnav.navigation.considered import (
+    add_considered_noise,
+    start_sensitivities_of_fix,
+    start_sensitivities_of_planes,
+)
 from relnav.navigation.observation import TRIANGLE_ROWS, linearise_coordinates, take_in_coordinates
 from relnav.navigation.sight import fix_of_spots, uses_coordinates
 from relnav.sensors.measurement import DEGENERATE, NOT_SEEN, OK
@@ -80,16 +85,8 @@ def _start_of_fix(block: Matrix, track: Matrix, sensitivities: Matrix, spots: Ma
     _start_covariance(dock, from_angles, jacobian, block[first : first + TRIANGLE_ROWS], block[CONTROL, 3], covariance)
     if not factorize_into(covariance, track[1:7]):
         return DEGENERATE
-    for j in range(sensitivities.shape[0]):
-        for i in range(6):
-            sensitivities[j, i] = 0.0
-        if j < 6:
-            sigma = block[beacon_row(block, j // 2) + POSITION, 5]
-            for k in range(3):
-                moved = from_angles[k, 0] * jacobian[0, j] + from_angles[k, 1] * jacobian[1, j]
-                moved += from_angles[k, 2] * jacobian[2, j]
-                for i in range(3):
-                    sensitivities[j, i] += dock[k, i] * moved * sigma
+    if not start_sensitivities_of_fix(block, p, spots, sensitivities):
+        return DEGENERATE
     for i in range(3):
         x[i] = dock[0, i] * p[0] + dock[1, i] * p[1] + dock[2, i] * p[2] - block[OFFSET, i]
         x[3 + i] = 0.0
@@ -175,6 +172,10 @@ def _start_of_planes(block: Matrix, track: Matrix, sensitivities: Matrix, spots:
         return DEGENERATE
     if linearise_coordinates(block, x, spots) > 0:
         return DEGENERATE
+    for j in range(sensitivities.shape[0]):
+        for i in range(6):
+            sensitivities[j, i] = 0.0
+    add_considered_noise(block, x, sensitivities)
     _spot_equations(block, normal)
     if not _solve_normal(normal[0:3], normal[4], inverse, x):
         return DEGENERATE
@@ -190,16 +191,10 @@ def _start_of_planes(block: Matrix, track: Matrix, sensitivities: Matrix, spots:
         for j in range(6):
             velocity = block[CONTROL, 3] * block[CONTROL, 3] if i == j else 0.0
             covariance[i, j] = 0.5 * (inverse[i, j] + inverse[j, i]) if i < 3 and j < 3 else velocity
-    for j in range(sensitivities.shape[0]):
-        row = beacon_row(block, j // 2)
-        variance = block[row + OBSERVED, 2 + j % 2]
-        weight = block[row + POSITION, 5] / variance if variance > 0.0 else 0.0
-        for i in range(3):
-            sensitivities[j, 3 + i] = 0.0
-            sensitivities[j, i] = 0.0
-            for k in range(3):
-                sensitivities[j, i] += covariance[i, k] * block[row + GRADIENT + j % 2, k] * weight
-    return OK if factorize_into(covariance, track[1:7]) else DEGENERATE
+    if not factorize_into(covariance, track[1:7]):
+        return DEGENERATE
+    start_sensitivities_of_planes(block, x, covariance, sensitivities)
+    return OK
 
 
 @kernel

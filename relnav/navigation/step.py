@@ -116,7 +116,8 @@ def step(block: Matrix, t: float, spots: Matrix) -> int:
             result[0] = status
             return status
         results = block[RESULT : int(block[LAYOUT, 4])]
-        place_to_keep = block[int(block[LAYOUT, 3]) : int(block[LAYOUT, 5])]
+        kept = int(block[LAYOUT, 3])
+        place_to_keep = block[kept : kept + results.shape[0]]
         _copy_rows(results, place_to_keep)
         if _look_for_start(block, spots):
             status = STARTED

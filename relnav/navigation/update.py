@@ -31,7 +31,7 @@ from relnav.navigation.block import (
     beacon_row,
     gate_limit,
 )
-from relnav.navigation.considered import update_sensitivities
+from relnav.navigation.considered import add_considered_noise, update_sensitivities
 from relnav.navigation.observation import (
     linearise_coordinates,
     linearise_position,
@@ -218,9 +218,8 @@ def _lone_beacon_is_telling(block: Matrix, track: Matrix) -> bool:
     if beacons != 1:
         return True
     ld, hx, hy, position = track[1:7], block[lone + GRADIENT], block[lone + GRADIENT + 1], block[lone + POSITION]
-    lasting = position[5] * position[5]
-    xx = innovation_variance(ld, hx, hx) + position[3] * position[3] + lasting
-    yy = innovation_variance(ld, hy, hy) + position[4] * position[4] + lasting
+    xx = innovation_variance(ld, hx, hx) + position[3] * position[3]
+    yy = innovation_variance(ld, hy, hy) + position[4] * position[4]
     xy = innovation_variance(ld, hx, hy)
     area = math.pi * gate_limit(block, 2) * math.sqrt(max(0.0, xx * yy - xy * xy))
     return bool(area < LONE_GATE_SHARE * 4.0 * block[SENSOR, 1] * block[SENSOR, 2])
@@ -291,6 +290,8 @@ def correct(block: Matrix, track: Matrix, sensitivities: Matrix, spots: Matrix) 
     if usable == 0:
         return REJECTED
     coordinates = uses_coordinates(block)
+    if coordinates:
+        add_considered_noise(block, x, sensitivities)
     if coordinates and not _lone_beacon_is_telling(block, track):
         return PREDICTED
     _keep_innovations(block)
@@ -317,5 +318,5 @@ def correct(block: Matrix, track: Matrix, sensitivities: Matrix, spots: Matrix) 
         iterations += 1
     result[4], result[5] = iterations, passed
     copy_track(work, track)
-    update_sensitivities(block, track[1:7], sensitivities)
+    update_sensitivities(block, track, sensitivities, spots)
     return UPDATED if passed == seen else PARTIAL

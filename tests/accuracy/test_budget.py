@@ -9,10 +9,12 @@ import pytest
 import relnav
 from relnav.accuracy.budget import budget_of
 from relnav.accuracy.field import field_limits, saturation_range_m
-from relnav.accuracy.sensitivity import sensitivity, settled
+from relnav.accuracy.sensitivity import place_state, sensitivity, settled
 from relnav.accuracy.statistics import error_statistics
 from relnav.navigation.settled import settled_filter
+from relnav.sensors.three_beacon.calibration import Calibration
 from relnav.sensors.three_beacon.fix import MEASURE_ROWS, measure_batch
+from relnav.simulation.detector import project_beacons
 
 FACING = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])  # cam x = -y, y = +z, z = -x of the dock
 RANGES = (4.5, 6.5, 9.0)
@@ -271,3 +273,25 @@ def test_small_triads_carry_the_last_metres(model):
     alone = budget_of(model, (5.0,)).places[0].lines[0].settled[0]
     assert settled_m[3] < 1.6 * alone  # a longer cycle for nine beacons, and little from the small ones far out
     assert np.isnan(places[1].total("single")).all()  # the closed form needs A, B and C
+
+
+def test_the_filter_reports_what_the_budget_says(model):
+    """A chaser that holds its place for ten minutes: the filter's own sigma beside the settled budget's total.
+
+    Two ways to one number: sensitivities carried from image to image, and the limit of the settled filter.
+    """
+    calibration = Calibration(0, (0.0, 0.0), (3.46e-3, 3.46e-3), (0.0,), (0.0,), 2.4e-6, 0.0, 225, 1e-5)
+    tolerances = dataclasses.replace(model.tolerances, considered=True)
+    told = dataclasses.replace(model, calibration=calibration, tolerances=tolerances)
+    places = budget_of(told, RANGES)
+    t = np.arange(6000) * places.period_s
+    for place in places.places:
+        state = place_state(told, np.array([place.range_m, 0.0, 0.0]))
+        spots = np.repeat(project_beacons(told, state[None]), len(t), axis=0)
+        sigma = np.broadcast_to(place.spot_noise_m[:, None], spots.shape)
+        solution = relnav.filter_epochs(told, t, spots, spot_sigma_m=sigma)
+        reported, expected = solution.docking_sigma[-1], place.total("settled")
+        assert reported[0] == pytest.approx(expected[0], rel=1e-3)
+        np.testing.assert_allclose(reported[1:], expected[1:], rtol=0.05)
+        noise = place.lines[0].settled
+        assert (expected > 2.0 * noise).all()

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import relnav
 from relnav.cli import run
 
 SHORT = ["--duration", "20", "--quiet"]
@@ -51,3 +52,35 @@ def test_wrong_use(tmp_path, capsys, options, message):
     assert run(["simulate", "three_beacon_psd", "--out", str(tmp_path / "log.csv"), *options]) == 2
     assert message in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_sensor_as_built_and_a_filter_that_considers_it(tmp_path):
+    """Twelve sensors: range errors fit the sigma that a model with `considered = true` reports, not the other."""
+    text = Path(relnav.load_model("three_beacon_psd").path).read_text()
+    spots = text.replace("distortion_limit_um = { value = 250.0", "distortion_limit_um = { value = 0.0")
+    (tmp_path / "told.toml").write_text(spots.replace("considered = { value = false", "considered = { value = true"))
+    errors, sigmas = [], []
+    for seed in range(12):
+        log, truth = str(tmp_path / f"{seed}.csv"), str(tmp_path / f"truth-{seed}.csv")
+        made = ["simulate", "three_beacon_psd", "--as-built", "--seed", str(seed), "--out", log, "--truth", truth]
+        assert run([*made, "--start-range", "8", *SHORT]) == 0
+        rows = [line for line in Path(truth).read_text().splitlines() if line[0] != "#"]
+        x = np.genfromtxt(rows, delimiter=",", names=True)["x_m"][-1]
+        tracks = [relnav.filter_log(log, model) for model in ("three_beacon_psd", str(tmp_path / "told.toml"))]
+        errors.append(tracks[0].state[-1, 0] - x)
+        sigmas.append([track.sigma[-1, 0] for track in tracks])
+    ratio = np.sqrt(np.mean((np.array(errors)[:, None] / sigmas) ** 2, axis=0))
+    assert ratio[0] > 2.0
+    assert 0.5 < ratio[1] < 1.6  # 1 +- 3 sigma of 12 draws
+
+
+def test_as_built_needs_tolerances_and_beacons(tmp_path, capsys):
+    text = Path(relnav.load_model("three_beacon_psd").path).read_text()
+    (tmp_path / "bare.toml").write_text(text[: text.index("[tolerances]")])
+    for model, message in (
+        (str(tmp_path / "bare.toml"), "has no [tolerances]"),
+        ("three_marker_vision", "--as-built and --distortion are for beacon models"),
+    ):
+        assert run(["simulate", model, "--as-built", "--out", str(tmp_path / "no.csv"), *SHORT]) == 2
+        assert message in capsys.readouterr().err
+        assert not (tmp_path / "no.csv").exists()

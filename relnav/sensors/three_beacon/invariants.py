@@ -62,21 +62,31 @@ def rays_from_position(p: Vector, a: float, b: float, u: Matrix, distance: Vecto
         u[i, 0], u[i, 1], u[i, 2] = v0 * near, v1 * near, v2 * near
 
 
-@straight_line(u=(3, 3), distance=(3,), out=(3, 3))
-def position_gradient(u: Matrix, distance: Vector, out: Matrix) -> None:
-    """Write dg/dp into out (3, 3): du_i/dp = -(I - u_i u_i^T) / d_i."""
+@straight_line(u=(3, 3), distance=(3,), out=(9, 3))
+def beacon_gradients(u: Matrix, distance: Vector, out: Matrix) -> None:
+    """Write d g[number] / d beacon into the rows 3 number + beacon of out: du_i/db_i = (I - u_i u_i^T) / d_i."""
     gradients = np.zeros((9, 3))
     invariant_gradients(u, gradients)
     for number in range(3):
-        x, y, z = 0.0, 0.0, 0.0
         for i in range(3):
             g = gradients[3 * number + i]
             along = g[0] * u[i, 0] + g[1] * u[i, 1] + g[2] * u[i, 2]
             near = 1.0 / distance[i]
-            x -= (g[0] - along * u[i, 0]) * near
-            y -= (g[1] - along * u[i, 1]) * near
-            z -= (g[2] - along * u[i, 2]) * near
-        out[number, 0], out[number, 1], out[number, 2] = x, y, z
+            for j in range(3):
+                out[3 * number + i, j] = (g[j] - along * u[i, j]) * near
+
+
+@straight_line(u=(3, 3), distance=(3,), out=(3, 3))
+def position_gradient(u: Matrix, distance: Vector, out: Matrix) -> None:
+    """Write dg/dp into out (3, 3): it moves against all beacons."""
+    by_beacon = np.zeros((9, 3))
+    beacon_gradients(u, distance, by_beacon)
+    for number in range(3):
+        for j in range(3):
+            total = 0.0
+            for i in range(3):
+                total -= by_beacon[3 * number + i, j]
+            out[number, j] = total
 
 
 @straight_line(u=(3, 3), out=(3, 6))

@@ -1,0 +1,80 @@
+"""Is the covariance honest when a sensor is not built as it was drawn: NEES and coverage, errors considered or not.
+
+Sensors are drawn within the model's tolerances (focal length, mountings, beacons), with what a calibration leaves in
+every spot coordinate; each flies one approach whose dynamics are what the filter assumes. `considered` is a filter with
+`[tolerances] considered = true` and the calibration, `ignored` the same without both.
+
+    python benchmarks/lasting_errors.py [--sensors 200]
+"""
+
+import argparse
+import dataclasses
+import json
+
+import numpy as np
+
+import relnav
+from relnav.sensors.three_beacon.calibration import Calibration
+from relnav.simulation.as_built import as_built
+from relnav.simulation.scenario import simulate
+from relnav.simulation.trajectory import Approach
+
+RESIDUAL_M = 2.4e-6
+SETTLED_S = 30.0
+APPROACH = Approach(duration_s=60.0, start_m=(7.0, 0.02, 0.03), assumed_noise=True, assumed_start=True)
+
+
+def calibrated(model):
+    """The model with a calibration that corrects nothing: the simulated spots have what one leaves, and no more."""
+    left = Calibration(0, (0.0, 0.0), (3.46e-3, 3.46e-3), (0.0,), (0.0,), RESIDUAL_M, 0.0, 225, 1e-5)
+    return dataclasses.replace(model, calibration=left)
+
+
+def flight(filters, drawn, seed):
+    """A row a filter, over the settled part: NEES of 6; share of range, azimuth, elevation within their sigma."""
+    log = simulate(as_built(drawn, seed), APPROACH, seed=seed)
+    spots = log.spots_m + np.random.default_rng((7, seed)).normal(size=(3, 2)) * RESIDUAL_M
+    late, rows = log.t_s > SETTLED_S, []
+    p = log.truth[late, :3]  # the camera is in the centre of mass, the port too
+    r = np.linalg.norm(p, axis=1)
+    docking = np.stack([r, np.arctan2(p[:, 1], p[:, 0]), -np.arcsin(p[:, 2] / r)], axis=1)
+    for model, method, smooth in filters:
+        track = relnav.filter_epochs(
+            model, log.t_s, spots, acceleration_m_s2=log.acceleration_m_s2, method=method, smooth=smooth
+        )
+        error = (track.state - log.truth)[late]
+        nees = np.einsum("ni,ni->n", error, np.linalg.solve(track.covariance[late], error[..., None])[..., 0])
+        within = np.abs(track.docking[late] - docking) < track.docking_sigma[late]
+        rows.append([nees.mean(), *within.mean(axis=0)])
+    return rows
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sensors", type=int, default=200)
+    options = parser.parse_args()
+    drawn = relnav.load_model("three_beacon_psd")
+    considered = calibrated(
+        dataclasses.replace(drawn, tolerances=dataclasses.replace(drawn.tolerances, considered=True))
+    )
+    ways = [(method, smooth) for method in ("spots", "fix") for smooth in (False, True)]
+    filters = [(model, *way) for model in (considered, drawn) for way in ways]
+    runs = np.array([flight(filters, drawn, seed) for seed in range(options.sensors)])
+    mean = runs.mean(axis=0)
+    spread = runs[:, :, 0].std(axis=0, ddof=1) / np.sqrt(options.sensors)
+    for k, (model, method, smooth) in enumerate(filters):
+        print(
+            json.dumps(
+                {
+                    "errors": "considered" if model is considered else "ignored",
+                    "filter": method + (", smoothed" if smooth else ""),
+                    "nees_of_6": round(mean[k, 0], 2),
+                    "its_sigma": round(spread[k], 2),
+                    "within_1_sigma": [round(x, 2) for x in mean[k, 1:]],
+                }
+            )
+        )
+
+
+if __name__ == "__main__":
+    main()

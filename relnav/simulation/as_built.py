@@ -1,0 +1,68 @@
+"""The sensor as it was built: focal length, mountings and beacons drawn within the model's tolerances."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from relnav.arrays import Matrix, Vector
+from relnav.geometry.rotation import dcm_from_quaternion, quaternion_from_dcm
+from relnav.mission import Model
+from relnav.sensors.three_beacon import ThreeBeaconSensor
+
+
+@dataclass(frozen=True)
+class BuiltSensor(ThreeBeaconSensor):
+    """A sensor whose beacons are not quite where they were meant to be.
+
+    Attributes
+    ----------
+    displacement_m : n triples
+        Of each beacon in the docking frame.
+    """
+
+    displacement_m: tuple[tuple[float, float, float], ...] = ()
+
+    @property
+    def beacons_dock_m(self) -> Matrix:
+        """All beacons in the docking frame, where they really are, m."""
+        drawn: Matrix = super().beacons_dock_m
+        built: Matrix = drawn + np.array(self.displacement_m)
+        return built
+
+
+def as_built(model: Model, seed: int = 0) -> Model:
+    """A model for the simulator that differs from what the filter is told by errors drawn from its [tolerances].
+
+    Errors are normal: relative, of the focal length; turns of the camera about its axes; turns of all beacons about the
+    docking axes, at the port; places of each beacon. The detector's distortion is another matter (`distortion.py`).
+
+    Raises
+    ------
+    ValueError
+        If the model states no tolerances.
+    """
+    t, sensor = model.tolerances, model.sensor
+    if t is None:
+        raise ValueError(f"model {model.name} has no [tolerances]: what a built sensor may be like is not known")
+    rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(3)[2])  # `simulate` uses the first two
+    focal = float(rng.normal()) * t.focal_length_relative_sigma
+    camera = Rotation.from_rotvec(rng.normal(size=3) * t.camera_mounting_sigma_rad).as_matrix()
+    turn = Rotation.from_rotvec(rng.normal(size=3) * t.beacon_mounting_sigma_rad).as_matrix()
+    beacons = sensor.beacons_dock_m
+    moved = beacons @ turn.T - beacons + rng.normal(size=beacons.shape) * t.beacon_placement_sigma_m
+    given = {field.name: getattr(sensor, field.name) for field in dataclasses.fields(sensor)}
+    given["focal_length_m"] = sensor.focal_length_m * (1.0 + focal)
+    return dataclasses.replace(
+        model,
+        sensor=BuiltSensor(**given, displacement_m=tuple((float(x), float(y), float(z)) for x, y, z in moved)),
+        camera=dataclasses.replace(model.camera, q_cam_from_chaser=_turned(model.camera.q_cam_from_chaser, camera)),
+        attitude=dataclasses.replace(model.attitude, q_cam_from_lvlh=_turned(model.attitude.q_cam_from_lvlh, camera)),
+    )
+
+
+def _turned(quaternion: tuple[float, float, float, float], turn: Matrix) -> tuple[float, float, float, float]:
+    """Camera attitude after the camera was turned by `turn` about its own axes."""
+    q: Vector = quaternion_from_dcm(turn @ dcm_from_quaternion(np.array(quaternion)))
+    return float(q[0]), float(q[1]), float(q[2]), float(q[3])
