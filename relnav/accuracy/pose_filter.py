@@ -1,14 +1,18 @@
 """How far the pose filter is off the truth of simulated flights, and whether its covariance says so."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from relnav.arrays import Flags, Matrix, Stack, Vector
 from relnav.dynamics.rigid_body import RigidBody
 from relnav.estimation.consistency import nees
 from relnav.mission import VisionMission
+from relnav.navigation.pose_log import filter_marker_epochs
+from relnav.navigation.pose_smoothing import smoothed_solution
 from relnav.navigation.pose_state import PoseState, state_from_pose, time_update
 from relnav.navigation.relative_pose import PoseNavigator
 from relnav.navigation.spot_update import pose_update
@@ -82,6 +86,26 @@ def tight_errors(mission: VisionMission, flight: MarkerFlight) -> PoseErrors:
     return _gathered(flight, rows)
 
 
+def smoothed_errors(mission: VisionMission, flight: MarkerFlight) -> PoseErrors:
+    """Of the smoother over a whole flight, at the epochs at which the filter has a state."""
+    navigator = PoseNavigator(mission, keep=True)
+    solution = filter_marker_epochs(
+        mission,
+        flight.t_s,
+        flight.spots_px,
+        acceleration_m_s2=flight.acceleration_m_s2,
+        q_chaser_from_lvlh=Rotation.from_matrix(flight.dcm_chaser_from_lvlh).as_quat(),
+        navigator=navigator,
+    )
+    smoothed, rows = smoothed_solution(solution, navigator), []
+    for k in np.flatnonzero(smoothed.hypotheses > 0).tolist():
+        covariance, hypotheses = smoothed.covariance[k], int(smoothed.hypotheses[k])
+        state = PoseState(smoothed.state[k], smoothed.dcm_lvlh_from_target[k], smoothed.rate_rad_s[k], covariance)
+        ratio = smoothed.nis[k] / smoothed.dof[k] if smoothed.dof[k] else math.nan
+        rows.append((k, _errors(flight, k, state), covariance, ratio, hypotheses))
+    return _gathered(flight, rows)
+
+
 def loose_errors(mission: VisionMission, flight: MarkerFlight) -> PoseErrors:
     """Of a filter that takes finished poses, and so needs three spots: what the tight coupling is compared with."""
     body = RigidBody(np.array(mission.target.inertia_kg_m2), mission.orbit.mean_motion_rad_s)
@@ -91,7 +115,7 @@ def loose_errors(mission: VisionMission, flight: MarkerFlight) -> PoseErrors:
         dcm = flight.dcm_chaser_from_lvlh[k]
         if state is not None:
             dt = float(t - flight.t_s[k - 1])
-            state = time_update(state, dt, body, mission, flight.acceleration_m_s2[k], np.zeros(3))
+            state, _, _ = time_update(state, dt, body, mission, flight.acceleration_m_s2[k], np.zeros(3))
         pose = measure(flight.spots_px[k], mission)
         if pose.ok and state is None:
             state = state_from_pose(pose.pose, mission, dcm)
@@ -120,8 +144,12 @@ def joined(parts: list[PoseErrors]) -> PoseErrors:
 
 
 def flown(
-    mission: VisionMission, approach: Approach, faults: MarkerFaults, runs: int, seed: int, *, loose: bool = False
+    mission: VisionMission,
+    approach: Approach,
+    faults: MarkerFaults,
+    runs: int,
+    seed: int,
+    errors: Callable[[VisionMission, MarkerFlight], PoseErrors] = tight_errors,
 ) -> PoseErrors:
-    """Errors over flights of seeds seed, seed + 1, ..."""
-    errors = loose_errors if loose else tight_errors
+    """Errors over flights of seeds seed, seed + 1, ...; errors: of the navigator, or another of the above."""
     return joined([errors(mission, simulate_flight(mission, approach, faults, seed + run)) for run in range(runs)])

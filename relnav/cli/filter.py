@@ -68,7 +68,7 @@ def command(
     check_distinct(log, out, json_path)
     mission = load_model(model)
     if isinstance(mission, VisionMission):
-        filter_markers(log, mission, out, json_path, quiet=quiet, refused=_given(method, projection, smooth))
+        filter_markers(log, mission, out, json_path, quiet=quiet, smooth=smooth, refused=_given(method, projection))
         return
     mission = load_mission(model)
     with ExitStack() as outputs:  # all files appear together at its end, or none
@@ -83,9 +83,9 @@ def command(
                 click.echo(f"track: {out}")
 
 
-def _given(method: str, projection: str | None, smooth: bool) -> str:
+def _given(method: str, projection: str | None) -> str:
     """An option that a marker model has no use for, if one was given."""
-    given = (method != "spots", "--method"), (projection is not None, "--projection"), (smooth, "--smooth")
+    given = (method != "spots", "--method"), (projection is not None, "--projection")
     return next((name for here, name in given if here), "")
 
 

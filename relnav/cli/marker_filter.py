@@ -17,7 +17,14 @@ if TYPE_CHECKING:
 
 
 def filter_markers(
-    log: Path, mission: "VisionMission", out: Path | None, json_path: Path | None, *, quiet: bool, refused: str
+    log: Path,
+    mission: "VisionMission",
+    out: Path | None,
+    json_path: Path | None,
+    *,
+    quiet: bool,
+    smooth: bool,
+    refused: str,
 ) -> None:
     """Filter LOG, write what was asked for, print a summary; refused: an option that only beacon models have."""
     from relnav.files.atomic import replacing
@@ -27,10 +34,11 @@ def filter_markers(
     if refused:
         raise UsageError(f"{refused} is for three-beacon models; {mission.name} has one filter, on its spots")
     summary = Summary(mission.name)
-    parts = summary.passing(marker_solutions(log, mission))
+    parts = summary.passing(marker_solutions(log, mission, smooth=smooth))
     with ExitStack() as outputs:
         if out is not None:
-            write_track(parts, mission.name, outputs.enter_context(replacing(out)), {"log": log.name})
+            stated = {"log": log.name} | ({"smoothed": "yes"} if smooth else {})
+            write_track(parts, mission.name, outputs.enter_context(replacing(out)), stated)
         for _ in parts:
             pass
         figures = summary.figures()
@@ -50,6 +58,7 @@ class Summary:
         """Take the model's name."""
         self._model, self._nis, self._dof = model, 0.0, 0
         self._last: tuple[Vector, Vector] | None = None
+        self._smoothed = False
         names = ("epochs", "with_state", "with_rejected_spots", "unobservable", "ambiguous", "too_late")
         self._counts = dict.fromkeys(names, 0)
 
@@ -72,6 +81,7 @@ class Summary:
                 self._counts[name] += int(flag.sum())
             self._nis += float(part.nis[whole].sum())
             self._dof += int(part.dof[whole].sum())
+            self._smoothed = part.smoothed
             self._last = part.port_m[-1], np.sqrt(np.diag(part.docking_covariance[-1]))
             yield part
 
@@ -85,6 +95,7 @@ class Summary:
         counts = {name if name == "epochs" else f"epochs_{name}": count for name, count in self._counts.items()}
         return {
             "model": self._model,
+            "smoothed": self._smoothed,
             **counts,
             "nis_per_dof": consistency.ratio,
             "nis": str(consistency),
@@ -102,7 +113,8 @@ def lines(figures: dict[str, Any], name: str) -> list[str]:
     def triple(key: str, factor: float = 1.0, digits: str = ".4g") -> str:
         return ", ".join(format(factor * value, digits) for value in figures[key])
 
-    out = [f"{name}: {figures['epochs']} epochs, model {figures['model']}, {figures['epochs_with_state']} with a state"]
+    model = figures["model"] + (", smoothed" if figures["smoothed"] else "")
+    out = [f"{name}: {figures['epochs']} epochs, model {model}, {figures['epochs_with_state']} with a state"]
     if figures["epochs_with_state"] == 0:
         return [*out, "no start: three markers on one image are needed, with a pose near the expected view"]
     out.append(f"port from port at the end, target axes: {triple('port_m', digits='.3f')} m")

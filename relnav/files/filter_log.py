@@ -93,10 +93,10 @@ def filter_log(
     """
     mission = flown(load_model(model) if isinstance(model, str) else model)
     if isinstance(mission, VisionMission):
-        given = {"method": method != "spots", "projection": projection, "smooth": smooth, "progress": progress}
+        given = {"method": method != "spots", "projection": projection, "progress": progress}
         for keyword in (name for name, value in given.items() if value):
             raise UsageError(f"{keyword} is for three-beacon models; {mission.name} has one filter, on its spots")
-        return filter_marker_log(path, mission)
+        return filter_marker_log(path, mission, smooth=smooth)
     if is_raw_log(Path(path)):
         return filter_raw_log(Path(path), mission, method=method, projection=projection, smooth=smooth)
     log = read_log(Path(path))

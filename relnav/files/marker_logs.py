@@ -15,6 +15,7 @@ from relnav.files.logs import LogFile
 from relnav.files.tables import STATE_COLUMNS, Table, check_format, relnav_version, write_table
 from relnav.mission import VisionMission
 from relnav.navigation.pose_log import PoseSolution, filter_marker_epochs, joined
+from relnav.navigation.pose_smoothing import smoothed_solution
 from relnav.navigation.relative_pose import PoseNavigator
 from relnav.simulation.marker_flight import MarkerFlight
 
@@ -43,7 +44,7 @@ _WHOLE_NUMBERS = ("dof", "used", "status", "hypotheses", "observable", "too_late
 _INTEGERS = tuple(TRACK_COLUMNS.index(name) for name in _WHOLE_NUMBERS)
 
 
-def filter_marker_log(path: str | os.PathLike[str], mission: VisionMission) -> PoseSolution:
+def filter_marker_log(path: str | os.PathLike[str], mission: VisionMission, *, smooth: bool = False) -> PoseSolution:
     """Filter a log of marker spots (CSV or Parquet, one row an epoch).
 
     Columns: `t_s`; `spot_a_x_px`, `spot_a_y_px`, ... one pair a marker in the model's order (empty = not seen);
@@ -55,11 +56,13 @@ def filter_marker_log(path: str | os.PathLike[str], mission: VisionMission) -> P
     LogError
         If the log cannot be read; names file, line and column.
     """
-    return joined(marker_solutions(path, mission))
+    return joined(marker_solutions(path, mission, smooth=smooth))
 
 
-def marker_solutions(path: str | os.PathLike[str], mission: VisionMission) -> Iterator[PoseSolution]:
-    """The same, piece after piece of the log as it is read.
+def marker_solutions(
+    path: str | os.PathLike[str], mission: VisionMission, *, smooth: bool = False
+) -> Iterator[PoseSolution]:
+    """The same, piece after piece of the log as it is read; smoothed in one, at its end.
 
     Raises
     ------
@@ -67,7 +70,8 @@ def marker_solutions(path: str | os.PathLike[str], mission: VisionMission) -> It
         As `filter_marker_log`.
     """
     layout = markers(len(mission.markers.positions_m))
-    log, navigator = LogFile(Path(path), partial(parse_header, layout=layout)), PoseNavigator(mission)
+    log = LogFile(Path(path), partial(parse_header, layout=layout))
+    navigator, parts = PoseNavigator(mission, keep=smooth), []
     for values in log.tables():
         t, spots = log.group(values, ("t",)), log.group(values, layout.spots)
         assert t is not None
@@ -78,7 +82,7 @@ def marker_solutions(path: str | os.PathLike[str], mission: VisionMission) -> It
                 f"{path}: image_t_s {image[late[0], 0]:.15g} s lies after its row's t_s {t[late[0], 0]:.15g} s; "
                 "a row is written when its image has arrived"
             )
-        yield filter_marker_epochs(
+        part = filter_marker_epochs(
             mission,
             t[:, 0],
             spots.reshape(len(t), -1, 2),
@@ -88,6 +92,12 @@ def marker_solutions(path: str | os.PathLike[str], mission: VisionMission) -> It
             q_chaser_from_lvlh=log.group(values, layout.quaternion),
             navigator=navigator,
         )
+        if smooth:
+            parts.append(part)
+        else:
+            yield part
+    if parts:
+        yield smoothed_solution(joined(parts), navigator)
 
 
 def _quaternions(dcm: Stack) -> Matrix:

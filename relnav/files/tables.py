@@ -113,7 +113,7 @@ def write(solution: Solution | PoseSolution, path: str | os.PathLike[str]) -> No
     if not isinstance(solution, Solution):
         from relnav.files.marker_logs import write_track
 
-        write_track([solution], solution.model, target)
+        write_track([solution], solution.model, target, {"smoothed": "yes"} if solution.smoothed else {})
         return
     stated = head(solution.model, solution.method, solution.smoothed)
     stated |= {key: str(value) for key, value in solution.metadata.items()}

@@ -219,7 +219,7 @@ def advance(bank: Bank, event: Event, mission: VisionMission, body: RigidBody, l
 
 def _moved(state: PoseState, dt: float, event: Event, body: RigidBody, mission: VisionMission) -> PoseState:
     return (
-        time_update(state, dt, body, mission, event.acceleration_m_s2, event.delta_v_m_s)
+        time_update(state, dt, body, mission, event.acceleration_m_s2, event.delta_v_m_s)[0]
         if dt > 0.0 or np.count_nonzero(event.delta_v_m_s)
         else state
     )

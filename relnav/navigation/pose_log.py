@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -36,6 +37,8 @@ class PoseSolution:
     ambiguity : (n,)
         Infinite where one pose is left; below 18.4 do not rely on the attitude, as in `PoseRecord`.
     observable, too_late : (n,)
+    smoothed : bool
+        Whether states rest on the images after them too; NIS and what follows it is the filter's either way.
     """
 
     model: str
@@ -57,6 +60,7 @@ class PoseSolution:
     ambiguity: Vector
     observable: Flags
     too_late: Flags
+    smoothed: bool = False
 
     def __len__(self) -> int:
         """Epochs."""
@@ -77,8 +81,9 @@ class PoseSolution:
 def joined(parts: Iterable[PoseSolution]) -> PoseSolution:
     """Consecutive parts of a log as one."""
     whole = list(parts)
-    arrays = [entry.name for entry in fields(PoseSolution) if entry.name != "model"]
-    return PoseSolution(whole[0].model, *(np.concatenate([getattr(part, name) for part in whole]) for name in arrays))
+    names = [entry.name for entry in fields(PoseSolution) if entry.name not in ("model", "smoothed")]
+    arrays: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in whole]) for name in names}
+    return PoseSolution(whole[0].model, **arrays, smoothed=whole[0].smoothed)
 
 
 def filter_marker_epochs(

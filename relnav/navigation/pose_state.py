@@ -77,8 +77,11 @@ def time_update(
     mission: VisionMission,
     acceleration_m_s2: Vector,
     delta_v_m_s: Vector,
-) -> PoseState:
-    """Go on by dt_s under an acceleration (3,) held over it and an impulse (3,) at its end, `lvlh_ccsds`."""
+) -> tuple[PoseState, Matrix, Matrix]:
+    """Go on by dt_s under an acceleration (3,) held over it and an impulse (3,) at its end, `lvlh_ccsds`.
+
+    Returns the predicted state, and Phi and Q (12, 12) by which its covariance is Phi P Phi^T + Q.
+    """
     n, noise, size = mission.orbit.mean_motion_rad_s, mission.process_noise, 12
     dcm, rate, turn, turn_noise = body.propagate_with_errors(
         state.dcm_lvlh_from_target, state.rate_rad_s, dt_s, mission.target.rate_noise_density_rad2_s3
@@ -92,7 +95,7 @@ def time_update(
         added[3:6, 3:6] += control_noise(delta_v_m_s, noise)
     covariance = phi @ state.covariance @ phi.T + added
     motion = propagate(state.motion, n, dt_s, acceleration_m_s2, delta_v_m_s)
-    return PoseState(motion, dcm, rate, 0.5 * (covariance + covariance.T))
+    return PoseState(motion, dcm, rate, 0.5 * (covariance + covariance.T)), phi, added
 
 
 def camera_pose(state: PoseState, mission: VisionMission, dcm_chaser_from_lvlh: Matrix) -> Matrix:

@@ -76,18 +76,33 @@ class PoseRecord:
     observable: bool
 
 
+@dataclass(frozen=True)
+class Passed:
+    """An event that no late image can come before any more: what was known after it.
+
+    row: an epoch of the log, not the exposure of a late image; started: the bank began anew with it.
+    """
+
+    event: Event
+    bank: Bank
+    started: bool
+    row: bool
+
+
 class PoseNavigator:
     """Position, velocity, attitude and rate of chaser and target from marker spots, an epoch at a time."""
 
-    def __init__(self, mission: VisionMission) -> None:
-        """Take a loaded model, `relnav.load_model("three_marker_vision")`."""
+    def __init__(self, mission: VisionMission, *, keep: bool = False) -> None:
+        """Take a loaded model, `relnav.load_model("three_marker_vision")`; keep: remember all, for a smoother."""
         self.mission = mission
         self._body = RigidBody(np.array(mission.target.inertia_kg_m2), mission.orbit.mean_motion_rad_s)
         self._limit = chi_square_limit(mission.filter.gate_probability, 2)
         self._held, self._nothing = mission.dcm_chaser_from_lvlh, np.zeros(3)
         self._events: list[Event] = []
         self._banks: list[Bank] = []
+        self._marks: list[tuple[bool, bool]] = []  # of each event: started, a row
         self._before = Bank()
+        self._past: list[Passed] | None = [] if keep else None
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
@@ -175,11 +190,22 @@ class PoseNavigator:
             spots[~usable_covariance(own)] = np.nan
         return replace(event, spots_px=spots, covariance_px2=own)
 
-    def _append(self, event: Event) -> Outcome:
+    @property
+    def passed(self) -> list[Passed]:
+        """All events so far, in the order of their times; of a navigator that keeps them."""
+        assert self._past is not None
+        return [*self._past, *self._kept(len(self._events))]
+
+    def _kept(self, count: int) -> list[Passed]:
+        rows = zip(self._events[:count], self._banks, self._marks, strict=False)
+        return [Passed(event, bank, *marks) for event, bank, marks in rows]
+
+    def _append(self, event: Event, *, row: bool = True) -> Outcome:
         before = self._banks[-1] if self._banks else self._before
         bank, outcome = advance(before, event, self.mission, self._body, self._limit)
         self._events.append(event)
         self._banks.append(bank)
+        self._marks.append((outcome.started, row))
         return outcome
 
     def _insert(self, image: Event, oldest: float) -> Outcome | None:
@@ -188,12 +214,12 @@ class PoseNavigator:
         place = bisect_right(times, image.t_s)
         if image.t_s < oldest or (place == 0 and image.t_s < self._before.t_s):  # False for NaN: nothing was forgotten
             return None
-        later = self._events[place:]
+        later, rows = self._events[place:], [row for _, row in self._marks[place:]]
         push = later[0].acceleration_m_s2 if later else np.zeros(3)  # held over the interval that the image divides
-        del self._events[place:], self._banks[place:]
-        outcome = self._append(replace(image, acceleration_m_s2=push, delta_v_m_s=np.zeros(3)))
-        for event in later:
-            self._append(event)
+        del self._events[place:], self._banks[place:], self._marks[place:]
+        outcome = self._append(replace(image, acceleration_m_s2=push, delta_v_m_s=np.zeros(3)), row=False)
+        for event, row in zip(later, rows, strict=True):
+            self._append(event, row=row)
         return outcome
 
     def _forget(self, t_s: float) -> None:
@@ -203,8 +229,10 @@ class PoseNavigator:
         while keep < len(self._events) - 1 and self._events[keep].t_s < oldest:
             keep += 1
         if keep:
+            if self._past is not None:
+                self._past.extend(self._kept(keep))
             self._before = self._banks[keep - 1]
-            del self._events[:keep], self._banks[:keep]
+            del self._events[:keep], self._banks[:keep], self._marks[:keep]
 
     def _record(self, event: Event, outcome: Outcome | None, rate: Vector | None, delay_s: float) -> PoseRecord:
         bank, docking = self._banks[-1], None

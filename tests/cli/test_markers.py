@@ -54,8 +54,25 @@ def test_filter_log_takes_a_marker_model(folder, tmp_path):
         relnav.write(relnav.filter_log(log, model), track)
         written = [[line for line in path.read_text().splitlines() if line[0] != "#"] for path in (track, plain)]
         assert written[0] == written[1]
-    with pytest.raises(relnav.UsageError, match="smooth is for three-beacon models"):
-        relnav.filter_log(log, "three_marker_vision", smooth=True)
+    with pytest.raises(relnav.UsageError, match="method is for three-beacon models"):
+        relnav.filter_log(log, "three_marker_vision", method="fix")
+
+
+def test_smoothed(folder, tmp_path, capsys):
+    """The command and the call write the same track, which says that it is smoothed; sigmas are smaller."""
+    log, track, called = folder / "log.csv", tmp_path / "track.csv", tmp_path / "called.csv"
+    assert run(["filter", str(log), "--model", "three_marker_vision", "--smooth", "--out", str(track)]) == 0
+    assert "model three_marker_vision, smoothed" in capsys.readouterr().out
+    solution = relnav.filter_log(log, "three_marker_vision", smooth=True)
+    relnav.write(solution, called)
+    texts = [path.read_text().splitlines() for path in (track, called)]
+    assert all("# smoothed = yes" in text for text in texts)
+    assert [line for line in texts[0] if line[0] != "#"] == [line for line in texts[1] if line[0] != "#"]
+    plain = relnav.filter_log(log, "three_marker_vision")
+    ratio = np.sqrt(solution.covariance[:, range(12), range(12)] / plain.covariance[:, range(12), range(12)])
+    assert np.nanmax(ratio) <= 1.0 + 1e-9
+    assert (np.nanmedian(ratio, axis=0) < 0.8).all()
+    np.testing.assert_array_equal(solution.state[-1], plain.state[-1])
 
 
 def test_a_log_is_read_piece_by_piece(folder, monkeypatch):
@@ -136,8 +153,8 @@ def test_wrong_use(tmp_path, capsys, arguments, text):
 
 
 def test_what_a_marker_model_has_no_use_for(folder, capsys):
-    assert run(["filter", str(folder / "log.csv"), "--model", "three_marker_vision", "--smooth"]) == 2
-    assert "--smooth is for three-beacon models" in capsys.readouterr().err
+    assert run(["filter", str(folder / "log.csv"), "--model", "three_marker_vision", "--method", "fix"]) == 2
+    assert "--method is for three-beacon models" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

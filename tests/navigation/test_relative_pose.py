@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import relnav
-from relnav.accuracy.pose_filter import flown, tight_errors
+from relnav.accuracy.pose_filter import flown, loose_errors, tight_errors
 from relnav.navigation.pose_state import PoseState
 from relnav.navigation.relative_pose import PoseNavigator
 from relnav.navigation.status import EpochStatus
@@ -65,7 +65,7 @@ def few_markers(mission, density_m2_s3, runs):
     restless = dataclasses.replace(mission, process_noise=noise)
     flight = dataclasses.replace(FAR, duration_s=92.0, start_m=(10.0, 0.25, -0.15), speed_m_s=0.05)
     faults = MarkerFaults(hidden=((2, 31.0, 91.0), (1, 61.0, 91.0)))
-    both = [flown(restless, flight, faults, runs, 60, loose=way) for way in (False, True)]
+    both = [flown(restless, flight, faults, runs, 60, way) for way in (tight_errors, loose_errors)]
     return [[e.where((e.t_s > at) & (e.t_s < at + 30.0)) for e in both] for at in (31.0, 61.0)]
 
 
