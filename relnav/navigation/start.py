@@ -165,9 +165,10 @@ def _start_of_planes(block: Matrix, track: Matrix, sensitivities: Matrix, spots:
     """Set a track (7, 6) by least squares over all whole beacons, three or more, that must agree; a Status code.
 
     The planes' meeting point, then one Gauss-Newton step with the spots' noise; its normal matrix is the information.
+    The track is left alone unless the image can begin one: it may be a trial that goes on.
     """
-    normal, inverse, x = block[WORK : WORK + 5], block[WORK + 5 : WORK + 8], track[0]
-    covariance = block[WORK + 8 : WORK + 14]
+    normal, inverse = block[WORK : WORK + 5], block[WORK + 5 : WORK + 8]
+    covariance, x = block[WORK + 8 : WORK + 14], block[WORK + 14]
     _, usable, _ = take_in_coordinates(block, spots)
     if usable < 6:
         return NOT_SEEN
@@ -186,10 +187,13 @@ def _start_of_planes(block: Matrix, track: Matrix, sensitivities: Matrix, spots:
     if not invert_three(normal[0:3], inverse):
         return DEGENERATE
     for i in range(6):
-        x[i] = x[i] if i < 3 else 0.0
         for j in range(6):
             velocity = block[CONTROL, 3] * block[CONTROL, 3] if i == j else 0.0
             covariance[i, j] = 0.5 * (inverse[i, j] + inverse[j, i]) if i < 3 and j < 3 else velocity
+    if not factorize_into(covariance, track[1:7]):
+        return DEGENERATE
+    for i in range(6):
+        track[0, i] = x[i] if i < 3 else 0.0
     for j in range(sensitivities.shape[0]):
         row = beacon_row(block, j // 2)
         variance = block[row + OBSERVED, 2 + j % 2]
@@ -199,7 +203,7 @@ def _start_of_planes(block: Matrix, track: Matrix, sensitivities: Matrix, spots:
             sensitivities[j, i] = 0.0
             for k in range(3):
                 sensitivities[j, i] += covariance[i, k] * block[row + GRADIENT + j % 2, k] * weight
-    return OK if factorize_into(covariance, track[1:7]) else DEGENERATE
+    return OK
 
 
 @kernel
