@@ -42,7 +42,7 @@ def slots_of_log(raw: RawSlots, model: Model) -> Slots:
         row, electrode = np.argwhere(raw.counts > full)[0]
         raise LogError(
             f"{raw.path}: {COUNTS[electrode]} is {raw.counts[row, electrode]:g} at {raw.t_s[row]:.15g} s, but the "
-            f"model's converter of adc_bits = {model.detector.adc_bits} ends at {full}; is that the detector of this log?"
+            f"model's converter of adc_bits = {model.detector.adc_bits} ends at {full}; is it this log's?"
         )
     currents = raw.currents_a if raw.counts is None else currents_of_counts(model.detector, raw.counts)
     assert currents is not None

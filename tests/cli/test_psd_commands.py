@@ -58,6 +58,16 @@ def test_too_few_points_are_told_and_a_grid_recommended(run, grid_of):
     assert "recommended: a grid of" in text
 
 
+def test_an_outlier_is_said(run, grid_of):
+    path = grid_of(9)
+    lines = path.read_text().splitlines()
+    x, y, _, spot_y = lines[41].split(",")
+    path.write_text("\n".join([*lines[:41], f"{x},{y},500,{spot_y}", *lines[42:]]))
+    code, text, _ = run("calibrate", "psd", path)
+    assert code == 0
+    assert "OUTLIER: the spot known to be at (0.000, 0.000) mm is" in text
+
+
 def test_calibrate_wrong_use(run, tmp_path, grid_of):
     path = grid_of(7)
     assert run("calibrate", "psd", path, "--target", "0")[0] == 2
@@ -67,6 +77,8 @@ def test_calibrate_wrong_use(run, tmp_path, grid_of):
     code, _, error = run("calibrate", "psd", path)
     assert code == 3
     assert "grid.csv: twelve points or more are needed for a calibration; got 2" in error
+    path.write_text("true_x_um,true_y_um,spot_x_um,spot_y_um\n0,0,1_0,1\n")
+    assert "grid.csv:2: column 'spot_x_um': '1_0' is not a number" in run("calibrate", "psd", path)[2]
 
 
 def test_raw_log_from_simulation_to_track(run, tmp_path):
