@@ -131,6 +131,7 @@ def test_budget_quietly(run):
     [
         ("focal_length_mm", 2, "--set is written KEY=VALUE, as in focal_length_mm=80; got 'focal_length_mm'"),
         ("focal_lenth_mm=80", 2, "'focal_lenth_mm' cannot be set: no section has it"),
+        ("focal_length_mm=1e300", 2, "a value is too large or too small for a budget: focal_length_mm=1e300"),
         ("focal_length_mm=long", 3, "sensor.focal_length_mm: input should be a valid number; got 'long'"),
     ],
 )
@@ -147,7 +148,9 @@ def test_budget_without_tolerances(run, tmp_path):
     code, _, error = run("budget", path)
     assert code == 2
     assert "a budget needs the section [tolerances]" in error
-    assert run("budget", path, "--plot", tmp_path / "b.pdf")[0] == 2
+    code, _, error = run("budget", path, "--plot", tmp_path / "b.pdf")
+    assert code == 2
+    assert f"{tmp_path / 'b.pdf'}: a picture ends in .png; got '.pdf'" in error
 
 
 def test_spot_noise_by_received_power_is_in_the_log(run, tmp_path):
