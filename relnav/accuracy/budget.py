@@ -158,12 +158,12 @@ def _lasting(model: Model, at: Sensitivity) -> list[tuple[str, bool, Matrix]]:
     assert t is not None
     raw = t.distortion_limit_m / math.sqrt(3.0)
     calibrated = model.calibration is not None
-    left = model.calibration.residual_sigma_m if model.calibration is not None else 10e-6 / 3.0
+    left = at.lasting_m if calibrated else np.full(at.visible.shape, 10e-6 / 3.0)
     turn = np.concatenate([-cross_matrix(beacon) for beacon in model.sensor.beacons_dock_m])  # theta x B
     unseen = np.where(np.repeat(at.visible, 2), 1.0, 0.0)[:, None]
     return [
         ("distortion, not calibrated", not calibrated, raw * unseen * np.eye(len(unseen))),
-        ("distortion left by calibration", calibrated, left * unseen * np.eye(len(unseen))),
+        ("distortion left by calibration", calibrated, np.repeat(left, 2) * unseen * np.eye(len(unseen))),
         (
             "focal length",
             True,

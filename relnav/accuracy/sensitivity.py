@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import null_space
 
 from relnav.arrays import Codes, Flags, Matrix, Vector
 from relnav.dynamics.clohessy_wiltshire import transition
@@ -36,6 +37,8 @@ class Sensitivity:
         Camera in the docking frame.
     spots_m, sigma_m : (n, 2), (n, 2)
         Without noise; and their noise, by received power if the model says how.
+    lasting_m : (n,)
+        1-sigma of what a calibration leaves of each coordinate there: more outside its box; 0 without one.
     visible : (n,)
         Which beacons are on the detector.
     by_position, by_camera_turn : (2 n, 3)
@@ -49,6 +52,7 @@ class Sensitivity:
     position_m: Vector
     spots_m: Matrix
     sigma_m: Matrix
+    lasting_m: Vector
     visible: Flags
     by_position: Matrix
     by_camera_turn: Matrix
@@ -86,11 +90,15 @@ def sensitivity(model: Model, position_dock_m: Vector) -> Sensitivity:
         by_position[rows] = -d @ dcm
         by_beacons[rows, 3 * i : 3 * i + 3] = d @ dcm
         by_turn[rows] = d @ cross_matrix(c)
-    half = 0.5 * np.array(model.sensor.detector_size_m)
+    half, lasting = 0.5 * np.array(model.sensor.detector_size_m), np.zeros(n)
+    if model.calibration is not None:
+        measured = 2.0 * spots - model.calibration.correct(spots)
+        lasting = model.calibration.corrected(measured)[1]
     return Sensitivity(
         position_m=position,
         spots_m=spots,
         sigma_m=spot_sigmas(model, state)[0],
+        lasting_m=lasting,
         visible=np.all(np.abs(spots) <= half, axis=1),
         by_position=by_position,
         by_camera_turn=by_turn,
@@ -136,7 +144,7 @@ class Settled:
     state : SteadyState
         From the Riccati equation (`control`).
     covariance : (3, 3)
-        Of (range m, azimuth rad, elevation rad), from noise alone.
+        Of (range m, azimuth rad, elevation rad), from noise alone; as the filter, with what a calibration leaves in R.
     bound : (3, 3)
         The same in closed form: each direction of the fix's information settles as a double integrator under white
         acceleration (Kalman-Bucy), sigma^2 = sqrt(2) q^(1/4) (r T)^(3/4) for noise r every T; NaN where unobservable.
@@ -151,29 +159,33 @@ class Settled:
 
 
 def settled(model: Model, at: Sensitivity, period_s: float) -> Settled:
-    """The filter that takes every visible spot each `period_s`, attitude known, camera staying where it is.
+    """The filter that takes every visible spot each `period_s`, camera staying where it is.
 
-    A lasting error e of the spots shifts the settled estimate by (I - (I - K H) Phi)^-1 K e.
+    With unknown attitude it takes what no turn of the camera moves, of A, B and C only. A lasting error e of the spots
+    shifts the settled estimate by (I - (I - K H) Phi)^-1 K e.
     """
     n, density = model.orbit.mean_motion_rad_s, model.process_noise.acceleration_noise_density_m2_s3
-    rows, numbers = at.rows, len(at.by_position)
+    known, numbers = model.attitude.mode != "unknown", len(at.by_position)
+    rows = at.rows if known else at.rows[at.rows < 6]
     nothing = np.full((3, 3), np.nan)
     to_angles = angles_by_position(at.position_m)
-    if not len(rows):
+    if len(rows) < (1 if known else 6):
         nobody = SteadyState(False, np.full((6, 6), np.nan), np.full((6, 6), np.nan), np.empty((6, 0)), np.zeros(6))
         return Settled(nobody, nothing, nothing, np.full((3, numbers), np.nan))
-    sigma = at.sigma_m.ravel()[rows]
+    whitener = np.diag(1.0 / np.hypot(at.sigma_m, at.lasting_m[:, None]).ravel()[rows])
+    if not known:
+        whitener = null_space((whitener @ at.by_camera_turn[rows]).T).T @ whitener
     h = np.zeros((len(rows), 6))
     h[:, :3] = at.by_position[rows] @ model.dcm_dock_from_lvlh
     phi = transition(n, period_s)
-    state = _scaled_steady_state(phi, acceleration_noise(n, period_s, density), h, sigma)
+    state = _scaled_steady_state(phi, acceleration_noise(n, period_s, density), h, whitener)
     if not state.detectable:
         return Settled(state, nothing, nothing, np.full((3, numbers), np.nan))
     view = to_angles @ model.dcm_dock_from_lvlh
     gain = np.linalg.solve(np.eye(6) - (np.eye(6) - state.gain @ h) @ phi, state.gain)
     by_bias = np.zeros((3, numbers))
     by_bias[:, rows] = view @ gain[:3]
-    whitened = at.by_position[rows] / sigma[:, None]
+    whitened = whitener @ at.by_position[rows]
     information = whitened.T @ whitened
     size, direction = np.linalg.eigh(information)
     if size[0] > 1e-12 * size[-1]:
@@ -184,17 +196,19 @@ def settled(model: Model, at: Sensitivity, period_s: float) -> Settled:
     return Settled(state, view @ state.posterior[:3, :3] @ view.T, bound, by_bias)
 
 
-def _scaled_steady_state(phi: Matrix, q: Matrix, h: Matrix, sigma: Vector) -> SteadyState:
+def _scaled_steady_state(phi: Matrix, q: Matrix, h: Matrix, whitener: Matrix) -> SteadyState:
     """`steady_state` in units in which its numbers are near one: close in, metres and the noise are far apart."""
-    unit = float(np.median(sigma) / np.abs(h).max())
+    whitened = whitener @ h
+    unit = float(1.0 / np.abs(whitened).max())
     scale = np.array([unit] * 3 + [unit / 10.0] * 3)  # m, m/s: seen within some ten seconds
-    whitened = h / sigma[:, None]
-    found = steady_state(phi * scale / scale[:, None], q / np.outer(scale, scale), whitened * scale, np.eye(len(h)))
+    found = steady_state(
+        phi * scale / scale[:, None], q / np.outer(scale, scale), whitened * scale, np.eye(len(whitened))
+    )
     both = np.outer(scale, scale)
     return SteadyState(
         found.detectable,
         found.prior * both,
         found.posterior * both,
-        found.gain * scale[:, None] / sigma,
+        found.gain * scale[:, None] @ whitener,
         found.observability,
     )

@@ -31,7 +31,7 @@ def command(model: str, runs: int | None, seed: int, json_path: Path | None, plo
     from relnav.cli.approach_report import report_lines
     from relnav.errors import UsageError
     from relnav.files.accuracy import measure_accuracy
-    from relnav.files.atomic import check_distinct, check_folder, replacing
+    from relnav.files.atomic import check_distinct, check_folder, check_png, replacing
     from relnav.files.models import load_model
     from relnav.files.systems import system_of
     from relnav.files.tables import write_json
@@ -39,6 +39,8 @@ def command(model: str, runs: int | None, seed: int, json_path: Path | None, plo
     for path in (json_path, plot):
         if path is not None:
             check_folder(path)
+    if plot is not None:
+        check_png(plot)
     check_distinct(json_path, plot)
     mission = load_model(model)
     system = system_of(mission)

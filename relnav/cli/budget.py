@@ -25,7 +25,7 @@ def command(model: str, settings: tuple[str, ...], json_path: Path | None, plot:
     Keys of --set are those of the model's file, in any fitting unit: focal_length_mm=80, or sensor.focal_length_mm=80.
     """
     from relnav.errors import UsageError
-    from relnav.files.atomic import check_distinct, check_folder, replacing
+    from relnav.files.atomic import check_distinct, check_folder, check_png, replacing
     from relnav.files.models import load_model
     from relnav.files.systems import resolve, system_of
     from relnav.files.tables import write_json
@@ -33,6 +33,8 @@ def command(model: str, settings: tuple[str, ...], json_path: Path | None, plot:
     for path in (json_path, plot):
         if path is not None:
             check_folder(path)
+    if plot is not None:
+        check_png(plot)
     check_distinct(json_path, plot)
     changes, change = dict(_setting(text) for text in settings), " ".join(settings)
     mission = load_model(model, changes)
@@ -45,6 +47,10 @@ def command(model: str, settings: tuple[str, ...], json_path: Path | None, plot:
         before = budget(load_model(model)) if changes else None
     except ValueError as error:
         raise UsageError(str(error)) from error
+    except OverflowError as error:
+        raise UsageError(
+            f"{mission.name}: a value is too large or too small for a budget: {change or model}"
+        ) from error
     with ExitStack() as outputs:
         if json_path is not None:
             figures = report.to_dict() | {"change": change, "before": None if before is None else before.to_dict()}

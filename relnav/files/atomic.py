@@ -23,6 +23,18 @@ def check_folder(path: Path) -> None:
         raise UsageError(f"{path}: is a folder; name a file in it")
 
 
+def check_png(path: Path) -> None:
+    """Refuse a picture of another kind.
+
+    Raises
+    ------
+    UsageError
+        Naming the ending.
+    """
+    if path.suffix.lower() != ".png":
+        raise UsageError(f"{path}: a picture ends in .png; got '{path.suffix}'")
+
+
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """A temporary path beside `path`, with its ending; renamed to it if the block ends well, removed if not.

@@ -5,7 +5,7 @@ from typing import Any
 
 from relnav.accuracy.budget import QUANTITIES, Budget
 from relnav.errors import UsageError
-from relnav.files.atomic import replacing
+from relnav.files.atomic import check_png, replacing
 
 
 def draw_budget(report: Any, path: Path, before: Any = None, change: str = "") -> None:
@@ -16,8 +16,7 @@ def draw_budget(report: Any, path: Path, before: Any = None, change: str = "") -
     UsageError
         For another ending, or a budget of another kind.
     """
-    if path.suffix.lower() != ".png":
-        raise UsageError(f"{path}: a picture ends in .png; got '{path.suffix}'")
+    check_png(path)
     if not isinstance(report, Budget):
         raise UsageError("--plot draws budgets of three-beacon missions; this one has no picture")
     from matplotlib.backends.backend_agg import FigureCanvasAgg

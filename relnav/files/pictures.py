@@ -5,8 +5,7 @@ from pathlib import Path
 
 from relnav.accuracy.published import QUANTITIES
 from relnav.accuracy.report import AccuracyReport
-from relnav.errors import UsageError
-from relnav.files.atomic import replacing
+from relnav.files.atomic import check_png, replacing
 
 
 def draw_accuracy(report: AccuracyReport, path: Path) -> None:
@@ -17,8 +16,7 @@ def draw_accuracy(report: AccuracyReport, path: Path) -> None:
     UsageError
         For another ending.
     """
-    if path.suffix.lower() != ".png":
-        raise UsageError(f"{path}: a picture ends in .png; got '{path.suffix}'")
+    check_png(path)
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -45,6 +45,8 @@ def read_grid(path: Path) -> tuple[Matrix, Matrix]:
         for column, (place, factor) in enumerate(places):
             cell = cells[place].strip()
             try:
+                if "_" in cell:  # float() would take 1_5 for 15
+                    raise ValueError
                 value = float(cell) if cell else math.nan
             except ValueError:
                 raise LogError(f"{path}:{number}: column '{names[place]}': {cell!r} is not a number") from None

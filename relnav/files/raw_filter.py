@@ -5,12 +5,13 @@ from pathlib import Path
 import numpy as np
 
 from relnav.accuracy.beacon_health import beacon_health, findings
-from relnav.errors import ModelError
-from relnav.files.raw_logs import RawSlots, read_raw_log
+from relnav.errors import LogError, ModelError
+from relnav.files.raw_logs import COUNTS, RawSlots, read_raw_log
 from relnav.mission import Model
 from relnav.navigation.record import Solution
 from relnav.navigation.slots import filter_slots
 from relnav.sensors.three_beacon.psd import SlotStatus, currents_of_counts
+from relnav.sensors.three_beacon.pulses import DARK
 from relnav.sensors.three_beacon.slots import Slots, read_slots
 
 
@@ -21,6 +22,8 @@ def slots_of_log(raw: RawSlots, model: Model) -> Slots:
     ------
     ModelError
         If the model has no [detector] and [pulses].
+    LogError
+        If the log is not of this model's converter or time code.
     """
     if model.detector is None or model.pulses is None:
         raise ModelError(
@@ -29,6 +32,18 @@ def slots_of_log(raw: RawSlots, model: Model) -> Slots:
         )
     if len(model.beacons_lvlh_m) != 3:
         raise ModelError(f"{model.path or model.name}: raw logs hold beacons a, b, c; the model lists more")
+    if model.pulses.dark_slot and not (raw.beacon == DARK).any():
+        raise LogError(
+            f"{raw.path}: no row is of beacon 'dark', but the model's [pulses] say dark_slot = true; log the dark "
+            "slots, or say false if all light is the beacons'"
+        )
+    full = 2**model.detector.adc_bits - 1
+    if raw.counts is not None and (raw.counts > full).any():
+        row, electrode = np.argwhere(raw.counts > full)[0]
+        raise LogError(
+            f"{raw.path}: {COUNTS[electrode]} is {raw.counts[row, electrode]:g} at {raw.t_s[row]:.15g} s, but the "
+            f"model's converter of adc_bits = {model.detector.adc_bits} ends at {full}; is it this log's?"
+        )
     currents = raw.currents_a if raw.counts is None else currents_of_counts(model.detector, raw.counts)
     assert currents is not None
     return read_slots(model.detector, model.pulses, model.sensor.detector_size_m, raw.t_s, raw.beacon, currents)
@@ -62,8 +77,10 @@ def filter_raw_log(
     solution.metadata.update({f"log.{key}": value for key, value in raw.metadata.items()})
     counts = {status.name.lower(): int((slots.status == status).sum()) for status in SlotStatus}
     solution.metadata["slots"] = ", ".join(f"{name} {count}" for name, count in counts.items() if count)
-    noise = np.nanmean(slots.sigma_m**2) ** 0.5 if np.isfinite(slots.sigma_m).any() else np.nan
-    solution.metadata["spot noise"] = f"{noise * 1e6:.3g} um rms, from the received power"
+    solution.metadata["spot noise"] = "not known: no slot holds a spot"
+    if np.isfinite(slots.sigma_m).any():
+        noise = np.nanmean(slots.sigma_m**2) ** 0.5
+        solution.metadata["spot noise"] = f"{noise * 1e6:.3g} um rms, from the received power"
     wrong = findings(beacon_health(model, slots, solution, raw.q_cam_from_lvlh))
     judged = "nothing wrong found" if np.isfinite(solution.state).any() else "not judged: there is no track"
     solution.metadata["beacons"] = "; ".join(wrong) or judged

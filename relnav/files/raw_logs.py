@@ -63,7 +63,8 @@ def read_raw_log(path: Path) -> RawSlots:
     ------
     LogError
         Naming file, line and column: for a missing column or unit, a row with a wrong number of cells, a beacon of
-        another name, text in a number, an empty cell that is not a current, a time that repeats or goes back.
+        another name, text in a number, an empty cell that is not a current, a count below zero, a time that repeats
+        or goes back, a quaternion that is not a rotation.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -124,6 +125,10 @@ def _places(names: list[str], where: str) -> tuple[dict[str, tuple[int, float]],
         if base in places:
             raise LogError(f"{where}: column '{name}' repeats '{names[places[base][0]]}'; keep one")
         places[base] = (position, UNITS[unit][1] if unit else 1.0)
+    if COUNTS[0] in places and CURRENTS[0] in places:
+        raise LogError(
+            f"{where}: columns of counts (adc_x1) and of currents (current_x1) are both there; keep one kind"
+        )
     needed = COUNTS if COUNTS[0] in places else CURRENTS
     for base in ("t", "beacon", *needed):
         if base not in places:
@@ -170,6 +175,13 @@ def _check(
             raise LogError(
                 f"{path}:{rows[int(bad[0])][0]}: column '{names[place]}' is empty or not finite; only a current may be"
             )
+        bad = np.flatnonzero((values[:, column] < 0.0) | np.isposinf(values[:, column]))
+        if bad.size and base in COUNTS:
+            row = int(bad[0])
+            raise LogError(
+                f"{path}:{rows[row][0]}: column '{names[place]}': {values[row, column]:g} is no count of a converter; "
+                "counts are from 0 up, and a missing one is left empty"
+            )
     t = values[:, list(places).index("t")]
     late = np.flatnonzero(np.diff(t) <= 0.0)
     if late.size:
@@ -178,3 +190,11 @@ def _check(
             f"{path}:{rows[row][0]}: time {t[row]:.15g} s is not after {t[row - 1]:.15g} s of the row before; sort the "
             "log by time and keep one row a slot"
         )
+    if QUATERNION[0] in places:
+        q = np.stack([values[:, list(places).index(base)] for base in QUATERNION], axis=1)
+        wrong = np.flatnonzero(np.abs(np.linalg.norm(q, axis=1) - 1.0) > 9e-4)
+        if wrong.size:
+            row = int(wrong[0])
+            raise LogError(
+                f"{path}:{rows[row][0]}: {QUATERNION[0][:-2]} {q[row].tolist()} is not a unit quaternion (x, y, z, w)"
+            )

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from relnav.arrays import Matrix
-from relnav.errors import UsageError
-from relnav.files.atomic import replacing
+from relnav.files.atomic import check_png, replacing
 from relnav.geometry.rotation import quaternion_from_dcm
 from relnav.sensors.dual_field.solution import StarSolution
 
@@ -58,8 +57,7 @@ def draw_solution(solution: StarSolution, spots_px: Matrix, title: str, path: Pa
     UsageError
         For another ending.
     """
-    if path.suffix.lower() != ".png":
-        raise UsageError(f"{path}: a picture ends in .png; got '{path.suffix}'")
+    check_png(path)
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relnav.errors import UsageError
-from relnav.files.atomic import replacing
+from relnav.files.atomic import check_png, replacing
 from relnav.files.sun_calibration import SunCalibrationReport
 
 
@@ -53,15 +52,3 @@ def draw_residual_maps(report: SunCalibrationReport, path: Path) -> None:
     with replacing(path) as temporary:
         FigureCanvasAgg(figure)
         figure.savefig(temporary, format="png", dpi=100)
-
-
-def check_png(path: Path) -> None:
-    """Refuse a picture of another kind.
-
-    Raises
-    ------
-    UsageError
-        Naming the ending.
-    """
-    if path.suffix.lower() != ".png":
-        raise UsageError(f"{path}: a picture ends in .png; got '{path.suffix}'")

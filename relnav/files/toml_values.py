@@ -106,6 +106,12 @@ def _numbers_finite(value: Any) -> bool:
     return not isinstance(value, float) or math.isfinite(value)
 
 
+def _shown(value: Any) -> str:
+    """A value for a message: the beginning, if it is long."""
+    text = repr(value)
+    return text if len(text) <= 80 else text[:76] + " ..."
+
+
 def _validated(hint: Any, value: Any) -> Any:
     adapter: TypeAdapter[Any] = TypeAdapter(hint, config=ConfigDict(strict=True))
     return adapter.validate_python(value)
@@ -148,7 +154,7 @@ def build(cls: Any, table: Any, where: str, problems: Problems, provenance: dict
                 continue
             value, origin = raw["value"], f"{raw['source']}: {raw['why']}"
         if not _numbers_finite(value):
-            problems.add(key_path, f"a finite number is expected; got {value!r}")
+            problems.add(key_path, f"a finite number is expected; got {_shown(value)}")
             continue
         try:
             values[name] = _validated(hints[name], _scale(value, factor))
@@ -157,7 +163,7 @@ def build(cls: Any, table: Any, where: str, problems: Problems, provenance: dict
             message = first["msg"][0].lower() + first["msg"][1:]
             if typing.get_origin(hints[name]) is tuple and first["type"] in ("missing", "too_long"):
                 message = f"{len(typing.get_args(hints[name]))} values are expected"
-            problems.add(key_path, f"{message}; got {value!r}")
+            problems.add(key_path, f"{message}; got {_shown(value)}")
             continue
         if provenance is not None:
             provenance[key_path] = origin

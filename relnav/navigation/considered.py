@@ -11,9 +11,9 @@ measurements, so S is carried as the estimate itself is:
     S <- S + P+ H^T R^-1 (E - H S)      at an update, P+ after it
     S <- S + C (S later - Phi S)        smoothed (`smoothing.py`)
 
-and P = L D L^T + S S^T is reported. The gate must know of what the state cannot take up: R of a coordinate holds its
-(E - H S)(E - H S)^T too, as if it were new in every image; R of a fix, which the state takes up whole, holds what
-lasts in the spots alone.
+and P = L D L^T + S S^T is reported. For gate and gain R holds them too, as if they were new in every image: what is a
+coordinate's own (its spot's, its beacon's place) whole, so that a bad one counts for less; what all share as far as
+the state cannot take it up, (E - H S)^2. R of a fix, which the state takes up whole, holds what lasts in the spots.
 
 Rows of `sensitivities` (m, 6), columns of S: what lasts in the coordinates A'x, A'y, B'x, ... of the n beacons; then,
 if tolerances are considered: the focal length; turns of the camera about its axes; turns of the beacons about the
@@ -129,38 +129,30 @@ def _sight_and_arm(block: Matrix, x: Vector, beacon: int, sight: Vector, arm: Ve
 
 @kernel
 def add_considered_noise(block: Matrix, x: Vector, sensitivities: Matrix) -> None:
-    """Add to the variance of every coordinate in use what considered errors leave in its innovation.
+    """Add considered errors to the variance of every coordinate in use.
 
     sensitivities (m, 6) as predicted; rows linearised at x.
     """
-    count = sensitivities.shape[0]
+    count, lasting = sensitivities.shape[0], 2 * beacon_count(block)
     if count == 0:
         return
     sight, arm, moved = block[WORK], block[WORK + 1], block[WORK + 2]
-    lasting = 2 * beacon_count(block)
+    place2 = block[TOLERANCES, 3] * block[TOLERANCES, 3]
     for beacon in range(beacon_count(block)):
         row = beacon_row(block, beacon)
-        observed, hx, hy = block[row + OBSERVED], block[row + GRADIENT], block[row + GRADIENT + 1]
-        if observed[2] > 0.0 or observed[3] > 0.0:
-            _sight_and_arm(block, x, beacon, sight, arm)
-            vx, vy = 0.0, 0.0
-            for j in range(count):
-                s = sensitivities[j]
-                ex = -(hx[0] * s[0] + hx[1] * s[1] + hx[2] * s[2])
-                ey = -(hy[0] * s[0] + hy[1] * s[1] + hy[2] * s[2])
-                if j == 2 * beacon:
-                    ex += block[row + POSITION, 5]
-                elif j == 2 * beacon + 1:
-                    ey += block[row + POSITION, 5]
-                elif j >= lasting and _displacement(block, beacon, j - lasting, sight, arm, moved):
-                    ex -= hx[0] * moved[0] + hx[1] * moved[1] + hx[2] * moved[2]
-                    ey -= hy[0] * moved[0] + hy[1] * moved[1] + hy[2] * moved[2]
-                vx += ex * ex
-                vy += ey * ey
-            if observed[2] > 0.0:
-                observed[2] += vx
-            if observed[3] > 0.0:
-                observed[3] += vy
+        observed = block[row + OBSERVED]
+        _sight_and_arm(block, x, beacon, sight, arm)
+        for k in range(2):
+            if observed[2 + k] > 0.0:
+                h = block[row + GRADIENT + k]
+                own = block[row + POSITION, 5] * block[row + POSITION, 5]
+                observed[2 + k] += own + place2 * (h[0] * h[0] + h[1] * h[1] + h[2] * h[2])
+                for j in range(lasting, min(count, lasting + TOLERANCES_SHARED)):
+                    left, s = 0.0, sensitivities[j]
+                    _displacement(block, beacon, j - lasting, sight, arm, moved)
+                    for i in range(3):
+                        left += h[i] * (moved[i] + s[i])
+                    observed[2 + k] += left * left
 
 
 @kernel

@@ -30,6 +30,7 @@ from relnav.navigation.block import (
     RESULT,
     SENSOR,
     SETTINGS,
+    TOLERANCES_SHARED,
     TRACK,
     TRIAL,
     beacon_row,
@@ -203,10 +204,14 @@ class ReferenceEngine:
         return track.measurement_update(h[rows], r[np.ix_(rows, rows)], residual[rows] - h[rows] @ (x - at))
 
     def _add_considered_noise(self, track: ReferenceTrack, x: Vector, spots: Matrix) -> None:
-        """Add to the variances of the coordinates in use what considered errors leave in their innovations."""
+        """Add considered errors to the variances of the coordinates in use: own ones, and what is left of others."""
         block = self.block
         h, _, _, _ = rows_in_use(block)
-        left = np.sum((errors_in_use(block, x, spots) - h @ track.considered.T) ** 2, axis=1)
+        errors, lasting = errors_in_use(block, x, spots), 2 * int(block[LAYOUT, 0])
+        shared = slice(lasting, lasting + TOLERANCES_SHARED)
+        own = np.delete(errors, shared, axis=1)
+        rest = errors[:, shared] - h @ track.considered[shared].T
+        left = np.sum(own**2, axis=1) + np.sum(rest**2, axis=1)
         places = [(i, k) for i in range(int(block[LAYOUT, 0])) for k in range(2)]
         used = [(beacon_row(block, i) + OBSERVED, 2 + k) for i, k in places]
         used = [place for place in used if block[place] > 0.0]

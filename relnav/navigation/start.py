@@ -17,6 +17,7 @@ from relnav.navigation.block import (
     FIX_AT,
     GRADIENT,
     JACOBIAN,
+    LAYOUT,
     OBSERVED,
     OFFSET,
     POSITION,
@@ -79,13 +80,13 @@ def _start_of_fix(block: Matrix, track: Matrix, sensitivities: Matrix, spots: Ma
         p, spots, sensor[0], sensor[4], sensor[5], int(block[SETTINGS, 0]), jacobian, block[WORK : WORK + 15]
     ):
         return DEGENERATE
+    if not start_sensitivities_of_fix(block, p, spots, sensitivities):
+        return DEGENERATE
     if not position_from_angles_jacobian(p, from_angles):
         return DEGENERATE
     dock, first = block[DOCK : DOCK + 3], beacon_row(block, 0)
     _start_covariance(dock, from_angles, jacobian, block[first : first + TRIANGLE_ROWS], block[CONTROL, 3], covariance)
     if not factorize_into(covariance, track[1:7]):
-        return DEGENERATE
-    if not start_sensitivities_of_fix(block, p, spots, sensitivities):
         return DEGENERATE
     for i in range(3):
         x[i] = dock[0, i] * p[0] + dock[1, i] * p[1] + dock[2, i] * p[2] - block[OFFSET, i]
@@ -162,9 +163,10 @@ def _start_of_planes(block: Matrix, track: Matrix, sensitivities: Matrix, spots:
     """Set a track (7, 6) by least squares over all whole beacons, three or more, that must agree; a Status code.
 
     The planes' meeting point, then one Gauss-Newton step with the spots' noise; its normal matrix is the information.
+    The track is left alone unless the image can begin one: it may be a trial that goes on.
     """
-    normal, inverse, x = block[WORK : WORK + 5], block[WORK + 5 : WORK + 8], track[0]
-    covariance = block[WORK + 8 : WORK + 14]
+    normal, inverse = block[WORK : WORK + 5], block[WORK + 5 : WORK + 8]
+    covariance, x = block[WORK + 8 : WORK + 14], block[WORK + 20]
     _, usable, _ = take_in_coordinates(block, spots)
     if usable < 6:
         return NOT_SEEN
@@ -172,10 +174,12 @@ def _start_of_planes(block: Matrix, track: Matrix, sensitivities: Matrix, spots:
         return DEGENERATE
     if linearise_coordinates(block, x, spots) > 0:
         return DEGENERATE
+    end = int(block[LAYOUT, 5])
+    none = block[end - sensitivities.shape[0] : end]
     for j in range(sensitivities.shape[0]):
         for i in range(6):
-            sensitivities[j, i] = 0.0
-    add_considered_noise(block, x, sensitivities)
+            none[j, i] = 0.0
+    add_considered_noise(block, x, none)
     _spot_equations(block, normal)
     if not _solve_normal(normal[0:3], normal[4], inverse, x):
         return DEGENERATE
@@ -187,12 +191,13 @@ def _start_of_planes(block: Matrix, track: Matrix, sensitivities: Matrix, spots:
     if not invert_three(normal[0:3], inverse):
         return DEGENERATE
     for i in range(6):
-        x[i] = x[i] if i < 3 else 0.0
         for j in range(6):
             velocity = block[CONTROL, 3] * block[CONTROL, 3] if i == j else 0.0
             covariance[i, j] = 0.5 * (inverse[i, j] + inverse[j, i]) if i < 3 and j < 3 else velocity
     if not factorize_into(covariance, track[1:7]):
         return DEGENERATE
+    for i in range(6):
+        track[0, i] = x[i] if i < 3 else 0.0
     start_sensitivities_of_planes(block, x, covariance, sensitivities)
     return OK
 

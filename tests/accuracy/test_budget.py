@@ -147,6 +147,23 @@ def test_the_closed_form_of_the_settled_filter(plain):
         np.testing.assert_allclose(np.sqrt(np.diag(got.bound)), np.sqrt(np.diag(got.covariance)), rtol=0.03)
 
 
+@pytest.mark.parametrize("half_width_m", [4e-3, 3e-3], ids=["inside the box", "A and B outside it"])
+@pytest.mark.parametrize("mode", ["lvlh_hold", "unknown"])
+def test_a_calibrated_filter_at_rest_reports_what_the_budget_says(plain, truth, mode, half_width_m):
+    """At 4.5 m, where A and B are 3.3 mm off the middle."""
+    box = (half_width_m, half_width_m)
+    calibration = Calibration(0, (0.0, 0.0), box, (0.0,), (0.0,), 3e-6, 0.05, 225, 1e-5)
+    attitude = dataclasses.replace(plain.attitude, mode=mode)
+    model = dataclasses.replace(plain, calibration=calibration, attitude=attitude, pulses=None)
+    spots = truth.central(np.array([4.5, 0.0, 0.0]), FACING)
+    times = np.arange(4000) * 0.1
+    filtered = relnav.filter_epochs(model, times, np.tile(spots, (len(times), 1, 1)))
+    (place,) = budget_of(model, (4.5,)).places
+    lines = {entry.name: entry.settled for entry in place.lines}
+    said = np.hypot(lines["spot noise"], lines["distortion left by calibration"])
+    np.testing.assert_allclose(filtered.docking_sigma[-1], said, rtol=0.01)
+
+
 def test_lasting_errors_of_the_filter(plain, truth):
     """A constant error of each spot coordinate in turn through the filter itself, resting on V-bar (an equilibrium)."""
     range_m = 6.5

@@ -58,6 +58,16 @@ def test_too_few_points_are_told_and_a_grid_recommended(run, grid_of):
     assert "recommended: a grid of" in text
 
 
+def test_an_outlier_is_said(run, grid_of):
+    path = grid_of(9)
+    lines = path.read_text().splitlines()
+    x, y, _, spot_y = lines[41].split(",")
+    path.write_text("\n".join([*lines[:41], f"{x},{y},500,{spot_y}", *lines[42:]]))
+    code, text, _ = run("calibrate", "psd", path)
+    assert code == 0
+    assert "OUTLIER: the spot known to be at (0.000, 0.000) mm is" in text
+
+
 def test_calibrate_wrong_use(run, tmp_path, grid_of):
     path = grid_of(7)
     assert run("calibrate", "psd", path, "--target", "0")[0] == 2
@@ -67,6 +77,8 @@ def test_calibrate_wrong_use(run, tmp_path, grid_of):
     code, _, error = run("calibrate", "psd", path)
     assert code == 3
     assert "grid.csv: twelve points or more are needed for a calibration; got 2" in error
+    path.write_text("true_x_um,true_y_um,spot_x_um,spot_y_um\n0,0,1_0,1\n")
+    assert "grid.csv:2: column 'spot_x_um': '1_0' is not a number" in run("calibrate", "psd", path)[2]
 
 
 def test_raw_log_from_simulation_to_track(run, tmp_path):
@@ -119,6 +131,7 @@ def test_budget_quietly(run):
     [
         ("focal_length_mm", 2, "--set is written KEY=VALUE, as in focal_length_mm=80; got 'focal_length_mm'"),
         ("focal_lenth_mm=80", 2, "'focal_lenth_mm' cannot be set: no section has it"),
+        ("focal_length_mm=1e300", 2, "a value is too large or too small for a budget: focal_length_mm=1e300"),
         ("focal_length_mm=long", 3, "sensor.focal_length_mm: input should be a valid number; got 'long'"),
     ],
 )
@@ -135,7 +148,9 @@ def test_budget_without_tolerances(run, tmp_path):
     code, _, error = run("budget", path)
     assert code == 2
     assert "a budget needs the section [tolerances]" in error
-    assert run("budget", path, "--plot", tmp_path / "b.pdf")[0] == 2
+    code, _, error = run("budget", path, "--plot", tmp_path / "b.pdf")
+    assert code == 2
+    assert f"{tmp_path / 'b.pdf'}: a picture ends in .png; got '.pdf'" in error
 
 
 def test_spot_noise_by_received_power_is_in_the_log(run, tmp_path):

@@ -77,6 +77,8 @@ def test_a_model_that_names_something_else(write_model, text, message):
     ("old", "new", "message"),
     [
         ("order = 4", "order = 2", "correction_x_m has 6 coefficients for order 2; got 15"),
+        ("order = 4", "order = 1000000", "correction_x_m has 500001500001 coefficients for order 1000000; got 15"),
+        ("correction_x_um = [", "correction_x_um = [nan, ", r"a finite number is expected; got \[nan, .{70} \.\.\.$"),
         ("points = 100", "", "'points' is missing"),
         ("residual_sigma_um = ", "residual_sigma_um = -", "residual_sigma_um: .*greater than or equal to 0"),
         ("[calibration]", "[correction]", r"a section \[calibration\] is expected, as `relnav calibrate psd` writes"),

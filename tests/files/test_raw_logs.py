@@ -99,6 +99,8 @@ WRONG = {
     "short": ("0.025,b,1,2,3", "6 cells are expected as in the header; got 5"),
     "text": ("0.025,b,1,two,3,4", "column 'adc_x2': 'two' is not a number"),
     "underscore": ("0.025,b,1,2_0,3,4", "column 'adc_x2': '2_0' is not a number"),
+    "below zero": ("0.025,b,1,-2,3,4", "column 'adc_x2': -2 is no count of a converter; counts are from 0 up"),
+    "no number": ("0.025,b,1,inf,3,4", "column 'adc_x2': inf is no count of a converter; counts are from 0 up"),
     "no time": (",b,1,2,3,4", "column 't_s' is empty or not finite; only a current may be"),
     "time repeats": ("0.0,b,1,2,3,4", "time 0 s is not after 0 s of the row before; sort the log by time"),
 }
@@ -117,6 +119,11 @@ HEADERS = {
     "time unit": ("t_s", "t_m", "column 't_m': unit 'm' does not fit; write one of t_s"),
     "repeated": ("adc_y2", "adc_y1", "column 'adc_y1' repeats 'adc_y1'; keep one"),
     "current unit": ("adc_x1", "current_x1_um", "column 'current_x1_um': unit 'um' does not fit; write one of current"),
+    "both kinds": (
+        "adc_y2",
+        "adc_y2,current_x1_na",
+        "columns of counts (adc_x1) and of currents (current_x1) are both",
+    ),
     "no currents": ("adc_x1,adc_x2,adc_y1,adc_y2", "a,b,d,e", "column 'current_x1_na' is missing; the columns are"),
 }
 
@@ -134,6 +141,40 @@ def test_a_header_alone(write_log, rows):
     path = write_log(rows[0])
     with pytest.raises(relnav.LogError, match="a header line and one row a slot are expected; got 1 lines"):
         read_raw_log(path)
+
+
+def test_a_log_of_another_converter(model, write_log, rows):
+    path = write_log("\n".join(rows))
+    other = dataclasses.replace(model, detector=dataclasses.replace(model.detector, adc_bits=11))
+    text = f"{path}: adc_x2 is 2100 at 0 s, but the model's converter of adc_bits = 11 ends at 2047"
+    with pytest.raises(relnav.LogError, match=re.escape(text)):
+        filter_log(path, other)
+
+
+def test_a_log_without_the_models_dark_slots(model, write_log, rows):
+    path = write_log("\n".join(row for row in rows if ",dark," not in row))
+    with pytest.raises(
+        relnav.LogError, match=re.escape(f"{path}: no row is of beacon 'dark', but the model's [pulses]")
+    ):
+        filter_log(path, model)
+    without = dataclasses.replace(model, pulses=dataclasses.replace(model.pulses, dark_slot=False))
+    assert filter_log(path, without).metadata["slots"] == "ok 6"
+
+
+def test_a_quaternion_that_is_no_rotation(write_log, rows):
+    rows[0] += "".join(f",q_cam_from_lvlh_{axis}" for axis in "xyzw")
+    rows[1:] = [row + ",0.5,-0.5,-0.5,-0.5" for row in rows[1:]]
+    rows[3] = rows[3].replace("-0.5,-0.5,-0.5", "0,0,0")
+    path = write_log("\n".join(rows))
+    with pytest.raises(
+        relnav.LogError, match=re.escape(f"{path}:4: q_cam_from_lvlh [0.5, 0.0, 0.0, 0.0] is not a unit")
+    ):
+        filter_log(path, "three_beacon_psd")
+
+
+def test_no_noise_is_stated_where_no_slot_holds_a_spot(model, write_log, rows):
+    rows[1:] = [row.replace(",2000,", ",65535,") for row in rows[1:]]
+    assert filter_log(write_log("\n".join(rows)), model).metadata["spot noise"] == "not known: no slot holds a spot"
 
 
 def test_a_model_without_a_detector(model, write_log, rows):

@@ -91,3 +91,12 @@ def test_lever_arms_are_included(layered):
     solution = run(model, log)
     assert np.isfinite(solution.state[2]).all()
     assert np.abs((solution.state - log.truth)[-1, :3]).max() < 1e-3
+
+
+@pytest.mark.parametrize("engine", ["compiled", "filterpy"])
+def test_an_image_that_cannot_begin_a_track_leaves_the_trial_alone(layered, engine):
+    """A glint in the second image: the trial of the first is taught by the others, and the third confirms it."""
+    log = near(layered, 0)
+    log.spots_m[1, 4] += 3e-4
+    solution = run(layered, log, engine=engine)
+    assert solution.status[2] == relnav.EpochStatus.STARTED

@@ -197,7 +197,43 @@ def test_points_that_are_missing_are_left_out_and_holes_are_told():
 )
 def test_wrong_use(true, text):
     with pytest.raises(ValueError, match=text):
-        calibrate(true, true)
+        calibrate(true, 1.01 * true)
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda true, _: true, "the measured positions are the known ones"),
+        (lambda _, measured: measured[:, ::-1], "another unit, or axes that are exchanged or mirrored"),
+        (lambda _, measured: measured * [-1.0, 1.0], "another unit, or axes that are exchanged or mirrored"),
+        (lambda _, measured: measured * 1e-3, "another unit, or axes that are exchanged or mirrored"),
+        (lambda _, measured: np.where(np.arange(225)[:, None] == 7, 1e200, measured), "is measured 1.414e+203 mm from"),
+    ],
+    ids=["the known ones", "exchanged", "mirrored", "another unit", "absurd"],
+)
+def test_what_no_detector_measures_is_refused(change, text):
+    true = grid(15)
+    measured = typical_distortion(HALF_M, 250e-6, seed=1).apply(true)
+    with pytest.raises(ValueError, match=text.replace("+", r"\+")):
+        calibrate(true, change(true, measured))
+
+
+def test_spots_off_the_detector_are_refused():
+    true = grid(15) * 1e3
+    with pytest.raises(ValueError, match="mm off the middle, but the detector has 8 x 8 mm: are the units right"):
+        calibrate(true, typical_distortion(HALF_M, 250e-6, seed=1).apply(true), detector_size_m=(8e-3, 8e-3))
+
+
+def test_an_outlier_is_named():
+    """0.1 mm among 225 points of 5 um; without it no point is far from the others."""
+    true = grid(15)
+    measured = typical_distortion(HALF_M, 250e-6, seed=1).apply(true)
+    measured += np.random.default_rng(1).normal(size=true.shape) * 5e-6
+    assert calibrate(true, measured).outlier_sigma < 6.0
+    measured[100, 0] += 1e-4
+    report = calibrate(true, measured)
+    assert report.outlier_m == tuple(true[100])
+    assert 15.0 < report.outlier_sigma < 25.0
 
 
 def test_coefficients_must_be_as_many_as_the_order_says():

@@ -88,6 +88,8 @@ def summary(report: "CalibrationReport") -> dict[str, Any]:
         "center_mm": [value * 1e3 for value in c.center_m],
         "half_width_mm": [value * 1e3 for value in c.half_width_m],
         "detector_share": report.detector_share,
+        "outlier_mm": [value * 1e3 for value in report.outlier_m],
+        "outlier_sigma": report.outlier_sigma,
         "empty_cells": report.empty_cells,
         "rim_slope": c.rim_slope,
         "recommended_side": report.recommended(),
@@ -96,6 +98,8 @@ def summary(report: "CalibrationReport") -> dict[str, Any]:
 
 def lines(report: "CalibrationReport") -> list[str]:
     """The figures for a reader."""
+    from relnav.sensors.three_beacon.calibrate import OUTLIER_SIGMA
+
     c, chosen, length = report.calibration, report.chosen, report.figure_length_m
     out = [
         f"{c.points} points, noise {report.noise_m * 1e6:.1f} um (estimated); detection error before: largest "
@@ -122,6 +126,12 @@ def lines(report: "CalibrationReport") -> list[str]:
     out.append(
         f"{box}{share}; beyond, the correction is held and is wrong by {c.rim_slope * 100.0:.1f} um more every 0.1 mm"
     )
+    if report.outlier_sigma > OUTLIER_SIGMA:
+        x, y = (value * 1e3 for value in report.outlier_m)
+        out.append(
+            f"OUTLIER: the spot known to be at ({x:.3f}, {y:.3f}) mm is {report.outlier_sigma:.0f} sigma from where "
+            "the others put it; measure it again, or leave it out"
+        )
     if report.empty_cells:
         out.append(f"HOLES: {report.empty_cells} of 25 cells of that box hold no point; measure there too")
     out.append(_advice(report))

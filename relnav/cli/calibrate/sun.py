@@ -54,10 +54,10 @@ def command(
     from contextlib import ExitStack
 
     from relnav.errors import ModelError
-    from relnav.files.atomic import check_distinct, check_folder, replacing
+    from relnav.files.atomic import check_distinct, check_folder, check_png, replacing
     from relnav.files.models import load_model
     from relnav.files.sun_calibration import calibrate_sun, write_sun_calibration
-    from relnav.files.sun_pictures import check_png, draw_residual_maps
+    from relnav.files.sun_pictures import draw_residual_maps
     from relnav.files.tables import write_json
     from relnav.sensors.aps_sun import ApsSunModel
 

@@ -47,7 +47,7 @@ def command(
     from contextlib import ExitStack
 
     from relnav.errors import UsageError
-    from relnav.files.atomic import check_distinct, check_folder, replacing
+    from relnav.files.atomic import check_distinct, check_folder, check_png, replacing
     from relnav.files.epochs import julian_year
     from relnav.files.star_frames import read_star_frame
     from relnav.files.star_solutions import draw_solution, solution_values
@@ -58,8 +58,8 @@ def command(
         if path is not None:
             check_folder(path)
     check_distinct(frame, json_path, plot)
-    if plot is not None and plot.suffix.lower() != ".png":
-        raise UsageError(f"{plot}: a picture ends in .png; got '{plot.suffix}'")
+    if plot is not None:
+        check_png(plot)
     if velocity_km_s is not None and epoch is None:
         raise UsageError("--velocity-km-s needs --epoch as well: the velocity belongs to a time")
     if not all(math.isfinite(value) for value in centre_px):

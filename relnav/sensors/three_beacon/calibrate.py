@@ -28,8 +28,12 @@ LEAST_POINTS = 12
 """Nine numbers go to the optics, three to the figure and the noise."""
 SURE = 0.99
 """Probability with which a recommended grid keeps an axis within the target."""
+OUTLIER_SIGMA = 8.0
+"""From where the other points put it: one point in 1e14."""
 LARGEST_SIDE = 64
 """Of a grid that is recommended."""
+LARGEST_ERROR = 0.5
+"""Of the grid's half width, rms: beyond it, axes or units are not what they are said to be."""
 INVERSE_SHARE = 0.02
 """Of the residual that the inverse may be wrong by: its order is raised until it is."""
 HIGHEST_INVERSE_ORDER = 16
@@ -71,6 +75,8 @@ class CalibrationReport:
         Of the known positions.
     raw_max_m, raw_rms_m : float
         Detection error before: largest and rms, each axis.
+    outlier_m, outlier_sigma : (2,), float
+        The known position of the point that agrees least with the others, and by how many sigmas of what is usual.
     empty_cells : int
         Of 25 equal cells of the grid's box, those without a point.
     detector_share : float or None
@@ -87,6 +93,8 @@ class CalibrationReport:
     box: Box
     raw_max_m: float
     raw_rms_m: float
+    outlier_m: tuple[float, float]
+    outlier_sigma: float
     empty_cells: int
     detector_share: float | None
     target_m: float
@@ -159,7 +167,8 @@ def calibrate(
     Raises
     ------
     ValueError
-        For arrays of other shapes, fewer than twelve usable points, or points on one line.
+        For arrays of other shapes, fewer than twelve usable points, points on one line or measured off the detector,
+        or measured positions that are the known ones, or have nothing to do with them.
     """
     true_m, measured_m = np.asarray(true_m, dtype=np.float64), np.asarray(measured_m, dtype=np.float64)
     if true_m.ndim != 2 or true_m.shape[1] != 2 or true_m.shape != measured_m.shape:
@@ -172,11 +181,14 @@ def calibrate(
     if not ((box.half_m > 0.0).all() and (seen.half_m > 0.0).all()):
         raise ValueError("the points lie on one line; spread them over the detector")
     u, error = box.scaled(true_m), measured_m - true_m
+    _check_errors(true_m, measured_m, error, float(box.half_m.max()), detector_size_m)
     figures = likely_figures(box, u, error, highest_order)
     fits = _fit_orders(box, u, error, highest_order, figures)
     chosen = min(fits, key=lambda fit: fit.prediction_m)
     estimator = Estimator(box, u, chosen.order, figures, error)
     order, solution = _inverse(box, seen, estimator, error)
+    beside = np.hypot(*_beside_others(estimator, error, 0.5).T)
+    worst = int(np.argmax(beside))
     cells = np.minimum((0.5 * (u + 1.0) * 5.0).astype(int), 4)
     return CalibrationReport(
         calibration=Calibration(
@@ -197,10 +209,42 @@ def calibrate(
         box=box,
         raw_max_m=float(np.abs(error).max()),
         raw_rms_m=float(np.sqrt(np.mean(error**2))),
+        outlier_m=(float(true_m[worst, 0]), float(true_m[worst, 1])),
+        outlier_sigma=float(beside[worst] / np.median(beside) * math.sqrt(2.0 * math.log(2.0))),
         empty_cells=25 - len({(int(i), int(j)) for i, j in cells}),
         detector_share=None if detector_size_m is None else float(4.0 * seen.half_m.prod() / np.prod(detector_size_m)),
         target_m=target_m,
     )
+
+
+def _check_errors(
+    true_m: Matrix, measured_m: Matrix, error: Matrix, half_m: float, detector_size_m: tuple[float, float] | None
+) -> None:
+    """Refuse what no detector measures."""
+    off = np.abs(measured_m).max(axis=0)
+    if detector_size_m is not None and (off > 0.5 * np.array(detector_size_m)).any():
+        width, height = np.array(detector_size_m) * 1e3
+        raise ValueError(
+            f"spots are measured up to ({off[0] * 1e3:.4g}, {off[1] * 1e3:.4g}) mm off the middle, but the detector "
+            f"has {width:g} x {height:g} mm: are the units right?"
+        )
+    if not np.abs(error).max() > 1e-9 * half_m:
+        raise ValueError("the measured positions are the known ones: a calibration needs what the detector measured")
+    worst = int(np.argmax(np.hypot(*error.T)))
+    far = np.hypot(*error[worst])
+    if far > 2.0 * half_m or float(np.sqrt(np.mean(error**2))) > LARGEST_ERROR * half_m:
+        x, y = true_m[worst] * 1e3
+        raise ValueError(
+            f"the spot known to be at ({x:.4g}, {y:.4g}) mm is measured {far * 1e3:.4g} mm from there, and the grid is "
+            f"{2e3 * half_m:.4g} mm wide: an outlier, another unit, or axes that are exchanged or mirrored?"
+        )
+
+
+def _beside_others(estimator: Estimator, error: Matrix, power: float = 1.0) -> Matrix:
+    """Errors (n, 2) beside their estimates over (1 - leverage)^power: 1, from all others; 1/2, all of one size."""
+    leverage = np.minimum(estimator.leverage(), 1.0 - 1e-12)
+    out: Matrix = (error - estimator.terms @ estimator.coefficients(error)) / (1.0 - leverage) ** power
+    return out
 
 
 def _fit_orders(box: Box, u: Matrix, error: Matrix, highest: int, figures: tuple[Figures, ...]) -> list[OrderFit]:
@@ -208,9 +252,8 @@ def _fit_orders(box: Box, u: Matrix, error: Matrix, highest: int, figures: tuple
     fits = []
     for order in range(OPTICS_ORDER, highest + 1):
         estimator = Estimator(box, u, order, figures, error)
-        leverage = np.minimum(estimator.leverage(), 1.0 - 1e-12)
-        left = (error - estimator.terms @ estimator.coefficients(error)) / (1.0 - leverage)
-        prediction, in_use = float(np.sqrt(np.mean(left**2))), 0.5 * float(leverage.sum())
+        left, in_use = _beside_others(estimator, error), 0.5 * float(estimator.leverage().sum())
+        prediction = float(np.sqrt(np.mean(left**2)))
         fits.append(
             OrderFit(order, len(exponents(order)), in_use, prediction, estimator.fit_noise_m, estimator.missed_m)
         )

@@ -101,7 +101,7 @@ class Calibration:
     noise_sigma_m: NonNegative
 
     def __post_init__(self) -> None:
-        terms = len(exponents(self.order))
+        terms = (self.order + 1) * (self.order + 2) // 2
         for name in ("correction_x_m", "correction_y_m"):
             if len(getattr(self, name)) != terms:
                 raise ValueError(
