@@ -15,6 +15,7 @@ from relnav.navigation.log import LogFilter
 from relnav.navigation.smoothing import new_models, smooth_run
 from relnav.navigation.status import STARTED
 from relnav.sensors.three_beacon.calibration import Calibration
+from relnav.simulation.as_built import as_built
 from relnav.simulation.detector import Faults
 from relnav.simulation.scenario import simulate
 from relnav.simulation.trajectory import Approach
@@ -308,3 +309,25 @@ def test_nees_of_sensors_with_lasting_errors(models, name, limit):
     assert (np.abs(mean[:2] - 6.0) < 3.0 * spread[:2]).all(), mean
     assert (spread[:2] < 0.5).all()
     assert mean[2] > limit
+
+
+def test_a_built_sensor_close_in_is_not_refused(models):
+    """From 5 m to 0.6 m with spots of 1 um and beacons 0.2 mm off: every image is used; ignored, most have rejects."""
+    model, shares = models["nine beacons"], []
+    for seed in range(3):
+        for considered in (True, False):
+            tolerances = dataclasses.replace(model.tolerances, distortion_limit_m=0.0, considered=considered)
+            mission = dataclasses.replace(model, calibration=None, tolerances=tolerances)
+            approach = Approach(start_m=(5.0, 0.02, -0.02), final_range_m=0.6, duration_s=250.0)
+            log = simulate(as_built(mission, seed), approach, seed=seed, by_received_power=True)
+            track = relnav.filter_epochs(
+                mission, log.t_s, log.spots_m, acceleration_m_s2=log.acceleration_m_s2, spot_sigma_m=log.sigma_m
+            )
+            shares.append(track.accepted.mean())
+            if considered:
+                known = np.isfinite(track.state[:, 0]) & (log.t_s > 5.0)
+                error = (track.state - log.truth)[known]
+                weighted = np.linalg.solve(track.covariance[known], error[..., None])[..., 0]
+                assert np.einsum("ni,ni->n", error, weighted).mean() < 12.0
+    assert min(shares[::2]) > 0.99
+    assert max(shares[1::2]) < 0.5
