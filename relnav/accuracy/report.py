@@ -232,6 +232,8 @@ def _held_filter(model: Model, state: Vector, rate_hz: float, method: str) -> li
     """1-sigma of range, azimuth, elevation that the filter reports after a long hold at a state (6,)."""
     count = round(SETTLING_RUN_S * rate_hz)
     spots = project_beacons(model, np.tile(state, (count, 1)))
+    if model.calibration is not None:
+        spots = model.calibration.distorted(spots)
     solution = filter_epochs(model, np.arange(count) / rate_hz, spots, method=method)
     last: list[float] = solution.part(count - 1, count).docking_sigma[0].tolist()
     return last

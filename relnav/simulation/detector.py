@@ -47,6 +47,18 @@ def project_beacons(model: Model, state: Matrix, dcm_cam_from_lvlh: Stack | None
     return spots
 
 
+def misplaced(model: Model, spots_m: Stack, rng: np.random.Generator) -> Stack:
+    """Spots (n, 3, 2) m as the detector of a calibrated model measures them; those of another model as they are.
+
+    The distortion that the calibration takes out, and what it leaves: an error of each coordinate that lasts.
+    """
+    if model.calibration is None:
+        return spots_m
+    measured = model.calibration.distorted(spots_m)
+    left = model.calibration.corrected(measured)[1]
+    return measured + rng.normal(size=spots_m.shape[1:]) * left[..., None]
+
+
 def photocurrents(model: Model, state: Matrix, dcm_cam_from_lvlh: Stack | None = None) -> Matrix:
     """Photocurrent (n, 3) A that each beacon would draw while it is on, from true states (n, 6); 0 from behind.
 
@@ -104,7 +116,7 @@ def image(
 
     sigma_m: noise of each coordinate, (n, 3, 2) or one number; the sensor's `spot_noise_m` if left out.
     """
-    spots = project_beacons(model, state)
+    spots = misplaced(model, project_beacons(model, state), rng)
     spots = spots + rng.normal(size=spots.shape) * (model.sensor.spot_noise_m if sigma_m is None else sigma_m)
     half = 0.5 * np.array(model.sensor.detector_size_m)
     elsewhere = rng.uniform(-1.0, 1.0, size=spots.shape) * half

@@ -10,7 +10,7 @@ from relnav.mission import Model
 from relnav.sensors.three_beacon.psd import counts_of_currents, currents_of_spots, noisy_currents
 from relnav.sensors.three_beacon.pulses import DARK, Pulses
 from relnav.simulation.beacon_faults import BeaconFault, in_slot, mirrored, shining
-from relnav.simulation.detector import background_current_a, photocurrents, project_beacons
+from relnav.simulation.detector import background_current_a, misplaced, photocurrents, project_beacons
 from relnav.simulation.distortion import Distortion
 from relnav.simulation.trajectory import Approach, fly
 
@@ -53,7 +53,8 @@ def slot_counts(
     """Converter counts (n, 4) of slots of these beacons (n,) at true states (n, 6).
 
     faults: of beacons, at the times t_s (n,) of the slots. late_s: how late the receiver samples by the beacons' clock
-    (`Pulses.lit`). Attitude (n, 3, 3), the model's if left out.
+    (`Pulses.lit`). Attitude (n, 3, 3), the model's if left out. distortion: of the detector; that of the model's
+    calibration if left out.
     """
     pulses = _pulses(model)
     detector, size = model.detector, model.sensor.detector_size_m
@@ -65,8 +66,7 @@ def slot_counts(
         spots = mirrored(faults, t_s, spots, 0.5 * np.array(size), rng)
         current = current * shining(faults, t_s)
         beacon = in_slot(faults, t_s, beacon)
-    if distortion is not None:
-        spots = distortion.apply(spots)
+    spots = misplaced(model, spots, rng) if distortion is None else distortion.apply(spots)
     on = np.all(np.abs(spots) <= 0.5 * np.array(size), axis=-1)
     share = pulses.lit(late_s)[beacon][:, :3]
     assert detector is not None  # photocurrents has asked

@@ -169,6 +169,14 @@ def test_outside_the_grid_the_correction_is_held_and_its_sigma_grows():
     assert np.abs(error).max() > 3.0 * c.residual_sigma_m
 
 
+def test_where_true_spots_are_measured(trials):
+    """The inverse of the correction, beyond the box and off the detector too."""
+    calibration = trials[1.0][0][0].calibration
+    true = np.random.default_rng(5).uniform(-8e-3, 8e-3, (500, 2))
+    np.testing.assert_allclose(calibration.correct(calibration.distorted(true)), true, rtol=0.0, atol=1e-12)
+    assert np.isnan(calibration.distorted([[np.nan, np.nan]])).all()
+
+
 def test_missing_spots_stay_missing():
     c = Calibration(0, (0.0, 0.0), (1e-3, 1e-3), (1e-5,), (2e-5,), 1e-6, 0.0, 9, 1e-6)
     got = c.correct(np.array([[np.nan, np.nan], [1e-3, 2e-3]]))

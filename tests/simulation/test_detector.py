@@ -1,13 +1,18 @@
 """The simulated detector: the right spots, the right noise, and faults as often as stated."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import relnav
 from relnav.mission import Attitude, Camera, Docking
-from relnav.simulation.detector import Faults, image, project_beacons
+from relnav.sensors.three_beacon.calibration import Calibration
+from relnav.sensors.three_beacon.psd import currents_of_counts, spots_of_currents
+from relnav.simulation.detector import Faults, background_current_a, image, project_beacons
+from relnav.simulation.raw import slot_counts
 
 STATES = np.array([[10.0, 0.25, -0.15, 0, 0, 0], [6.5, -0.1, 0.2, 0, 0, 0], [4.2, 0.0, 0.1, 0, 0, 0]])
 FACING = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])  # cam x = -y, y = +z, z = -x of lvlh_ccsds
@@ -131,3 +136,25 @@ def test_attitude_of_each_row(make_model) -> None:
     turn = np.stack([c, zero, -s, zero, one, zero, s, zero, c], axis=-1).reshape(3, 3, 3)
     spots = project_beacons(make_model(), np.tile([6.0, 0, 0, 0, 0, 0], (3, 1)), turn @ FACING)
     np.testing.assert_allclose(spots[:, 2, 0], -0.05 * np.tan(angle), atol=1e-15)
+
+
+@pytest.mark.parametrize("raw", [False, True], ids=["spots", "raw"])
+def test_a_calibrated_models_detector_is_the_one_that_was_calibrated(raw):
+    """Spots are where the correction takes back to the truth, but for noise and an error that lasts over a log."""
+    box, sigma = (4e-3, 4e-3), 2e-5
+    bent = (2e-4, 0.0, 1e-4, 1e-4, 0.0, -5e-5)
+    calibration = Calibration(2, (0.0, 0.0), box, bent, bent[::-1], sigma, 0.1, 225, 1e-5)
+    model = dataclasses.replace(relnav.load_model("three_beacon_psd"), calibration=calibration)
+    state, beacon = np.tile([6.0, 0.0, 0.0, 0.0, 0.0, 0.0], (300, 1)), np.arange(300) % 3
+    left = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        if raw:
+            currents = currents_of_counts(model.detector, slot_counts(model, state, beacon, rng))
+            seen, _ = spots_of_currents(model.sensor.detector_size_m, currents - background_current_a(model))
+            seen = np.stack([seen[beacon == k] for k in range(3)], axis=1)
+        else:
+            seen = image(model, state, Faults(), rng)
+        left.append((calibration.correct(seen) - project_beacons(model, state)[: len(seen)]).mean(axis=0))
+    np.testing.assert_allclose(np.mean(left, axis=0), 0.0, atol=4.0 * sigma / 40**0.5)
+    assert np.std(left) == pytest.approx(sigma, rel=0.2)

@@ -21,6 +21,9 @@ from relnav.arrays import Matrix, Vector
 Positive = Annotated[float, Gt(0.0)]
 NonNegative = Annotated[float, Ge(0.0)]
 
+MOST_STEPS = 50
+"""Of the inverse; each leaves of the error the correction's slope, a tenth or so."""
+
 
 def exponents(order: int) -> list[tuple[int, int]]:
     """Powers (i, j) of u and v up to a total order, lowest first: 1, u, v, u^2, u v, v^2, ..."""
@@ -138,3 +141,14 @@ class Calibration:
     def correct(self, spots_m: ArrayLike) -> Matrix:
         """Spots (..., 2) m as they would be without distortion."""
         return self.corrected(spots_m)[0]
+
+    def distorted(self, true_m: ArrayLike) -> Matrix:
+        """Where spots that are at (..., 2) m are measured: what `correct` takes there."""
+        true = np.asarray(true_m, dtype=np.float64)
+        measured: Matrix = true.copy()
+        for _ in range(MOST_STEPS):
+            moved = true - self.correct(measured)
+            measured += moved
+            if not (np.abs(moved) > 1e-12).any():
+                break
+        return measured
