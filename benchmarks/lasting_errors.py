@@ -34,22 +34,21 @@ APPROACH = Approach(duration_s=60.0, start_m=(7.0, 0.02, 0.03), assumed_noise=Tr
 
 
 def calibrated(model):
-    """The model with a calibration that corrects nothing: the simulated spots have what one leaves, and no more."""
+    """The model with a calibration that corrects nothing: simulated spots then have what one leaves, and no more."""
     left = Calibration(0, (0.0, 0.0), (3.46e-3, 3.46e-3), (0.0,), (0.0,), RESIDUAL_M, 0.0, 225, 1e-5)
     return dataclasses.replace(model, calibration=left)
 
 
 def flight(filters, drawn, seed):
     """A row a filter, over the settled part: NEES of 6; share of range, azimuth, elevation within their sigma."""
-    log = simulate(as_built(drawn, seed), APPROACH, seed=seed)
-    spots = log.spots_m + np.random.default_rng((7, seed)).normal(size=(3, 2)) * RESIDUAL_M
+    log = simulate(as_built(calibrated(drawn), seed), APPROACH, seed=seed)
     late, rows = log.t_s > SETTLED_S, []
     p = log.truth[late, :3]  # the camera is in the centre of mass, the port too
     r = np.linalg.norm(p, axis=1)
     docking = np.stack([r, np.arctan2(p[:, 1], p[:, 0]), -np.arcsin(p[:, 2] / r)], axis=1)
     for model, method, smooth in filters:
         track = relnav.filter_epochs(
-            model, log.t_s, spots, acceleration_m_s2=log.acceleration_m_s2, method=method, smooth=smooth
+            model, log.t_s, log.spots_m, acceleration_m_s2=log.acceleration_m_s2, method=method, smooth=smooth
         )
         error = (track.state - log.truth)[late]
         nees = np.einsum("ni,ni->n", error, np.linalg.solve(track.covariance[late], error[..., None])[..., 0])

@@ -17,6 +17,7 @@ from relnav.accuracy.single_shot import true_spots
 from relnav.arrays import Matrix, Vector
 from relnav.geometry.spherical import position_from_angles
 from relnav.mission import Model
+from relnav.navigation.in_use import field_errors
 from relnav.sensors.three_beacon.measure import measure
 
 RANGES_M = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 6.5, 7.0, 8.0, 9.0, 10.0)
@@ -158,12 +159,15 @@ def _lasting(model: Model, at: Sensitivity) -> list[tuple[str, bool, Matrix]]:
     assert t is not None
     raw = t.distortion_limit_m / math.sqrt(3.0)
     calibrated = model.calibration is not None
-    left = at.lasting_m if calibrated else np.full(at.visible.shape, 10e-6 / 3.0)
+    box = np.zeros(2), 0.5 * np.array(model.sensor.detector_size_m)
+    if model.calibration is not None:
+        box = np.array(model.calibration.center_m), np.array(model.calibration.half_width_m)
+    left = field_errors(at.spots_m, *box, at.lasting_m if calibrated else np.full(at.visible.shape, 10e-6 / 3.0))
     turn = np.concatenate([-cross_matrix(beacon) for beacon in model.sensor.beacons_dock_m])  # theta x B
     unseen = np.where(np.repeat(at.visible, 2), 1.0, 0.0)[:, None]
     return [
         ("distortion, not calibrated", not calibrated, raw * unseen * np.eye(len(unseen))),
-        ("distortion left by calibration", calibrated, np.repeat(left, 2) * unseen * np.eye(len(unseen))),
+        ("distortion left by calibration", calibrated, unseen * left),
         (
             "focal length",
             True,

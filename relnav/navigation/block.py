@@ -19,44 +19,45 @@ SETTINGS = 1  # projection, method, attitude known, restart after, mean motion, 
 CONTROL = 2  # magnitude sigma, direction sigma, correlation time, initial velocity sigma
 LAYOUT = 3  # number of beacons; first rows: gate limits, beacons, results set aside, sensitivities of track, of trial
 TOLERANCES = 4  # 1-sigma: focal length, relative; camera mounting, beacon mounting (rad); beacon placement (m)
+FIELD = 5  # where what lasts in the spots was calibrated: centre, half widths (m)
 
 # Derived from the attitude (`sight.set_attitude`)
-CAM_FROM_DOCK = 5  # 3 rows: dcm_cam_from_dock
-OFFSET = 8  # camera minus chaser's centre of mass, minus the port: camera from O = state + OFFSET, lvlh_ccsds
+CAM_FROM_DOCK = 6  # 3 rows: dcm_cam_from_dock
+OFFSET = 9  # camera minus chaser's centre of mass, minus the port: camera from O = state + OFFSET, lvlh_ccsds
 
 # State that lasts from step to step
-TRIAL = 9  # 7 rows: the start under test, state and factors
+TRIAL = 10  # 7 rows: the start under test, state and factors
 P_ROWS = 7  # rows of a track
-STEP_KEY = 16  # dt and acceleration for which the three below were computed; then whether an impulse was in them
-PHI = 17  # 6 rows: transition
-Q_FACTORS = 23  # 6 rows: factors of the process noise
-EFFECT = 29  # what the control adds to the state
+STEP_KEY = 17  # dt and acceleration for which the three below were computed; then whether an impulse was in them
+PHI = 18  # 6 rows: transition
+Q_FACTORS = 24  # 6 rows: factors of the process noise
+EFFECT = 30  # what the control adds to the state
 
 # Input of one step
-INPUT = 30  # acceleration, delta-v
+INPUT = 31  # acceleration, delta-v
 
 # Scratch of the update
-X_WORK = 31  # 7 rows: state and factors during the update
-X_AT = 38  # point of linearisation
-PLACE = 39  # camera from O in the docking frame at the prediction (3), its range^2, the prior's position variance
-RAYS = 40  # 3 rows: rays of the measured spots, camera axes
-FIX_AT = 43  # position of the fix (3), docking frame
-VALUE = 44  # invariants measured (3), then those at the prediction (3)
-INVERSE = 45  # 3 rows: (dg/dp)^-1
-JACOBIAN = 48  # 3 rows: d value / d spots
-H = 51  # 3 rows: measurement rows of a fix or of invariants, made independent
-RESIDUAL = 54  # their innovations, independent (3) and as they are (3)
-VARIANCE = 55  # variances of the independent rows; 0 = row not used
-R_FACTOR = 56  # 3 rows: L of R = L diag L^T
-WORK = 59  # 24 rows: scratch of the closed form, of a start, of a step
+X_WORK = 32  # 7 rows: state and factors during the update
+X_AT = 39  # point of linearisation
+PLACE = 40  # camera from O in the docking frame at the prediction (3), its range^2, the prior's position variance
+RAYS = 41  # 3 rows: rays of the measured spots, camera axes
+FIX_AT = 44  # position of the fix (3), docking frame
+VALUE = 45  # invariants measured (3), then those at the prediction (3)
+INVERSE = 46  # 3 rows: (dg/dp)^-1
+JACOBIAN = 49  # 3 rows: d value / d spots
+H = 52  # 3 rows: measurement rows of a fix or of invariants, made independent
+RESIDUAL = 55  # their innovations, independent (3) and as they are (3)
+VARIANCE = 56  # variances of the independent rows; 0 = row not used
+R_FACTOR = 57  # 3 rows: L of R = L diag L^T
+WORK = 60  # 24 rows: scratch of the closed form, of a start, of a step
 
 # What a record keeps: one piece, DOCK .. the innovations and the track's sensitivities
-DOCK = 83  # 3 rows: dcm_dock_from_lvlh | port position, lvlh_ccsds
-ATTITUDE = 86  # 3 rows: dcm_cam_from_lvlh | camera from the chaser's centre of mass, camera axes
-CLOCK = 89  # time of the last epoch, running, trial running, rejected streak, starts, number of beacons
-TRACK = 90  # 7 rows: state x, then factors ld
-RESULT = 97  # status, NIS, dof, measurement status, iterations, groups used
-INNOVATION = 98  # two numbers a beacon, row after row; NaN where there is none
+DOCK = 84  # 3 rows: dcm_dock_from_lvlh | port position, lvlh_ccsds
+ATTITUDE = 87  # 3 rows: dcm_cam_from_lvlh | camera from the chaser's centre of mass, camera axes
+CLOCK = 90  # time of the last epoch, running, trial running, rejected streak, starts, number of beacons
+TRACK = 91  # 7 rows: state x, then factors ld
+RESULT = 98  # status, NIS, dof, measurement status, iterations, groups used
+INNOVATION = 99  # two numbers a beacon, row after row; NaN where there is none
 
 # Where errors are considered, from LAYOUT's fifth and sixth number on: what one sigma of each does to the state of the
 # track, and of the trial; before those of the trial as many rows of scratch (`considered.py`)
@@ -69,6 +70,9 @@ POSITION = (
 OBSERVED = 1  # residual x, y; variance x, y (0 = coordinate not used)
 GRADIENT = 2  # 2 rows: measurement rows
 
+NODES = 4
+"""Along each side of the detector's field of lasting errors."""
+FIELD_ERRORS = 2 * NODES * NODES
 TOLERANCES_SHARED = 7
 """Tolerances that all beacons share: the focal length, three turns of the camera, three of the beacons."""
 
@@ -94,9 +98,9 @@ def new_block(model: Model, method: str, projection: str) -> Matrix:
     count = len(beacons)
     tolerances = model.tolerances if model.tolerances is not None and model.tolerances.considered else None
     lasting = model.lasting_spot_sigma_m
-    considered = 0 if tolerances is None else 2 * count + TOLERANCES_SHARED + 3 * count
-    if tolerances is None and model.calibration is not None:
-        considered = 2 * count
+    calibration = model.calibration
+    considered = 0 if tolerances is None and calibration is None else FIELD_ERRORS
+    considered += 0 if tolerances is None else TOLERANCES_SHARED + 3 * count
     results = results_end(count)
     gate = results + considered
     first_beacon = gate + rows_for(2 * count)
@@ -132,6 +136,9 @@ def new_block(model: Model, method: str, projection: str) -> Matrix:
             tolerances.beacon_mounting_sigma_rad,
             tolerances.beacon_placement_sigma_m,
         )
+    block[FIELD, 2:4] = block[SENSOR, 1:3]
+    if calibration is not None:
+        block[FIELD, :4] = *calibration.center_m, *calibration.half_width_m
     block[LAYOUT] = count, gate, first_beacon, kept, results, trial
     block[CLOCK, 0], block[CLOCK, 5] = -np.inf, count
     block[gate:first_beacon].ravel()[: 2 * count] = gate_limits(settings.gate_probability, 2 * count)

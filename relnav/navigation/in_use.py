@@ -9,10 +9,13 @@ from relnav.geometry.spherical import range_azimuth_elevation_jacobian
 from relnav.navigation.block import (
     ATTITUDE,
     DOCK,
+    FIELD,
+    FIELD_ERRORS,
     FIX,
     GRADIENT,
     JACOBIAN,
     LAYOUT,
+    NODES,
     OBSERVED,
     OFFSET,
     POSITION,
@@ -57,19 +60,18 @@ def errors_in_use(block: Matrix, x: Vector, spots: Matrix) -> Matrix:
     Columns as the rows of `considered.py`, found another way: by small displacements.
     """
     count = beacon_count(block)
-    lasting = np.repeat([block[beacon_row(block, i) + POSITION, 5] for i in range(count)], 2)
-    tolerant = block[LAYOUT, 1] - block[LAYOUT, 4] > 2 * count
+    field = _field_errors(block, spots)
+    tolerant = block[LAYOUT, 1] - block[LAYOUT, 4] > FIELD_ERRORS
     if uses_coordinates(block):
         used = [block[beacon_row(block, i) + OBSERVED, 2 + k] > 0.0 for i in range(count) for k in range(2)]
-        columns = [np.diag(lasting)]
+        columns = [field]
         if tolerant:
             columns.extend(_coordinates_by_tolerance(block, x))
         errors_of_all: Matrix = np.hstack(columns)
         return errors_of_all[used]
     size = int(np.sum(block[VARIANCE, :3] > 0.0))
     jacobian = block[JACOBIAN : JACOBIAN + size]
-    errors = np.zeros((size, 2 * count))
-    errors[:, :6] = jacobian * lasting[:6]
+    errors: Matrix = np.where(jacobian == 0.0, 0.0, jacobian) @ field[:6]
     if not tolerant:
         return errors
     by_focal_length = block[TOLERANCES, 0] * np.nan_to_num(jacobian) @ np.nan_to_num(spots[:3].ravel())
@@ -94,6 +96,27 @@ def errors_in_use(block: Matrix, x: Vector, spots: Matrix) -> Matrix:
         by_shift = angles @ np.linalg.solve(moved, by_shift)
     all_errors: Matrix = np.hstack([errors, by_focal_length[:, None], np.zeros((size, 3)), by_shift])
     return all_errors
+
+
+def _field_errors(block: Matrix, spots: Matrix) -> Matrix:
+    """What one sigma of each node's error does to every coordinate, (2 n, nodes of x and of y)."""
+    sigma = np.array([block[beacon_row(block, i) + POSITION, 5] for i in range(len(spots))])
+    return field_errors(spots, block[FIELD, :2], block[FIELD, 2:4], sigma)
+
+
+def field_errors(spots_m: Matrix, center_m: Vector, half_width_m: Vector, sigma_m: Vector) -> Matrix:
+    """What one sigma of each node of a detector's field does to every coordinate, (2 n, nodes of x and of y) m.
+
+    spots_m (n, 2), NaN = anywhere; box of the field (2,), (2,); sigma_m (n,) of each spot's coordinates.
+    """
+    u = np.clip((np.nan_to_num(spots_m) - center_m) / half_width_m, -1.0, 1.0)
+    distance = np.abs(0.5 * (NODES - 1) * (u[..., None] + 1.0) - np.arange(NODES))  # (n, 2, NODES)
+    weights = np.maximum(0.0, 1.0 - distance)
+    weights /= np.linalg.norm(weights, axis=-1, keepdims=True)
+    of_spot = np.einsum("ni,nj->nij", weights[:, 0], weights[:, 1]).reshape(len(spots_m), -1) * sigma_m[:, None]
+    errors = np.zeros((len(spots_m), 2, 2, NODES * NODES))
+    errors[:, 0, 0], errors[:, 1, 1] = of_spot, of_spot
+    return errors.reshape(2 * len(spots_m), -1)
 
 
 def _beacons(block: Matrix) -> Matrix:

@@ -117,9 +117,16 @@ def carry(track: Matrix, phi: Matrix, effect: Vector, q_ld: Matrix) -> None:
 
 
 @kernel
+def moves(sensitivity: Vector) -> bool:
+    """Whether an error moves the position at all: of most nodes of a detector's field no spot comes near."""
+    return bool(sensitivity[0] != 0.0 or sensitivity[1] != 0.0 or sensitivity[2] != 0.0)
+
+
+@kernel
 def advance(block: Matrix, track: Matrix, sensitivities: Matrix) -> None:
     """Carry the state and factors of a track (7, 6), and its sensitivities (m, 6), over the prepared step."""
     phi = block[PHI : PHI + 6]
     carry(track, phi, block[EFFECT], block[Q_FACTORS : Q_FACTORS + 6])
     for j in range(sensitivities.shape[0]):
-        multiply(phi, sensitivities[j])
+        if moves(sensitivities[j]):
+            multiply(phi, sensitivities[j])

@@ -17,6 +17,7 @@ from relnav.navigation.block import (
     CLOCK,
     DOCK,
     EFFECT,
+    FIELD_ERRORS,
     GRADIENT,
     INNOVATION,
     INPUT,
@@ -207,8 +208,7 @@ class ReferenceEngine:
         """Add considered errors to the variances of the coordinates in use: own ones, and what is left of others."""
         block = self.block
         h, _, _, _ = rows_in_use(block)
-        errors, lasting = errors_in_use(block, x, spots), 2 * int(block[LAYOUT, 0])
-        shared = slice(lasting, lasting + TOLERANCES_SHARED)
+        errors, shared = errors_in_use(block, x, spots), slice(FIELD_ERRORS, FIELD_ERRORS + TOLERANCES_SHARED)
         own = np.delete(errors, shared, axis=1)
         rest = errors[:, shared] - h @ track.considered[shared].T
         left = np.sum(own**2, axis=1) + np.sum(rest**2, axis=1)

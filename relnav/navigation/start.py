@@ -166,7 +166,7 @@ def _start_of_planes(block: Matrix, track: Matrix, sensitivities: Matrix, spots:
     The track is left alone unless the image can begin one: it may be a trial that goes on.
     """
     normal, inverse = block[WORK : WORK + 5], block[WORK + 5 : WORK + 8]
-    covariance, x = block[WORK + 8 : WORK + 14], block[WORK + 20]
+    covariance, x = block[WORK + 8 : WORK + 14], block[WORK + 21]
     _, usable, _ = take_in_coordinates(block, spots)
     if usable < 6:
         return NOT_SEEN
@@ -198,7 +198,7 @@ def _start_of_planes(block: Matrix, track: Matrix, sensitivities: Matrix, spots:
         return DEGENERATE
     for i in range(6):
         track[0, i] = x[i] if i < 3 else 0.0
-    start_sensitivities_of_planes(block, x, covariance, sensitivities)
+    start_sensitivities_of_planes(block, x, spots, covariance, sensitivities)
     return OK
 
 

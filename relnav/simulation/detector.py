@@ -7,6 +7,10 @@ import numpy as np
 from relnav.arrays import Matrix, Stack
 from relnav.mission import Model
 from relnav.sensors.three_beacon.psd import spot_sigma
+from relnav.simulation.distortion import Distortion
+
+LEFT_LENGTH = 0.4
+"""Length of what a calibration leaves, in half widths of its grid: its correlation has 1/e at 0.5 to 0.8 of them."""
 
 
 @dataclass(frozen=True)
@@ -50,13 +54,16 @@ def project_beacons(model: Model, state: Matrix, dcm_cam_from_lvlh: Stack | None
 def misplaced(model: Model, spots_m: Stack, rng: np.random.Generator) -> Stack:
     """Spots (n, 3, 2) m as the detector of a calibrated model measures them; those of another model as they are.
 
-    The distortion that the calibration takes out, and what it leaves: an error of each coordinate that lasts.
+    The distortion that the calibration takes out, and what it leaves: a smooth field over the detector that lasts.
     """
     if model.calibration is None:
         return spots_m
-    measured = model.calibration.distorted(spots_m)
-    left = model.calibration.corrected(measured)[1]
-    return measured + rng.normal(size=spots_m.shape[1:]) * left[..., None]
+    calibration = model.calibration
+    measured = calibration.distorted(spots_m)
+    left = calibration.corrected(measured)[1]
+    places = (measured - np.array(calibration.center_m)) / np.array(calibration.half_width_m)
+    field = Distortion(1.0, figure_sigma_m=1.0, figure_length_m=LEFT_LENGTH, seed=int(rng.integers(2**32)))
+    return measured + field.error(places) * left[..., None]
 
 
 def photocurrents(model: Model, state: Matrix, dcm_cam_from_lvlh: Stack | None = None) -> Matrix:

@@ -71,7 +71,11 @@ def disturbed(name, model, truth, range_m, rng):
     if name == "distortion, not calibrated":
         return look(p, beacons, f) + rng.uniform(-1, 1, (n, 3, 2)) * t.distortion_limit_m
     if name == "distortion left by calibration":
-        return look(p, beacons, f) + rng.normal(size=(n, 3, 2)) * 10e-6 / 3
+        spots = look(p, beacons, f)  # a smooth field: errors of 4 x 4 nodes, a third of the detector apart
+        near = np.maximum(0.0, 1.0 - np.abs(1.5 * (spots[..., None] / 4e-3 + 1.0) - np.arange(4)))
+        near /= np.linalg.norm(near, axis=-1, keepdims=True)
+        nodes = rng.normal(size=(n, 4, 4, 2)) * 10e-6 / 3
+        return spots + np.einsum("nbi,nbj,nijk->nbk", near[:, :, 0], near[:, :, 1], nodes)
     if name == "focal length":
         return look(p, beacons, f * (1 + t.focal_length_relative_sigma * rng.normal(size=n)))
     if name == "beacon placement":

@@ -1,0 +1,187 @@
+"""What one sigma of an error that lasts does to what is measured: the columns of E in `considered.py`."""
+
+import math
+
+from relnav._kernel import kernel
+from relnav.arrays import Matrix, Vector
+from relnav.geometry.spherical import range_azimuth_elevation_jacobian
+from relnav.navigation.block import (
+    ATTITUDE,
+    DOCK,
+    FIELD,
+    FIELD_ERRORS,
+    FIX,
+    JACOBIAN,
+    NODES,
+    OFFSET,
+    POSITION,
+    SENSOR,
+    SETTINGS,
+    TOLERANCES,
+    TOLERANCES_SHARED,
+    VARIANCE,
+    beacon_row,
+)
+from relnav.sensors.three_beacon.invariants import beacon_gradients, invert_three, position_gradient, rays_from_position
+
+
+@kernel
+def _cross(sigma: float, a: Vector, b: Vector, out: Vector) -> None:
+    """Write sigma a x b into out (3,)."""
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[i] = sigma * (a[j] * b[k] - a[k] * b[j])
+
+
+@kernel
+def displacement(block: Matrix, beacon: int, tolerance: int, sight: Vector, arm: Vector, out: Vector) -> bool:
+    """Write by how much one sigma of a tolerance seems to move a beacon, `lvlh_ccsds` m; False if not at all.
+
+    sight: from the camera to the beacon; arm: from the port to the beacon.
+    """
+    sigma = block[TOLERANCES]
+    if tolerance == 0:  # a longer focal length moves what is off the axis outward
+        boresight, along = block[ATTITUDE + 2], 0.0
+        for i in range(3):
+            along += boresight[i] * sight[i]
+        for i in range(3):
+            out[i] = sigma[0] * (sight[i] - along * boresight[i])
+    elif tolerance < 4:
+        _cross(sigma[1], block[ATTITUDE + tolerance - 1], sight, out)
+    elif tolerance < TOLERANCES_SHARED:
+        _cross(sigma[2], block[DOCK + tolerance - 4], arm, out)
+    else:
+        axis = tolerance - TOLERANCES_SHARED - 3 * beacon
+        if axis < 0 or axis > 2:
+            return False
+        for i in range(3):
+            out[i] = sigma[3] * block[DOCK + axis, i]
+    return True
+
+
+@kernel
+def place_in_field(block: Matrix, spot: Vector, place: Vector) -> None:
+    """Write a spot's (2,) m cell and the weights of its nodes, along x and y: place (6,) = i, j, x x, y y."""
+    for axis in range(2):
+        u = (spot[axis] - block[FIELD, axis]) / block[FIELD, 2 + axis]
+        along = 0.5 * (NODES - 1) * (max(-1.0, min(1.0, u)) + 1.0) if u == u else 0.0
+        cell = min(math.floor(along), NODES - 2.0)
+        part = along - cell
+        norm = math.sqrt(part * part + (1.0 - part) * (1.0 - part))
+        place[axis] = cell
+        place[2 + 2 * axis] = (1.0 - part) / norm
+        place[3 + 2 * axis] = part / norm
+
+
+@kernel
+def _weight(place: Vector, error: int) -> float:
+    """Weight of an error of the field for the spot at this place; which axis it is of does not matter."""
+    node = error % (NODES * NODES)
+    i, j = node // NODES - int(place[0]), node % NODES - int(place[1])
+    if i < 0 or i > 1 or j < 0 or j > 1:
+        return 0.0
+    return float(place[2 + i] * place[4 + j])
+
+
+@kernel
+def sight_and_arm(block: Matrix, x: Vector, beacon: int, sight: Vector, arm: Vector) -> None:
+    """Write where a beacon is, (3,) m in `lvlh_ccsds`: from the camera of the state x, and from the port."""
+    position = block[beacon_row(block, beacon) + POSITION]
+    for i in range(3):
+        arm[i] = position[i] - block[DOCK + i, 3]
+        sight[i] = arm[i] - x[i] - block[OFFSET, i]
+
+
+@kernel
+def error_of_numbers(
+    block: Matrix, spots: Matrix, places: Matrix, jacobian: Matrix, by_beacon: Matrix, j: int, out: Vector
+) -> None:
+    """Write what one sigma of error j does to three numbers that come of the spots of A, B and C, (n, 2) m.
+
+    places (3, 6): of the spots in the field; jacobian (3, 6): the numbers by the spots; by_beacon (9, 3): number m by
+    beacon i in row 3 m + i, docking axes.
+    """
+    sigma, a, b = block[TOLERANCES], block[SENSOR, 4], block[SENSOR, 5]
+    tolerance, axis = j - FIELD_ERRORS, j // (NODES * NODES)
+    for m in range(3):
+        out[m] = 0.0
+        if tolerance < 0:
+            for i in range(3):
+                if jacobian[m, 2 * i + axis] != 0.0:
+                    lasting = block[beacon_row(block, i) + POSITION, 5]
+                    out[m] += jacobian[m, 2 * i + axis] * lasting * _weight(places[i], j)
+        elif tolerance == 0:
+            for k in range(6):
+                if jacobian[m, k] != 0.0:
+                    out[m] += sigma[0] * jacobian[m, k] * spots[k // 2, k % 2]
+        elif 4 <= tolerance < TOLERANCES_SHARED:  # e_axis x (A = a e_y, B = -a e_y, C = b e_x), docking axes
+            of_a, of_b, of_c = by_beacon[3 * m], by_beacon[3 * m + 1], by_beacon[3 * m + 2]
+            if tolerance == 4:
+                out[m] = sigma[2] * a * (of_a[2] - of_b[2])
+            elif tolerance == 5:
+                out[m] = -sigma[2] * b * of_c[2]
+            else:
+                out[m] = sigma[2] * (b * of_c[1] - a * (of_a[0] - of_b[0]))
+        elif TOLERANCES_SHARED <= tolerance < TOLERANCES_SHARED + 9:
+            moved = tolerance - TOLERANCES_SHARED
+            out[m] = sigma[3] * by_beacon[3 * m + moved // 3, moved % 3]
+
+
+@kernel
+def _pair_gradients(jacobian: Matrix, u: Matrix, distance: Vector, out: Matrix) -> None:
+    """Write d|u_i - u_j|^2 / d beacon into rows 0 to 2 of out; i, j: the two that the jacobian's first row sees."""
+    for beacon in range(3):
+        for k in range(3):
+            out[beacon, k] = 0.0
+        if jacobian[0, 2 * beacon] != 0.0 or jacobian[0, 2 * beacon + 1] != 0.0:
+            other = (beacon + 1) % 3
+            if jacobian[0, 2 * other] == 0.0 and jacobian[0, 2 * other + 1] == 0.0:
+                other = (beacon + 2) % 3
+            along = 0.0
+            for k in range(3):
+                along += (u[beacon, k] - u[other, k]) * u[beacon, k]
+            for k in range(3):
+                out[beacon, k] = 2.0 * (u[beacon, k] - u[other, k] - along * u[beacon, k]) / distance[beacon]
+
+
+@kernel
+def _multiply_numbers(m: Matrix, by_beacon: Matrix, product: Vector) -> None:
+    """Turn the three numbers of by_beacon (9, 3) into m (3, 3) times them, in place."""
+    for beacon in range(3):
+        for k in range(3):
+            for i in range(3):
+                product[i] = 0.0
+                for j in range(3):
+                    product[i] += m[i, j] * by_beacon[3 * j + beacon, k]
+            for i in range(3):
+                by_beacon[3 * i + beacon, k] = product[i]
+
+
+@kernel
+def position_by_beacon(block: Matrix, p: Vector, work: Matrix, out: Matrix) -> bool:
+    """Write by how much the fix at p, docking frame, is off as beacons A, B, C move: (dg/dp)^-1 dg/db, out (9, 3)."""
+    u, distance, gradient, inverse = work[0:3], work[3], work[4:7], work[7:10]
+    rays_from_position(p, block[SENSOR, 4], block[SENSOR, 5], u, distance)
+    beacon_gradients(u, distance, out)
+    position_gradient(u, distance, gradient)
+    if not invert_three(gradient, inverse):
+        return False
+    _multiply_numbers(inverse, out, work[10])
+    return True
+
+
+@kernel
+def numbers_by_beacon(block: Matrix, p: Vector, work: Matrix, out: Matrix) -> bool:
+    """Write what the measured numbers do as beacons A, B, C move, seen from p, docking frame; out (9, 3)."""
+    if block[SETTINGS, 1] == FIX:
+        if not position_by_beacon(block, p, work, out) or not range_azimuth_elevation_jacobian(p, work[0:3]):
+            return False
+        _multiply_numbers(work[0:3], out, work[3])
+        return True
+    u, distance = work[0:3], work[3]
+    rays_from_position(p, block[SENSOR, 4], block[SENSOR, 5], u, distance)
+    if block[VARIANCE, 1] > 0.0:
+        beacon_gradients(u, distance, out)
+    else:
+        _pair_gradients(block[JACOBIAN : JACOBIAN + 3], u, distance, out)
+    return True
