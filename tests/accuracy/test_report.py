@@ -1,11 +1,15 @@
 """The accuracy report: the numbers that must come out. The full campaign is `relnav accuracy`."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 import relnav
 from relnav.accuracy.campaign import Way, run_campaign
 from relnav.accuracy.statistics import nees_band
+from relnav.estimation.consistency import chi_square_interval
+from relnav.sensors.three_beacon.calibration import Calibration
 from relnav.simulation.trajectory import Approach
 
 
@@ -125,3 +129,19 @@ def test_envelopes_cover_the_approach(report):
     assert range_m.min() < 4.1
     assert np.isfinite(error).all()
     assert np.isfinite(sigma).all()
+
+
+def test_a_calibrated_model_is_judged_over_runs(model):
+    """Its detector is distorted as its calibration says; what is left makes all epochs of a run one draw."""
+    terms = tuple(1e-4 * np.array([0.1, 1.0, -0.5, 0.2, 0.3, -0.2]))
+    left = Calibration(2, (0.0, 0.0), (3.46e-3, 3.46e-3), terms, terms[::-1], 2.4e-6, 0.0, 225, 1e-5)
+    calibrated = relnav.measure_accuracy(dataclasses.replace(model, calibration=left), runs=3, seed=3)
+    limit = 6.0 * chi_square_interval(18, 0.9999)[1]
+    for row in calibrated.consistency:
+        assert row.lasting
+        assert row.as_expected
+        if row.expected_consistent:
+            assert 1.0 < row.nees.mean < limit
+    row = calibrated.consistency[0]
+    assert not dataclasses.replace(row, nees=dataclasses.replace(row.nees, mean=1.01 * limit)).consistent
+    assert dataclasses.replace(row, nees=dataclasses.replace(row.nees, mean=0.99 * limit)).consistent
