@@ -3,42 +3,50 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import relnav
 from relnav._kernel import is_compiled
+from relnav.sensors.three_beacon.calibration import Calibration
 
-CASES = ["spots", "fix", "unknown"]
+CASES = ["spots", "fix", "unknown", "considered", "considered fix"]
+
+LEFT = (2, (1e-4, 0.0), (3e-3, 3.2e-3), (1e-5, -2e-5, 1e-5, 0.0, 2e-5, 1e-5), (0.0,) * 6, 3e-6, 1e-3, 225, 1e-5)
+"""A calibration, as arguments."""
 
 # Compiled code may fuse a multiplication and an addition into one rounding; the closed form's iteration and six
 # sequential updates then differ in the last digits only.
 TOLERANCE_SIGMA = 1e-9
 
-PLAIN = """
+PLAIN = f"""
 import sys
 from dataclasses import replace
 import numpy as np
 import relnav
 from relnav._kernel import is_compiled
+from relnav.sensors.three_beacon.calibration import Calibration
 
 assert not is_compiled()
 given = np.load(sys.argv[1])
 model = relnav.load_model("three_beacon_psd")
 unknown = replace(model, attitude=replace(model.attitude, mode="unknown"))
-out = {}
-for case in ("spots", "fix", "unknown"):
+tolerances = replace(model.tolerances, considered=True)
+told = replace(model, tolerances=tolerances, calibration=Calibration(*{LEFT}))
+out = {{}}
+for case in {CASES}:
     solution = relnav.filter_epochs(
-        unknown if case == "unknown" else model,
+        unknown if case == "unknown" else told if "considered" in case else model,
         given["t"],
         given["spots"],
         acceleration_m_s2=given["acceleration"],
         delta_v_m_s=given["impulse"],
-        method="fix" if case == "fix" else "spots",
+        method="fix" if "fix" in case else "spots",
     )
     for name in ("state", "factor", "innovation", "nis", "dof", "status", "measurement_status", "docking"):
-        out[f"{case}_{name}"] = getattr(solution, name)
+        out[f"{{case}}_{{name}}"] = getattr(solution, name)
 assert "numba" not in sys.modules
 np.savez(sys.argv[2], **out)
 """
@@ -85,13 +93,15 @@ def plain(vbar, drift, look, tmp_path_factory):
 @pytest.mark.parametrize("case", CASES)
 def test_compiled_equals_plain(vbar, unknown_attitude, drift, look, plain, case):
     t, spots, acceleration, impulse = nasty_log(vbar, drift, look)
+    left = Calibration(*LEFT)
+    told = replace(vbar, tolerances=replace(vbar.tolerances, considered=True), calibration=left)
     compiled = relnav.filter_epochs(
-        unknown_attitude if case == "unknown" else vbar,
+        unknown_attitude if case == "unknown" else told if "considered" in case else vbar,
         t,
         spots,
         acceleration_m_s2=acceleration,
         delta_v_m_s=impulse,
-        method="fix" if case == "fix" else "spots",
+        method="fix" if "fix" in case else "spots",
     )
     for name in ("status", "dof", "measurement_status"):
         np.testing.assert_array_equal(plain[f"{case}_{name}"], getattr(compiled, name))

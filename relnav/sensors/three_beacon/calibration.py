@@ -21,6 +21,8 @@ from relnav.arrays import Matrix, Vector
 Positive = Annotated[float, Gt(0.0)]
 NonNegative = Annotated[float, Ge(0.0)]
 
+NO_DETECTOR_M = 1e3
+"""Spots so far out, and infinite ones, are left alone."""
 MOST_STEPS = 50
 """Of the inverse; each leaves of the error the correction's slope, a tenth or so."""
 
@@ -52,6 +54,11 @@ def _correct(table: Matrix, order: int, spots: Matrix, sigma: Vector) -> None:
     table: centre, half width, (residual, slope at the rim), then the coefficients of both axes, a row a term.
     """
     for k in range(spots.shape[0]):
+        if not (abs(spots[k, 0]) < NO_DETECTOR_M and abs(spots[k, 1]) < NO_DETECTOR_M):
+            if spots[k, 0] != spots[k, 0] or spots[k, 1] != spots[k, 1]:  # the correction of one needs both
+                spots[k, 0], spots[k, 1] = math.nan, math.nan
+            sigma[k] = table[2, 0]
+            continue
         u = (spots[k, 0] - table[0, 0]) / table[1, 0]
         v = (spots[k, 1] - table[0, 1]) / table[1, 1]
         held_u, held_v = max(-1.0, min(1.0, u)), max(-1.0, min(1.0, v))
@@ -66,11 +73,9 @@ def _correct(table: Matrix, order: int, spots: Matrix, sigma: Vector) -> None:
             y = y * held_v + y_row
         outside_u, outside_v = (u - held_u) * table[1, 0], (v - held_v) * table[1, 1]
         distance2 = outside_u * outside_u + outside_v * outside_v
-        slope = table[2, 1] * table[2, 1] * distance2 if distance2 > 0.0 else 0.0
-        sigma[k] = math.sqrt(table[2, 0] * table[2, 0] + slope)
-        known = 0.0 if u == u and v == v else math.nan  # the correction of one coordinate needs both
-        spots[k, 0] += x + known
-        spots[k, 1] += y + known
+        sigma[k] = math.sqrt(table[2, 0] * table[2, 0] + table[2, 1] * table[2, 1] * distance2)
+        spots[k, 0] += x
+        spots[k, 1] += y
 
 
 @dataclass(frozen=True)
