@@ -17,9 +17,9 @@ the state cannot take it up, (E - H S)^2. R of a fix, which the state takes up w
 
 What lasts in the spots is a smooth field over the detector: neighbouring spots share it, and a spot that travels
 leaves its error behind. It is carried as independent errors on 4 x 4 nodes over the calibrated box, for x and for y;
-between nodes a spot's error is their mean, weighted bilinearly and scaled to the spot's own sigma. Two spots half a
-spacing apart, a third of the half width, share 0.7 of it at least, a whole spacing apart nothing: what calibrations
-from 225 points leave has 1/e of its correlation at 0.5 to 0.8 of the half width.
+between nodes a spot's error is their mean, weighted bilinearly and scaled to the spot's own sigma. So spots share much
+of it at half a spacing, a third of the half width, and little at a whole one, as they do of what calibrations from 225
+points leave: correlations of 0.5 to 0.75 and of 0.05 to 0.45 by how fine the detector's figure is (a test).
 
 Rows of `sensitivities` (m, 6), columns of S: the nodes of x, of y; then, if tolerances are considered: the focal
 length; turns of the camera about its axes; turns of the beacons about the docking axes, at the port; every beacon

@@ -10,7 +10,7 @@ from relnav.sensors.three_beacon.psd import spot_sigma
 from relnav.simulation.distortion import Distortion
 
 LEFT_LENGTH = 0.4
-"""Length of what a calibration leaves, in half widths of its grid: its correlation has 1/e at 0.5 to 0.8 of them."""
+"""Length of what a calibration leaves, in half widths of its grid: its correlation has 1/e at 0.4 to 0.75 of them."""
 
 
 @dataclass(frozen=True)
