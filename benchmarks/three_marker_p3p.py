@@ -24,7 +24,7 @@ import numpy as np
 import poselib
 from scipy.spatial.transform import Rotation
 
-from relnav._kernel import kernel
+from relnav.codegen.kernel import kernel
 from relnav.geometry.p3p import BLOCK, p3p, solve_p3p
 
 MISS = 1e-6

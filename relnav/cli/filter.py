@@ -91,9 +91,9 @@ def _given(method: str, projection: str | None) -> str:
 
 def _choose_engine(log: Path) -> None:
     """Run a short log as plain Python where nothing is compiled yet: 2 s instead of 20 s, and the same track."""
-    if "RELNAV_JIT" in os.environ or "relnav._kernel" in sys.modules or log.stat().st_size >= PLAIN_BELOW_BYTES:
+    if "RELNAV_JIT" in os.environ or "relnav.codegen.kernel" in sys.modules or log.stat().st_size >= PLAIN_BELOW_BYTES:
         return
-    from relnav._cache import compiled_code_at_hand
+    from relnav.codegen.cache import compiled_code_at_hand
 
     if not compiled_code_at_hand():
         os.environ["RELNAV_JIT"] = "0"

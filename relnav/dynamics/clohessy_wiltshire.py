@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from relnav._kernel import kernel
 from relnav.arrays import Matrix, Vector
+from relnav.codegen.kernel import kernel
 from relnav.geometry.frames import DCM_LVLH_CCSDS_FROM_RSW
 
 PHI_PATTERN = ("10**0*", "0*00*0", "00**0*", "00**0*", "0*00*0", "00**0*")

@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
-from relnav._kernel import kernel
 from relnav.arrays import Matrix
+from relnav.codegen.kernel import kernel
 from relnav.dynamics.clohessy_wiltshire import transition_into
 
 

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from relnav._kernel import kernel
 from relnav.arrays import Matrix, Vector
+from relnav.codegen.kernel import kernel
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
 
 LARGEST_TURN_RAD = 0.05

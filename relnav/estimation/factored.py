@@ -11,8 +11,8 @@ costs what Joseph's form costs and keeps all digits where that one and the textb
 
 import numpy as np
 
-from relnav._kernel import kernel, quotient, select, straight_line
 from relnav.arrays import Matrix, Vector
+from relnav.codegen.kernel import kernel, quotient, select, straight_line
 
 
 @kernel

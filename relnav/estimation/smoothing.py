@@ -18,8 +18,8 @@ definiteness. C and S do not depend on what comes later: `backward_model` finds 
 
 import numpy as np
 
-from relnav._kernel import straight_line
 from relnav.arrays import Matrix, Vector
+from relnav.codegen.kernel import straight_line
 from relnav.estimation.factored import orthogonalise, scalar_update, spread, time_update_into
 
 

@@ -10,7 +10,7 @@ being zero has its own branch.
 import math
 from typing import TypeAlias
 
-from relnav._kernel import kernel
+from relnav.codegen.kernel import kernel
 
 Conic: TypeAlias = tuple[float, float, float, float, float, float]
 Line: TypeAlias = tuple[float, float, float]

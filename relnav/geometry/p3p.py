@@ -14,8 +14,8 @@ import math
 
 import numpy as np
 
-from relnav._kernel import kernel
 from relnav.arrays import Matrix, Stack, Vector
+from relnav.codegen.kernel import kernel
 from relnav.geometry.conic_pencil import Conic, degenerate_member, line_pair, meet
 from relnav.geometry.rotation import triad
 

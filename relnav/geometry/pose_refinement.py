@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
-from relnav._kernel import kernel
 from relnav.arrays import Matrix, Stack, Vector
+from relnav.codegen.kernel import kernel
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
 
 WORK_ROWS = 6

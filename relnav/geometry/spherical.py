@@ -6,8 +6,8 @@ toward y, and elevation is positive toward -z. They are not the (elevation towar
 
 import math
 
-from relnav._kernel import kernel, quotient, straight_line
 from relnav.arrays import Matrix, Vector
+from relnav.codegen.kernel import kernel, quotient, straight_line
 
 
 @straight_line(p=(3,), out=(3,))

@@ -7,8 +7,8 @@ the constants once; `step` owns the rest.
 
 import numpy as np
 
-from relnav._kernel import kernel
 from relnav.arrays import Matrix, Vector
+from relnav.codegen.kernel import kernel
 from relnav.estimation.gating import gate_limits
 from relnav.mission import Model
 from relnav.sensors.three_beacon.measure import PROJECTIONS

@@ -29,8 +29,8 @@ row of H.
 
 import numpy as np
 
-from relnav._kernel import kernel, straight_line
 from relnav.arrays import Matrix, Vector
+from relnav.codegen.kernel import kernel, straight_line
 from relnav.estimation.factored import add_rank_one
 from relnav.geometry.spherical import position_from_angles_jacobian
 from relnav.navigation.block import (

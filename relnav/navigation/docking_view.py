@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from relnav._kernel import kernel, select, straight_line
 from relnav.arrays import Matrix, Stack, Vector
+from relnav.codegen.kernel import kernel, select, straight_line
 from relnav.estimation.factored import compose_into
 from relnav.geometry.spherical import range_azimuth_elevation, range_azimuth_elevation_jacobian
 from relnav.navigation.smoothing import unpack_track

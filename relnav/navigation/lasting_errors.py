@@ -2,8 +2,8 @@
 
 import math
 
-from relnav._kernel import kernel
 from relnav.arrays import Matrix, Vector
+from relnav.codegen.kernel import kernel
 from relnav.geometry.spherical import range_azimuth_elevation_jacobian
 from relnav.navigation.block import (
     ATTITUDE,

@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from relnav._kernel import kernel
 from relnav.arrays import Codes, Matrix, Stack, Vector
+from relnav.codegen.kernel import kernel
 from relnav.geometry.rotation import dcm_from_quaternion_into
 from relnav.mission import Model
 from relnav.navigation.block import (

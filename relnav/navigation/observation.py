@@ -13,8 +13,8 @@ L^-1 z and L^-1 H with R = L diag(VARIANCE) L^T.
 
 import numpy as np
 
-from relnav._kernel import kernel, straight_line
 from relnav.arrays import Matrix, Vector
+from relnav.codegen.kernel import kernel, straight_line
 from relnav.estimation.factored import decorrelate
 from relnav.geometry.rotation import triad
 from relnav.geometry.spherical import docking_difference, range_azimuth_elevation_jacobian

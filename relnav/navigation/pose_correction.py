@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from relnav._kernel import kernel
 from relnav.arrays import Matrix, Vector
+from relnav.codegen.kernel import kernel
 from relnav.navigation.pose_state import PoseState
 
 

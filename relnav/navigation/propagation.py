@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from relnav._kernel import kernel, straight_line
 from relnav.arrays import Matrix, Vector
+from relnav.codegen.kernel import kernel, straight_line
 from relnav.dynamics.clohessy_wiltshire import PHI_PATTERN, acceleration_effect_into, transition_into
 from relnav.dynamics.process_noise import acceleration_noise_into
 from relnav.estimation.factored import factorize_into, time_update_into

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav._kernel import only_for
 from relnav.arrays import Matrix
+from relnav.codegen.kernel import only_for
 from relnav.mission import Model
 from relnav.navigation.block import (
     ATTITUDE,

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from relnav._kernel import kernel, quotient, straight_line
 from relnav.arrays import Matrix, Vector
+from relnav.codegen.kernel import kernel, quotient, straight_line
 from relnav.navigation.block import (
     ATTITUDE,
     CAM_FROM_DOCK,

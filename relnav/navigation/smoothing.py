@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from relnav._kernel import kernel, side_by_side, straight_line
-from relnav._trace import LANES
 from relnav.arrays import Codes, Matrix, Stack, Vector
+from relnav.codegen.kernel import kernel, side_by_side, straight_line
+from relnav.codegen.trace import LANES
 from relnav.dynamics.clohessy_wiltshire import PHI_PATTERN, transition_into
 from relnav.estimation.smoothing import backward_model, carry_noise_back, smooth_step
 from relnav.navigation.block import EFFECT, INPUT, PHI, Q_FACTORS, SETTINGS, STEP_KEY, WORK, X_WORK

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relnav._kernel import kernel
 from relnav.arrays import Codes, Flags, Matrix, Stack, Vector
+from relnav.codegen.kernel import kernel
 from relnav.dynamics.rigid_body import cross
 from relnav.geometry.rotation_vector import rotation_vector_between
 from relnav.mission import VisionMission

@@ -6,8 +6,8 @@ the port) by least squares, if the camera's attitude is known: then every spot i
 
 import numpy as np
 
-from relnav._kernel import kernel, straight_line
 from relnav.arrays import Matrix, Vector
+from relnav.codegen.kernel import kernel, straight_line
 from relnav.estimation.factored import factorize_into
 from relnav.geometry.spherical import position_from_angles_jacobian
 from relnav.navigation.block import (

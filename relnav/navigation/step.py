@@ -13,8 +13,8 @@ it; an image that is used, or shows nothing, ends the row and the trial.
 
 import math
 
-from relnav._kernel import kernel
 from relnav.arrays import Matrix
+from relnav.codegen.kernel import kernel
 from relnav.navigation.block import (
     CLOCK,
     LAYOUT,

@@ -9,8 +9,8 @@ state once is enough.
 
 import math
 
-from relnav._kernel import kernel, quotient, straight_line
 from relnav.arrays import Matrix, Vector
+from relnav.codegen.kernel import kernel, quotient, straight_line
 from relnav.estimation.factored import innovation_variance, scalar_update
 from relnav.navigation.block import (
     DOCK,

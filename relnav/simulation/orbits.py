@@ -6,8 +6,8 @@ Runge-Kutta with the log's own step. Commanded acceleration is held in the targe
 
 import math
 
-from relnav._kernel import kernel
 from relnav.arrays import Matrix, Vector
+from relnav.codegen.kernel import kernel
 
 MU_EARTH_M3_S2 = 3.986004418e14  # IERS Conventions (2010), table 1.1
 EARTH_RADIUS_M = 6378136.6  # the same table

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relnav._kernel import kernel
 from relnav.arrays import Matrix, Vector
+from relnav.codegen.kernel import kernel
 from relnav.mission import Model, VisionMission
 from relnav.simulation.orbits import J2_EARTH, MU_EARTH_M3_S2, place_chaser, relative_state, runge_kutta_step
 

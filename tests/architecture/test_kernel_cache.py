@@ -1,19 +1,19 @@
 """Compiled code that is kept: never that of an older callee, and no error where nothing can be kept.
 
-Tried on a package of two kernels with the project's own `_kernel.py`, which compiles in a second.
+Tried on a package of two kernels with the project's own `codegen`, which compiles in a second.
 """
 
 import pytest
 
 CALLEE = """
-from toy._kernel import kernel
+from toy.codegen.kernel import kernel
 
 @kernel
 def inner(x: float) -> float:
     return {factor} * x
 """
 CALLER = """
-from toy._kernel import kernel
+from toy.codegen.kernel import kernel
 from toy.callee import inner
 
 @kernel
@@ -27,8 +27,8 @@ with warnings.catch_warnings(record=True) as caught:
     from toy.caller import outer
     from toy.callee import inner
     print(outer(2.0))
-from toy import _kernel
-print(_kernel.is_compiled())
+from toy.codegen import kernel
+print(kernel.is_compiled())
 print(sum(getattr(outer, "stats", None).cache_hits.values()) if hasattr(outer, "stats") else 0)
 for entry in caught:
     print(entry.category.__name__, entry.message)
@@ -41,8 +41,10 @@ def toy(root, tmp_path):
     package = tmp_path / "site" / "toy"
     package.mkdir(parents=True)
     (package / "__init__.py").write_text("")
-    for name in ("_kernel.py", "_trace.py", "_cache.py"):
-        (package / name).write_text((root / "relnav" / name).read_text().replace("from relnav.", "from toy."))
+    (package / "codegen").mkdir()
+    for name in ("__init__.py", "kernel.py", "trace.py", "cache.py"):
+        text = (root / "relnav" / "codegen" / name).read_text()
+        (package / "codegen" / name).write_text(text.replace("from relnav.", "from toy."))
     (package / "callee.py").write_text(CALLEE.format(factor=3.0))
     (package / "caller.py").write_text(CALLER)
     return package
@@ -71,7 +73,7 @@ def test_a_changed_callee_is_never_run_in_its_old_form(python, toy):
 
 def test_any_change_of_any_file_changes_the_stamp(python, toy):
     def stamp():
-        done = python("from toy import _cache; print(_cache.package_stamp())", path=toy.parent)
+        done = python("from toy.codegen.cache import package_stamp; print(package_stamp())", path=toy.parent)
         assert done.returncode == 0, done.stderr
         return done.stdout.strip()
 
@@ -87,9 +89,14 @@ def test_any_change_of_any_file_changes_the_stamp(python, toy):
     assert len(set(stamps)) == 4
 
 
+def block_the_package(toy):
+    for folder in (toy, toy / "codegen"):
+        (folder / "__pycache__").write_text("in the way")
+
+
 def test_where_nothing_can_be_written_it_works_with_one_warning(python, toy):
     """`__pycache__` and the user's cache folder are blocked by files, which stops root as well."""
-    (toy / "__pycache__").write_text("in the way")
+    block_the_package(toy)
     blocked = toy.parent / "blocked"
     blocked.write_text("in the way")
     environment = {"HOME": str(blocked / "home"), "XDG_CACHE_HOME": str(blocked / "cache")}
@@ -110,7 +117,7 @@ def test_a_cache_folder_that_cannot_be_made_is_no_error(python, toy):
 
 
 def test_a_read_only_install_keeps_its_code_in_the_users_folder(python, toy):
-    (toy / "__pycache__").write_text("in the way")
+    block_the_package(toy)
     environment = {"XDG_CACHE_HOME": str(toy.parent / "cache")}
     assert call(python, toy, **environment) == (7.0, True, 0, [])
     assert call(python, toy, **environment) == (7.0, True, 1, [])

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from relnav._kernel import STRAIGHT_LINES
-from relnav._trace import INPUTS, Trace
+from relnav.codegen.kernel import STRAIGHT_LINES
+from relnav.codegen.trace import INPUTS, Trace
 from relnav.navigation import log  # noqa: F401  (registers the filter's functions)
 
 COUNTS = tomllib.loads((Path(__file__).parent / "operation_counts.toml").read_text())["operations"]

@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
-import relnav._kernel as compiler
-from relnav._kernel import STRAIGHT_LINES, kernel, quotient, select, side_by_side, straight_line
-from relnav._trace import LANES, Trace
+import relnav.codegen.kernel as compiler
+from relnav.codegen.kernel import STRAIGHT_LINES, kernel, quotient, select, side_by_side, straight_line
+from relnav.codegen.trace import LANES, Trace
 from relnav.navigation import log  # noqa: F401  (registers the filter's functions)
 
 NAMES = {f"{function.__module__}.{function.__name__}": function for function in STRAIGHT_LINES}

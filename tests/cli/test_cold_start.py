@@ -44,17 +44,17 @@ def test_short_log_needs_no_compiler(fresh, short_log, tmp_path, run):
 
 
 def test_at_hand_only_under_the_stamp_of_this_version(monkeypatch, tmp_path):
-    from relnav import _cache
+    from relnav.codegen import cache
 
     folder = tmp_path / "navigation_0123"
     folder.mkdir()
     index = folder / "log._run-1.py311.nbi"
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "none"))
-    monkeypatch.setattr(_cache, "__file__", str(tmp_path / "package" / "_cache.py"))
-    monkeypatch.setattr(_cache, "package_stamp", lambda: "abc")
-    assert not _cache.compiled_code_at_hand()
+    monkeypatch.setattr(cache, "__file__", str(tmp_path / "package" / "codegen" / "cache.py"))
+    monkeypatch.setattr(cache, "package_stamp", lambda: "abc")
+    assert not cache.compiled_code_at_hand()
     index.write_bytes(b"...xyz...")
-    assert not _cache.compiled_code_at_hand()
+    assert not cache.compiled_code_at_hand()
     index.write_bytes(b"...abc...")
-    assert _cache.compiled_code_at_hand()
+    assert cache.compiled_code_at_hand()

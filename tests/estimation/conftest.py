@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-import relnav._kernel as compiler
+import relnav.codegen.kernel as compiler
 from relnav.estimation.factored import scalar_update, time_update_into
 from relnav.estimation.smoothing import backward_model, smooth_step
 

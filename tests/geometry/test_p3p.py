@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from relnav._kernel import is_compiled, kernel
+from relnav.codegen.kernel import is_compiled, kernel
 from relnav.geometry.p3p import BLOCK, camera_in_target, p3p, solve_p3p
 
 RANDOM_VIEWS = 10_000  # a tenth of the campaign of benchmarks/three_marker_p3p.py
@@ -288,7 +288,7 @@ def test_compiled_code_allocates_nothing():
 PLAIN = """
 import sys
 import numpy as np
-from relnav._kernel import is_compiled
+from relnav.codegen.kernel import is_compiled
 from relnav.geometry.p3p import p3p
 assert not is_compiled()
 given = np.load(sys.argv[1])

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from relnav._kernel import is_compiled, kernel
+from relnav.codegen.kernel import is_compiled, kernel
 from relnav.geometry.pose_refinement import (
     BEHIND,
     WORK_ROWS,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import relnav
-from relnav._kernel import is_compiled
+from relnav.codegen.kernel import is_compiled
 from relnav.sensors.three_beacon.calibration import Calibration
 
 CASES = ["spots", "fix", "unknown", "considered", "considered fix"]
@@ -26,7 +26,7 @@ import sys
 from dataclasses import replace
 import numpy as np
 import relnav
-from relnav._kernel import is_compiled
+from relnav.codegen.kernel import is_compiled
 from relnav.sensors.three_beacon.calibration import Calibration
 
 assert not is_compiled()

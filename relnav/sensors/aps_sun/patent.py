@@ -23,8 +23,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav._kernel import kernel
 from relnav.arrays import Codes, Matrix, Stack, Vector
+from relnav.codegen.kernel import kernel
 
 DEGREE = 7
 NEAR_AXIS_TAN = math.tan(math.radians(2.0))

@@ -9,8 +9,8 @@ from functools import cached_property
 
 import numpy as np
 
-from relnav._kernel import kernel
 from relnav.arrays import Matrix, Stack, Vector
+from relnav.codegen.kernel import kernel
 
 
 @dataclass(frozen=True)

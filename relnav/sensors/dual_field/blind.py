@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relnav._kernel import kernel
 from relnav.arrays import Codes, Matrix, Vector
+from relnav.codegen.kernel import kernel
 from relnav.sensors.dual_field.camera_fit import CameraFit, fit_camera
 from relnav.sensors.dual_field.catalogue import StarCatalogue
 from relnav.sensors.dual_field.identify import make_frame

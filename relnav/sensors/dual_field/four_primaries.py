@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relnav._kernel import kernel
 from relnav.arrays import Codes, Matrix, Vector
+from relnav.codegen.kernel import kernel
 from relnav.geometry.wahba import solve_wahba
 from relnav.sensors.dual_field.fold import fold_rays
 from relnav.sensors.dual_field.pair_table import Indices, PairTable, build_pair_table, k_range

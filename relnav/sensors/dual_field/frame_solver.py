@@ -2,8 +2,8 @@
 
 import math
 
-from relnav._kernel import kernel
 from relnav.arrays import Codes, Matrix, Vector
+from relnav.codegen.kernel import kernel
 from relnav.sensors.dual_field.matching import Frame, aberrate_into
 from relnav.sensors.dual_field.optics import plane_point, ray_and_variance
 from relnav.sensors.dual_field.pair_table import Indices

@@ -6,8 +6,8 @@
 import math
 from typing import NamedTuple
 
-from relnav._kernel import kernel
 from relnav.arrays import Codes, Matrix, Vector
+from relnav.codegen.kernel import kernel
 from relnav.sensors.dual_field.sky import SkyArrays, nearest_star
 
 LOOSEST_CHORD2 = 9e-6

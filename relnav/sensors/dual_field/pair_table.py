@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from relnav._kernel import kernel
 from relnav.arrays import Matrix, Vector
+from relnav.codegen.kernel import kernel
 
 Indices = NDArray[np.int32]
 

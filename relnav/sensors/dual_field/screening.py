@@ -5,8 +5,8 @@ their pair. A pair of stars has its triad too, one for both orders (half a turn 
 the two tell where a spot would look, and one look into `SkyArrays.near` mostly that there is nothing.
 """
 
-from relnav._kernel import kernel
 from relnav.arrays import Matrix, Vector
+from relnav.codegen.kernel import kernel
 from relnav.geometry.rotation import triad
 from relnav.sensors.dual_field.matching import Frame, aberrate_into, aberration_undone, loose_chord2
 from relnav.sensors.dual_field.sky import SkyArrays, nearest_star, none_near

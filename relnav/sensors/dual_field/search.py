@@ -7,8 +7,8 @@ accepted when chance would give as good a one among all that were tried with a p
 
 import math
 
-from relnav._kernel import kernel
 from relnav.arrays import Codes, Matrix, Vector
+from relnav.codegen.kernel import kernel
 from relnav.sensors.dual_field.matching import (
     Frame,
     fit_attitude,

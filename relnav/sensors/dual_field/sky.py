@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from relnav._kernel import kernel
 from relnav.arrays import Matrix, Vector
+from relnav.codegen.kernel import kernel
 from relnav.sensors.dual_field.catalogue import StarCatalogue
 from relnav.sensors.dual_field.pair_table import Indices, PairTable, build_pair_table
 

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from relnav._kernel import kernel, straight_line
 from relnav.arrays import Codes, Matrix, Stack, Vector
+from relnav.codegen.kernel import kernel, straight_line
 from relnav.geometry.spherical import range_azimuth_elevation, range_azimuth_elevation_jacobian
 from relnav.sensors.measurement import DEGENERATE, NOT_SEEN, OFF_DETECTOR, OK
 from relnav.sensors.three_beacon.parallel import solve_parallel, solve_parallel_jacobian

@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
-from relnav._kernel import select, straight_line
 from relnav.arrays import Matrix, Vector
+from relnav.codegen.kernel import select, straight_line
 
 
 @straight_line(u=(3, 3), g=(3,))

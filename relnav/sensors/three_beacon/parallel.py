@@ -16,8 +16,8 @@ b/r of the angle: `perspective` is the default, this stays for comparison with t
 
 import math
 
-from relnav._kernel import kernel
 from relnav.arrays import Matrix, Vector
+from relnav.codegen.kernel import kernel
 from relnav.sensors.measurement import DEGENERATE, OK, OUTSIDE_DOMAIN
 
 _TINY = 1e-12  # of the field: below this the spots of A and B coincide to rounding

@@ -13,8 +13,8 @@ import math
 
 import numpy as np
 
-from relnav._kernel import kernel, straight_line
 from relnav.arrays import Matrix, Vector
+from relnav.codegen.kernel import kernel, straight_line
 from relnav.sensors.measurement import DEGENERATE, NO_CONVERGENCE, OK, OUTSIDE_DOMAIN
 from relnav.sensors.three_beacon.invariants import (
     invariants,

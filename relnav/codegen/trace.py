@@ -2,7 +2,7 @@
 
 A function whose branches do not depend on its numbers does the same operations in the same order every time. Running
 it once on symbols writes them down (`trace`); operations on known zeros and ones fall away, and nothing is computed
-twice. `_kernel.straight_line` turns the list into machine code. A choice that does depend on the numbers is written
+twice. `kernel.straight_line` turns the list into machine code. A choice that does depend on the numbers is written
 `select(condition, a, b)` or `quotient(a, b, otherwise)`; conditions are joined with `&`.
 """
 

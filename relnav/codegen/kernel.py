@@ -13,8 +13,8 @@ import warnings
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
-from relnav._cache import package_stamp
-from relnav._trace import LANES, Shape, Trace
+from relnav.codegen.cache import package_stamp
+from relnav.codegen.trace import LANES, Shape, Trace
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -103,7 +103,7 @@ STRAIGHT_LINES: dict[Callable[..., Any], dict[str, Shape]] = {}
 def straight_line(**shapes: Shape) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Compile a function whose branches do not depend on its numbers into straight-line code, when a kernel calls it.
 
-    shapes names every array argument with its size or its pattern of known zeros and ones (`_trace.Shape`); the other
+    shapes names every array argument with its size or its pattern of known zeros and ones (`trace.Shape`); the other
     arguments are floats. It may call functions of its kind, `math.sqrt`, `math.atan2`, `select`, `quotient`, and
     `np.zeros` for scratch. All inputs are read before anything is written. Called from Python it runs as it stands.
     """
@@ -183,7 +183,7 @@ def _write(trace: Trace, context: Any, builder: Any, kinds: Any, arguments: Any,
     from numba import types
     from numba.core import cgutils
 
-    from relnav._machine_code import emit, emit_side_by_side
+    from relnav.codegen.machine_code import emit, emit_side_by_side
 
     double, byte, word = ir.DoubleType(), ir.IntType(8), ir.IntType(64)
     arrays: dict[int, Any] = {}

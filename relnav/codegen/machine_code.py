@@ -5,7 +5,7 @@ from typing import Any
 
 from llvmlite import ir
 
-from relnav._trace import COMPARISONS, LANES, Trace
+from relnav.codegen.trace import COMPARISONS, LANES, Trace
 
 Address = Callable[[int, tuple[int, ...]], Any]
 """LLVM pointer of an entry: argument number, index."""

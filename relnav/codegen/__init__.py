@@ -1,0 +1,1 @@
+"""Compilation: kernels of plain loops, and straight-line machine code from branch-free mathematics."""
