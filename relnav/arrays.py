@@ -1,6 +1,6 @@
 """Names for arrays: float64 throughout, the shape said in words because the type system cannot hold it."""
 
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,3 +19,6 @@ Flags: TypeAlias = NDArray[np.bool_]
 
 Codes: TypeAlias = NDArray[np.int64]
 """One small integer an epoch, (n,)."""
+
+Record: TypeAlias = Any
+"""One record of a structured type, or an array of them: fields by name (`record["state"]`)."""

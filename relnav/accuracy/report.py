@@ -17,7 +17,7 @@ from relnav.estimation.factored import factorize
 from relnav.mission import Model
 from relnav.navigation.docking_view import LOWER, views
 from relnav.navigation.log import filter_epochs
-from relnav.navigation.settled import settled_filter
+from relnav.navigation.steady_state_filter import settled_filter
 from relnav.simulation.detector import project_beacons
 from relnav.simulation.trajectory import Approach
 

@@ -67,6 +67,23 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     return uncached
 
 
+def inlined(function: Callable[P, R]) -> Callable[P, R]:
+    """A kernel that is written out where it is called: for one that returns views of memory by name.
+
+    From Python only `plain` of it can be called.
+    """
+    if _NJIT is None:
+        return function
+    put_in: Callable[P, R] = _NJIT(inline="always", **_OPTIONS)(function)
+    return put_in
+
+
+def plain(function: Callable[P, R]) -> Callable[P, R]:
+    """The Python lines of a kernel."""
+    lines: Callable[P, R] = getattr(function, "py_func", function)
+    return lines
+
+
 def is_compiled() -> bool:
     """Whether kernels run compiled in this process."""
     return _NJIT is not None

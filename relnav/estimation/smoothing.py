@@ -68,9 +68,9 @@ def backward_model(ld: Matrix, inverse: Matrix, carried: Matrix, c: Matrix, s_ld
                 c[i, j] += rest[m] * inverse[m, j]
 
 
-@straight_line(later=(7, 6), filtered=(6,), predicted=(6,), c=(6, 6), s_ld=(6, 6))
-def smooth_step(later: Matrix, filtered: Vector, predicted: Vector, c: Matrix, s_ld: Matrix) -> None:
-    """Replace `later`, the smoothed state and factors (7, 6) of the epoch after, by those of this epoch.
+@straight_line(later=(6,), later_ld=(6, 6), filtered=(6,), predicted=(6,), c=(6, 6), s_ld=(6, 6))
+def smooth_step(later: Vector, later_ld: Matrix, filtered: Vector, predicted: Vector, c: Matrix, s_ld: Matrix) -> None:
+    """Replace `later`, the smoothed state (6,) and factors (6, 6) of the epoch after, by those of this epoch.
 
     filtered (6,): state of this epoch; predicted (6,): from it, of the epoch after; C and the factors of S (6, 6).
     """
@@ -78,10 +78,10 @@ def smooth_step(later: Matrix, filtered: Vector, predicted: Vector, c: Matrix, s
     for i in range(6):
         x[i] = filtered[i]
         for j in range(6):
-            x[i] += c[i, j] * (later[0, j] - predicted[j])
-    time_update_into(later[1:7], c, s_ld)
+            x[i] += c[i, j] * (later[j] - predicted[j])
+    time_update_into(later_ld, c, s_ld)
     for i in range(6):
-        later[0, i] = x[i]
+        later[i] = x[i]
 
 
 def rts_smooth(
@@ -103,12 +103,12 @@ def rts_smooth(
     from relnav.estimation.factored import factorize
 
     state, factors = np.array(filtered_state), np.array(filtered_factors)
-    later = np.concatenate([state[-1:], factors[-1]])
+    later, later_ld = state[-1].copy(), factors[-1].copy()
     carried, c, s_ld = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
     for e in range(len(state) - 2, -1, -1):
         inverse = np.linalg.inv(phi[e])
         carry_noise_back(factorize(q[e]), inverse, carried)
         backward_model(factors[e], inverse, carried, c, s_ld)
-        smooth_step(later, state[e], phi[e] @ state[e] + effect[e], c, s_ld)
-        state[e], factors[e] = later[0], later[1:7]
+        smooth_step(later, later_ld, state[e], phi[e] @ state[e] + effect[e], c, s_ld)
+        state[e], factors[e] = later, later_ld
     return state, factors

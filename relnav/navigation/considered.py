@@ -29,29 +29,11 @@ row of H.
 
 import numpy as np
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, straight_line
 from relnav.estimation.factored import add_rank_one
 from relnav.geometry.spherical import position_from_angles_jacobian
-from relnav.navigation.block import (
-    DOCK,
-    FIELD_ERRORS,
-    GRADIENT,
-    JACOBIAN,
-    LAYOUT,
-    NODES,
-    OBSERVED,
-    OFFSET,
-    POSITION,
-    R_FACTOR,
-    TOLERANCES,
-    TOLERANCES_SHARED,
-    VARIANCE,
-    WORK,
-    H,
-    beacon_count,
-    beacon_row,
-)
+from relnav.navigation.beacon_geometry import camera_position_dock, uses_coordinates
 from relnav.navigation.lasting_errors import (
     displacement,
     error_of_numbers,
@@ -60,8 +42,8 @@ from relnav.navigation.lasting_errors import (
     position_by_beacon,
     sight_and_arm,
 )
+from relnav.navigation.memory import FIELD_ERRORS, NODES, TOLERANCES_SHARED, Memory
 from relnav.navigation.propagation import moves
-from relnav.navigation.sight import camera_position_dock, uses_coordinates
 
 
 @straight_line(ld=(6, 6), columns=(3, 6))
@@ -98,7 +80,7 @@ def _inform(information: Matrix, h: Vector, variance: float) -> None:
 
 
 @kernel
-def add_considered_noise(block: Matrix, x: Vector, sensitivities: Matrix) -> None:
+def add_considered_noise(m: Memory, x: Vector, sensitivities: Matrix) -> None:
     """Add considered errors to the variance of every coordinate in use.
 
     sensitivities (m, 6) as predicted; rows linearised at x.
@@ -106,54 +88,52 @@ def add_considered_noise(block: Matrix, x: Vector, sensitivities: Matrix) -> Non
     count = sensitivities.shape[0]
     if count == 0:
         return
-    sight, arm, moved = block[WORK], block[WORK + 1], block[WORK + 2]
-    place2 = block[TOLERANCES, 3] * block[TOLERANCES, 3]
-    for beacon in range(beacon_count(block)):
-        row = beacon_row(block, beacon)
-        observed = block[row + OBSERVED]
-        sight_and_arm(block, x, beacon, sight, arm)
+    sight, arm, moved = m.scratch["vectors"][0], m.scratch["vectors"][1], m.scratch["vectors"][2]
+    place2 = m.tolerances["beacon_placement"] * m.tolerances["beacon_placement"]
+    for beacon in range(m.beacons.shape[0]):
+        variance, lasting = m.groups[beacon]["variance"], m.beacons[beacon]["lasting_sigma"]
+        sight_and_arm(m, x, beacon, sight, arm)
         for k in range(2):
-            if observed[2 + k] > 0.0:
-                h = block[row + GRADIENT + k]
-                own = block[row + POSITION, 5] * block[row + POSITION, 5]
-                observed[2 + k] += own + place2 * (h[0] * h[0] + h[1] * h[1] + h[2] * h[2])
+            if variance[k] > 0.0:
+                h = m.groups[beacon]["gradient"][k]
+                variance[k] += lasting * lasting + place2 * (h[0] * h[0] + h[1] * h[1] + h[2] * h[2])
                 for j in range(FIELD_ERRORS, min(count, FIELD_ERRORS + TOLERANCES_SHARED)):
                     left, s = 0.0, sensitivities[j]
-                    displacement(block, beacon, j - FIELD_ERRORS, sight, arm, moved)
+                    displacement(m, beacon, j - FIELD_ERRORS, sight, arm, moved)
                     for i in range(3):
                         left += h[i] * (moved[i] + s[i])
-                    observed[2 + k] += left * left
+                    variance[k] += left * left
 
 
 @kernel
-def news_of_coordinates(block: Matrix, x: Vector, spots: Matrix, information: Matrix, news: Matrix) -> None:
+def news_of_coordinates(m: Memory, x: Vector, spots: Matrix, information: Matrix, news: Matrix) -> None:
     """Write H^T R^-1 H (3, 3) of the coordinates in use, linearised at x, and a row of H^T R^-1 E for each error."""
-    own, sight, arm, moved = block[WORK + 14 : WORK + 17], block[WORK + 17], block[WORK + 18], block[WORK + 19]
-    place = block[WORK + 20]
+    vectors, own, place = m.scratch["vectors"], m.scratch["three"], m.scratch["places"][0]
+    sight, arm, moved = vectors[0], vectors[1], vectors[2]
     for i in range(3):
         for j in range(3):
             information[i, j] = 0.0
         for j in range(news.shape[0]):
             news[j, i] = 0.0
-    for beacon in range(beacon_count(block)):
-        row = beacon_row(block, beacon)
+    for beacon in range(m.beacons.shape[0]):
+        lasting = m.beacons[beacon]["lasting_sigma"]
         for i in range(3):
             for j in range(3):
                 own[i, j] = 0.0
         for k in range(2):
-            variance = block[row + OBSERVED, 2 + k]
+            variance = m.groups[beacon]["variance"][k]
             if variance > 0.0:
-                h = block[row + GRADIENT + k]
+                h = m.groups[beacon]["gradient"][k]
                 _inform(own, h, variance)
-                place_in_field(block, spots[beacon], place)
-                for m in range(4):
-                    node = (int(place[0]) + m // 2) * NODES + int(place[1]) + m % 2
-                    weight = block[row + POSITION, 5] * place[2 + m // 2] * place[4 + m % 2] / variance
+                place_in_field(m.sensor, spots[beacon], place)
+                for corner in range(4):
+                    node = (int(place[0]) + corner // 2) * NODES + int(place[1]) + corner % 2
+                    weight = lasting * place[2 + corner // 2] * place[4 + corner % 2] / variance
                     for i in range(3):
                         news[k * NODES * NODES + node, i] += h[i] * weight
-        sight_and_arm(block, x, beacon, sight, arm)
+        sight_and_arm(m, x, beacon, sight, arm)
         for j in range(FIELD_ERRORS, news.shape[0]):
-            if displacement(block, beacon, j - FIELD_ERRORS, sight, arm, moved):
+            if displacement(m, beacon, j - FIELD_ERRORS, sight, arm, moved):
                 for i in range(3):
                     news[j, i] -= own[i, 0] * moved[0] + own[i, 1] * moved[1] + own[i, 2] * moved[2]
         for i in range(3):
@@ -162,73 +142,71 @@ def news_of_coordinates(block: Matrix, x: Vector, spots: Matrix, information: Ma
 
 
 @kernel
-def _news_of_position(block: Matrix, x: Vector, spots: Matrix, information: Matrix, news: Matrix) -> None:
+def _news_of_position(m: Memory, x: Vector, spots: Matrix, information: Matrix, news: Matrix) -> None:
     """As `news_of_coordinates`, of a fix or of invariants; errors become those of the independent rows by L^-1."""
-    by_beacon, e, p = block[WORK + 14 : WORK + 23], block[WORK + 23], block[WORK + 11]
-    camera_position_dock(x, block[OFFSET], block[DOCK : DOCK + 3], p)
-    regular = numbers_by_beacon(block, p, block[WORK : WORK + 11], by_beacon)
-    places = block[WORK + 6 : WORK + 9]
+    group, factor, by_beacon, places = m.groups[0], m.fix["factor"], m.scratch["by_beacon"], m.scratch["places"]
+    variance, h = group["variance"], group["gradient"]
+    e, p = m.scratch["vectors"][0], m.scratch["vectors"][1]
+    camera_position_dock(x, m.sensor["offset"], m.kept["dock"], p)
+    regular = numbers_by_beacon(m, p, m.scratch["gradients"], by_beacon)
     for i in range(3):
-        place_in_field(block, spots[i], places[i])
+        place_in_field(m.sensor, spots[i], places[i])
     for i in range(3):
         for j in range(3):
             information[i, j] = 0.0
-    for m in range(3):
-        if block[VARIANCE, m] > 0.0:
-            _inform(information, block[H + m], block[VARIANCE, m])
+    for r in range(3):
+        if variance[r] > 0.0:
+            _inform(information, h[r], variance[r])
     for j in range(news.shape[0]):
         for i in range(3):
             news[j, i] = 0.0
         if regular:
-            error_of_numbers(block, spots, places, block[JACOBIAN : JACOBIAN + 3], by_beacon, j, e)
-            for m in range(3):
-                if block[VARIANCE, m] > 0.0:
-                    for k in range(m):
-                        e[m] -= block[R_FACTOR + m, k] * e[k]
+            error_of_numbers(m, spots, places, m.fix["jacobian"], by_beacon, j, e)
+            for r in range(3):
+                if variance[r] > 0.0:
+                    for k in range(r):
+                        e[r] -= factor[r, k] * e[k]
                     for i in range(3):
-                        news[j, i] += block[H + m, i] * e[m] / block[VARIANCE, m]
+                        news[j, i] += h[r, i] * e[r] / variance[r]
 
 
 @kernel
-def update_sensitivities(block: Matrix, track: Matrix, sensitivities: Matrix, spots: Matrix) -> None:
-    """Update sensitivities (m, 6) by the rows in use as they were linearised last; track (7, 6) after the update."""
+def update_sensitivities(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix) -> None:
+    """Update sensitivities (m, 6) by the rows in use as they were linearised last; the track after the update."""
     count = sensitivities.shape[0]
     if count == 0:
         return
-    columns, information = block[WORK : WORK + 3], block[WORK + 3 : WORK + 6]
-    end = int(block[LAYOUT, 5])
-    news = block[end - count : end]
-    if uses_coordinates(block):
-        news_of_coordinates(block, track[0], spots, information, news)
+    columns, information, news = m.scratch["columns"], m.scratch["information"], m.news
+    if uses_coordinates(m.sensor):
+        news_of_coordinates(m, track["state"], spots, information, news)
     else:
-        _news_of_position(block, track[0], spots, information, news)
-    _position_columns(track[1:7], columns)
+        _news_of_position(m, track["state"], spots, information, news)
+    _position_columns(track["ld"], columns)
     for j in range(count):
         if moves(sensitivities[j]) or moves(news[j]):
             _update(sensitivities[j], columns, information, news[j])
 
 
 @kernel
-def start_sensitivities_of_fix(block: Matrix, p: Vector, spots: Matrix, sensitivities: Matrix) -> bool:
-    """Set sensitivities (m, 6) of a track that starts at the fix p (3,), docking frame, with JACOBIAN at it."""
+def start_sensitivities_of_fix(m: Memory, p: Vector, spots: Matrix, by_spots: Matrix, sensitivities: Matrix) -> bool:
+    """Set sensitivities (m, 6) of a track that starts at the fix p (3,), docking frame; by_spots (3, 6): at it."""
     if sensitivities.shape[0] == 0:
         return True
-    dock, jacobian, e = block[DOCK : DOCK + 3], block[WORK + 11 : WORK + 14], block[WORK + 23]
-    by_beacon, from_angles = block[WORK + 14 : WORK + 23], block[WORK : WORK + 3]
+    dock, jacobian, e = m.kept["dock"], m.scratch["numbers"], m.scratch["vectors"][0]
+    by_beacon, from_angles, places = m.scratch["by_beacon"], m.scratch["three"], m.scratch["places"]
     if not position_from_angles_jacobian(p, from_angles):
         return False
     for i in range(3):
         for k in range(6):
             jacobian[i, k] = 0.0
-            for m in range(3):
-                jacobian[i, k] += from_angles[i, m] * block[JACOBIAN + m, k]
-    if not position_by_beacon(block, p, block[WORK : WORK + 11], by_beacon):
+            for r in range(3):
+                jacobian[i, k] += from_angles[i, r] * by_spots[r, k]
+    if not position_by_beacon(m.sensor, p, m.scratch["gradients"], by_beacon):
         return False
-    places = block[WORK + 6 : WORK + 9]
     for i in range(3):
-        place_in_field(block, spots[i], places[i])
+        place_in_field(m.sensor, spots[i], places[i])
     for j in range(sensitivities.shape[0]):
-        error_of_numbers(block, spots, places, jacobian, by_beacon, j, e)
+        error_of_numbers(m, spots, places, jacobian, by_beacon, j, e)
         for i in range(3):
             sensitivities[j, i] = dock[0, i] * e[0] + dock[1, i] * e[1] + dock[2, i] * e[2]
             sensitivities[j, 3 + i] = 0.0
@@ -237,15 +215,14 @@ def start_sensitivities_of_fix(block: Matrix, p: Vector, spots: Matrix, sensitiv
 
 @kernel
 def start_sensitivities_of_planes(
-    block: Matrix, x: Vector, spots: Matrix, covariance: Matrix, sensitivities: Matrix
+    m: Memory, x: Vector, spots: Matrix, covariance: Matrix, sensitivities: Matrix
 ) -> None:
     """Set sensitivities (m, 6) of a track that starts at x by least squares over coordinates; covariance (6, 6)."""
     count = sensitivities.shape[0]
     if count == 0:
         return
-    end = int(block[LAYOUT, 5])
-    news = block[end - count : end]
-    news_of_coordinates(block, x, spots, block[WORK : WORK + 3], news)
+    news = m.news
+    news_of_coordinates(m, x, spots, m.scratch["information"], news)
     for j in range(count):
         for i in range(3):
             sensitivities[j, i] = 0.0

@@ -8,7 +8,7 @@ from relnav.arrays import Matrix, Stack, Vector
 from relnav.codegen.kernel import kernel, select, straight_line
 from relnav.estimation.factored import compose_into
 from relnav.geometry.spherical import range_azimuth_elevation, range_azimuth_elevation_jacobian
-from relnav.navigation.smoothing import unpack_track
+from relnav.navigation.smoothing import unpack_factors
 
 VIEW_ROWS = 30
 """Range, azimuth, elevation; the 6 elements of their covariance; the 21 of the state's, upper triangles by rows."""
@@ -22,10 +22,10 @@ UPPER_THREE = np.triu_indices(3)
 @straight_line(state=(6,), packed=(21,), dock=(3, 3), port=(3,), lever=(3,), out=(VIEW_ROWS,))
 def _view(state: Vector, packed: Vector, dock: Matrix, port: Vector, lever: Vector, out: Vector) -> None:
     """Seed 000 eq. (13) and J P J^T for one state with packed factors; no angles at the poles x = y = 0."""
-    track, covariance = np.zeros((7, 6)), np.zeros((6, 6))
+    ld, covariance = np.zeros((6, 6)), np.zeros((6, 6))
     s, p, to_angles, j = np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
-    unpack_track(state, packed, track)
-    compose_into(track[1:7], covariance)
+    unpack_factors(packed, ld)
+    compose_into(ld, covariance)
     for i in range(3):
         s[i] = state[i] + lever[i] - port[i]
     for i in range(3):

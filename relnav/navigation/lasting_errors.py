@@ -1,27 +1,11 @@
-"""What one sigma of an error that lasts does to what is measured: the columns of E in `considered.py`."""
+"""What one sigma of an error that lasts does to what the beacons' sensor measures: columns of E in `considered.py`."""
 
 import math
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
 from relnav.geometry.spherical import range_azimuth_elevation_jacobian
-from relnav.navigation.block import (
-    ATTITUDE,
-    DOCK,
-    FIELD,
-    FIELD_ERRORS,
-    FIX,
-    JACOBIAN,
-    NODES,
-    OFFSET,
-    POSITION,
-    SENSOR,
-    SETTINGS,
-    TOLERANCES,
-    TOLERANCES_SHARED,
-    VARIANCE,
-    beacon_row,
-)
+from relnav.navigation.memory import FIELD_ERRORS, FIX, NODES, TOLERANCES_SHARED, Memory
 from relnav.sensors.three_beacon.invariants import beacon_gradients, invert_three, position_gradient, rays_from_position
 
 
@@ -34,36 +18,37 @@ def _cross(sigma: float, a: Vector, b: Vector, out: Vector) -> None:
 
 
 @kernel
-def displacement(block: Matrix, beacon: int, tolerance: int, sight: Vector, arm: Vector, out: Vector) -> bool:
+def displacement(m: Memory, beacon: int, tolerance: int, sight: Vector, arm: Vector, out: Vector) -> bool:
     """Write by how much one sigma of a tolerance seems to move a beacon, `lvlh_ccsds` m; False if not at all.
 
     sight: from the camera to the beacon; arm: from the port to the beacon.
     """
-    sigma = block[TOLERANCES]
+    sigma, mount, dock = m.tolerances, m.kept["mount"], m.kept["dock"]
     if tolerance == 0:  # a longer focal length moves what is off the axis outward
-        boresight, along = block[ATTITUDE + 2], 0.0
+        boresight, along = mount[2], 0.0
         for i in range(3):
             along += boresight[i] * sight[i]
         for i in range(3):
-            out[i] = sigma[0] * (sight[i] - along * boresight[i])
+            out[i] = sigma["focal_length"] * (sight[i] - along * boresight[i])
     elif tolerance < 4:
-        _cross(sigma[1], block[ATTITUDE + tolerance - 1], sight, out)
+        _cross(sigma["camera_mounting"], mount[tolerance - 1], sight, out)
     elif tolerance < TOLERANCES_SHARED:
-        _cross(sigma[2], block[DOCK + tolerance - 4], arm, out)
+        _cross(sigma["beacon_mounting"], dock[tolerance - 4], arm, out)
     else:
         axis = tolerance - TOLERANCES_SHARED - 3 * beacon
         if axis < 0 or axis > 2:
             return False
         for i in range(3):
-            out[i] = sigma[3] * block[DOCK + axis, i]
+            out[i] = sigma["beacon_placement"] * dock[axis, i]
     return True
 
 
 @kernel
-def place_in_field(block: Matrix, spot: Vector, place: Vector) -> None:
+def place_in_field(sensor: Record, spot: Vector, place: Vector) -> None:
     """Write a spot's (2,) m cell and the weights of its nodes, along x and y: place (6,) = i, j, x x, y y."""
+    center, half_width = sensor["field_center"], sensor["field_half_width"]
     for axis in range(2):
-        u = (spot[axis] - block[FIELD, axis]) / block[FIELD, 2 + axis]
+        u = (spot[axis] - center[axis]) / half_width[axis]
         along = 0.5 * (NODES - 1) * (max(-1.0, min(1.0, u)) + 1.0) if u == u else 0.0
         cell = min(math.floor(along), NODES - 2.0)
         part = along - cell
@@ -84,47 +69,46 @@ def _weight(place: Vector, error: int) -> float:
 
 
 @kernel
-def sight_and_arm(block: Matrix, x: Vector, beacon: int, sight: Vector, arm: Vector) -> None:
+def sight_and_arm(m: Memory, x: Vector, beacon: int, sight: Vector, arm: Vector) -> None:
     """Write where a beacon is, (3,) m in `lvlh_ccsds`: from the camera of the state x, and from the port."""
-    position = block[beacon_row(block, beacon) + POSITION]
+    position, dock, offset = m.beacons[beacon]["position"], m.kept["dock"], m.sensor["offset"]
     for i in range(3):
-        arm[i] = position[i] - block[DOCK + i, 3]
-        sight[i] = arm[i] - x[i] - block[OFFSET, i]
+        arm[i] = position[i] - dock[i, 3]
+        sight[i] = arm[i] - x[i] - offset[i]
 
 
 @kernel
 def error_of_numbers(
-    block: Matrix, spots: Matrix, places: Matrix, jacobian: Matrix, by_beacon: Matrix, j: int, out: Vector
+    m: Memory, spots: Matrix, places: Matrix, jacobian: Matrix, by_beacon: Matrix, j: int, out: Vector
 ) -> None:
     """Write what one sigma of error j does to three numbers that come of the spots of A, B and C, (n, 2) m.
 
     places (3, 6): of the spots in the field; jacobian (3, 6): the numbers by the spots; by_beacon (9, 3): number m by
     beacon i in row 3 m + i, docking axes.
     """
-    sigma, a, b = block[TOLERANCES], block[SENSOR, 4], block[SENSOR, 5]
+    sigma, a, b = m.tolerances, m.sensor["half_spacing"], m.sensor["c_distance"]
     tolerance, axis = j - FIELD_ERRORS, j // (NODES * NODES)
-    for m in range(3):
-        out[m] = 0.0
+    for r in range(3):
+        out[r] = 0.0
         if tolerance < 0:
             for i in range(3):
-                if jacobian[m, 2 * i + axis] != 0.0:
-                    lasting = block[beacon_row(block, i) + POSITION, 5]
-                    out[m] += jacobian[m, 2 * i + axis] * lasting * _weight(places[i], j)
+                if jacobian[r, 2 * i + axis] != 0.0:
+                    out[r] += jacobian[r, 2 * i + axis] * m.beacons[i]["lasting_sigma"] * _weight(places[i], j)
         elif tolerance == 0:
             for k in range(6):
-                if jacobian[m, k] != 0.0:
-                    out[m] += sigma[0] * jacobian[m, k] * spots[k // 2, k % 2]
+                if jacobian[r, k] != 0.0:
+                    out[r] += sigma["focal_length"] * jacobian[r, k] * spots[k // 2, k % 2]
         elif 4 <= tolerance < TOLERANCES_SHARED:  # e_axis x (A = a e_y, B = -a e_y, C = b e_x), docking axes
-            of_a, of_b, of_c = by_beacon[3 * m], by_beacon[3 * m + 1], by_beacon[3 * m + 2]
+            of_a, of_b, of_c = by_beacon[3 * r], by_beacon[3 * r + 1], by_beacon[3 * r + 2]
             if tolerance == 4:
-                out[m] = sigma[2] * a * (of_a[2] - of_b[2])
+                out[r] = sigma["beacon_mounting"] * a * (of_a[2] - of_b[2])
             elif tolerance == 5:
-                out[m] = -sigma[2] * b * of_c[2]
+                out[r] = -sigma["beacon_mounting"] * b * of_c[2]
             else:
-                out[m] = sigma[2] * (b * of_c[1] - a * (of_a[0] - of_b[0]))
+                out[r] = sigma["beacon_mounting"] * (b * of_c[1] - a * (of_a[0] - of_b[0]))
         elif TOLERANCES_SHARED <= tolerance < TOLERANCES_SHARED + 9:
             moved = tolerance - TOLERANCES_SHARED
-            out[m] = sigma[3] * by_beacon[3 * m + moved // 3, moved % 3]
+            out[r] = sigma["beacon_placement"] * by_beacon[3 * r + moved // 3, moved % 3]
 
 
 @kernel
@@ -158,10 +142,10 @@ def _multiply_numbers(m: Matrix, by_beacon: Matrix, product: Vector) -> None:
 
 
 @kernel
-def position_by_beacon(block: Matrix, p: Vector, work: Matrix, out: Matrix) -> bool:
+def position_by_beacon(sensor: Record, p: Vector, work: Matrix, out: Matrix) -> bool:
     """Write by how much the fix at p, docking frame, is off as beacons A, B, C move: (dg/dp)^-1 dg/db, out (9, 3)."""
     u, distance, gradient, inverse = work[0:3], work[3], work[4:7], work[7:10]
-    rays_from_position(p, block[SENSOR, 4], block[SENSOR, 5], u, distance)
+    rays_from_position(p, sensor["half_spacing"], sensor["c_distance"], u, distance)
     beacon_gradients(u, distance, out)
     position_gradient(u, distance, gradient)
     if not invert_three(gradient, inverse):
@@ -171,17 +155,18 @@ def position_by_beacon(block: Matrix, p: Vector, work: Matrix, out: Matrix) -> b
 
 
 @kernel
-def numbers_by_beacon(block: Matrix, p: Vector, work: Matrix, out: Matrix) -> bool:
+def numbers_by_beacon(m: Memory, p: Vector, work: Matrix, out: Matrix) -> bool:
     """Write what the measured numbers do as beacons A, B, C move, seen from p, docking frame; out (9, 3)."""
-    if block[SETTINGS, 1] == FIX:
-        if not position_by_beacon(block, p, work, out) or not range_azimuth_elevation_jacobian(p, work[0:3]):
+    sensor = m.sensor
+    if sensor["method"] == FIX:
+        if not position_by_beacon(sensor, p, work, out) or not range_azimuth_elevation_jacobian(p, work[0:3]):
             return False
         _multiply_numbers(work[0:3], out, work[3])
         return True
     u, distance = work[0:3], work[3]
-    rays_from_position(p, block[SENSOR, 4], block[SENSOR, 5], u, distance)
-    if block[VARIANCE, 1] > 0.0:
+    rays_from_position(p, sensor["half_spacing"], sensor["c_distance"], u, distance)
+    if m.groups[0]["variance"][1] > 0.0:
         beacon_gradients(u, distance, out)
     else:
-        _pair_gradients(block[JACOBIAN : JACOBIAN + 3], u, distance, out)
+        _pair_gradients(m.fix["jacobian"], u, distance, out)
     return True

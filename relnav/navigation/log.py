@@ -10,29 +10,17 @@ import numpy as np
 
 from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.codegen.kernel import kernel
+from relnav.estimation.rows import copy_track
 from relnav.geometry.rotation import dcm_from_quaternion_into
 from relnav.mission import Model
-from relnav.navigation.block import (
-    ATTITUDE,
-    CLOCK,
-    INNOVATION,
-    INPUT,
-    LAYOUT,
-    RESULT,
-    SETTINGS,
-    TRACK,
-    X_WORK,
-    set_lasting_sigma,
-    set_spot_sigma,
-)
-from relnav.navigation.choice import choose, vector
+from relnav.navigation.arguments import choose, vector
+from relnav.navigation.beacon_geometry import attitude_changed
 from relnav.navigation.considered import add_considered
+from relnav.navigation.memory import Memory, named, views
 from relnav.navigation.record import Solution
 from relnav.navigation.reference_engine import ReferenceEngine, run_reference
-from relnav.navigation.sight import attitude_changed
-from relnav.navigation.smoothing import new_models, nothing_later, pack_factors, smooth_run, unpack_track
+from relnav.navigation.smoothing import new_models, nothing_later, pack_factors, smooth_run, unpack_factors
 from relnav.navigation.step import step
-from relnav.navigation.update import copy_track
 
 CHUNK = 65_536
 
@@ -66,8 +54,29 @@ class Epochs:
 
 
 @kernel
+def _take_inputs(m: Memory, e: int, control: Matrix, quaternion: Matrix, sigma: Stack, lasting: Matrix) -> None:
+    """Write what an epoch's row says besides its spots: control, attitude, sigmas; empty arrays say nothing."""
+    acceleration, delta_v = m.motion["acceleration"], m.motion["delta_v"]
+    if control.shape[0] > 0:
+        for j in range(3):
+            acceleration[j], delta_v[j] = control[e, j], control[e, 3 + j]
+    if quaternion.shape[0] > 0:
+        dcm_from_quaternion_into(quaternion[e], m.kept["mount"])
+        attitude_changed(m.kept, m.sensor)
+    if sigma.shape[0] > 0:
+        for i in range(m.beacons.shape[0]):
+            own = m.beacons[i]["spot_sigma"]
+            for k in range(2):
+                if sigma[e, i, k] > 0.0:
+                    own[k] = sigma[e, i, k]
+    if lasting.shape[0] > 0:
+        for i in range(m.beacons.shape[0]):
+            m.beacons[i]["lasting_sigma"] = lasting[e, i]
+
+
+@kernel
 def _run(
-    block: Matrix,
+    block: Vector,
     t: Vector,
     spots: Stack,
     control: Matrix,
@@ -85,36 +94,25 @@ def _run(
 
     With room in considered (n, m, 6), sensitivities and the filter's own factors are kept apart.
     """
-    noisy, lasts = sigma.shape[0] > 0, lasting.shape[0] > 0
-    first, apart = int(block[LAYOUT, 4]), considered.shape[1]
-    sensitivities, ld = block[first : int(block[LAYOUT, 1])], block[TRACK + 1 : TRACK + 7]
-    if sensitivities.shape[0] > apart:
-        ld = block[X_WORK + 1 : X_WORK + 7]
-    controlled, turned, numbers = control.shape[0] > 0, quaternion.shape[0] > 0, innovation.shape[1]
+    m = views(block)
+    apart, result = considered.shape[1], m.result
+    sensitivities = m.sensitivities
+    reported = m.work["ld"] if sensitivities.shape[0] > apart else m.track["ld"]
     for e in range(t.shape[0]):
-        if controlled:
-            for j in range(6):
-                block[INPUT, j] = control[e, j]
-        if turned:
-            dcm_from_quaternion_into(quaternion[e], block[ATTITUDE : ATTITUDE + 3])
-            attitude_changed(block)
-        if noisy:
-            set_spot_sigma(block, sigma[e])
-        if lasts:
-            set_lasting_sigma(block, lasting[e])
+        _take_inputs(m, e, control, quaternion, sigma, lasting)
         codes[e, 1] = step(block, t[e], spots[e])
-        codes[e, 0] = int(block[RESULT, 2])
-        codes[e, 2] = int(block[RESULT, 3])
-        nis[e] = block[RESULT, 1]
-        for k in range(numbers):
-            innovation[e, k] = block[INNOVATION + k // 6, k % 6]
-        if block[CLOCK, 1] > 0.0:
+        codes[e, 0] = result["dof"]
+        codes[e, 2] = result["reason"]
+        nis[e] = result["nis"]
+        for k in range(innovation.shape[1]):
+            innovation[e, k] = m.innovations[k]
+        if m.clock["running"] > 0:
             for i in range(6):
-                state[e, i] = block[TRACK, i]
+                state[e, i] = m.track["state"][i]
             if sensitivities.shape[0] > apart:
-                copy_track(block[TRACK : TRACK + 7], block[X_WORK : X_WORK + 7])
-                add_considered(ld, sensitivities)
-            pack_factors(ld, factor[e])
+                copy_track(m.track, m.work)
+                add_considered(reported, sensitivities)
+            pack_factors(reported, factor[e])
             for k in range(apart):
                 for i in range(6):
                     considered[e, k, i] = sensitivities[k, i]
@@ -129,13 +127,13 @@ def _run(
 
 
 @kernel
-def _join(state: Matrix, factor: Matrix, considered: Stack, track: Matrix) -> None:
-    """Add what is considered (n, m, 6) to the packed factors (n, 21) of states (n, 6); track (7, 6) is scratch."""
+def _join(state: Matrix, factor: Matrix, considered: Stack, ld: Matrix) -> None:
+    """Add what is considered (n, m, 6) to the packed factors (n, 21) of states (n, 6); ld (6, 6) is scratch."""
     for e in range(factor.shape[0]):
         if state[e, 0] == state[e, 0]:
-            unpack_track(state[e], factor[e], track)
-            add_considered(track[1:7], considered[e])
-            pack_factors(track[1:7], factor[e])
+            unpack_factors(factor[e], ld)
+            add_considered(ld, considered[e])
+            pack_factors(ld, factor[e])
 
 
 class LogFilter:
@@ -148,13 +146,14 @@ class LogFilter:
         self.model, self.method = model, method
         self.block = choose(model, method, projection, engine)
         self._reference = ReferenceEngine(self.block) if engine == "filterpy" else None
-        self._considered = int(self.block[LAYOUT, 1] - self.block[LAYOUT, 4])
+        self._named = named(self.block)
+        self._considered = len(self._named.sensitivities)
 
     def room(self, n: int, *, smooth: bool) -> Epochs:
         """Room for n epochs, which are to be smoothed or not."""
         return Epochs.empty(n, len(self.model.beacons_lvlh_m), self._considered if smooth else 0)
 
-    def nothing_later(self) -> Matrix:
+    def nothing_later(self) -> Vector:
         """What stands after a log's last epoch."""
         return nothing_later(self._considered)
 
@@ -167,7 +166,7 @@ class LogFilter:
         the spots' noise, if it is not the model's.
         """
         if len(quaternion):
-            self.block[SETTINGS, 2] = 1.0
+            self._named.sensor["attitude_known"] = 1
         lasting = np.empty((0, 0))
         if self.model.calibration is not None:
             spots, lasting = self.model.calibration.corrected(spots)
@@ -191,18 +190,18 @@ class LogFilter:
         else:
             run_reference(*arguments, self._reference)
 
-    def backward(self, t: Vector, control: Matrix, epochs: Epochs, later: Matrix) -> None:
+    def backward(self, t: Vector, control: Matrix, epochs: Epochs, later: Vector) -> None:
         """Smooth filtered epochs in place; `later` is what stands after them, and then what stands at their first."""
-        self.block[INPUT] = 0.0
+        self._named.motion["acceleration"], self._named.motion["delta_v"] = 0.0, 0.0
         state, factor, considered = epochs.state, epochs.factor, epochs.considered
         smooth_run(self.block, t, control, epochs.codes, state, factor, considered, later, new_models())
         if self._considered:
-            _join(state, factor, considered, np.empty((7, 6)))
+            _join(state, factor, considered, np.empty((6, 6)))
 
     @property
     def restarts(self) -> int:
         """How often a confirmed start has replaced a track."""
-        return max(0, int(self.block[CLOCK, 4]) - 1)
+        return max(0, int(self._named.clock["starts"]) - 1)
 
     def solution(self, t: Vector, quaternion: Matrix, epochs: Epochs, *, smoothed: bool) -> Solution:
         """The epochs for a reader."""

@@ -4,21 +4,12 @@ import math
 
 import numpy as np
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, straight_line
 from relnav.dynamics.clohessy_wiltshire import PHI_PATTERN, acceleration_effect_into, transition_into
 from relnav.dynamics.process_noise import acceleration_noise_into
 from relnav.estimation.factored import factorize_into, time_update_into
-from relnav.navigation.block import (
-    CONTROL,
-    EFFECT,
-    INPUT,
-    PHI,
-    Q_FACTORS,
-    SETTINGS,
-    STEP_KEY,
-    WORK,
-)
+from relnav.navigation.memory import Memory
 
 TICKS_PER_S = 2.0**33
 """Steps are rounded to 0.12 ns: the differences of a log's time stamps differ by their rounding, and would otherwise
@@ -49,39 +40,40 @@ def snapped(dt: float) -> float:
 
 
 @kernel
-def prepare_step(block: Matrix, dt: float) -> bool:
-    """Compute Phi, the factors of Q and the control effect for this dt and INPUT, unless they are those at hand.
+def prepare_step(m: Memory, dt: float) -> bool:
+    """Compute Phi, the factors of Q and the control effect for this dt and control, unless they are those at hand.
 
-    STEP_KEY then holds the step that was taken. Returns whether it is a new one.
+    `step["dt"]` then holds the step that was taken. Returns whether it is a new one.
     """
-    key, control, given = block[STEP_KEY], block[CONTROL], block[INPUT]
+    step, motion = m.step, m.motion
+    held, a, v = step["acceleration"], motion["acceleration"], motion["delta_v"]
     dt = snapped(dt)
-    impulse = given[3] != 0.0 or given[4] != 0.0 or given[5] != 0.0
-    same = key[0] == dt and key[1] == given[0] and key[2] == given[1] and key[3] == given[2]
-    if same and key[4] == 0.0 and not impulse:
+    impulse = v[0] != 0.0 or v[1] != 0.0 or v[2] != 0.0
+    same = step["dt"] == dt and held[0] == a[0] and held[1] == a[1] and held[2] == a[2]
+    if same and step["impulse"] == 0 and not impulse:
         return False
-    key[0], key[1], key[2], key[3] = dt, given[0], given[1], given[2]
-    key[4] = 1.0 if impulse else 0.0
-    n, density = block[SETTINGS, 4], block[SETTINGS, 5]
+    step["dt"], held[0], held[1], held[2] = dt, a[0], a[1], a[2]
+    step["impulse"] = 1 if impulse else 0
+    n, density = motion["mean_motion"], motion["acceleration_noise_density"]
+    along, across = motion["control_magnitude_sigma"], motion["control_direction_sigma"]
+    phi, noise, effect = step["phi"], step["noise"], step["effect"]
     if not abs(n * dt) < LONGEST_STEP_RAD:
-        block[Q_FACTORS, 0] = math.nan
+        noise[0, 0] = math.nan
         return True
-    phi, q = block[PHI : PHI + 6], block[WORK : WORK + 6]
-    noise = block[WORK + 6 : WORK + 9]
+    q, densities = m.scratch["covariance"], m.scratch["density"]
     for i in range(3):
         for j in range(3):
-            noise[i, j] = density if i == j else 0.0
-    root = math.sqrt(control[2])
-    _add_execution_error(given[0], given[1], given[2], control[0] * root, control[1] * root, noise)
-    acceleration_noise_into(n, dt, noise, q, phi, block[WORK + 12 : WORK + 18])
-    _add_execution_error(given[3], given[4], given[5], control[0], control[1], q)
-    if not factorize_into(q, block[Q_FACTORS : Q_FACTORS + 6]):
-        block[Q_FACTORS, 0] = math.nan  # overflow over an absurd step: the track is dropped
+            densities[i, j] = density if i == j else 0.0
+    root = math.sqrt(motion["control_correlation_time"])
+    _add_execution_error(a[0], a[1], a[2], along * root, across * root, densities)
+    acceleration_noise_into(n, dt, densities, q, phi, m.scratch["six"])
+    _add_execution_error(v[0], v[1], v[2], along, across, q)
+    if not factorize_into(q, noise):
+        noise[0, 0] = math.nan  # overflow over an absurd step: the track is dropped
     transition_into(n, dt, phi)
-    effect = block[EFFECT]
-    acceleration_effect_into(n, dt, given, effect)
+    acceleration_effect_into(n, dt, a, effect)
     for i in range(3):
-        effect[3 + i] += given[3 + i]
+        effect[3 + i] += v[i]
     return True
 
 
@@ -109,11 +101,11 @@ def multiply(phi: Matrix, vector: Vector) -> None:
         vector[i] = x[i]
 
 
-@straight_line(track=(7, 6), phi=PHI_PATTERN, effect=(6,), q_ld=(6, 6))
-def carry(track: Matrix, phi: Matrix, effect: Vector, q_ld: Matrix) -> None:
-    """Carry the state and factors of a track (7, 6) over a step: x = Phi x + effect, P = Phi P Phi^T + Q."""
-    carry_state(track[0], phi, effect, track[0])
-    time_update_into(track[1:7], phi, q_ld)
+@straight_line(state=(6,), ld=(6, 6), phi=PHI_PATTERN, effect=(6,), noise=(6, 6))
+def carry(state: Vector, ld: Matrix, phi: Matrix, effect: Vector, noise: Matrix) -> None:
+    """Carry a state and its factors over a step: x = Phi x + effect, P = Phi P Phi^T + Q; noise: factors of Q."""
+    carry_state(state, phi, effect, state)
+    time_update_into(ld, phi, noise)
 
 
 @kernel
@@ -123,10 +115,10 @@ def moves(sensitivity: Vector) -> bool:
 
 
 @kernel
-def advance(block: Matrix, track: Matrix, sensitivities: Matrix) -> None:
-    """Carry the state and factors of a track (7, 6), and its sensitivities (m, 6), over the prepared step."""
-    phi = block[PHI : PHI + 6]
-    carry(track, phi, block[EFFECT], block[Q_FACTORS : Q_FACTORS + 6])
+def advance(step: Record, track: Record, sensitivities: Matrix) -> None:
+    """Carry a track, and its sensitivities (m, 6), over the prepared step."""
+    phi = step["phi"]
+    carry(track["state"], track["ld"], phi, step["effect"], step["noise"])
     for j in range(sensitivities.shape[0]):
         if moves(sensitivities[j]):
             multiply(phi, sensitivities[j])

@@ -8,9 +8,9 @@ import numpy as np
 
 from relnav.arrays import Codes, Flags, Matrix, Stack, Vector
 from relnav.estimation.consistency import Consistency, nis_consistency
-from relnav.navigation.block import ATTITUDE, CLOCK, DOCK, INNOVATION, RESULT, TRACK, results_end
 from relnav.navigation.considered import add_considered
 from relnav.navigation.docking_view import LOWER, UPPER, symmetric, views
+from relnav.navigation.memory import Snapshot, snapshot
 from relnav.navigation.status import STARTED, UPDATED, EpochStatus
 from relnav.sensors.measurement import Status
 
@@ -28,32 +28,27 @@ class FilterRecord:
     __slots__ = ("_memory",)
 
     def __init__(self, memory: bytes) -> None:
-        """Take a copy of the rows from DOCK on of a filter block."""
+        """Take a copy of what `memory.KEPT` names."""
         self._memory = memory
 
     @property
-    def _rows(self) -> Matrix:
-        rows: Matrix = np.frombuffer(self._memory).reshape(-1, 6)
-        return rows
-
-    def _at(self, row: int) -> Vector:
-        out: Vector = self._rows[row - DOCK]
-        return out
+    def _kept(self) -> Snapshot:
+        return snapshot(self._memory)
 
     @property
     def t_s(self) -> float:
         """Time of the epoch, the log's own clock."""
-        return float(self._at(CLOCK)[0])
+        return float(self._kept.kept["clock"]["t"])
 
     @property
     def has_state(self) -> bool:
         """Whether the filter has started."""
-        return bool(self._at(CLOCK)[1] > 0.0)
+        return bool(self._kept.kept["clock"]["running"] > 0)
 
     @property
     def state(self) -> Vector:
         """Chaser relative to target, `lvlh_ccsds`: position m, velocity m/s in the rotating frame, (6,)."""
-        return self._at(TRACK).copy() if self.has_state else np.full(6, np.nan)
+        return self._kept.kept["track"]["state"].copy() if self.has_state else np.full(6, np.nan)
 
     @property
     def covariance(self) -> Matrix:
@@ -63,12 +58,13 @@ class FilterRecord:
 
     def _view(self) -> Matrix:
         """`docking_view.VIEW_ROWS` of this epoch, (30, 1)."""
-        mount, dock = self._rows[ATTITUDE - DOCK : ATTITUDE + 3 - DOCK], self._rows[:3]
+        kept, _, sensitivities = self._kept
+        mount, dock = kept["mount"], kept["dock"]
         lever = mount[:, :3].T @ mount[:, 3]
         ld = np.full((6, 6), np.nan)
         if self.has_state:
-            ld = self._rows[TRACK + 1 - DOCK : TRACK + 7 - DOCK].copy()
-            add_considered(ld, self._rows[results_end(int(self._at(CLOCK)[5])) - DOCK :])
+            ld = kept["track"]["ld"].copy()
+            add_considered(ld, sensitivities)
         return views(self.state[None], ld[LOWER][None], dock[:, :3], dock[:, 3], lever[None])
 
     @property
@@ -113,38 +109,37 @@ class FilterRecord:
 
         Of everything that was seen, before the gate; NaN for the rest.
         """
-        numbers: Vector = self._rows[INNOVATION - DOCK :].ravel()[: 2 * int(self._at(CLOCK)[5])].copy()
-        return numbers
+        return self._kept.innovations.copy()
 
     @property
     def nis(self) -> float:
         """Normalised innovation squared of everything that was seen, before the gate; NaN if nothing was."""
-        return float(self._at(RESULT)[1])
+        return float(self._kept.kept["result"]["nis"])
 
     @property
     def dof(self) -> int:
         """Degrees of freedom of `nis`."""
-        return int(self._at(RESULT)[2])
+        return int(self._kept.kept["result"]["dof"])
 
     @property
     def status(self) -> EpochStatus:
         """What became of the epoch."""
-        return EpochStatus(int(self._at(RESULT)[0]))
+        return EpochStatus(int(self._kept.kept["result"]["status"]))
 
     @property
     def measurement_status(self) -> Status:
         """Why the image could not be used, if it could not."""
-        return Status(int(self._at(RESULT)[3]))
+        return Status(int(self._kept.kept["result"]["reason"]))
 
     @property
     def rejected_streak(self) -> int:
         """Consecutive epochs, up to this one, with at least half of what was seen rejected."""
-        return int(self._at(CLOCK)[3])
+        return int(self._kept.kept["clock"]["rejected"])
 
     @property
     def accepted(self) -> bool:
         """Whether everything that was seen was used."""
-        return int(self._at(RESULT)[0]) in (UPDATED, STARTED)
+        return int(self._kept.kept["result"]["status"]) in (UPDATED, STARTED)
 
     def __repr__(self) -> str:
         """One line for the console."""

@@ -12,218 +12,188 @@ from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.estimation.factored import compose, factorize
 from relnav.estimation.reference import ReferenceTrack
 from relnav.geometry.rotation import dcm_from_quaternion
-from relnav.navigation.block import (
-    ATTITUDE,
-    CLOCK,
-    DOCK,
-    EFFECT,
-    FIELD_ERRORS,
-    GRADIENT,
-    INNOVATION,
-    INPUT,
-    LAYOUT,
-    OBSERVED,
-    OFFSET,
-    PHI,
-    PLACE,
-    POSITION,
-    Q_FACTORS,
-    RESULT,
-    SENSOR,
-    SETTINGS,
-    TOLERANCES_SHARED,
-    TRACK,
-    TRIAL,
-    beacon_row,
-    set_lasting_sigma,
-    set_spot_sigma,
-)
+from relnav.navigation.beacon_geometry import TIGHT_SHARE2, attitude_changed, camera_position_dock, uses_coordinates
+from relnav.navigation.beacon_observation import observe, observe_again
+from relnav.navigation.beacon_start import start
 from relnav.navigation.docking_view import LOWER
-from relnav.navigation.in_use import errors_in_use, rows_in_use
+from relnav.navigation.measurement_matrices import errors_in_use, rows_in_use
+from relnav.navigation.memory import FIELD_ERRORS, TOLERANCES_SHARED, fill, named
 from relnav.navigation.propagation import prepare_step
-from relnav.navigation.sight import TIGHT_SHARE2, attitude_changed, camera_position_dock, uses_coordinates
-from relnav.navigation.start import start
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
 from relnav.navigation.step import WRONG_SHAPE, WRONG_TIME
-from relnav.navigation.update import LONE_GATE_SHARE, MAX_ITERATIONS, bends, linearise_again, observe
+from relnav.navigation.update import LONE_GATE_SHARE, MAX_ITERATIONS, bends
 from relnav.sensors.measurement import OK
 
 
 class ReferenceEngine:
-    """A filter over a block of `new_block`, with its tracks on filterpy."""
+    """A filter over a fresh filter's memory, with its tracks on filterpy."""
 
-    def __init__(self, block: Matrix) -> None:
-        """Take over a fresh block."""
-        self.block = block
+    def __init__(self, block: Vector) -> None:
+        """Take over the memory."""
+        self.named = named(block)
         self.track: ReferenceTrack | None = None
         self.trial: ReferenceTrack | None = None
         self.streak = 0
 
     def step(self, t: float, spots: Matrix) -> int:
         """Take one image, as `relnav.navigation.step.step` does; results go to the same rows."""
-        block = self.block
-        if spots.shape != (block[LAYOUT, 0], 2):
+        m = self.named
+        if spots.shape != (len(m.beacons), 2):
             return WRONG_SHAPE
-        if not block[CLOCK, 0] < t < math.inf:
+        if not m.clock["t"] < t < math.inf:
             return WRONG_TIME
         tracks = [track for track in (self.track, self.trial) if track is not None]
         if tracks:
-            prepare_step(block, t - block[CLOCK, 0])
+            prepare_step(m, t - float(m.clock["t"]))
             for track in tracks:
-                track.time_update(
-                    block[PHI : PHI + 6].copy(), block[EFFECT].copy(), compose(block[Q_FACTORS : Q_FACTORS + 6])
-                )
-                track.considered = track.considered @ block[PHI : PHI + 6].T
+                phi = m.step["phi"].copy()
+                track.time_update(phi, m.step["effect"].copy(), compose(m.step["noise"]))
+                track.considered = track.considered @ phi.T
             self.track, self.trial = self._usable(self.track), self._usable(self.trial)
-        block[CLOCK, 0] = t
+        m.clock["t"] = t
         status = self._step_track(spots)
         if self.track is not None:
-            block[TRACK] = self.track.state
-            block[TRACK + 1 : TRACK + 7] = factorize(0.5 * (self.track.covariance + self.track.covariance.T))
-            block[int(block[LAYOUT, 4]) : int(block[LAYOUT, 1])] = self.track.considered
-        block[CLOCK, 1], block[CLOCK, 3] = float(self.track is not None), self.streak
-        block[RESULT, 0] = status
+            m.track["state"] = self.track.state
+            m.track["ld"] = factorize(0.5 * (self.track.covariance + self.track.covariance.T))
+            m.sensitivities[:] = self.track.considered
+        m.clock["running"], m.clock["rejected"] = self.track is not None, self.streak
+        m.result["status"] = status
         return status
 
     def _place(self, track: ReferenceTrack) -> tuple[float, float]:
-        """PLACE of a track; returns its squared range and position variance."""
-        place = self.block[PLACE]
-        camera_position_dock(track.state.copy(), self.block[OFFSET], self.block[DOCK : DOCK + 3], place)
-        place[3], place[4] = place[:3] @ place[:3], np.trace(track.covariance[:3, :3])
-        return float(place[3]), float(place[4])
+        """The prior of a track; returns its squared range and position variance."""
+        m, place = self.named, self.named.prior["place"]
+        camera_position_dock(track.state.copy(), m.sensor["offset"], m.kept["dock"], place)
+        m.prior["range2"], m.prior["variance"] = place @ place, np.trace(track.covariance[:3, :3])
+        return float(m.prior["range2"]), float(m.prior["variance"])
 
     def _usable(self, track: ReferenceTrack | None) -> ReferenceTrack | None:
-        """The track, unless its prediction says nothing any more, as `sight.locate` decides."""
+        """The track, unless its prediction says nothing any more, as `locate` decides."""
         if track is None or not (np.isfinite(track.state).all() and np.isfinite(track.covariance).all()):
             return None
         range2, variance = self._place(track)
         return track if variance < range2 else None
 
     def _step_track(self, spots: Matrix) -> int:
-        block = self.block
+        m = self.named
         self._clear()
         status = WAITING
         if self.track is not None:
             status = self._correct(self.track, spots)
             seen = int(np.sum(~np.isnan(spots).all(axis=1)))
-            if status == REJECTED or (status == PARTIAL and 2 * block[RESULT, 5] <= seen):
+            if status == REJECTED or (status == PARTIAL and 2 * m.result["used"] <= seen):
                 self.streak += 1
             else:
                 self.streak, self.trial = 0, None
-            if self.streak < block[SETTINGS, 3]:
+            if self.streak < m.fixed["restart_after"]:
                 return status
-        results = block[RESULT : int(block[LAYOUT, 4])]
-        kept = results.copy()
+        kept, innovations = m.result.copy(), m.innovations.copy()
         if self._look_for_start(spots):
             return STARTED
-        reason = block[RESULT, 3]
-        results[:] = kept
+        reason = m.result["reason"]
+        fill(m.result, **{name: kept[name] for name in kept.dtype.names})
+        m.innovations[:] = innovations
         if self.track is None:
-            block[RESULT, 3] = reason
+            m.result["reason"] = reason
         return status
 
     def _clear(self) -> None:
-        self.block[RESULT] = (0.0, math.nan, 0.0, 0.0, 0.0, 0.0)
-        self.block[INNOVATION : int(self.block[LAYOUT, 4])] = math.nan
+        fill(self.named.result, nis=math.nan, status=0, dof=0, reason=0, iterations=0, used=0)
+        self.named.innovations[:] = math.nan
 
     def _look_for_start(self, spots: Matrix) -> bool:
-        block = self.block
+        m = self.named
         if self.trial is not None:
             range2, variance = self._place(self.trial)
             tight = variance < TIGHT_SHARE2 * range2
             outcome = self._correct(self.trial, spots)
-            agrees = outcome == UPDATED and block[RESULT, 2] >= (6 if uses_coordinates(block) else 3)
+            agrees = outcome == UPDATED and m.result["dof"] >= (6 if uses_coordinates(m.sensor) else 3)
             if agrees and not tight:
                 return False
             if agrees:
-                block[CLOCK, 4] += 1.0
+                m.clock["starts"] += 1
                 self.track, self.trial, self.streak = self.trial, None, 0
                 return True
-        rows = block[TRIAL : TRIAL + 7]
-        considered = block[int(block[LAYOUT, 5]) :]
-        block[RESULT, 3] = start(block, rows, considered, spots)
-        if block[RESULT, 3] == OK:
-            self.trial = ReferenceTrack(rows[0], compose(rows[1:7]))
-            self.trial.considered = considered.copy()
+        m.result["reason"] = start(m, m.trial, m.trial_sensitivities, spots)
+        if m.result["reason"] == OK:
+            self.trial = ReferenceTrack(m.trial["state"], compose(m.trial["ld"]))
+            self.trial.considered = m.trial_sensitivities.copy()
         return False
 
     def _correct(self, track: ReferenceTrack, spots: Matrix) -> int:
-        block, x, p = self.block, track.state.copy(), track.covariance.copy()
+        m, x, p = self.named, track.state.copy(), track.covariance.copy()
         self._clear()
         self._place(track)
-        seen, usable, block[RESULT, 3] = observe(block, x, spots)
+        seen, usable, m.result["reason"] = observe(m, x, spots)
         if seen == 0:
             return PREDICTED
         if usable == 0:
             return REJECTED
-        coordinates = uses_coordinates(block)
+        coordinates = uses_coordinates(m.sensor)
         if coordinates and len(track.considered):
             self._add_considered_noise(track, x, spots)
-        h, residual, _, groups = rows_in_use(block)
+        h, residual, _, groups = rows_in_use(m)
         if coordinates and len(set(groups)) == 1 and not self._lone_beacon_is_telling(int(groups[0]), p):
             return PREDICTED
-        numbers = block[INNOVATION : int(block[LAYOUT, 4])].ravel()
-        numbers[_places(block, groups) if coordinates else range(len(h))] = residual
-        block[RESULT, 1], block[RESULT, 2] = self._update(track, x, x, p, np.arange(len(h))), len(h)
+        seen_coordinates = np.flatnonzero(m.groups["variance"][:, :2].ravel() > 0.0)
+        m.innovations[seen_coordinates if coordinates else slice(0, len(h))] = residual
+        m.result["nis"], m.result["dof"] = self._update(track, x, x, p, np.arange(len(h))), len(h)
         rows = np.arange(len(h))
         if coordinates:
             rows = self._gate(track, x, p, groups)
             passed = len(set(groups[rows]))
         else:
-            passed = int(block[RESULT, 1] <= self._limit(len(h)))
+            passed = int(m.result["nis"] <= self._limit(len(h)))
         if passed == 0:
             track.set(x, p)
             return REJECTED
         self._update(track, x, x, p, rows)
         at, iterations = x, 1
-        while iterations < MAX_ITERATIONS and bends(block, at, track.state.copy()):
+        while iterations < MAX_ITERATIONS and bends(m, at, track.state.copy()):
             at = track.state.copy()
-            if not linearise_again(block, at, spots):
+            if not observe_again(m, at, spots):
                 break
             self._update(track, at, x, p, rows)
             iterations += 1
         if len(track.considered):
             self._consider(track, rows, spots)
-        block[RESULT, 4], block[RESULT, 5] = iterations, passed
+        m.result["iterations"], m.result["used"] = iterations, passed
         return UPDATED if passed == seen else PARTIAL
 
     def _limit(self, dof: int) -> float:
-        return float(self.block[int(self.block[LAYOUT, 1]) :].ravel()[dof - 1])
+        return float(self.named.gate[dof - 1])
 
     def _lone_beacon_is_telling(self, beacon: int, p: Matrix) -> bool:
-        block = self.block
-        first = beacon_row(block, beacon)
-        both, sigma = block[first + GRADIENT : first + GRADIENT + 2], block[first + POSITION, 3:5]
+        m = self.named
+        both, sigma, half = m.groups["gradient"][beacon, :2], m.beacons["spot_sigma"][beacon], m.sensor["half_width"]
         s = both @ p @ both.T + np.diag(sigma**2)
         area = math.pi * self._limit(2) * math.sqrt(max(0.0, np.linalg.det(s)))
-        return bool(area < LONE_GATE_SHARE * 4.0 * block[SENSOR, 1] * block[SENSOR, 2])
+        return bool(area < LONE_GATE_SHARE * 4.0 * half[0] * half[1])
 
     def _update(self, track: ReferenceTrack, at: Vector, x: Vector, p: Matrix, rows: Codes) -> float:
         """Update from the prior (x, p) with some of the rows in use, linearised at `at`; returns NIS."""
-        h, residual, r, _ = rows_in_use(self.block)
+        h, residual, r, _ = rows_in_use(self.named)
         track.set(x, p)
         return track.measurement_update(h[rows], r[np.ix_(rows, rows)], residual[rows] - h[rows] @ (x - at))
 
     def _add_considered_noise(self, track: ReferenceTrack, x: Vector, spots: Matrix) -> None:
         """Add considered errors to the variances of the coordinates in use: own ones, and what is left of others."""
-        block = self.block
-        h, _, _, _ = rows_in_use(block)
-        errors, shared = errors_in_use(block, x, spots), slice(FIELD_ERRORS, FIELD_ERRORS + TOLERANCES_SHARED)
+        m = self.named
+        h, _, _, _ = rows_in_use(m)
+        errors, shared = errors_in_use(m, x, spots), slice(FIELD_ERRORS, FIELD_ERRORS + TOLERANCES_SHARED)
         own = np.delete(errors, shared, axis=1)
         rest = errors[:, shared] - h @ track.considered[shared].T
         left = np.sum(own**2, axis=1) + np.sum(rest**2, axis=1)
-        places = [(i, k) for i in range(int(block[LAYOUT, 0])) for k in range(2)]
-        used = [(beacon_row(block, i) + OBSERVED, 2 + k) for i, k in places]
-        used = [place for place in used if block[place] > 0.0]
-        for place, variance in zip(used, left, strict=True):
-            block[place] += variance
+        variance = m.groups["variance"]
+        used = np.nonzero(variance[:, :2] > 0.0)
+        variance[used] += left
 
     def _consider(self, track: ReferenceTrack, rows: Codes, spots: Matrix) -> None:
         """Update what is considered by the rows used, K = P+ H^T R^-1."""
-        h, _, r, _ = rows_in_use(self.block)
+        h, _, r, _ = rows_in_use(self.named)
         gain = np.linalg.solve(r[np.ix_(rows, rows)], h[rows] @ track.covariance).T
         s = track.considered.T
-        track.considered = (s + gain @ (errors_in_use(self.block, track.state, spots)[rows] - h[rows] @ s)).T
+        track.considered = (s + gain @ (errors_in_use(self.named, track.state, spots)[rows] - h[rows] @ s)).T
 
     def _gate(self, track: ReferenceTrack, x: Vector, p: Matrix, groups: Codes) -> Codes:
         """Rows of the beacons that are credible alone and together, as `update` decides."""
@@ -249,17 +219,8 @@ class ReferenceEngine:
         return rows(good)
 
 
-def _places(block: Matrix, groups: Codes) -> list[int]:
-    """Places of the coordinates in use among the innovations."""
-    out: list[int] = []
-    for beacon in sorted(set(groups)):
-        used = block[beacon_row(block, int(beacon)) + OBSERVED, 2:4] > 0.0
-        out.extend(2 * int(beacon) + k for k in range(2) if used[k])
-    return out
-
-
 def run_reference(
-    block: Matrix,
+    block: Vector,
     t: Vector,
     spots: Stack,
     control: Matrix,
@@ -275,25 +236,25 @@ def run_reference(
     engine: ReferenceEngine,
 ) -> None:
     """The log loop over the reference engine, with the arguments of the compiled one."""
+    m = named(block)
     for e in range(len(t)):
         if len(control):
-            block[INPUT] = control[e]
+            m.motion["acceleration"], m.motion["delta_v"] = control[e, :3], control[e, 3:]
         if len(quaternion):
-            block[ATTITUDE : ATTITUDE + 3, :3] = dcm_from_quaternion(quaternion[e])
-            attitude_changed(block)
+            m.kept["mount"][:, :3] = dcm_from_quaternion(quaternion[e])
+            attitude_changed(m.kept, m.sensor)
         if len(sigma):
-            set_spot_sigma(block, sigma[e])
+            np.copyto(m.beacons["spot_sigma"], sigma[e], where=sigma[e] > 0.0)
         if len(lasting):
-            set_lasting_sigma(block, lasting[e])
+            m.beacons["lasting_sigma"] = lasting[e]
         status = engine.step(float(t[e]), spots[e])
-        codes[e] = int(block[RESULT, 2]), status, int(block[RESULT, 3])
-        nis[e] = block[RESULT, 1]
-        innovation[e] = block[INNOVATION:].ravel()[: innovation.shape[1]]
+        codes[e] = m.result["dof"], status, m.result["reason"]
+        nis[e], innovation[e] = m.result["nis"], m.innovations
         running = engine.track is not None
-        state[e] = block[TRACK] if running else math.nan
-        own, sensitivities = block[TRACK + 1 : TRACK + 7].copy(), block[int(block[LAYOUT, 4]) : int(block[LAYOUT, 1])]
+        state[e] = m.track["state"] if running else math.nan
+        own = m.track["ld"].copy()
         if considered.shape[1]:
-            considered[e] = sensitivities if running else math.nan
-        elif len(sensitivities):
-            own = factorize(compose(own) + sensitivities.T @ sensitivities)
+            considered[e] = m.sensitivities if running else math.nan
+        elif len(m.sensitivities):
+            own = factorize(compose(own) + m.sensitivities.T @ m.sensitivities)
         factor[e] = own[LOWER] if running else math.nan

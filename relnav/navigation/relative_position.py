@@ -5,24 +5,14 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix
+from relnav.arrays import Matrix, Vector
 from relnav.codegen.kernel import only_for
 from relnav.mission import Model
-from relnav.navigation.block import (
-    ATTITUDE,
-    CLOCK,
-    DOCK,
-    INPUT,
-    LAYOUT,
-    SETTINGS,
-    beacon_count,
-    set_lasting_sigma,
-    set_spot_sigma,
-)
-from relnav.navigation.choice import choose, vector
+from relnav.navigation.arguments import choose, vector
+from relnav.navigation.beacon_geometry import attitude_changed
+from relnav.navigation.memory import KEPT_FROM, kept_until, named
 from relnav.navigation.record import FilterRecord
 from relnav.navigation.reference_engine import ReferenceEngine
-from relnav.navigation.sight import attitude_changed
 from relnav.navigation.step import WRONG_SHAPE, step
 
 
@@ -58,14 +48,15 @@ class Navigator:
         self, model: Model, method: str = "spots", *, projection: str | None = None, engine: str = "compiled"
     ) -> None:
         self._block = choose(model, method, projection, engine)
-        self._step: Callable[[Matrix, float, Matrix], int] = only_for(step, self._block, 0.0, self._block)
+        self._step: Callable[[Vector, float, Matrix], int] = only_for(step, self._block, 0.0, np.zeros((1, 2)))
         if engine == "filterpy":
             reference = ReferenceEngine(self._block)
             self._step = lambda _block, t, spots: reference.step(t, spots)
-        self._beacons = beacon_count(self._block)
-        self._held = self._block[ATTITUDE : ATTITUDE + 3, :3].copy()
-        self._held_known = bool(self._block[SETTINGS, 2])
-        self._kept = self._block[DOCK : int(self._block[LAYOUT, 1])]
+        self._named = named(self._block)
+        self._beacons = len(self._named.beacons)
+        self._held = self._named.kept["mount"][:, :3].copy()
+        self._held_known = int(self._named.sensor["attitude_known"])
+        self._kept = self._block[KEPT_FROM : kept_until(self._block)]
         self._changed = False
         self._calibration = model.calibration
         self.model = model
@@ -117,12 +108,12 @@ class Navigator:
         if self._calibration is not None:
             spots_m, lasting = self._calibration.corrected(spots_m)
             if lasting.shape == (self._beacons,):  # else `step` says what is wrong with the spots
-                set_lasting_sigma(self._block, lasting)
+                self._named.beacons["lasting_sigma"] = lasting
         if spot_sigma_m is not None:
             sigma = np.array(spot_sigma_m, dtype=np.float64)
             if sigma.shape != (self._beacons, 2) or np.any(sigma <= 0.0):
                 raise ValueError(f"spot_sigma_m has shape ({self._beacons}, 2) and is above zero; got {sigma.tolist()}")
-            set_spot_sigma(self._block, sigma)
+            np.copyto(self._named.beacons["spot_sigma"], sigma, where=sigma > 0.0)
         try:
             outcome = self._step(self._block, t_s, spots_m)
         except (TypeError, IndexError):  # another type of numbers, or an array that is not one piece of memory
@@ -137,7 +128,7 @@ class Navigator:
             return ValueError(
                 f"spots_m has shape ({self._beacons}, 2), rows A, B, C, columns x, y in metres; got {spots.shape}"
             )
-        last = float(self._block[CLOCK, 0])
+        last = float(self._named.clock["t"])
         return ValueError(f"t_s must be finite and after the last step's {last!r} s; got {t_s!r}")
 
     def _set(self, acceleration: ArrayLike | None, delta_v: ArrayLike | None, dcm: ArrayLike | None) -> None:
@@ -149,9 +140,10 @@ class Navigator:
             np.max(np.abs(c)) > 2.0 or np.max(np.abs(c @ c.T - np.eye(3))) > 1e-6 or np.linalg.det(c) < 0.0
         ):
             raise ValueError("dcm_cam_from_lvlh must be a rotation matrix (orthonormal, determinant +1)")
-        self._block[INPUT, :3] = 0.0 if a is None else a
-        self._block[INPUT, 3:] = 0.0 if v is None else v
-        self._block[ATTITUDE : ATTITUDE + 3, :3] = c
-        self._block[SETTINGS, 2] = float(self._held_known or dcm is not None)
-        attitude_changed(self._block)
+        m = self._named
+        m.motion["acceleration"] = 0.0 if a is None else a
+        m.motion["delta_v"] = 0.0 if v is None else v
+        m.kept["mount"][:, :3] = c
+        m.sensor["attitude_known"] = self._held_known or dcm is not None
+        attitude_changed(m.kept, m.sensor)
         self._changed = not (a is None and v is None and dcm is None)

@@ -13,23 +13,15 @@ it; an image that is used, or shows nothing, ends the row and the trial.
 
 import math
 
-from relnav.arrays import Matrix
+from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
-from relnav.navigation.block import (
-    CLOCK,
-    LAYOUT,
-    P_ROWS,
-    RESULT,
-    SETTINGS,
-    TRACK,
-    TRIAL,
-    beacon_count,
-)
+from relnav.estimation.rows import copy_track
+from relnav.navigation.beacon_geometry import prior_is_tight, uses_coordinates
+from relnav.navigation.beacon_start import start
+from relnav.navigation.memory import Memory, views
 from relnav.navigation.propagation import advance, prepare_step
-from relnav.navigation.sight import prior_is_tight, uses_coordinates
-from relnav.navigation.start import start
 from relnav.navigation.status import LOST, PARTIAL, REJECTED, STARTED, UPDATED, WAITING
-from relnav.navigation.update import clear_results, copy_track, correct
+from relnav.navigation.update import clear_results, correct
 from relnav.sensors.measurement import OK
 
 WRONG_SHAPE = -1
@@ -39,95 +31,98 @@ WRONG_TIME = -2
 @kernel
 def _copy_rows(source: Matrix, target: Matrix) -> None:
     for i in range(source.shape[0]):
-        for j in range(6):
+        for j in range(source.shape[1]):
             target[i, j] = source[i, j]
 
 
 @kernel
-def _look_for_start(block: Matrix, spots: Matrix) -> bool:
+def _copy_result(source: Record, numbers: Vector, target: Record, target_numbers: Vector) -> None:
+    target["nis"], target["status"], target["dof"] = source["nis"], source["status"], source["dof"]
+    target["reason"], target["iterations"], target["used"] = source["reason"], source["iterations"], source["used"]
+    for k in range(numbers.shape[0]):
+        target_numbers[k] = numbers[k]
+
+
+@kernel
+def _look_for_start(m: Memory, spots: Matrix) -> bool:
     """Test the trial with this image, or open one; True if a trial was confirmed and now is the track."""
-    clock, trial = block[CLOCK], block[TRIAL : TRIAL + P_ROWS]
-    of_track = block[int(block[LAYOUT, 4]) : int(block[LAYOUT, 1])]
-    of_trial = block[int(block[LAYOUT, 5]) : block.shape[0]]
-    if clock[2] > 0.0:
-        outcome = correct(block, trial, of_trial, spots)
-        whole = 6 if uses_coordinates(block) else 3
-        if outcome == UPDATED and block[RESULT, 2] >= whole:
-            if not prior_is_tight(block):
+    clock = m.clock
+    if clock["trial"] > 0:
+        outcome = correct(m, m.trial, m.trial_sensitivities, spots)
+        whole = 6 if uses_coordinates(m.sensor) else 3
+        if outcome == UPDATED and m.result["dof"] >= whole:
+            if not prior_is_tight(m.prior):
                 return False
-            copy_track(trial, block[TRACK : TRACK + P_ROWS])
-            _copy_rows(of_trial, of_track)
-            clock[1], clock[2], clock[3] = 1.0, 0.0, 0.0
-            clock[4] += 1.0
+            copy_track(m.trial, m.track)
+            _copy_rows(m.trial_sensitivities, m.sensitivities)
+            clock["running"], clock["trial"], clock["rejected"] = 1, 0, 0
+            clock["starts"] += 1
             return True
         if outcome == LOST:
-            clock[2] = 0.0
-    clear_results(block)
-    reason = start(block, trial, of_trial, spots)
-    block[RESULT, 3] = reason
+            clock["trial"] = 0
+    clear_results(m.result, m.innovations)
+    reason = start(m, m.trial, m.trial_sensitivities, spots)
+    m.result["reason"] = reason
     if reason == OK:
-        clock[2] = 1.0
+        clock["trial"] = 1
     return False
 
 
 @kernel
-def _half_rejected(spots: Matrix, used: float) -> bool:
+def _half_rejected(spots: Matrix, used: int) -> bool:
     seen = 0
     for i in range(spots.shape[0]):
         if spots[i, 0] == spots[i, 0] or spots[i, 1] == spots[i, 1]:
             seen += 1
-    return 2.0 * used <= seen
+    return 2 * used <= seen
 
 
 @kernel
-def step(block: Matrix, t: float, spots: Matrix) -> int:
-    """Take the image (n, 2) m of time t s into the filter; returns an epoch status, details in RESULT.
+def step(block: Vector, t: float, spots: Matrix) -> int:
+    """Take the image (n, 2) m of time t s into the filter; returns an epoch status, details in the result.
 
-    The control of INPUT acts since the last epoch: the acceleration all the time, the impulse at its end. For spots of
-    another shape or a time that does not advance, nothing is done, and a negative number says so.
+    The control in `motion` acts since the last epoch: the acceleration all the time, the impulse at its end. For spots
+    of another shape or a time that does not advance, nothing is done, and a negative number says so.
     """
-    clock, result = block[CLOCK], block[RESULT]
-    if spots.shape[0] != beacon_count(block) or spots.shape[1] != 2:
+    m = views(block)
+    clock, result = m.clock, m.result
+    if spots.shape[0] != m.beacons.shape[0] or spots.shape[1] != 2:
         return WRONG_SHAPE
-    if not (clock[0] < t and t < math.inf):
+    if not (clock["t"] < t and t < math.inf):
         return WRONG_TIME
-    track, trial = block[TRACK : TRACK + P_ROWS], block[TRIAL : TRIAL + P_ROWS]
-    of_track = block[int(block[LAYOUT, 4]) : int(block[LAYOUT, 1])]
-    running = clock[1] > 0.0
-    if running or clock[2] > 0.0:
-        prepare_step(block, t - clock[0])
+    running = clock["running"] > 0
+    if running or clock["trial"] > 0:
+        prepare_step(m, t - clock["t"])
     if running:
-        advance(block, track, of_track)
-    if clock[2] > 0.0:
-        advance(block, trial, block[int(block[LAYOUT, 5]) : block.shape[0]])
-    clock[0] = t
+        advance(m.step, m.track, m.sensitivities)
+    if clock["trial"] > 0:
+        advance(m.step, m.trial, m.trial_sensitivities)
+    clock["t"] = t
     status = WAITING
     if running:
-        status = correct(block, track, of_track, spots)
+        status = correct(m, m.track, m.sensitivities, spots)
         running = status != LOST
-        clock[1] = 1.0 if running else 0.0
+        clock["running"] = 1 if running else 0
     if running:
-        if status == REJECTED or (status == PARTIAL and _half_rejected(spots, result[5])):
-            clock[3] += 1.0
+        if status == REJECTED or (status == PARTIAL and _half_rejected(spots, result["used"])):
+            clock["rejected"] += 1
         else:  # used, or nothing seen: what was rejected is not consecutive any more
-            clock[3] = 0.0
-            clock[2] = 0.0
-        if clock[3] < block[SETTINGS, 3]:
-            result[0] = status
+            clock["rejected"] = 0
+            clock["trial"] = 0
+        if clock["rejected"] < m.fixed["restart_after"]:
+            result["status"] = status
             return status
-        results = block[RESULT : int(block[LAYOUT, 4])]
-        kept = int(block[LAYOUT, 3])
-        place_to_keep = block[kept : kept + results.shape[0]]
-        _copy_rows(results, place_to_keep)
-        if _look_for_start(block, spots):
+        aside = m.fixed["set_aside"]
+        _copy_result(result, m.innovations, aside, m.innovations_aside)
+        if _look_for_start(m, spots):
             status = STARTED
         else:
-            _copy_rows(place_to_keep, results)
+            _copy_result(aside, m.innovations_aside, result, m.innovations)
     else:
-        status = STARTED if _look_for_start(block, spots) else WAITING
+        status = STARTED if _look_for_start(m, spots) else WAITING
         if status == WAITING:
-            reason = result[3]
-            clear_results(block)
-            result[3] = reason
-    result[0] = status
+            reason = result["reason"]
+            clear_results(result, m.innovations)
+            result["reason"] = reason
+    result["status"] = status
     return status

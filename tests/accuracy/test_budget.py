@@ -11,7 +11,7 @@ from relnav.accuracy.budget import budget_of
 from relnav.accuracy.field import field_limits, saturation_range_m
 from relnav.accuracy.sensitivity import place_state, sensitivity, settled
 from relnav.accuracy.statistics import error_statistics
-from relnav.navigation.settled import settled_filter
+from relnav.navigation.steady_state_filter import settled_filter
 from relnav.sensors.three_beacon.calibration import Calibration
 from relnav.sensors.three_beacon.fix import MEASURE_ROWS, measure_batch
 from relnav.simulation.detector import project_beacons

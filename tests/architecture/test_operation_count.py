@@ -37,6 +37,6 @@ def test_nothing_else_is_written_down():
 def test_an_epoch_in_steady_state():
     """Three whole beacons: carried, located, seen, taken. Bierman and Thornton by hand need some 1,000 operations."""
     module = "relnav.navigation."
-    epoch = COUNTS[module + "propagation.carry"] + COUNTS[module + "sight._locate"]
-    epoch += 3 * (COUNTS[module + "sight.see_beacon"] + COUNTS[module + "update._take_beacon"])
+    epoch = COUNTS[module + "propagation.carry"] + COUNTS[module + "beacon_geometry._locate"]
+    epoch += 3 * (COUNTS[module + "beacon_geometry.see_beacon"] + COUNTS["relnav.estimation.rows.take_pair"])
     assert epoch <= 1200

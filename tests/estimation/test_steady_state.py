@@ -10,7 +10,7 @@ from relnav.dynamics.clohessy_wiltshire import transition
 from relnav.dynamics.process_noise import acceleration_noise
 from relnav.estimation.steady_state import steady_state
 from relnav.mission import ProcessNoise
-from relnav.navigation.settled import settled_filter
+from relnav.navigation.steady_state_filter import settled_filter
 from relnav.simulation.detector import Faults, image
 
 

@@ -4,19 +4,20 @@ import numpy as np
 import pytest
 
 from relnav.geometry.spherical import position_from_angles
-from relnav.navigation.block import FIX_AT, RESIDUAL, VARIANCE
-from relnav.navigation.choice import choose
-from relnav.navigation.observation import linearise_position
+from relnav.navigation.arguments import choose
+from relnav.navigation.beacon_observation import linearise_position
+from relnav.navigation.memory import named
 
 
 def innovation(model, measured_rae, position):
     """Residual rows (3,) of `fix` for a measured range, azimuth, elevation at a predicted docking-frame position."""
-    block = choose(model, "fix", "perspective", "compiled")
-    block[VARIANCE, :3] = 1.0
-    position_from_angles(np.array(measured_rae), block[FIX_AT])
-    assert linearise_position(block, np.concatenate([position, np.zeros(3)]), np.zeros((3, 2)))
-    np.testing.assert_array_equal(block[RESIDUAL, :3], block[RESIDUAL, 3:])
-    return block[RESIDUAL, :3].copy()
+    memory = named(choose(model, "fix", "perspective", "compiled"))
+    group = memory.groups[0]
+    group["variance"] = 1.0
+    position_from_angles(np.array(measured_rae), memory.fix["position"])
+    assert linearise_position(memory, np.concatenate([position, np.zeros(3)]), np.zeros((3, 2)))
+    np.testing.assert_array_equal(group["residual"], group["innovation"])
+    return group["residual"].copy()
 
 
 @pytest.mark.parametrize("measured_deg", [-179.95, -10.0, 0.0, 10.0, 179.95])
@@ -37,6 +38,6 @@ def test_range_is_not_wrapped(vbar):
 
 
 def test_at_the_pole_the_azimuth_is_undefined_and_the_image_refused(vbar):
-    block = choose(vbar, "fix", "perspective", "compiled")
-    block[VARIANCE, :3] = 1.0
-    assert not linearise_position(block, np.array([0.0, 0.0, 5.0, 0.0, 0.0, 0.0]), np.zeros((3, 2)))
+    memory = named(choose(vbar, "fix", "perspective", "compiled"))
+    memory.groups[0]["variance"] = 1.0
+    assert not linearise_position(memory, np.array([0.0, 0.0, 5.0, 0.0, 0.0, 0.0]), np.zeros((3, 2)))

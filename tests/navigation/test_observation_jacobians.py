@@ -7,11 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import relnav
-from relnav.navigation.block import RESIDUAL, VARIANCE, H
-from relnav.navigation.choice import choose
-from relnav.navigation.in_use import rows_in_use
-from relnav.navigation.sight import locate
-from relnav.navigation.update import linearise_again, observe
+from relnav.navigation.arguments import choose
+from relnav.navigation.beacon_geometry import locate
+from relnav.navigation.beacon_observation import observe, observe_again
+from relnav.navigation.measurement_matrices import rows_in_use
+from relnav.navigation.memory import named
 
 METHODS = ["spots", "spots, one beacon", "fix", "invariants", "pair AB", "pair BC", "pair AC"]
 LOST = {"spots, one beacon": [1], "pair AB": [2], "pair BC": [0], "pair AC": [1]}
@@ -41,7 +41,7 @@ def mission(model, method):
 
 @pytest.fixture(params=METHODS)
 def prepared(request, vbar, look):
-    """(block, state, spots, number of rows, method): an image taken near the state, made ready at the state."""
+    """(memory, state, spots, number of rows, method): an image taken near the state, made ready at the state."""
     method = request.param
     model = mission(vbar, method)
     dock = model.dcm_dock_from_lvlh
@@ -56,36 +56,35 @@ def prepared(request, vbar, look):
     spots = look(wide, taken[None], seed=1, dcm=held)[0]
     assert np.isfinite(spots).all()
     spots[LOST.get(method, [])] = np.nan
-    block = choose(wide, "fix" if method == "fix" else "spots", "perspective", "compiled")
-    _, rows, status = observe_from(block, state, spots)
+    memory = named(choose(wide, "fix" if method == "fix" else "spots", "perspective", "compiled"))
+    _, rows, status = observe_from(memory, state, spots)
     assert status == relnav.Status.OK
     assert rows == {"spots": 6, "spots, one beacon": 4, "fix": 3, "invariants": 3}.get(method, 1)
-    return block, state, spots, method
+    return memory, state, spots, method
 
 
-def observe_from(block, state, spots):
+def observe_from(memory, state, spots):
     """`observe` with a prior of 1 mm: tight, so noise is that of the predicted geometry."""
-    track = np.zeros((7, 6))
-    track[0] = state
-    track[1:4, :3] = 1e-6 * np.eye(3)
-    assert locate(block, track)
-    return observe(block, track[0], spots)
+    memory.track["state"] = state
+    memory.track["ld"][:3, :3] = 1e-6 * np.eye(3)
+    assert locate(memory, memory.track)
+    return observe(memory, memory.track["state"], spots)
 
 
-def residual_at(block, x, spots):
-    assert linearise_again(block, x, spots)
-    return rows_in_use(block)[1]
+def residual_at(memory, x, spots):
+    assert observe_again(memory, x, spots)
+    return rows_in_use(memory)[1]
 
 
 def test_rows_are_the_derivative_of_the_prediction(prepared):
-    block, state, spots, _ = prepared
-    analytic = rows_in_use(block)[0]
+    memory, state, spots, _ = prepared
+    analytic = rows_in_use(memory)[0]
     numeric = np.empty_like(analytic)
     for j in range(6):
         h = 1e-4
         d = np.zeros(6)
         d[j] = h
-        r = [residual_at(block, state + k * d, spots) for k in (-2, -1, 1, 2)]
+        r = [residual_at(memory, state + k * d, spots) for k in (-2, -1, 1, 2)]
         numeric[:, j] = -(r[0] - 8 * r[1] + 8 * r[2] - r[3]) / (12 * h)
     scale = np.abs(analytic).max(axis=1, keepdims=True)
     np.testing.assert_allclose(numeric / scale, analytic / scale, rtol=0.0, atol=2e-9)
@@ -94,7 +93,7 @@ def test_rows_are_the_derivative_of_the_prediction(prepared):
 
 def test_residual_is_zero_where_the_image_was_taken(prepared, vbar, look):
     """With noise-free spots of the very state, measured equals predicted."""
-    block, state, spots, method = prepared
+    memory, state, spots, method = prepared
     model = mission(vbar, method)
     wide = replace(model, sensor=replace(model.sensor, detector_size_m=(0.05, 0.05)))
     held = None
@@ -102,20 +101,20 @@ def test_residual_is_zero_where_the_image_was_taken(prepared, vbar, look):
         held = (Rotation.from_quat([0.5, -0.5, -0.5, -0.5]).as_matrix() @ model.dcm_dock_from_lvlh)[None]
     exact = look(wide, state[None], dcm=held, noise_m=0.0)[0]
     exact[np.isnan(spots)] = np.nan
-    observe_from(block, state, exact)
-    _, residual, r, _ = rows_in_use(block)
+    observe_from(memory, state, exact)
+    _, residual, r, _ = rows_in_use(memory)
     assert np.all(np.abs(residual) < 1e-6 * np.sqrt(np.diag(r)))
 
 
 def test_noise_is_that_of_many_noisy_images(prepared):
     """R against the scatter of the residual over images that differ by spot noise alone, about the taken geometry."""
-    block, state, spots, _ = prepared
-    stated = rows_in_use(block)[2]
+    memory, state, spots, _ = prepared
+    stated = rows_in_use(memory)[2]
     rng = np.random.default_rng(0)
     residuals = []
     for _ in range(4000):
-        observe_from(block, state, spots + 1e-5 * rng.normal(size=(3, 2)))
-        residuals.append(rows_in_use(block)[1])
+        observe_from(memory, state, spots + 1e-5 * rng.normal(size=(3, 2)))
+        residuals.append(rows_in_use(memory)[1])
     scatter = np.atleast_2d(np.cov(np.array(residuals).T))
     scale = np.sqrt(np.outer(np.diag(stated), np.diag(stated)))
     np.testing.assert_allclose(scatter / scale, stated / scale, atol=0.1)
@@ -123,12 +122,13 @@ def test_noise_is_that_of_many_noisy_images(prepared):
 
 def test_independent_rows_say_the_same(prepared):
     """L^-1 turns rows with covariance R into rows with a diagonal one, without loss: r^T S^-1 r is the same."""
-    block, _, _, method = prepared
+    memory, _, _, method = prepared
     if method.startswith("spots"):
         pytest.skip("detector coordinates are independent as they are")
-    h, r, noise, _ = rows_in_use(block)
+    h, r, noise, _ = rows_in_use(memory)
     p = np.diag([1e-2, 2e-2, 3e-2, 1e-3, 1e-3, 1e-3]) ** 2
     expected = r @ np.linalg.solve(h @ p @ h.T + noise, r)
     n = len(r)
-    r, h, noise = block[RESIDUAL, :n], block[H : H + n], np.diag(block[VARIANCE, :n])
+    group = memory.groups[0]
+    r, h, noise = group["residual"][:n], group["gradient"][:n], np.diag(group["variance"][:n])
     assert r @ np.linalg.solve(h @ p @ h.T + noise, r) == pytest.approx(expected, rel=1e-9)

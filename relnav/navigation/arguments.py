@@ -1,19 +1,19 @@
-"""The filter that a user chose: checked, and as a fresh block; and what else is checked of a caller's arrays."""
+"""What a caller asks for, checked: a filter of a model as fresh memory, and arrays."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix
+from relnav.arrays import Matrix, Vector
 from relnav.mission import Model
-from relnav.navigation.block import ATTITUDE, METHODS, new_block
-from relnav.navigation.sight import attitude_changed
+from relnav.navigation.beacon_geometry import attitude_changed
+from relnav.navigation.memory import METHODS, named, new_memory
 from relnav.sensors.three_beacon.measure import PROJECTIONS
 
 ENGINES = ("compiled", "filterpy")
 
 
-def choose(model: Model, method: str, projection: str | None, engine: str) -> Matrix:
-    """A fresh block of the filter; ValueError for an unknown method, projection or engine."""
+def choose(model: Model, method: str, projection: str | None, engine: str) -> Vector:
+    """Memory of a fresh filter; ValueError for an unknown method, projection or engine."""
     if not isinstance(model, Model):
         raise ValueError(f"model is a loaded mission, relnav.load_model(...); got {model!r}")
     if engine not in ENGINES:
@@ -23,9 +23,9 @@ def choose(model: Model, method: str, projection: str | None, engine: str) -> Ma
     name = model.sensor.projection if projection is None else projection
     if name not in PROJECTIONS:
         raise ValueError(f'projection must be "perspective" or "parallel"; got {name!r}')
-    block = new_block(model, method, name)
-    block[ATTITUDE : ATTITUDE + 3, :3] = model.dcm_cam_from_lvlh
-    attitude_changed(block)
+    block = new_memory(model, method, name)
+    m = named(block)
+    attitude_changed(m.kept, m.sensor)
     return block
 
 

@@ -4,22 +4,11 @@ import math
 
 import numpy as np
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, quotient, straight_line
-from relnav.navigation.block import (
-    ATTITUDE,
-    CAM_FROM_DOCK,
-    DOCK,
-    OFFSET,
-    PLACE,
-    RAYS,
-    SENSOR,
-    SETTINGS,
-    SPOTS,
-    WORK,
-)
+from relnav.navigation.memory import SPOTS, Memory
 from relnav.sensors.measurement import MISALIGNED, OK, SWAPPED
-from relnav.sensors.three_beacon.fix import RAYS_ROW, WORK_ROWS, solve_fix
+from relnav.sensors.three_beacon.fix import RAYS_ROW, solve_fix
 from relnav.sensors.three_beacon.invariants import rays_from_position
 
 COS_MISALIGNED = 0.984807753012208  # 10 deg
@@ -27,15 +16,9 @@ TIGHT_SHARE2 = 4e-4  # of the range squared: position sigma below 2 % of the ran
 
 
 @kernel
-def attitude_known(block: Matrix) -> bool:
-    """Whether the camera's attitude may be used."""
-    return bool(block[SETTINGS, 2] > 0.0)
-
-
-@kernel
-def uses_coordinates(block: Matrix) -> bool:
+def uses_coordinates(sensor: Record) -> bool:
     """Whether the measurement is the detector coordinates themselves, one group a beacon."""
-    return bool(block[SETTINGS, 1] == SPOTS and block[SETTINGS, 2] > 0.0)
+    return bool(sensor["method"] == SPOTS and sensor["attitude_known"] > 0)
 
 
 @straight_line(dock=(3, 4), mount=(3, 4), cam_from_dock=(3, 3), offset=(3,))
@@ -48,19 +31,14 @@ def _combine_attitude(dock: Matrix, mount: Matrix, cam_from_dock: Matrix, offset
 
 
 @kernel
-def attitude_changed(block: Matrix) -> None:
-    """Derive what follows from ATTITUDE and DOCK; called whenever ATTITUDE was written."""
-    _combine_attitude(
-        block[DOCK : DOCK + 3],
-        block[ATTITUDE : ATTITUDE + 3],
-        block[CAM_FROM_DOCK : CAM_FROM_DOCK + 3],
-        block[OFFSET],
-    )
+def attitude_changed(kept: Record, sensor: Record) -> None:
+    """Derive what follows from `mount` and `dock`; called whenever `mount` was written."""
+    _combine_attitude(kept["dock"], kept["mount"], sensor["cam_from_dock"], sensor["offset"])
 
 
-@straight_line(track=(7, 6), offset=(3,), dock=(3, 3), place=(5,))
-def _locate(track: Matrix, offset: Vector, dock: Matrix, place: Vector) -> bool:
-    """Write PLACE for a predicted track; False if the track says nothing any more.
+@straight_line(state=(6,), ld=(6, 6), offset=(3,), dock=(3, 4), place=(3,))
+def _locate(state: Vector, ld: Matrix, offset: Vector, dock: Matrix, place: Vector) -> tuple[bool, float, float]:
+    """Write the camera's place in the docking frame; returns whether the track says anything, range^2, and variance.
 
     It must hold numbers only, and a position sigma below the range: over a long gap a prediction becomes worthless (and
     over an absurd one overflows), and images could then be believed anywhere.
@@ -68,34 +46,36 @@ def _locate(track: Matrix, offset: Vector, dock: Matrix, place: Vector) -> bool:
     s = np.zeros(3)
     range2, variance, nothing = 0.0, 0.0, 0.0
     for i in range(3):
-        s[i] = track[0, i] + offset[i]
-        variance = variance + track[1 + i, i]
+        s[i] = state[i] + offset[i]
+        variance = variance + ld[i, i]
         for j in range(i):
-            variance = variance + track[1 + i, j] * track[1 + i, j] * track[1 + j, j]
+            variance = variance + ld[i, j] * ld[i, j] * ld[j, j]
     for i in range(3):
         place[i] = dock[i, 0] * s[0] + dock[i, 1] * s[1] + dock[i, 2] * s[2]
         range2 = range2 + place[i] * place[i]
-    place[3], place[4] = range2, variance
     for j in range(6):  # differences of equal numbers: 0, or NaN for what is not a number
-        nothing = nothing + (track[0, j] - track[0, j])
+        nothing = nothing + (state[j] - state[j])
         for i in range(j, 6):
-            nothing = nothing + (track[1 + i, j] - track[1 + i, j])
-    return (abs(nothing) <= 0.0) & (variance < range2)
+            nothing = nothing + (ld[i, j] - ld[i, j])
+    return (abs(nothing) <= 0.0) & (variance < range2), range2, variance
 
 
 @kernel
-def locate(block: Matrix, track: Matrix) -> bool:
-    """Write PLACE for a predicted track (7, 6); False if the track says nothing any more."""
-    return bool(_locate(track, block[OFFSET], block[DOCK : DOCK + 3], block[PLACE]))
+def locate(m: Memory, track: Record) -> bool:
+    """Write the prior of a predicted track; False if the track says nothing any more."""
+    prior = m.prior
+    usable, range2, variance = _locate(track["state"], track["ld"], m.sensor["offset"], m.kept["dock"], prior["place"])
+    prior["range2"], prior["variance"] = range2, variance
+    return bool(usable)
 
 
 @kernel
-def prior_is_tight(block: Matrix) -> bool:
-    """Whether the predicted geometry (PLACE) can stand for the true one: position sigma below 2 % of the range."""
-    return bool(block[PLACE, 4] < TIGHT_SHARE2 * block[PLACE, 3])
+def prior_is_tight(prior: Record) -> bool:
+    """Whether the predicted geometry can stand for the true one: position sigma below 2 % of the range."""
+    return bool(prior["variance"] < TIGHT_SHARE2 * prior["range2"])
 
 
-@straight_line(x=(3,), offset=(3,), dock=(3, 3), p=(3,))
+@straight_line(x=(3,), offset=(3,), dock=(3, 4), p=(3,))
 def camera_position_dock(x: Vector, offset: Vector, dock: Matrix, p: Vector) -> None:
     """Write the camera's position in the docking frame of the state x into p (3,): lever arms included."""
     s = np.zeros(3)
@@ -105,12 +85,13 @@ def camera_position_dock(x: Vector, offset: Vector, dock: Matrix, p: Vector) -> 
         p[i] = dock[i, 0] * s[0] + dock[i, 1] * s[1] + dock[i, 2] * s[2]
 
 
-@straight_line(x=(3,), mount=(3, 4), position=(6,), spot=(2,), rows=(3, 6))
-def see_beacon(x: Vector, mount: Matrix, position: Vector, f: float, spot: Vector, rows: Matrix) -> float:
-    """Write a beacon's OBSERVED residual and GRADIENT rows; returns its depth, m.
+@straight_line(x=(3,), mount=(3, 4), position=(3,), spot=(2,), residual=(2,), gradient=(2, 3))
+def see_beacon(
+    x: Vector, mount: Matrix, position: Vector, f: float, spot: Vector, residual: Vector, gradient: Matrix
+) -> float:
+    """Write a beacon's residual and gradient rows (their position columns); returns its depth, m.
 
-    position: the beacon's POSITION row; rows: its OBSERVED and GRADIENT rows. h(x) = central projection,
-    c = mount (beacon - x) - lever; dh/dx = -f/Z (e_axis - (c_axis/Z) e_z) mount.
+    h(x) = central projection, c = mount (beacon - x) - lever; dh/dx = -f/Z (e_axis - (c_axis/Z) e_z) mount.
     """
     d, c = np.zeros(3), np.zeros(3)
     for i in range(3):
@@ -121,9 +102,9 @@ def see_beacon(x: Vector, mount: Matrix, position: Vector, f: float, spot: Vecto
     g = f * near
     for axis in range(2):
         slope = c[axis] * near
-        rows[0, axis] = spot[axis] - f * slope
+        residual[axis] = spot[axis] - f * slope
         for j in range(3):
-            rows[1 + axis, j] = g * (slope * mount[2, j] - mount[axis, j])
+            gradient[axis, j] = g * (slope * mount[2, j] - mount[axis, j])
     depth: float = c[2]
     return depth
 
@@ -148,30 +129,32 @@ def _alignment(p: Vector, u: Matrix, cam_from_dock: Matrix, a: float, b: float) 
 
 
 @kernel
-def implied_attitude(block: Matrix, p: Vector) -> int:
-    """Whether the attitude that the fix p of RAYS implies is the stated one, to 10 deg; a Status code.
+def implied_attitude(sensor: Record, rays: Matrix, p: Vector) -> int:
+    """Whether the attitude that the fix p of the rays implies is the stated one, to 10 deg; a Status code.
 
     By the line from B to A and the line of sight: far more than any attitude hold is off, far less than a glint or a
     pair of exchanged beacons turns the image.
     """
-    if not attitude_known(block):
+    if sensor["attitude_known"] == 0:
         return OK
-    along, across = _alignment(
-        p, block[RAYS : RAYS + 3], block[CAM_FROM_DOCK : CAM_FROM_DOCK + 3], block[SENSOR, 4], block[SENSOR, 5]
-    )
+    along, across = _alignment(p, rays, sensor["cam_from_dock"], sensor["half_spacing"], sensor["c_distance"])
     if along > COS_MISALIGNED and across > COS_MISALIGNED:
         return OK
     return SWAPPED if along < 0.0 else MISALIGNED
 
 
 @kernel
-def fix_of_spots(block: Matrix, spots: Matrix, p: Vector) -> int:
-    """Closed form of the spots (rows A, B, C) into p (3,) m, docking frame, their rays into RAYS; a Status code."""
-    sensor, work = block[SENSOR], block[WORK : WORK + WORK_ROWS]
-    status = solve_fix(spots, sensor[0], sensor[1], sensor[2], sensor[4], sensor[5], int(block[SETTINGS, 0]), p, work)
+def fix_of_spots(sensor: Record, work: Matrix, spots: Matrix, p: Vector, rays: Matrix) -> int:
+    """Closed form of the spots (rows A, B, C) into p (3,) m, docking frame, and their rays; a Status code.
+
+    work (WORK_ROWS, 6) is scratch.
+    """
+    half = sensor["half_width"]
+    a, b, projection = sensor["half_spacing"], sensor["c_distance"], sensor["projection"]
+    status = solve_fix(spots, sensor["focal_length"], half[0], half[1], a, b, projection, p, work)
     if status != OK:
         return status
     for i in range(3):
         for j in range(3):
-            block[RAYS + i, j] = work[RAYS_ROW + i, j]
-    return implied_attitude(block, p)
+            rays[i, j] = work[RAYS_ROW + i, j]
+    return implied_attitude(sensor, rays, p)

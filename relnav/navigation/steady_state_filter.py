@@ -7,10 +7,11 @@ from relnav.dynamics.clohessy_wiltshire import transition
 from relnav.dynamics.process_noise import acceleration_noise
 from relnav.estimation.steady_state import SteadyState, steady_state
 from relnav.mission import Model
-from relnav.navigation.choice import choose
-from relnav.navigation.in_use import rows_in_use
-from relnav.navigation.sight import locate
-from relnav.navigation.update import observe
+from relnav.navigation.arguments import choose
+from relnav.navigation.beacon_geometry import locate
+from relnav.navigation.beacon_observation import observe
+from relnav.navigation.measurement_matrices import rows_in_use
+from relnav.navigation.memory import named
 from relnav.sensors.measurement import Status
 
 
@@ -37,21 +38,20 @@ def settled_filter(
     ValueError
         If the geometry gives no measurement (a beacon behind the camera, a fix outside its domain).
     """
-    block = choose(model, method, None, "compiled")
+    m = named(choose(model, method, None, "compiled"))
     lever = model.dcm_cam_from_lvlh.T @ model.camera_lever_cam_m
-    track = np.zeros((7, 6))
     place = model.dcm_dock_from_lvlh.T @ np.asarray(position_dock_m, dtype=np.float64)
-    track[0, :3] = model.port_position_m + place - lever
+    m.track["state"][:3] = position = model.port_position_m + place - lever
     seen = np.array([name in beacons for name in "abcdefghijklmnopqrstuvwxyz"[: len(model.beacons_lvlh_m)]])
-    c = (model.beacons_lvlh_m - track[0, :3]) @ model.dcm_cam_from_lvlh.T - model.camera_lever_cam_m
+    c = (model.beacons_lvlh_m - position) @ model.dcm_cam_from_lvlh.T - model.camera_lever_cam_m
     spots = np.where(seen[:, None], model.sensor.focal_length_m * c[:, :2] / c[:, 2:], np.nan)
-    locate(block, track)
-    _, usable, reason = observe(block, track[0], spots)
+    locate(m, m.track)
+    _, usable, reason = observe(m, m.track["state"], spots)
     if usable == 0:
         raise ValueError(
             f"no measurement at {np.asarray(position_dock_m).tolist()} m in the docking frame ({Status(reason).name})"
         )
-    h, _, r, _ = rows_in_use(block)
+    h, _, r, _ = rows_in_use(m)
     n = model.orbit.mean_motion_rad_s
     q = acceleration_noise(n, 1.0 / rate_hz, model.process_noise.acceleration_noise_density_m2_s3)
     return steady_state(transition(n, 1.0 / rate_hz), q, h, r)

@@ -1,0 +1,310 @@
+"""The memory of a filter: one array that crosses from Python, and the names under which compiled code sees it.
+
+One array crosses from Python into compiled code in 0.2 us; ten would cost a microsecond. Inside, `views` names its
+parts once a step: records of fixed size (numpy structured types, which numba reads and writes as one would by hand),
+and arrays whose length depends on the model. A kernel is handed what it works on, by these names.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from relnav.arrays import Matrix, Record, Vector
+from relnav.codegen.kernel import inlined, plain
+from relnav.estimation.gating import gate_limits
+from relnav.estimation.rows import group_type, track_type
+from relnav.mission import Model
+from relnav.sensors.three_beacon.fix import WORK_ROWS
+from relnav.sensors.three_beacon.measure import PROJECTIONS
+
+"""One record of a structured type: its fields are numbers, arrays or records."""
+
+METHODS = {"spots": 0, "fix": 1}
+SPOTS = METHODS["spots"]
+FIX = METHODS["fix"]
+
+NODES = 4
+"""Along each side of the detector's field of lasting errors."""
+FIELD_ERRORS = 2 * NODES * NODES
+TOLERANCES_SHARED = 7
+"""Tolerances that all beacons share: the focal length, three turns of the camera, three of the beacons."""
+
+MOTION = 6
+"""Position and velocity of the chaser: the state of this filter."""
+
+_F, _I = np.float64, np.int64
+
+SENSOR = np.dtype(
+    [
+        ("focal_length", _F),
+        ("half_width", _F, 2),
+        ("spot_sigma", _F),
+        ("half_spacing", _F),
+        ("c_distance", _F),
+        ("projection", _I),
+        ("method", _I),
+        ("attitude_known", _I),
+        ("field_center", _F, 2),  # where what lasts in the spots was calibrated
+        ("field_half_width", _F, 2),
+        ("cam_from_dock", _F, (3, 3)),  # derived from the attitude, as the next (`sight.attitude_changed`)
+        ("offset", _F, 3),  # camera minus chaser's centre of mass, minus the port: camera from O = state + offset
+    ]
+)
+TOLERANCES = np.dtype(
+    [("focal_length", _F), ("camera_mounting", _F), ("beacon_mounting", _F), ("beacon_placement", _F)]
+)
+MOTION_MODEL = np.dtype(
+    [
+        ("mean_motion", _F),
+        ("acceleration_noise_density", _F),
+        ("control_magnitude_sigma", _F),
+        ("control_direction_sigma", _F),
+        ("control_correlation_time", _F),
+        ("initial_velocity_sigma", _F),
+        ("acceleration", _F, 3),  # commanded, held since the last epoch
+        ("delta_v", _F, 3),  # just before this one
+    ]
+)
+STEP = np.dtype(
+    [
+        ("dt", _F),  # what the rest was computed for
+        ("acceleration", _F, 3),
+        ("impulse", _I),
+        ("phi", _F, (6, 6)),
+        ("noise", _F, (6, 6)),  # factors of Q
+        ("effect", _F, 6),
+    ]
+)
+PRIOR = np.dtype([("place", _F, 3), ("range2", _F), ("variance", _F)])
+"""Camera from O in the docking frame at the prediction, its range squared, the position's variance."""
+POSITION_FIX = np.dtype(
+    [
+        ("rays", _F, (3, 3)),  # of the measured spots, camera axes
+        ("position", _F, 3),  # of the fix, docking frame
+        ("value", _F, 3),  # invariants measured
+        ("inverse", _F, (3, 3)),  # (dg/dp)^-1
+        ("jacobian", _F, (3, 6)),  # d value / d spots
+        ("factor", _F, (3, 3)),  # L of R = L diag L^T
+    ]
+)
+BEACON = np.dtype(
+    [
+        ("position", _F, 3),  # from the target's centre of mass, lvlh_ccsds
+        ("spot_sigma", _F, 2),  # of its spot's noise
+        ("lasting_sigma", _F),  # of what lasts in its spot
+    ]
+)
+SCRATCH = np.dtype(
+    [
+        ("closed_form", _F, (WORK_ROWS, 6)),
+        ("three", _F, (3, 3)),
+        ("turn", _F, (3, 3)),
+        ("triads", _F, (14, 3)),
+        ("rays", _F, (3, 3)),
+        ("pair", _F, (3, 3)),
+        ("vectors", _F, (4, 3)),
+        ("places", _F, (3, 6)),
+        ("by_beacon", _F, (9, 3)),
+        ("gradients", _F, (11, 3)),
+        ("numbers", _F, (3, 6)),
+        ("normal", _F, (5, 3)),
+        ("covariance", _F, (6, 6)),
+        ("columns", _F, (3, 6)),
+        ("information", _F, (3, 3)),
+        ("density", _F, (3, 3)),
+        ("six", _F, (6, 6)),
+        ("back", _F, (6, 6)),  # of smoothing: Phi^-1
+        ("carried", _F, (6, 6)),  # of smoothing: factors of Phi^-1 Q Phi^-T
+    ]
+)
+CLOCK = np.dtype([("t", _F), ("running", _I), ("trial", _I), ("rejected", _I), ("starts", _I), ("beacons", _I)])
+RESULT = np.dtype([("nis", _F), ("status", _I), ("dof", _I), ("reason", _I), ("iterations", _I), ("used", _I)])
+TRACK = track_type(MOTION)
+GROUP = group_type(MOTION)
+KEPT = np.dtype(
+    [
+        ("dock", _F, (3, 4)),  # dcm_dock_from_lvlh | port position, lvlh_ccsds
+        ("mount", _F, (3, 4)),  # dcm_cam_from_lvlh | camera from the chaser's centre of mass, camera axes
+        ("clock", CLOCK),
+        ("track", TRACK),
+        ("result", RESULT),
+    ]
+)
+"""What a record keeps; behind it in memory stand the innovations and what one sigma of each lasting error does."""
+FIXED = np.dtype(
+    [
+        ("restart_after", _I),
+        ("considered", _I),  # how many lasting errors
+        ("sensor", SENSOR),
+        ("tolerances", TOLERANCES),
+        ("motion", MOTION_MODEL),
+        ("step", STEP),
+        ("prior", PRIOR),
+        ("fix", POSITION_FIX),
+        ("scratch", SCRATCH),
+        ("trial", TRACK),
+        ("work", TRACK),
+        ("at", _F, MOTION),
+        ("set_aside", RESULT),
+        ("kept", KEPT),
+    ]
+)
+"""All that does not depend on the number of beacons."""
+FIXED_SIZE = FIXED.itemsize // 8
+KEPT_FROM = FIXED_SIZE - KEPT.itemsize // 8
+"""Place of the first number that a record keeps."""
+_BEACON_SIZE, _GROUP_SIZE, _KEPT_SIZE = BEACON.itemsize // 8, GROUP.itemsize // 8, KEPT.itemsize // 8
+
+
+class Memory(NamedTuple):
+    """A filter's memory by names: records, and arrays of a length of their own (n beacons, m lasting errors)."""
+
+    fixed: Record
+    sensor: Record
+    tolerances: Record
+    motion: Record
+    step: Record
+    prior: Record
+    fix: Record
+    scratch: Record
+    trial: Record
+    work: Record
+    at: Vector
+    kept: Record
+    clock: Record
+    track: Record
+    result: Record
+    innovations: Vector  # (2 n,)
+    sensitivities: Matrix  # (m, 6), of the track
+    news: Matrix  # (m, 6), scratch
+    trial_sensitivities: Matrix  # (m, 6)
+    innovations_aside: Vector  # (2 n,)
+    gate: Vector  # (2 n,), chi-square limits
+    beacons: Record  # (n,)
+    groups: Record  # (n,)
+
+
+def size_of(beacons: int, considered: int) -> int:
+    """Numbers that a filter of so many beacons and lasting errors needs."""
+    return FIXED_SIZE + 6 * beacons + 3 * MOTION * considered + beacons * (_BEACON_SIZE + _GROUP_SIZE)
+
+
+@inlined
+def views(block: Vector) -> Memory:
+    """The memory by names."""
+    fixed = block[:FIXED_SIZE].view(FIXED)[0]
+    kept = fixed["kept"]
+    n, m = kept["clock"]["beacons"], fixed["considered"]
+    a = FIXED_SIZE + 2 * n
+    b, c, d = a + MOTION * m, a + 2 * MOTION * m, a + 3 * MOTION * m
+    e, f, g = d + 2 * n, d + 4 * n, d + (4 + _BEACON_SIZE) * n
+    return Memory(
+        fixed,
+        fixed["sensor"],
+        fixed["tolerances"],
+        fixed["motion"],
+        fixed["step"],
+        fixed["prior"],
+        fixed["fix"],
+        fixed["scratch"],
+        fixed["trial"],
+        fixed["work"],
+        fixed["at"],
+        kept,
+        kept["clock"],
+        kept["track"],
+        kept["result"],
+        block[FIXED_SIZE:a],
+        block[a:b].reshape((m, MOTION)),
+        block[b:c].reshape((m, MOTION)),
+        block[c:d].reshape((m, MOTION)),
+        block[d:e],
+        block[e:f],
+        block[f:g].view(BEACON),
+        block[g : g + _GROUP_SIZE * n].view(GROUP),
+    )
+
+
+named = plain(views)
+"""The memory by names, from Python."""
+
+
+class Snapshot(NamedTuple):
+    """What a record keeps, by names; see `Memory`."""
+
+    kept: Record
+    innovations: Vector
+    sensitivities: Matrix
+
+
+def snapshot(memory: bytes) -> Snapshot:
+    """A record's copy of the memory from `KEPT_FROM` to the track's sensitivities, by names."""
+    numbers = np.frombuffer(memory)
+    kept = numbers[:_KEPT_SIZE].view(KEPT)[0]
+    a = _KEPT_SIZE + 2 * int(kept["clock"]["beacons"])
+    return Snapshot(kept, numbers[_KEPT_SIZE:a], numbers[a:].reshape(-1, MOTION))
+
+
+def kept_until(block: Vector) -> int:
+    """Place behind the last number that a record keeps."""
+    m = named(block)
+    return FIXED_SIZE + m.innovations.size + m.sensitivities.size
+
+
+def new_memory(model: Model, method: str, projection: str) -> Vector:
+    """A filter that has seen nothing yet."""
+    sensor, noise, settings = model.sensor, model.process_noise, model.filter
+    count = len(model.beacons_lvlh_m)
+    tolerances = model.tolerances if model.tolerances is not None and model.tolerances.considered else None
+    calibration = model.calibration
+    considered = 0 if tolerances is None and calibration is None else FIELD_ERRORS
+    considered += 0 if tolerances is None else TOLERANCES_SHARED + 3 * count
+    block = np.zeros(size_of(count, considered))
+    fixed = block[:FIXED_SIZE].view(FIXED)[0]
+    fixed["considered"], fixed["kept"]["clock"]["beacons"] = considered, count
+    m = named(block)
+    fixed["restart_after"] = settings.restart_after_epochs
+    half = 0.5 * np.array(sensor.detector_size_m)
+    fill(
+        m.sensor,
+        focal_length=sensor.focal_length_m,
+        half_width=half,
+        spot_sigma=model.spot_sigma_m,
+        half_spacing=sensor.beacon_half_spacing_m,
+        c_distance=sensor.beacon_c_distance_m,
+        projection=PROJECTIONS[projection],
+        method=METHODS[method],
+        attitude_known=model.attitude.mode == "lvlh_hold",
+        field_center=(0.0, 0.0) if calibration is None else calibration.center_m,
+        field_half_width=half if calibration is None else calibration.half_width_m,
+    )
+    fill(
+        m.motion,
+        mean_motion=model.orbit.mean_motion_rad_s,
+        acceleration_noise_density=noise.acceleration_noise_density_m2_s3,
+        control_magnitude_sigma=noise.control_magnitude_sigma,
+        control_direction_sigma=noise.control_direction_sigma_rad,
+        control_correlation_time=noise.control_correlation_time_s,
+        initial_velocity_sigma=settings.initial_velocity_sigma_m_s,
+    )
+    if tolerances is not None:
+        fill(
+            m.tolerances,
+            focal_length=tolerances.focal_length_relative_sigma,
+            camera_mounting=tolerances.camera_mounting_sigma_rad,
+            beacon_mounting=tolerances.beacon_mounting_sigma_rad,
+            beacon_placement=tolerances.beacon_placement_sigma_m,
+        )
+    m.step["dt"], m.clock["t"] = np.nan, -np.inf
+    m.gate[:] = gate_limits(settings.gate_probability, 2 * count)
+    m.kept["dock"][:, :3], m.kept["dock"][:, 3] = model.dcm_dock_from_lvlh, model.port_position_m
+    m.kept["mount"][:, :3], m.kept["mount"][:, 3] = model.dcm_cam_from_lvlh, model.camera_lever_cam_m
+    m.beacons["position"] = model.beacons_lvlh_m
+    m.beacons["spot_sigma"], m.beacons["lasting_sigma"] = sensor.spot_noise_m, model.lasting_spot_sigma_m
+    return block
+
+
+def fill(record: Record, **values: Any) -> None:
+    """Write fields of a record by name."""
+    for name, value in values.items():
+        record[name] = value
