@@ -16,11 +16,11 @@ import numpy as np
 import relnav
 from relnav.accuracy.pose_filter import flown, joined, loose_errors, smoothed_errors, tight_errors
 from relnav.accuracy.target_attitude import attitude_trials
-from relnav.dynamics.rigid_body import RigidBody
-from relnav.estimation.gating import chi_square_limit
-from relnav.navigation.pose_state import PoseState, state_from_pose, time_update
+from relnav.navigation.pose_filter import pose_step
+from relnav.navigation.pose_memory import new_pose_memory, pose_named
+from relnav.navigation.pose_roots import state_of, write_state
+from relnav.navigation.pose_state import PoseState, state_from_pose
 from relnav.navigation.relative_pose import PoseNavigator
-from relnav.navigation.spot_update import spot_update
 from relnav.navigation.target_attitude import METHODS
 from relnav.sensors.three_marker import measure
 from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
@@ -80,15 +80,15 @@ def delayed(mission, runs, seed):
 
 
 def after_a_gap(mission, runs, seed, gap):
-    """Mean NEES / 12 of the first three images after one image and a gap, velocity and rate being hardly known."""
+    """Mean NEES / 12 of the first three images after two images and a gap, velocity and rate being hardly known."""
     approach = dataclasses.replace(FAR, duration_s=gap + 2.0, assumed_start=True)
     values = []
     for run in range(runs):
         flight, nav = simulate_flight(mission, approach, seed=seed + run), PoseNavigator(mission)
         for k, t in enumerate(flight.t_s):
-            spots = flight.spots_px[k] if k == 0 or t > gap else None
+            spots = flight.spots_px[k] if k < 2 or t > gap else None
             record = nav.step(t, spots, acceleration_m_s2=flight.acceleration_m_s2[k])
-            if spots is not None and k:
+            if spots is not None and k > 1:
                 truth = PoseState(flight.motion[k], flight.dcm_lvlh_from_target[k], flight.rate_rad_s[k], None)
                 state = PoseState(record.state, record.dcm_lvlh_from_target, record.rate_rad_s, record.covariance)
                 error = state.error_of(truth)
@@ -104,13 +104,17 @@ def wrong(error, covariance):
 
 def single_filter(mission, flight):
     """Error and covariance at the end of one filter on the most credible root of the first image."""
-    body = RigidBody(np.array(mission.target.inertia_kg_m2), mission.orbit.mean_motion_rad_s)
-    dcm, limit = mission.dcm_chaser_from_lvlh, chi_square_limit(mission.filter.gate_probability, 2)
-    state = state_from_pose(measure(flight.spots_px[0], mission).roots[0].pose, mission, dcm, widened=4.0)
+    dcm, memory, none = mission.dcm_chaser_from_lvlh, new_pose_memory(mission), np.empty((0, 2, 2))
+    m = pose_named(memory)
+    write_state(
+        m.bank[0],
+        state_from_pose(measure(flight.spots_px[0], mission).roots[0].pose, mission, dcm, widened=4.0),
+    )
+    m.clock["running"], m.clock["t"], m.clock["renewed"] = 1, flight.t_s[0], np.inf
     for k in range(1, len(flight.t_s)):
-        dt = float(flight.t_s[k] - flight.t_s[k - 1])
-        state, _, _ = time_update(state, dt, body, mission, flight.acceleration_m_s2[k], np.zeros(3))
-        state = spot_update(state, flight.spots_px[k], mission, dcm, limit).state
+        m.motion["acceleration"] = flight.acceleration_m_s2[k]
+        pose_step(memory, float(flight.t_s[k]), dcm, flight.spots_px[k], none)  # what it wants is not given
+    state = state_of(m.bank[0])
     truth = PoseState(flight.motion[-1], flight.dcm_lvlh_from_target[-1], flight.rate_rad_s[-1], None)
     return state.error_of(truth), state.covariance
 

@@ -8,15 +8,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from relnav.arrays import Flags, Matrix, Stack, Vector
-from relnav.dynamics.rigid_body import RigidBody
+from relnav.dynamics.rigid_body import RigidBody, cross
+from relnav.estimation.attitude import joseph, reset
 from relnav.estimation.consistency import nees
+from relnav.geometry.rotation_vector import rotation_vector_between
 from relnav.mission import VisionMission
 from relnav.navigation.pose_log import filter_marker_epochs
-from relnav.navigation.pose_smoothing import smoothed_solution
-from relnav.navigation.pose_state import PoseState, state_from_pose, time_update
+from relnav.navigation.pose_state import PoseState, camera_pose, state_from_pose, time_update
 from relnav.navigation.relative_pose import PoseNavigator
-from relnav.navigation.spot_update import pose_update
 from relnav.sensors.three_marker.measure import measure
+from relnav.sensors.three_marker.pose import Pose
 from relnav.simulation.marker_flight import MarkerFaults, MarkerFlight, simulate_flight
 from relnav.simulation.trajectory import Approach
 
@@ -88,16 +89,15 @@ def tight_errors(mission: VisionMission, flight: MarkerFlight) -> PoseErrors:
 
 def smoothed_errors(mission: VisionMission, flight: MarkerFlight) -> PoseErrors:
     """Of the smoother over a whole flight, at the epochs at which the filter has a state."""
-    navigator = PoseNavigator(mission, keep=True)
-    solution = filter_marker_epochs(
+    smoothed = filter_marker_epochs(
         mission,
         flight.t_s,
         flight.spots_px,
         acceleration_m_s2=flight.acceleration_m_s2,
         q_chaser_from_lvlh=Rotation.from_matrix(flight.dcm_chaser_from_lvlh).as_quat(),
-        navigator=navigator,
+        smooth=True,
     )
-    smoothed, rows = smoothed_solution(solution, navigator), []
+    rows = []
     for k in np.flatnonzero(smoothed.hypotheses > 0).tolist():
         covariance, hypotheses = smoothed.covariance[k], int(smoothed.hypotheses[k])
         state = PoseState(smoothed.state[k], smoothed.dcm_lvlh_from_target[k], smoothed.rate_rad_s[k], covariance)
@@ -124,6 +124,22 @@ def loose_errors(mission: VisionMission, flight: MarkerFlight) -> PoseErrors:
         if state is not None:
             rows.append((k, _errors(flight, k, state), state.covariance, math.nan, 1))
     return _gathered(flight, rows)
+
+
+def pose_update(state: PoseState, pose: Pose, mission: VisionMission, dcm_chaser_from_lvlh: Matrix) -> PoseState:
+    """Use a finished pose of one image (loosely coupled), as a textbook's extended Kalman filter does."""
+    expected, here = camera_pose(state, mission, dcm_chaser_from_lvlh), slice(6, 9)
+    h = np.zeros((6, 12))
+    h[:3, :3], h[3:, here] = -mission.camera.dcm_cam_from_chaser @ dcm_chaser_from_lvlh, np.eye(3)
+    alpha = np.empty((6, 3))  # how a chaser attitude error moves the pose that is seen
+    alpha[:3] = mission.camera.dcm_cam_from_chaser @ cross(-dcm_chaser_from_lvlh @ state.motion[:3])
+    alpha[3:] = -(dcm_chaser_from_lvlh @ state.dcm_lvlh_from_target).T
+    noise = pose.covariance + mission.chaser.attitude_sigma_rad**2 * alpha @ alpha.T
+    turn = rotation_vector_between(pose.dcm_cam_from_target, expected[:3])
+    gain = np.linalg.solve(h @ state.covariance @ h.T + noise, h @ state.covariance).T
+    correction = gain @ np.concatenate([pose.position_m - expected[3], turn])
+    updated = joseph(state.covariance, np.asarray(gain), h, noise)
+    return state.moved(correction, reset(updated, correction[here], at=6))
 
 
 def _gathered(flight: MarkerFlight, rows: list[tuple[int, Vector, Matrix, float, int]]) -> PoseErrors:

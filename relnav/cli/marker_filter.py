@@ -13,7 +13,7 @@ from relnav.errors import UsageError
 if TYPE_CHECKING:
     from relnav.arrays import Vector
     from relnav.mission import VisionMission
-    from relnav.navigation.pose_log import PoseSolution
+    from relnav.navigation.pose_record import PoseSolution
 
 
 def filter_markers(

@@ -113,22 +113,50 @@ def only_for(function: Callable[P, R], *arguments: Any) -> Callable[P, R]:
     return function
 
 
-STRAIGHT_LINES: dict[Callable[..., Any], dict[str, Shape]] = {}
+Sized = Callable[[int], Shape]
+"""Shape of an array by the number of states n; its last axis has n entries."""
+
+STRAIGHT_LINES: dict[Callable[..., Any], dict[str, Shape | Sized]] = {}
 """Every straight-line function with the shapes of its arrays: a test holds them equal to their plain Python."""
 
+SIZES = (6, 12)
+"""Numbers of states that filters have; where no argument tells (arrays from Python), it is the first."""
 
-def straight_line(**shapes: Shape) -> Callable[[Callable[P, R]], Callable[P, R]]:
+
+def vector(n: int) -> Shape:
+    """(n,)."""
+    return (n,)
+
+
+def square(n: int) -> Shape:
+    """(n, n)."""
+    return (n, n)
+
+
+def sizes_of(function: Callable[..., Any]) -> tuple[int, ...]:
+    """Numbers of states for which a straight-line function is written out; (0,) if it does not depend on them."""
+    return SIZES if any(callable(shape) for shape in STRAIGHT_LINES[function].values()) else (0,)
+
+
+def shapes_of(function: Callable[..., Any], n: int) -> dict[str, Shape]:
+    """Shapes of the arrays of a straight-line function for n states."""
+    return {name: shape(n) if callable(shape) else shape for name, shape in STRAIGHT_LINES[function].items()}
+
+
+def straight_line(**shapes: Shape | Sized) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Compile a function whose branches do not depend on its numbers into straight-line code, when a kernel calls it.
 
-    shapes names every array argument with its size or its pattern of known zeros and ones (`trace.Shape`); the other
-    arguments are floats. It may call functions of its kind, `math.sqrt`, `math.atan2`, `select`, `quotient`, and
-    `np.zeros` for scratch. All inputs are read before anything is written. Called from Python it runs as it stands.
+    shapes names every array argument with its size or its pattern of known zeros and ones (`trace.Shape`), or with a
+    function that gives them for n states: n is then the last axis of the first such argument that is a field of a
+    record, whose shape the compiler knows. The other arguments are floats. It may call functions of its kind,
+    `math.sqrt`, `math.atan2`, `select`, `quotient`, and `np.zeros` for scratch. All inputs are read before anything is
+    written. Called from Python it runs as it stands.
     """
 
     def register(function: Callable[P, R]) -> Callable[P, R]:
         STRAIGHT_LINES[function] = shapes
         if _NJIT is not None:
-            _register(function, shapes)
+            _register(function)
         return function
 
     return register
@@ -147,13 +175,12 @@ def side_by_side(function: Callable[..., None], *of_each: str) -> Callable[..., 
             function(*(value[lane] if k in split else value for k, value in enumerate(arguments)))
 
     if _NJIT is not None:
-        _register(function, STRAIGHT_LINES[function], together, split)
+        _register(function, together, split)
     return together
 
 
 def _register(
     function: Callable[..., Any],
-    shapes: dict[str, Shape],
     together: Callable[..., None] | None = None,
     split: frozenset[int] = frozenset(),
 ) -> None:
@@ -163,18 +190,22 @@ def _register(
     from numba.extending import lower_builtin
 
     name: Any = together or function
-    traces: list[Trace] = []
+    names = list(inspect.signature(function).parameters)
+    traces: dict[int, Trace] = {}
 
-    def the_trace() -> Trace:
-        if not traces:
-            traces.append(Trace(function, shapes))
-        return traces[0]
+    def the_trace(kinds: Any) -> Trace:
+        sized = [names.index(one) for one, shape in STRAIGHT_LINES[function].items() if callable(shape)]
+        known = [kinds[k].shape[-1] for k in sized if isinstance(kinds[k], types.NestedArray)]
+        n = 0 if not sized else known[0] if known else SIZES[0]
+        if n not in traces:
+            traces[n] = Trace(function, shapes_of(function, n))
+        return traces[n]
 
     class Template(AbstractTemplate):  # type: ignore[misc]
         key = name
 
         def generic(self, arguments: Any, _keywords: Any) -> Any:
-            trace = the_trace()
+            trace = the_trace(arguments)
             for k in split:
                 if arguments[k].layout != "C":
                     raise TypeError(f"argument {k + 1} of {function.__name__} side by side has gaps")
@@ -186,10 +217,11 @@ def _register(
 
     @lower_builtin(name, types.VarArg(types.Any))  # type: ignore[untyped-decorator]
     def lower(context: Any, builder: Any, signed: Any, arguments: Any) -> Any:
-        results = _write(the_trace(), context, builder, signed.args, arguments, split)
+        trace = the_trace(signed.args)
+        results = _write(trace, context, builder, signed.args, arguments, split)
         if not results:
             return context.get_dummy_value()
-        if the_trace().single:
+        if trace.single:
             return results[0]
         return context.make_tuple(builder, signed.return_type, results)
 

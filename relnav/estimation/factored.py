@@ -6,18 +6,18 @@ components reversed. For a state (position, velocity) it is the better half: D b
 positions that are known much better than velocities keep all digits of their covariance with them (with U D U^T 1e-5 is
 left of it in `tests/estimation/test_numerics.py`), and rows that see positions alone touch half of the columns. It
 costs what Joseph's form costs and keeps all digits where that one and the textbook form fail. L and D share one matrix
-`ld` (6, 6): D on the diagonal, L below it; what stands above is not used.
+`ld` (n, n): D on the diagonal, L below it; what stands above is not used.
 """
 
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
-from relnav.codegen.kernel import kernel, quotient, select, straight_line
+from relnav.codegen.kernel import kernel, quotient, select, square, straight_line, vector
 
 
 @kernel
 def factorize_into(p: Matrix, ld: Matrix) -> bool:
-    """Write the factors of the symmetric p (6, 6) into ld; False if p is not positive semidefinite.
+    """Write the factors of the symmetric p (n, n) into ld; False if p is not positive semidefinite.
 
     A pivot that is zero to rounding counts as zero, with its column: a direction without uncertainty.
     """
@@ -51,10 +51,10 @@ def factorize_into(p: Matrix, ld: Matrix) -> bool:
     return True
 
 
-@straight_line(ld=(6, 6), p=(6, 6))
+@straight_line(ld=square, p=square)
 def compose_into(ld: Matrix, p: Matrix) -> None:
-    """Write P = L D L^T (6, 6) into p."""
-    for i in range(6):
+    """Write P = L D L^T (n, n) into p."""
+    for i in range(ld.shape[0]):
         for j in range(i + 1):
             total = ld[j, j] * (1.0 if i == j else ld[i, j])
             for k in range(j):
@@ -75,16 +75,17 @@ def dot(a: Vector, b: Vector) -> float:
 def orthogonalise(w: Matrix, weights: Vector, ld: Matrix) -> None:
     """Write the factors of W diag(weights) W^T into ld: modified weighted Gram-Schmidt, first row to last.
 
-    w (6, m) is used up; weights (m,) >= 0. The product is positive semidefinite by construction, whatever the
+    w (n, m) is used up; weights (m,) >= 0. The product is positive semidefinite by construction, whatever the
     rounding. A part of `straight_line` functions.
     """
+    n = w.shape[0]
     weighted = np.zeros(w.shape[1])
-    for i in range(6):
+    for i in range(n):
         for k in range(w.shape[1]):
             weighted[k] = w[i, k] * weights[k]
         d = dot(w[i], weighted)
         inverse = quotient(1.0, d, 0.0)
-        for j in range(i + 1, 6):
+        for j in range(i + 1, n):
             c = dot(w[j], weighted) * inverse
             ld[j, i] = c
             for k in range(w.shape[1]):
@@ -93,62 +94,66 @@ def orthogonalise(w: Matrix, weights: Vector, ld: Matrix) -> None:
 
 
 def spread(m: Matrix, ld: Matrix, w: Matrix, weights: Vector) -> None:
-    """Write M L and D of the factors ld into w (6, 6) and weights (6,): the part of M P M^T in a sum."""
-    for i in range(6):
-        for k in range(6):
+    """Write M L and D of the factors ld into w (n, n) and weights (n,): the part of M P M^T in a sum."""
+    n = ld.shape[0]
+    for i in range(n):
+        for k in range(n):
             total = m[i, k]
-            for j in range(k + 1, 6):
+            for j in range(k + 1, n):
                 total += m[i, j] * ld[j, k]
             w[i, k] = total
-    for k in range(6):
+    for k in range(n):
         weights[k] = ld[k, k]
 
 
-@straight_line(ld=(6, 6), phi=(6, 6), q_ld=(6, 6))
+@straight_line(ld=square, phi=square, q_ld=square)
 def time_update_into(ld: Matrix, phi: Matrix, q_ld: Matrix) -> None:
     """Replace the factors of P by those of Phi P Phi^T + Q, in place (Thornton): W = [Phi L | L_q], weights (D, D_q).
 
-    q_ld (6, 6) are the factors of Q.
+    q_ld (n, n) are the factors of Q.
     """
-    w, weights = np.zeros((6, 12)), np.zeros(12)
-    spread(phi, ld, w[:, :6], weights[:6])
-    for i in range(6):
-        weights[6 + i] = q_ld[i, i]
-        w[i, 6 + i] = 1.0
+    n = ld.shape[0]
+    w, weights = np.zeros((n, 2 * n)), np.zeros(2 * n)
+    spread(phi, ld, w[:, :n], weights[:n])
+    for i in range(n):
+        weights[n + i] = q_ld[i, i]
+        w[i, n + i] = 1.0
         for k in range(i):
-            w[i, 6 + k] = q_ld[i, k]
+            w[i, n + k] = q_ld[i, k]
     orthogonalise(w, weights, ld)
 
 
 def solve_factored(ld: Matrix, rhs: Vector) -> None:
-    """Replace rhs (6,) by P^-1 rhs; along directions without uncertainty (D = 0) the result is 0.
+    """Replace rhs (n,) by P^-1 rhs; along directions without uncertainty (D = 0) the result is 0.
 
     A part of `straight_line` functions.
     """
-    for i in range(6):
+    n = ld.shape[0]
+    for i in range(n):
         for j in range(i):
             rhs[i] -= ld[i, j] * rhs[j]
-    for i in range(6):
+    for i in range(n):
         rhs[i] *= quotient(1.0, ld[i, i], 0.0)
-    for i in range(5, -1, -1):
-        for j in range(i + 1, 6):
+    for i in range(n - 1, -1, -1):
+        for j in range(i + 1, n):
             rhs[i] -= ld[j, i] * rhs[j]
 
 
-@straight_line(x=(6,), ld=(6, 6), h=(6,))
+@straight_line(x=vector, ld=square, h=vector)
 def scalar_update(x: Vector, ld: Matrix, h: Vector, r: float, residual: float) -> float:
-    """Update x (6,) and its factors by one scalar measurement, in place; return its innovation variance.
+    """Update x (n,) and its factors by one scalar measurement, in place; return its innovation variance.
 
-    residual = z - prediction from the present x; h (6,) its gradient; r >= 0 its variance (Bierman 1977, eq. V.3).
+    residual = z - prediction from the present x; h (n,) its gradient; r >= 0 its variance (Bierman 1977, eq. V.3).
     With r = 0 and no prior uncertainty along h, nothing changes and 0 is returned. A perfect measurement (r = 0) makes
     the last component that it sees known: beta = 0 there, and D becomes 0. Take it once: to rounding, the same again
     would be news.
     """
-    gain = np.zeros(6)
+    n = ld.shape[0]
+    gain = np.zeros(n)
     alpha, inverse = r, quotient(1.0, r, 0.0)
-    for j in range(5, -1, -1):
+    for j in range(n - 1, -1, -1):
         f = h[j]
-        for i in range(j + 1, 6):
+        for i in range(j + 1, n):
             f += ld[i, j] * h[i]
         g = ld[j, j] * f
         lam = -f * inverse
@@ -157,41 +162,42 @@ def scalar_update(x: Vector, ld: Matrix, h: Vector, r: float, residual: float) -
         inverse = quotient(1.0, alpha, 0.0)
         gain[j] = g
         ld[j, j] *= select(alpha > 0.0, beta * inverse, 1.0)
-        for i in range(j + 1, 6):
+        for i in range(j + 1, n):
             u = ld[i, j]
             ld[i, j] = u + lam * gain[i]
             gain[i] += g * u
     scaled = residual * inverse
-    for j in range(6):
+    for j in range(n):
         x[j] += gain[j] * scaled
     return alpha
 
 
-@straight_line(ld=(6, 6), v=(6,))
+@straight_line(ld=square, v=vector)
 def add_rank_one(ld: Matrix, v: Vector) -> None:
     """Replace the factors of P by those of P + v v^T, in place (Agee and Turner; Bierman 1977, ch. III)."""
-    rest, c = np.zeros(6), 1.0
-    for i in range(6):
+    n = ld.shape[0]
+    rest, c = np.zeros(n), 1.0
+    for i in range(n):
         rest[i] = v[i]
-    for j in range(6):
+    for j in range(n):
         p, d = rest[j], ld[j, j]
         total = d + c * p * p
         inverse = quotient(1.0, total, 0.0)
         along = c * p * inverse
         c *= select(total > 0.0, d * inverse, 1.0)
         ld[j, j] = total
-        for i in range(j + 1, 6):
+        for i in range(j + 1, n):
             rest[i] -= p * ld[i, j]
             ld[i, j] += along * rest[i]
 
 
-@straight_line(ld=(6, 6), h1=(6,), h2=(6,))
+@straight_line(ld=square, h1=vector, h2=vector)
 def innovation_variance(ld: Matrix, h1: Vector, h2: Vector) -> float:
     """h1 P h2^T, the prior covariance of two scalar measurements."""
-    total = 0.0
-    for j in range(6):
+    n, total = ld.shape[0], 0.0
+    for j in range(n):
         f1, f2 = h1[j], h2[j]
-        for i in range(j + 1, 6):
+        for i in range(j + 1, n):
             f1 += ld[i, j] * h1[i]
             f2 += ld[i, j] * h2[i]
         total += f1 * ld[j, j] * f2
@@ -222,7 +228,7 @@ def decorrelate(r: Matrix, factor: Matrix, variances: Vector) -> bool:
 
 
 def factorize(covariance: Matrix) -> Matrix:
-    """Factors `ld` (6, 6) of a covariance (6, 6).
+    """Factors `ld` (n, n) of a covariance (n, n).
 
     Raises
     ------
@@ -230,18 +236,18 @@ def factorize(covariance: Matrix) -> Matrix:
         If the covariance is not symmetric positive semidefinite.
     """
     p = np.ascontiguousarray(covariance, dtype=np.float64)
-    if p.shape != (6, 6) or not np.allclose(p, p.T, rtol=1e-12, atol=0.0):
-        raise ValueError("a covariance is a symmetric (6, 6) matrix")
-    ld = np.zeros((6, 6))
+    if p.ndim != 2 or p.shape[0] != p.shape[1] or not np.allclose(p, p.T, rtol=1e-12, atol=0.0):
+        raise ValueError(f"a covariance is a symmetric matrix (n, n); got {p.tolist()}")
+    ld = np.zeros(p.shape)
     if not factorize_into(p, ld):
         raise ValueError("the covariance is not positive semidefinite")
     return ld
 
 
 def compose(ld: Matrix) -> Matrix:
-    """Covariances (..., 6, 6) of factors (..., 6, 6), exactly symmetric."""
+    """Covariances (..., n, n) of factors (..., n, n), exactly symmetric."""
     factors = np.asarray(ld, dtype=np.float64)
     d = np.diagonal(factors, axis1=-2, axis2=-1)
-    lower = np.tril(factors, -1) + np.eye(6)
+    lower = np.tril(factors, -1) + np.eye(factors.shape[-1])
     p: Matrix = (lower * d[..., None, :]) @ np.swapaxes(lower, -1, -2)
     return 0.5 * (p + np.swapaxes(p, -1, -2))

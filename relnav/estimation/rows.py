@@ -1,19 +1,34 @@
 """The measurement update: what a sensor says as rows, gated group by group, taken in on the factors of P = L D L^T.
 
-A sensor writes groups: residuals z - h(x), gradient rows, and variances of independent noise (0 = row not used), where
-a group is what the gate takes or leaves as one: a spot, or a whole fix. Nothing here knows a sensor.
+A sensor writes groups: residuals z - h(x), gradient rows, and variances of their noise (0 = row not used), where a
+group is what the gate takes or leaves as one: a spot, or a whole fix. Nothing here knows a sensor.
+
+Noise of different groups may be correlated (what turns all spots of an image together): the sensor then writes its
+covariance R as a whole, and the rows in use are made independent, L^-1 z and L^-1 H with R = L diag L^T, each time
+another choice of groups is asked about.
 
 The gate asks of each group, and of all that pass together, whether their squared innovation under the prior is
 credible; NIS is that of everything seen, before the gate, from the same innovation covariance as the gain.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
-from relnav.codegen.kernel import kernel, quotient, straight_line
+from relnav.codegen.kernel import kernel, quotient, square, straight_line, vector
+from relnav.codegen.trace import Shape
 from relnav.estimation.factored import innovation_variance, scalar_update
+
+
+def _seen(n: int) -> Shape:
+    """A row of an image: it sees positions and attitudes, every first half of six states, not their rates."""
+    return "***000" * (n // 6)
+
+
+def _seen_twice(n: int) -> Shape:
+    return "***000" * (n // 6), "***000" * (n // 6)
 
 
 def track_type(n: int) -> np.dtype[np.void]:
@@ -25,7 +40,8 @@ def group_type(n: int) -> np.dtype[np.void]:
     """A group of at most three rows about n errors.
 
     residual z - h(x), of the independent rows; variance of their noise, 0 = not used; gradient dh/dx; innovation, of
-    the numbers as they were measured; rows, how many there are; tested, whether the gate has not left the group out.
+    the numbers as they were measured; spread, variance of each row's innovation when it was taken in; rows, how many
+    there are; tested, whether the gate has not left the group out.
     """
     number, whole = np.float64, np.int64
     return np.dtype(
@@ -34,16 +50,17 @@ def group_type(n: int) -> np.dtype[np.void]:
             ("variance", number, 3),
             ("gradient", number, (3, n)),
             ("innovation", number, 3),
+            ("spread", number, 3),
             ("rows", whole),
             ("tested", whole),
         ]
     )
 
 
-@straight_line(from_state=(6,), from_ld=(6, 6), state=(6,), ld=(6, 6))
+@straight_line(from_state=vector, from_ld=square, state=vector, ld=square)
 def copy_numbers(from_state: Vector, from_ld: Matrix, state: Vector, ld: Matrix) -> None:
     """Copy a state and the lower triangle of its factors."""
-    for i in range(6):
+    for i in range(ld.shape[0]):
         state[i] = from_state[i]
         for j in range(i + 1):
             ld[i, j] = from_ld[i, j]
@@ -55,16 +72,16 @@ def copy_track(source: Record, target: Record) -> None:
     copy_numbers(source["state"], source["ld"], target["state"], target["ld"])
 
 
-@straight_line(state=(6,), ld=(6, 6), at=(6,), h="***000")
+@straight_line(state=vector, ld=square, at=vector, h=_seen)
 def take(state: Vector, ld: Matrix, at: Vector, h: Vector, variance: float, residual: float) -> tuple[float, float]:
     """Update a track with one row, linearised at `at`; returns its squared innovation and the innovation's variance."""
     e = residual
-    for j in range(3):
+    for j in range(state.shape[0]):
         e = e - h[j] * (state[j] - at[j])
     return e * e, scalar_update(state, ld, h, variance, e)
 
 
-@straight_line(state=(6,), ld=(6, 6), at=(6,), h=("***000", "***000"), residual=(2,), variance=(2,))
+@straight_line(state=vector, ld=square, at=vector, h=_seen_twice, residual=(2,), variance=(2,))
 def take_pair(
     state: Vector, ld: Matrix, at: Vector, h: Matrix, residual: Vector, variance: Vector
 ) -> tuple[float, float, float, float]:
@@ -74,50 +91,115 @@ def take_pair(
     return first, alpha_first, second, alpha_second
 
 
+class Observed(NamedTuple):
+    """What an image says: groups (g,); and where their noise is correlated, R of all rows, group after group.
+
+    noise (2 g, 2 g) of groups of two rows, factor (2 g, 2 g) and independent (g,) scratch; of size zero where the
+    groups are independent as they are.
+    """
+
+    groups: Record
+    noise: Matrix
+    factor: Matrix
+    independent: Record
+
+
 @kernel
-def sweep(track: Record, at: Vector, groups: Record, work: Record) -> tuple[float, int]:
-    """Update a copy of the track in `work` with every row under test; returns NIS (exact for at = prior) and dof."""
+def _make_independent(seen: Observed) -> bool:
+    """Write the rows under test as independent ones; False if their covariance is not positive definite."""
+    groups, r, factor, out = seen.groups, seen.noise, seen.factor, seen.independent
+    for i in range(2 * groups.shape[0]):
+        group, own, k = groups[i // 2], out[i // 2], i % 2
+        own["tested"], own["rows"] = group["tested"], 2
+        if group["tested"] == 0:
+            continue
+        d, residual, h = r[i, i], group["residual"][k], own["gradient"][k]
+        for c in range(h.shape[0]):
+            h[c] = group["gradient"][k, c]
+        for j in range(i):
+            if groups[j // 2]["tested"] == 0:
+                continue
+            total = r[i, j]
+            for m in range(j):
+                if groups[m // 2]["tested"] > 0:
+                    total -= factor[i, m] * factor[j, m] * out[m // 2]["variance"][m % 2]
+            before = out[j // 2]
+            factor[i, j] = total / before["variance"][j % 2]
+            d -= factor[i, j] * total
+            residual -= factor[i, j] * before["residual"][j % 2]
+            for c in range(h.shape[0]):
+                h[c] -= factor[i, j] * before["gradient"][j % 2, c]
+        if not d > 0.0:
+            return False
+        own["variance"][k], own["residual"][k] = d, residual
+    return True
+
+
+@kernel
+def sweep(track: Record, at: Vector, seen: Observed, work: Record) -> tuple[float, int]:
+    """Update a copy of the track in `work` with every row under test; returns NIS (exact for at = prior) and dof.
+
+    NIS is infinite where the rows' noise is not positive definite; nothing is then taken in.
+    """
     copy_track(track, work)
     state, ld = work["state"], work["ld"]
     nis, dof = 0.0, 0
+    groups = seen.groups
+    if seen.noise.shape[0] > 0:
+        if not _make_independent(seen):
+            return math.inf, 1
+        groups = seen.independent
     for i in range(groups.shape[0]):
         group = groups[i]
         if group["tested"] == 0:
             continue
-        variance, residual, h = group["variance"], group["residual"], group["gradient"]
+        variance, residual, h, spread = group["variance"], group["residual"], group["gradient"], group["spread"]
         if group["rows"] == 2 and variance[0] > 0.0 and variance[1] > 0.0:
             e2, alpha, f2, beta = take_pair(state, ld, at, h, residual, variance)
+            spread[0], spread[1] = alpha, beta
             nis += e2 / alpha + f2 / beta
             dof += 2
         else:
             for k in range(group["rows"]):
                 if variance[k] > 0.0:
                     e2, alpha = take(state, ld, at, h[k], variance[k], residual[k])
+                    spread[k] = alpha
                     nis += e2 / alpha
                     dof += 1
     return nis, dof
 
 
 @kernel
-def credible(track: Record, groups: Record, gate: Vector, work: Record) -> tuple[bool, float]:
+def log_determinant(seen: Observed) -> float:
+    """Of the innovation covariance of all rows that the last sweep took in, of correlated groups."""
+    total = 0.0
+    for i in range(seen.groups.shape[0]):
+        if seen.independent[i]["tested"] > 0:
+            total += math.log(seen.independent[i]["spread"][0]) + math.log(seen.independent[i]["spread"][1])
+    return total
+
+
+@kernel
+def credible(track: Record, seen: Observed, gate: Vector, work: Record) -> tuple[bool, float]:
     """Whether the groups under test agree with the prior and one another; their NIS."""
-    nis, dof = sweep(track, track["state"], groups, work)
+    nis, dof = sweep(track, track["state"], seen, work)
     return dof > 0 and nis <= gate[dof - 1], nis
 
 
 @kernel
-def _agreeing(track: Record, groups: Record, gate: Vector, work: Record, passing: int) -> int:
+def _agreeing(track: Record, seen: Observed, gate: Vector, work: Record, passing: int) -> int:
     """Shrink a contradictory set under test until it agrees; returns its size, 0 if nothing can be told.
 
     One group at a time is left out, the one without which the rest agree best. Two that agree are believed only if no
     other two do: two glints may.
     """
+    groups = seen.groups
     while passing > 2:
         best, least, agreeing = -1, math.inf, 0
         for i in range(groups.shape[0]):
             if groups[i]["tested"] > 0:
                 groups[i]["tested"] = 0
-                good, nis = credible(track, groups, gate, work)
+                good, nis = credible(track, seen, gate, work)
                 groups[i]["tested"] = 1
                 if good:
                     agreeing += 1
@@ -130,7 +212,7 @@ def _agreeing(track: Record, groups: Record, gate: Vector, work: Record, passing
     return 0
 
 
-@straight_line(ld=(6, 6), h=("***000", "***000"), residual=(2,), variance=(2,))
+@straight_line(ld=square, h=_seen_twice, residual=(2,), variance=(2,))
 def pair_nis(ld: Matrix, h: Matrix, residual: Vector, variance: Vector) -> float:
     """Squared innovation of two rows under the prior, over their covariance."""
     xx = innovation_variance(ld, h[0], h[0]) + variance[0]
@@ -140,12 +222,25 @@ def pair_nis(ld: Matrix, h: Matrix, residual: Vector, variance: Vector) -> float
     return quotient(x * x * yy - 2.0 * x * y * xy + y * y * xx, xx * yy - xy * xy, 0.0)
 
 
+@straight_line(ld=square, h=_seen_twice, variance=(2,))
+def pair_covariance(ld: Matrix, h: Matrix, variance: Vector, covariance: float) -> tuple[float, float, float]:
+    """Innovation covariance (xx, xy, yy) of two rows; covariance: that of their noise."""
+    xx = innovation_variance(ld, h[0], h[0]) + variance[0]
+    yy = innovation_variance(ld, h[1], h[1]) + variance[1]
+    return xx, innovation_variance(ld, h[0], h[1]) + covariance, yy
+
+
 @kernel
-def _alone(ld: Matrix, group: Record) -> tuple[float, int]:
+def _alone(ld: Matrix, seen: Observed, i: int) -> tuple[float, int]:
     """NIS and degrees of freedom of a group of two rows by itself."""
+    group = seen.groups[i]
     variance, residual, h = group["variance"], group["residual"], group["gradient"]
     if variance[0] > 0.0 and variance[1] > 0.0:
-        return pair_nis(ld, h, residual, variance), 2
+        if seen.noise.shape[0] == 0:
+            return pair_nis(ld, h, residual, variance), 2
+        xx, xy, yy = pair_covariance(ld, h, variance, seen.noise[2 * i, 2 * i + 1])
+        x, y = residual[0], residual[1]
+        return (x * x * yy - 2.0 * x * y * xy + y * y * xx) / (xx * yy - xy * xy), 2
     for k in range(2):
         if variance[k] > 0.0:
             return residual[k] ** 2 / (innovation_variance(ld, h[k], h[k]) + variance[k]), 1
@@ -153,17 +248,19 @@ def _alone(ld: Matrix, group: Record) -> tuple[float, int]:
 
 
 @kernel
-def gate_groups(track: Record, groups: Record, gate: Vector, work: Record, nis: float, dof: int) -> int:
-    """Drop the rows of groups that are not credible; returns how many groups pass. `work` then holds the update.
+def gate_groups(track: Record, seen: Observed, gate: Vector, work: Record, nis: float, dof: int) -> int:
+    """Leave groups out that are not credible; returns how many groups pass. `work` then holds the update.
 
     Each group must be credible alone, and those left together: while the prior is wide a glint can pass alone but
     contradict the others. nis and dof are those of all, which `work` holds.
     """
+    groups = seen.groups
     if groups.shape[0] == 1:
+        groups[0]["tested"] = 1 if nis <= gate[dof - 1] else 0
         return 1 if nis <= gate[dof - 1] else 0
     passing, usable = 0, 0
     for i in range(groups.shape[0]):
-        alone, numbers = _alone(track["ld"], groups[i])
+        alone, numbers = _alone(track["ld"], seen, i)
         good = numbers > 0 and alone <= gate[numbers - 1]
         groups[i]["tested"] = 1 if good else 0
         usable += 1 if numbers > 0 else 0
@@ -171,12 +268,14 @@ def gate_groups(track: Record, groups: Record, gate: Vector, work: Record, nis: 
     if passing == usable and nis <= gate[dof - 1]:
         return passing
     if passing > 0:
-        together, _ = credible(track, groups, gate, work)
+        together, _ = credible(track, seen, gate, work)
         if not together:
-            passing = _agreeing(track, groups, gate, work, passing)
+            passing = _agreeing(track, seen, gate, work, passing)
     for i in range(groups.shape[0]):
         if passing == 0 or groups[i]["tested"] == 0:
-            groups[i]["variance"][0], groups[i]["variance"][1] = 0.0, 0.0
+            groups[i]["tested"] = 0
+            if seen.noise.shape[0] == 0:
+                groups[i]["variance"][0], groups[i]["variance"][1] = 0.0, 0.0
     if passing > 0:
-        sweep(track, track["state"], groups, work)
+        sweep(track, track["state"], seen, work)
     return passing

@@ -19,68 +19,71 @@ definiteness. C and S do not depend on what comes later: `backward_model` finds 
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
-from relnav.codegen.kernel import straight_line
+from relnav.codegen.kernel import square, straight_line, vector
 from relnav.estimation.factored import orthogonalise, scalar_update, spread, time_update_into
 
 
-@straight_line(q_ld=(6, 6), inverse=(6, 6), carried=(6, 6))
+@straight_line(q_ld=square, inverse=square, carried=square)
 def carry_noise_back(q_ld: Matrix, inverse: Matrix, carried: Matrix) -> None:
-    """Write the factors of Q' = Phi^-1 Q Phi^-T (6, 6) into carried, from those of Q and Phi^-1."""
-    w, weights = np.zeros((6, 6)), np.zeros(6)
+    """Write the factors of Q' = Phi^-1 Q Phi^-T (n, n) into carried, from those of Q and Phi^-1."""
+    n = q_ld.shape[0]
+    w, weights = np.zeros((n, n)), np.zeros(n)
     spread(inverse, q_ld, w, weights)
     orthogonalise(w, weights, carried)
 
 
-@straight_line(ld=(6, 6), inverse=(6, 6), carried=(6, 6), c=(6, 6), s_ld=(6, 6))
+@straight_line(ld=square, inverse=square, carried=square, c=square, s_ld=square)
 def backward_model(ld: Matrix, inverse: Matrix, carried: Matrix, c: Matrix, s_ld: Matrix) -> None:
-    """Write C (6, 6) and the factors of S (6, 6) of an epoch.
+    """Write C (n, n) and the factors of S (n, n) of an epoch.
 
-    ld (6, 6) factors of Pf; inverse (6, 6) of the transition to the epoch after; carried (6, 6) factors of Q'.
+    ld (n, n) factors of Pf; inverse (n, n) of the transition to the epoch after; carried (n, n) factors of Q'.
     """
-    h, k = np.zeros((6, 6)), np.zeros((6, 6))
-    for i in range(6):
+    n = ld.shape[0]
+    h, k = np.zeros((n, n)), np.zeros((n, n))
+    for i in range(n):
         h[i, i] = 1.0  # rows of L^-1
         for j in range(i):
             for m in range(j, i):
                 h[i, j] -= ld[i, m] * h[m, j]
-        for j in range(6):
+        for j in range(n):
             s_ld[i, j] = carried[i, j] if j <= i else 0.0
-    for i in range(6):
-        gain = np.zeros(6)
+    for i in range(n):
+        gain = np.zeros(n)
         scalar_update(gain, s_ld, h[i], ld[i, i], 1.0)
         for j in range(i):
             seen = 0.0
             for m in range(i + 1):
                 seen += h[i, m] * k[m, j]
-            for m in range(6):
+            for m in range(n):
                 k[m, j] -= gain[m] * seen
-        for m in range(6):
+        for m in range(n):
             k[m, i] = gain[m]
-    for i in range(6):
-        rest = np.zeros(6)  # a row of I - M, M = K L^-1
+    for i in range(n):
+        rest = np.zeros(n)  # a row of I - M, M = K L^-1
         rest[i] = 1.0
-        for j in range(6):
-            for m in range(j, 6):
+        for j in range(n):
+            for m in range(j, n):
                 rest[j] -= k[i, m] * h[m, j]
-        for j in range(6):
+        for j in range(n):
             c[i, j] = 0.0
-            for m in range(6):
+            for m in range(n):
                 c[i, j] += rest[m] * inverse[m, j]
 
 
-@straight_line(later=(6,), later_ld=(6, 6), filtered=(6,), predicted=(6,), c=(6, 6), s_ld=(6, 6))
+@straight_line(later=vector, later_ld=square, filtered=vector, predicted=vector, c=square, s_ld=square)
 def smooth_step(later: Vector, later_ld: Matrix, filtered: Vector, predicted: Vector, c: Matrix, s_ld: Matrix) -> None:
-    """Replace `later`, the smoothed state (6,) and factors (6, 6) of the epoch after, by those of this epoch.
+    """Replace `later`, the smoothed state (n,) and factors (n, n) of the epoch after, by those of this epoch.
 
-    filtered (6,): state of this epoch; predicted (6,): from it, of the epoch after; C and the factors of S (6, 6).
+    filtered (n,): state of this epoch; predicted (n,): from it, of the epoch after; C and the factors of S (n, n).
     """
-    x = np.zeros(6)
-    for i in range(6):
+    n = later.shape[0]
+    x = np.zeros(n)
+    for i in range(n):
         x[i] = filtered[i]
-        for j in range(6):
+        for j in range(n):
             x[i] += c[i, j] * (later[j] - predicted[j])
     time_update_into(later_ld, c, s_ld)
-    for i in range(6):
+    for i in range(n):
         later[i] = x[i]
 
 

@@ -7,12 +7,9 @@ The chunks run on the same kernels as a log in memory: the bits are the same.
 """
 
 import os
-import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any
 
 import numpy as np
 
@@ -22,9 +19,11 @@ from relnav.files.logs import Log, LogFile, check_beacons
 from relnav.files.models import load_mission, load_published
 from relnav.files.raw_filter import filter_raw_log
 from relnav.files.raw_logs import is_raw_log
+from relnav.files.spool import Spool
 from relnav.files.tables import COLUMNS, INTEGERS, Table, head, rows_of, write, write_table
 from relnav.mission import Model
-from relnav.navigation.log import Epochs, LogFilter, controls
+from relnav.navigation.arguments import controls
+from relnav.navigation.log import Epochs, LogFilter
 from relnav.navigation.record import Solution
 
 
@@ -143,23 +142,23 @@ class _Run:
 
     def smoothed(self) -> Iterator[Solution]:
         """The log's epochs, smoothed, chunk after chunk."""
-        before: list[Matrix] = []
-        with _Spool() as spool:
+        before: list[Vector] = []
+        with Spool() as spool:
             for chunk in self._chunks():
                 before.append(self.filter.block.copy())
-                spool.append(chunk)
+                spool.append(*vars(chunk).values())
                 epochs = self._forward(chunk, smooth=True)
             restarts = self.filter.restarts
             after = [self.filter.nothing_later() for _ in before]
             for k in range(len(before) - 1, 0, -1):
-                chunk = spool[k]
+                chunk = _Chunk(*spool[k])
                 if k < len(before) - 1:
                     self.filter.block[:] = before[k]
                     epochs = self._forward(chunk, smooth=True)
                 after[k - 1][:] = after[k]
                 self.filter.backward(chunk.t, chunk.control, epochs, after[k - 1])
             for k, start in enumerate(before):
-                chunk = spool[k]
+                chunk = _Chunk(*spool[k])
                 if len(before) > 1:
                     self.filter.block[:] = start
                     epochs = self._forward(chunk, smooth=True)
@@ -174,32 +173,3 @@ def _chunk(piece: Log) -> _Chunk:
     quaternion = np.empty((0, 4)) if piece.q_cam_from_lvlh is None else piece.q_cam_from_lvlh
     sigma = np.empty((0, 0, 2)) if piece.spot_sigma_m is None else piece.spot_sigma_m
     return _Chunk(piece.t_s, piece.spots_m, control, quaternion, sigma)
-
-
-class _Spool:
-    """Chunks in a temporary file, to be read back in any order."""
-
-    def __init__(self) -> None:
-        self._file: Any = tempfile.TemporaryFile(prefix="relnav-")  # noqa: SIM115  (closed by __exit__)
-        self._entries: list[tuple[int, list[tuple[int, ...]]]] = []
-
-    def __enter__(self) -> "_Spool":
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self._file.close()
-
-    def append(self, chunk: _Chunk) -> None:
-        """Keep one more chunk."""
-        arrays = [getattr(chunk, entry.name) for entry in fields(_Chunk)]
-        self._entries.append((self._file.tell(), [array.shape for array in arrays]))
-        for array in arrays:
-            self._file.write(np.ascontiguousarray(array).data)
-
-    def __getitem__(self, k: int) -> _Chunk:
-        start, shapes = self._entries[k]
-        self._file.seek(start)
-        arrays = [np.empty(shape) for shape in shapes]
-        for array in arrays:
-            self._file.readinto(array)
-        return _Chunk(*arrays)

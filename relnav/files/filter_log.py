@@ -14,7 +14,7 @@ from relnav.files.raw_filter import filter_raw_log
 from relnav.files.raw_logs import is_raw_log
 from relnav.mission import Model, VisionMission
 from relnav.navigation.log import filter_epochs
-from relnav.navigation.pose_log import PoseSolution
+from relnav.navigation.pose_record import PoseSolution
 from relnav.navigation.record import Solution
 
 

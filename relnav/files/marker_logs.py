@@ -2,21 +2,24 @@
 
 import os
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from relnav.arrays import Matrix, Stack
+from relnav.arrays import Matrix, Stack, Vector
 from relnav.errors import LogError
 from relnav.files.log_columns import ACCELERATION, DELTA_V, markers, parse_header
 from relnav.files.logs import LogFile
+from relnav.files.spool import Spool
 from relnav.files.tables import STATE_COLUMNS, Table, check_format, relnav_version, write_table
 from relnav.mission import VisionMission
-from relnav.navigation.pose_log import PoseSolution, filter_marker_epochs, joined
-from relnav.navigation.pose_smoothing import smoothed_solution
-from relnav.navigation.relative_pose import PoseNavigator
+from relnav.navigation.arguments import controls, quaternions
+from relnav.navigation.pose_log import CHUNK, MarkerLogFilter, smoothed_rows
+from relnav.navigation.pose_record import EPOCH, PoseSolution
+from relnav.navigation.pose_smoothing import PoseSmoother
 from relnav.simulation.marker_flight import MarkerFlight
 
 _XYZ, _XYZW = ("x", "y", "z"), ("x", "y", "z", "w")
@@ -56,48 +59,71 @@ def filter_marker_log(path: str | os.PathLike[str], mission: VisionMission, *, s
     LogError
         If the log cannot be read; names file, line and column.
     """
-    return joined(marker_solutions(path, mission, smooth=smooth))
+    parts = list(marker_solutions(path, mission, smooth=smooth))
+    return replace(parts[0], epochs=np.concatenate([part.epochs for part in parts]))
 
 
 def marker_solutions(
     path: str | os.PathLike[str], mission: VisionMission, *, smooth: bool = False
 ) -> Iterator[PoseSolution]:
-    """The same, piece after piece of the log as it is read; smoothed in one, at its end.
+    """The same, piece after piece, in bounded memory: filtered as the log is read, or smoothed at its end.
+
+    To be smoothed, what passed is kept in a temporary file (1 kB an epoch), gone through backward, and handed out.
 
     Raises
     ------
     LogError
         As `filter_marker_log`.
     """
+    log = MarkerLogFilter(mission, keep=smooth)
+    if not smooth:
+        for chunk in _chunks(path, mission):
+            yield PoseSolution(mission, log.forward(*chunk))
+        return
+    with Spool() as rows, Spool() as events:
+        for chunk in _chunks(path, mission):
+            rows.append(log.forward(*chunk))
+            events.append(log.passed())
+        events.append(log.passed(last=True))
+        smoother = PoseSmoother(mission)
+        for k in range(len(events) - 1, -1, -1):
+            (part,) = events[k]
+            smoother.backward(part)
+            events.replace(k, part)
+        smoothed, at = np.zeros(0, EPOCH), 0
+        for k in range(len(rows)):
+            (epochs,) = rows[k]
+            while len(smoothed) < len(epochs):
+                (part,) = events[at]
+                smoothed, at = np.concatenate([smoothed, part[part["row"] > 0]]), at + 1
+            smoothed_rows(epochs, smoothed[: len(epochs)])
+            smoothed = smoothed[len(epochs) :]
+            yield PoseSolution(mission, epochs, smoothed=True)
+
+
+def _chunks(
+    path: str | os.PathLike[str], mission: VisionMission
+) -> Iterator[tuple[Vector, Stack, Matrix, Matrix, Vector | None]]:
+    """Times, spots, control, chaser attitude and exposures of a log, a few thousand rows at a time."""
     layout = markers(len(mission.markers.positions_m))
     log = LogFile(Path(path), partial(parse_header, layout=layout))
-    navigator, parts = PoseNavigator(mission, keep=smooth), []
     for values in log.tables():
         t, spots = log.group(values, ("t",)), log.group(values, layout.spots)
         assert t is not None
         assert spots is not None
-        image = log.group(values, ("image_t",))
+        image, quaternion = log.group(values, ("image_t",)), log.group(values, layout.quaternion)
         if image is not None and (late := np.flatnonzero(image[:, 0] > t[:, 0])).size:
             raise LogError(
                 f"{path}: image_t_s {image[late[0], 0]:.15g} s lies after its row's t_s {t[late[0], 0]:.15g} s; "
                 "a row is written when its image has arrived"
             )
-        part = filter_marker_epochs(
-            mission,
-            t[:, 0],
-            spots.reshape(len(t), -1, 2),
-            image_t_s=None if image is None else image[:, 0],
-            acceleration_m_s2=log.group(values, ACCELERATION),
-            delta_v_m_s=log.group(values, DELTA_V),
-            q_chaser_from_lvlh=log.group(values, layout.quaternion),
-            navigator=navigator,
-        )
-        if smooth:
-            parts.append(part)
-        else:
-            yield part
-    if parts:
-        yield smoothed_solution(joined(parts), navigator)
+        control = controls(len(t), log.group(values, ACCELERATION), log.group(values, DELTA_V))
+        attitude = quaternions("q_chaser_from_lvlh", len(t), quaternion)
+        for begin in range(0, len(t), CHUNK):
+            cut = slice(begin, begin + CHUNK)
+            exposed = None if image is None else np.ascontiguousarray(image[cut, 0])
+            seen = np.ascontiguousarray(spots[cut]).reshape(-1, len(layout.spots) // 2, 2)
+            yield np.ascontiguousarray(t[cut, 0]), seen, control[cut], attitude[cut], exposed
 
 
 def _quaternions(dcm: Stack) -> Matrix:

@@ -14,7 +14,7 @@ from relnav.arrays import Vector
 from relnav.errors import UsageError
 from relnav.files.atomic import replacing
 from relnav.navigation.docking_view import UPPER
-from relnav.navigation.pose_log import PoseSolution
+from relnav.navigation.pose_record import PoseSolution
 from relnav.navigation.record import DIAGONAL, Solution
 
 STATE = ("x", "y", "z", "vx", "vy", "vz")

@@ -26,22 +26,51 @@ def turn_by_rotation_vector(dcm: Matrix, v: Vector, out: Matrix) -> None:
         out[i, 2] = c * d2 + a * (d0 * v[1] - d1 * v[0]) + along * v[2]
 
 
+@kernel
+def rotation_vector_into(dcm: Matrix, reference: Matrix, out: Vector) -> None:
+    """Write the rotation vector v (3,) rad with dcm = reference exp([v x]) into out, its length at most pi."""
+    trace = 0.0
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[i] = 0.0
+        for r in range(3):
+            out[i] += 0.5 * (reference[r, k] * dcm[r, j] - reference[r, j] * dcm[r, k])
+            trace += reference[r, i] * dcm[r, i]
+    sine, cosine = math.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2]), 0.5 * (trace - 1.0)
+    if cosine > -0.9 or sine > 0.1:
+        scale = math.atan2(sine, cosine) / sine if sine > 1e-8 else 1.0
+        for i in range(3):
+            out[i] *= scale
+        return
+    # near half a turn the antisymmetric part vanishes; the symmetric one is cos 1 + (1 - cos) axis axis^T
+    best, longest, norm2, along = 0, -2.0, 0.0, 0.0
+    for i in range(3):
+        own = 0.0
+        for r in range(3):
+            own += reference[r, i] * dcm[r, i]
+        if own > longest:
+            best, longest = i, own
+    a0, a1, a2 = 0.0, 0.0, 0.0
+    for r in range(3):
+        a0 += 0.5 * (reference[r, 0] * dcm[r, best] + reference[r, best] * dcm[r, 0])
+        a1 += 0.5 * (reference[r, 1] * dcm[r, best] + reference[r, best] * dcm[r, 1])
+        a2 += 0.5 * (reference[r, 2] * dcm[r, best] + reference[r, best] * dcm[r, 2])
+    a0 -= cosine if best == 0 else 0.0
+    a1 -= cosine if best == 1 else 0.0
+    a2 -= cosine if best == 2 else 0.0
+    norm2 = a0 * a0 + a1 * a1 + a2 * a2
+    along = a0 * out[0] + a1 * out[1] + a2 * out[2]
+    size = (-1.0 if along < 0.0 else 1.0) * math.atan2(sine, cosine) / math.sqrt(norm2)
+    out[0], out[1], out[2] = size * a0, size * a1, size * a2
+
+
 def rotation_vector_between(dcm: Matrix, reference: Matrix) -> Vector:
     """Rotation vector v (3,) rad with dcm = reference exp([v x]), its length at most pi."""
-    turn = np.asarray(reference).T @ np.asarray(dcm)
-    sine_axis = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    sine = math.sqrt(float(sine_axis @ sine_axis))
-    cosine = 0.5 * (float(turn[0, 0] + turn[1, 1] + turn[2, 2]) - 1.0)
-    if cosine > -0.9 or sine > 0.1:
-        vector: Vector = sine_axis * (math.atan2(sine, cosine) / sine if sine > 1e-8 else 1.0)
-        return vector
-    # near half a turn the antisymmetric part vanishes; the symmetric one is cos 1 + (1 - cos) axis axis^T
-    symmetric = 0.5 * (turn + turn.T) - cosine * np.eye(3)
-    axis: Vector = symmetric[:, int(np.argmax(np.diag(symmetric)))]
-    axis = axis / np.linalg.norm(axis)
-    sign = -1.0 if float(axis @ sine_axis) < 0.0 else 1.0
-    half_turn: Vector = sign * math.atan2(sine, cosine) * axis
-    return half_turn
+    out = np.empty(3)
+    rotation_vector_into(
+        np.ascontiguousarray(dcm, dtype=np.float64), np.ascontiguousarray(reference, dtype=np.float64), out
+    )
+    return out
 
 
 def frame_error(dcm_b_from_a: Matrix, dcm_b_from_a_true: Matrix) -> Vector:

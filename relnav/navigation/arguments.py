@@ -37,3 +37,25 @@ def vector(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Matrix:
     if not np.all(np.isfinite(array)):
         raise ValueError(f"{name} must be finite; got {array.tolist()}")
     return array
+
+
+def controls(n: int, acceleration: Matrix | None, delta_v: Matrix | None) -> Matrix:
+    """Acceleration and impulse of each row, (n, 6), or (0, 6) if there are none."""
+    if acceleration is None and delta_v is None:
+        return np.empty((0, 6))
+    control = np.zeros((n, 6))
+    if acceleration is not None:
+        control[:, :3] = vector("acceleration_m_s2", acceleration, (n, 3))
+    if delta_v is not None:
+        control[:, 3:] = vector("delta_v_m_s", delta_v, (n, 3))
+    return control
+
+
+def quaternions(name: str, n: int, given: Matrix | None) -> Matrix:
+    """Attitude of each row, (n, 4), or (0, 4) if the model's is to be used."""
+    if given is None:
+        return np.empty((0, 4))
+    quaternion = np.ascontiguousarray(vector(name, given, (n, 4)))
+    if np.any(np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) > 9e-4):
+        raise ValueError(f"{name} must hold unit quaternions (x, y, z, w)")
+    return quaternion

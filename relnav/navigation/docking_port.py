@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix, Stack, Vector
 from relnav.dynamics.rigid_body import cross
 from relnav.mission import VisionMission
-from relnav.navigation.pose_state import PoseState
+from relnav.sensors.three_marker.jacobians import cross_matrix
 
 
 @dataclass(frozen=True)
@@ -33,44 +33,55 @@ class DockingState:
     covariance: Matrix
 
 
-def docking_state(
-    state: PoseState, mission: VisionMission, dcm_chaser_from_lvlh: Matrix, chaser_rate_rad_s: Vector | None = None
+def docking_states(
+    motion: Matrix,
+    dcm_lvlh_from_target: Stack,
+    rate_rad_s: Matrix,
+    covariance: Stack,
+    mission: VisionMission,
+    dcm_chaser_from_lvlh: Stack,
+    chaser_rate_rad_s: Matrix | None = None,
 ) -> DockingState:
-    """Docking state of an estimate.
+    """Docking states of n estimates, each field with a leading axis (n, ...).
 
     Parameters
     ----------
-    state, mission
-        Estimate, and where the ports are.
-    dcm_chaser_from_lvlh : (3, 3)
+    motion, dcm_lvlh_from_target, rate_rad_s, covariance : (n, 6), (n, 3, 3), (n, 3), (n, 12, 12)
+        Estimates, as in `PoseRecord`.
+    mission
+        Where the ports are, and how well the chaser knows its attitude.
+    dcm_chaser_from_lvlh : (n, 3, 3)
         The chaser's attitude.
-    chaser_rate_rad_s : (3,), optional
+    chaser_rate_rad_s : (n, 3), optional
         Its inertial rate, chaser axes; that of a chaser held in `lvlh_ccsds` if left out.
     """
     orbit = cross([0.0, -mission.orbit.mean_motion_rad_s, 0.0])  # [w_L x]
     own = (
-        -dcm_chaser_from_lvlh[:, 1] * mission.orbit.mean_motion_rad_s
+        -dcm_chaser_from_lvlh[:, :, 1] * mission.orbit.mean_motion_rad_s
         if chaser_rate_rad_s is None
         else chaser_rate_rad_s
     )
-    C_TL, w = state.dcm_lvlh_from_target.T, cross(state.rate_rad_s)
-    C_TB = C_TL @ dcm_chaser_from_lvlh.T
-    rho, v = state.motion[:3], state.motion[3:]
-    d_B, d_T = cross(mission.chaser.port_position_m), np.array(mission.target.port_position_m)
-    lever_rate = cross(own) @ mission.chaser.port_position_m
-    u = C_TL @ rho + C_TB @ mission.chaser.port_position_m  # the chaser's port from the target's centre of mass
-    inertial, turning, arm = C_TL @ (v + orbit @ rho) + C_TB @ lever_rate, C_TB @ own, cross(u)
-    G = np.zeros((12, 12))  # by (drho, dv, theta, dw)
-    G[:3, :3], G[:3, 6:9] = C_TL, arm
-    G[3:6, :3], G[3:6, 3:6] = C_TL @ orbit - w @ C_TL, C_TL
-    G[3:6, 6:9], G[3:6, 9:] = cross(inertial) - w @ arm, arm
-    G[[6, 7, 8, 9, 10, 11], [6, 7, 8, 9, 10, 11]] = 1.0
-    G[9:, 6:9] = -cross(turning)
-    A = np.empty((12, 3))  # by the chaser's attitude error
-    A[:3] = -C_TB @ d_B
-    A[3:6] = -C_TB @ cross(lever_rate) - w @ A[:3]
-    A[6:9] = -C_TB
-    A[9:] = C_TB @ cross(own)
-    covariance = G @ state.covariance @ G.T + mission.chaser.attitude_sigma_rad**2 * A @ A.T
-    relative_rate = state.rate_rad_s - turning
-    return DockingState(u - d_T, inertial - w @ u, C_TB, relative_rate, 0.5 * (covariance + covariance.T))
+    count, port = len(motion), np.array(mission.chaser.port_position_m)
+    C_TL, w = np.swapaxes(dcm_lvlh_from_target, 1, 2), cross_matrix(rate_rad_s)
+    C_TB = C_TL @ np.swapaxes(dcm_chaser_from_lvlh, 1, 2)
+    rho, v = motion[:, :3, None], motion[:, 3:, None]
+    d_B, lever_rate = cross(port), np.cross(own, port)[:, :, None]
+    u = (C_TL @ rho)[:, :, 0] + C_TB @ port  # the chaser's port from the target's centre of mass
+    inertial, turning, arm = C_TL @ (v + orbit @ rho) + C_TB @ lever_rate, C_TB @ own[:, :, None], cross_matrix(u)
+    G = np.zeros((count, 12, 12))  # by (drho, dv, theta, dw)
+    G[:, :3, :3], G[:, :3, 6:9] = C_TL, arm
+    G[:, 3:6, :3], G[:, 3:6, 3:6] = C_TL @ orbit - w @ C_TL, C_TL
+    G[:, 3:6, 6:9], G[:, 3:6, 9:] = cross_matrix(inertial[:, :, 0]) - w @ arm, arm
+    G[:, np.arange(6, 12), np.arange(6, 12)] = 1.0
+    G[:, 9:, 6:9] = -cross_matrix(turning[:, :, 0])
+    A = np.empty((count, 12, 3))  # by the chaser's attitude error
+    A[:, :3] = -C_TB @ d_B
+    A[:, 3:6] = -C_TB @ cross_matrix(lever_rate[:, :, 0]) - w @ A[:, :3]
+    A[:, 6:9] = -C_TB
+    A[:, 9:] = C_TB @ cross_matrix(own)
+    whole = G @ covariance @ np.swapaxes(G, 1, 2)
+    whole += mission.chaser.attitude_sigma_rad**2 * A @ np.swapaxes(A, 1, 2)
+    velocity = (inertial - w @ u[:, :, None])[:, :, 0]
+    symmetric = 0.5 * (whole + np.swapaxes(whole, 1, 2))
+    relative_rate = rate_rad_s - turning[:, :, 0]
+    return DockingState(u - np.array(mission.target.port_position_m), velocity, C_TB, relative_rate, symmetric)

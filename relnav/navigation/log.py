@@ -13,7 +13,7 @@ from relnav.codegen.kernel import kernel
 from relnav.estimation.rows import copy_track
 from relnav.geometry.rotation import dcm_from_quaternion_into
 from relnav.mission import Model
-from relnav.navigation.arguments import choose, vector
+from relnav.navigation.arguments import choose, controls, quaternions
 from relnav.navigation.beacon_geometry import attitude_changed
 from relnav.navigation.considered import add_considered
 from relnav.navigation.memory import Memory, named, views
@@ -276,7 +276,7 @@ def filter_epochs(
         if spot_sigma_m.shape != spots.shape or np.any(spot_sigma_m <= 0.0):
             raise ValueError(f"spot_sigma_m has shape {spots.shape} and is above zero; got {spot_sigma_m.shape}")
     control = controls(n, acceleration_m_s2, delta_v_m_s)
-    quaternion = _quaternions(n, q_cam_from_lvlh)
+    quaternion = quaternions("q_cam_from_lvlh", n, q_cam_from_lvlh)
     log = LogFilter(model, method, projection=projection, engine=engine)
     epochs = log.room(n, smooth=smooth)
     for begin in range(0, n, CHUNK):
@@ -301,28 +301,6 @@ def _epochs(model: Model, t_s: Vector, spots_m: Stack) -> tuple[Vector, Stack]:
     if not np.all(np.isfinite(t)) or np.any(np.diff(t) <= 0.0):
         raise ValueError("t_s must be finite and strictly increasing")
     return t, spots
-
-
-def controls(n: int, acceleration: Matrix | None, delta_v: Matrix | None) -> Matrix:
-    """Acceleration and impulse of each row, (n, 6), or (0, 6) if there are none."""
-    if acceleration is None and delta_v is None:
-        return np.empty((0, 6))
-    control = np.zeros((n, 6))
-    if acceleration is not None:
-        control[:, :3] = vector("acceleration_m_s2", acceleration, (n, 3))
-    if delta_v is not None:
-        control[:, 3:] = vector("delta_v_m_s", delta_v, (n, 3))
-    return control
-
-
-def _quaternions(n: int, q_cam_from_lvlh: Matrix | None) -> Matrix:
-    """Camera attitude of each row, (n, 4), or (0, 4) if the model's is to be used."""
-    if q_cam_from_lvlh is None:
-        return np.empty((0, 4))
-    quaternion = np.ascontiguousarray(vector("q_cam_from_lvlh", q_cam_from_lvlh, (n, 4)))
-    if np.any(np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) > 9e-4):
-        raise ValueError("q_cam_from_lvlh must hold unit quaternions (x, y, z, w)")
-    return quaternion
 
 
 def _levers(model: Model, n: int, quaternion: Matrix) -> Matrix:

@@ -13,7 +13,7 @@ from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import inlined, plain
 from relnav.estimation.gating import gate_limits
 from relnav.estimation.rows import group_type, track_type
-from relnav.mission import Model
+from relnav.mission import FilterSettings, Model, Orbit, ProcessNoise
 from relnav.sensors.three_beacon.fix import WORK_ROWS
 from relnav.sensors.three_beacon.measure import PROJECTIONS
 
@@ -182,6 +182,7 @@ class Memory(NamedTuple):
     gate: Vector  # (2 n,), chi-square limits
     beacons: Record  # (n,)
     groups: Record  # (n,)
+    nothing: Matrix  # (0, 0)
 
 
 def size_of(beacons: int, considered: int) -> int:
@@ -222,6 +223,7 @@ def views(block: Vector) -> Memory:
         block[e:f],
         block[f:g].view(BEACON),
         block[g : g + _GROUP_SIZE * n].view(GROUP),
+        block[0:0].reshape((0, 0)),
     )
 
 
@@ -278,15 +280,7 @@ def new_memory(model: Model, method: str, projection: str) -> Vector:
         field_center=(0.0, 0.0) if calibration is None else calibration.center_m,
         field_half_width=half if calibration is None else calibration.half_width_m,
     )
-    fill(
-        m.motion,
-        mean_motion=model.orbit.mean_motion_rad_s,
-        acceleration_noise_density=noise.acceleration_noise_density_m2_s3,
-        control_magnitude_sigma=noise.control_magnitude_sigma,
-        control_direction_sigma=noise.control_direction_sigma_rad,
-        control_correlation_time=noise.control_correlation_time_s,
-        initial_velocity_sigma=settings.initial_velocity_sigma_m_s,
-    )
+    write_motion_model(m.motion, model.orbit, noise, settings)
     if tolerances is not None:
         fill(
             m.tolerances,
@@ -302,6 +296,19 @@ def new_memory(model: Model, method: str, projection: str) -> Vector:
     m.beacons["position"] = model.beacons_lvlh_m
     m.beacons["spot_sigma"], m.beacons["lasting_sigma"] = sensor.spot_noise_m, model.lasting_spot_sigma_m
     return block
+
+
+def write_motion_model(motion: Record, orbit: Orbit, noise: ProcessNoise, settings: FilterSettings) -> None:
+    """Write what a filter knows of the relative motion."""
+    fill(
+        motion,
+        mean_motion=orbit.mean_motion_rad_s,
+        acceleration_noise_density=noise.acceleration_noise_density_m2_s3,
+        control_magnitude_sigma=noise.control_magnitude_sigma,
+        control_direction_sigma=noise.control_direction_sigma_rad,
+        control_correlation_time=noise.control_correlation_time_s,
+        initial_velocity_sigma=settings.initial_velocity_sigma_m_s,
+    )
 
 
 def fill(record: Record, **values: Any) -> None:

@@ -1,89 +1,129 @@
-"""A whole log of marker spots through the pose navigator: one record an epoch, gathered in arrays."""
+"""A whole log of marker spots through the marker filter, chunk by chunk, late images included."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass, fields
+import math
 from typing import Any
 
 import numpy as np
 
-from relnav.arrays import Codes, Flags, Matrix, Stack, Vector
-from relnav.estimation.consistency import Consistency, nis_consistency
-from relnav.geometry.rotation import dcm_from_quaternion
+from relnav.arrays import Matrix, Record, Stack, Vector
+from relnav.codegen.kernel import kernel
+from relnav.geometry.rotation import dcm_from_quaternion, dcm_from_quaternion_into
 from relnav.mission import VisionMission
-from relnav.navigation.relative_pose import PoseNavigator, PoseRecord
-from relnav.navigation.status import EpochStatus
+from relnav.navigation.arguments import controls, quaternions
+from relnav.navigation.pose_filter import NOTHING, pose_step
+from relnav.navigation.pose_memory import pose_named, pose_views
+from relnav.navigation.pose_record import EPOCH, PoseSolution, read_epoch, write_epoch
+from relnav.navigation.pose_smoothing import PoseSmoother
+from relnav.navigation.relative_pose import NO_COVARIANCES, Event, PoseNavigator, look_for_roots
+
+CHUNK = 8192
 
 
-@dataclass(frozen=True)
-class PoseSolution:
-    """Estimates over the epochs of a log, NaN while there was none.
+@kernel
+def _run(
+    block: Vector,
+    first: int,
+    t: Vector,
+    spots: Stack,
+    control: Matrix,
+    quaternion: Matrix,
+    held: Matrix,
+    covariances: Stack,
+    chaser: Matrix,
+    epochs: Record,
+) -> int:
+    """`pose_step` over epochs from `first` on; returns the one after which roots are wanted, or their number.
 
-    Attributes
-    ----------
-    t_s : (n,)
-    state : (n, 6)
-        Chaser's centre of mass from the target's, `lvlh_ccsds`.
-    dcm_lvlh_from_target, rate_rad_s : (n, 3, 3), (n, 3)
-    covariance : (n, 12, 12)
-        Of (position, velocity, theta, rate), as in `PoseRecord`.
-    port_m, port_velocity_m_s : (n, 3)
-        Port from port, target axes.
-    dcm_target_from_chaser, relative_rate_rad_s : (n, 3, 3), (n, 3)
-    docking_covariance : (n, 12, 12)
-    nis, dof : (n,)
-    used : (n,)
-        Spots used.
-    status, hypotheses : (n,)
-    ambiguity : (n,)
-        Infinite where one pose is left; below 18.4 do not rely on the attitude, as in `PoseRecord`.
-    observable, too_late : (n,)
-    smoothed : bool
-        Whether states rest on the images after them too; NIS and what follows it is the filter's either way.
+    spots (n, markers, 2); control (n, 6) or (0, 6); quaternion (n, 4) or (0, 4): then the chaser holds `held` (3, 3).
+    chaser (3, 3) is scratch.
     """
-
-    model: str
-    t_s: Vector
-    state: Matrix
-    dcm_lvlh_from_target: Stack
-    rate_rad_s: Matrix
-    covariance: Stack
-    port_m: Matrix
-    port_velocity_m_s: Matrix
-    dcm_target_from_chaser: Stack
-    relative_rate_rad_s: Matrix
-    docking_covariance: Stack
-    nis: Vector
-    dof: Codes
-    used: Codes
-    status: Codes
-    hypotheses: Codes
-    ambiguity: Vector
-    observable: Flags
-    too_late: Flags
-    smoothed: bool = False
-
-    def __len__(self) -> int:
-        """Epochs."""
-        return len(self.t_s)
-
-    @property
-    def refused(self) -> Flags:
-        """Epochs with a spot rejected, (n,)."""
-        refused: Flags = np.isin(self.status, (int(EpochStatus.PARTIAL), int(EpochStatus.REJECTED)))
-        return refused
-
-    def nis_consistency(self, probability: float = 0.95) -> Consistency:
-        """NIS of the epochs that were used whole; rejected ones are counted, not averaged in."""
-        whole = (self.dof > 0) & ~self.refused
-        return nis_consistency(self.nis[whole], self.dof[whole], probability)
+    m = pose_views(block)
+    acceleration, delta_v = m.motion["acceleration"], m.motion["delta_v"]
+    for i in range(3):
+        for j in range(3):
+            chaser[i, j] = held[i, j]
+    for e in range(first, t.shape[0]):
+        for j in range(3):
+            acceleration[j] = control[e, j] if control.shape[0] > 0 else 0.0
+            delta_v[j] = control[e, 3 + j] if control.shape[0] > 0 else 0.0
+        if quaternion.shape[0] > 0:
+            dcm_from_quaternion_into(quaternion[e], chaser)
+        wants = pose_step(block, t[e], chaser, spots[e], covariances)
+        write_epoch(m, epochs[e])
+        if wants != NOTHING:
+            m.result["wants"] = wants
+            return e
+    return int(t.shape[0])
 
 
-def joined(parts: Iterable[PoseSolution]) -> PoseSolution:
-    """Consecutive parts of a log as one."""
-    whole = list(parts)
-    names = [entry.name for entry in fields(PoseSolution) if entry.name not in ("model", "smoothed")]
-    arrays: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in whole]) for name in names}
-    return PoseSolution(whole[0].model, **arrays, smoothed=whole[0].smoothed)
+class MarkerLogFilter(PoseNavigator):
+    """A marker filter that is fed a log in chunks; `passed`: epochs that nothing later changes, images included."""
+
+    def __init__(self, mission: VisionMission, *, keep: bool = False) -> None:
+        """keep: hand out what passed, for a smoother."""
+        super().__init__(mission)
+        self._keep = keep
+        self._past: list[Any] = []
+
+    def forward(
+        self, t: Vector, spots: Stack, control: Matrix, quaternion: Matrix, image_t: Vector | None = None
+    ) -> Any:
+        """Filter the next epochs: t (n,), spots (n, markers, 2), control (n, 6) or (0, 6), quaternion (n, 4) or (0, 4).
+
+        image_t (n,): when each row's image was exposed. Returns records of type `EPOCH`, (n,).
+        """
+        epochs, last = np.zeros(len(t), EPOCH), self.last_t_s
+        if np.any(np.diff(t, prepend=t[0] if math.isnan(last) else last) < 0.0):
+            raise ValueError(f"t_s must not go back; the last epoch was at {last!r} s")
+        if image_t is not None or self._events:
+            self._one_by_one(t, spots, control, quaternion, image_t, epochs)
+            return epochs
+        done, chaser = 0, np.zeros((3, 3))
+        while done < len(t):
+            at = _run(self.memory, done, t, spots, control, quaternion, self._held, NO_COVARIANCES, chaser, epochs)
+            if at < len(t):
+                m = pose_named(self.memory)
+                a, v, chaser_now = m.motion["acceleration"], m.motion["delta_v"], m.camera["chaser"]
+                event = Event(float(t[at]), a, v, spots[at], NO_COVARIANCES, chaser_now)
+                look_for_roots(self.memory, self.mission, event, int(m.result["wants"]))
+                read_epoch(self.memory, epochs[at : at + 1])
+            done = at + 1
+        self._before, self._oldest_s = self.memory.copy(), float(t[-1])
+        if self._keep:
+            self._past.append(epochs.copy())
+        return epochs
+
+    def _one_by_one(
+        self, t: Vector, spots: Stack, control: Matrix, quaternion: Matrix, image_t: Vector | None, epochs: Any
+    ) -> None:
+        for k in range(len(t)):
+            epochs[k] = self.step(
+                float(t[k]),
+                spots[k],
+                image_t_s=None if image_t is None else float(image_t[k]),
+                acceleration_m_s2=control[k, :3] if len(control) else None,
+                delta_v_m_s=control[k, 3:] if len(control) else None,
+                dcm_chaser_from_lvlh=dcm_from_quaternion(quaternion[k]) if len(quaternion) else None,
+            ).epoch
+
+    def _passed(self, events: list[Event], after: list[Vector]) -> None:
+        if self._keep:
+            self._past.append(_epochs_of(events, after))
+
+    def passed(self, *, last: bool = False) -> Any:
+        """Epochs that have passed since this was asked last; last: with those that a late image might still change."""
+        if last:
+            self._passed(self._events, self._after)
+        past, self._past = self._past, []
+        return np.concatenate(past) if past else np.zeros(0, EPOCH)
+
+
+def _epochs_of(events: list[Event], after: list[Vector]) -> Any:
+    epochs = np.zeros(len(events), EPOCH)
+    for k, (event, memory) in enumerate(zip(events, after, strict=True)):
+        read_epoch(memory, epochs[k : k + 1])
+        epochs[k]["row"] = event.row
+    return epochs
 
 
 def filter_marker_epochs(
@@ -95,62 +135,50 @@ def filter_marker_epochs(
     acceleration_m_s2: Matrix | None = None,
     delta_v_m_s: Matrix | None = None,
     q_chaser_from_lvlh: Matrix | None = None,
-    navigator: PoseNavigator | None = None,
+    smooth: bool = False,
 ) -> PoseSolution:
-    """Filter epochs t_s (n,) with spots (n, markers, 2) px and, where known, exposure times, control and attitude.
+    """Filter a log of marker spots that is already in memory.
 
-    navigator: one that has worked through the log so far, to go on with.
+    Parameters
+    ----------
+    mission : VisionMission
+        From `relnav.load_model`.
+    t_s : (n,)
+        Times that do not decrease.
+    spots_px : (n, markers, 2)
+        Spots, px; NaN = not seen.
+    image_t_s : (n,), optional
+        Middle of each row's exposure, where it is not t_s.
+    acceleration_m_s2, delta_v_m_s : (n, 3), optional
+        Control in `lvlh_ccsds`: acceleration held since the row before, impulse just before the row.
+    q_chaser_from_lvlh : (n, 4), optional
+        The chaser's attitude at each row, unit quaternions, scalar last; the model's if left out.
+    smooth : bool
+        Run backward too: every state then rests on the images after it as well.
 
     Raises
     ------
     ValueError
-        As `PoseNavigator.step`.
+        For shapes that do not agree, times that go back, control or attitude that is not usable.
     """
-    nav, records = navigator or PoseNavigator(mission), []
-    for k in range(len(t_s)):
-        attitude = None if q_chaser_from_lvlh is None else dcm_from_quaternion(q_chaser_from_lvlh[k])
-        records.append(
-            nav.step(
-                float(t_s[k]),
-                spots_px[k],
-                image_t_s=None if image_t_s is None else float(image_t_s[k]),
-                acceleration_m_s2=None if acceleration_m_s2 is None else acceleration_m_s2[k],
-                delta_v_m_s=None if delta_v_m_s is None else delta_v_m_s[k],
-                dcm_chaser_from_lvlh=attitude,
-            )
-        )
-    return _gathered(mission, records)
+    t, spots = np.ascontiguousarray(t_s, dtype=np.float64), np.ascontiguousarray(spots_px, dtype=np.float64)
+    expected = (len(t), len(mission.markers.positions_m), 2)
+    if t.ndim != 1 or spots.shape != expected:
+        raise ValueError(f"t_s has one axis and spots_px has shape {expected}; got {t.shape} and {spots.shape}")
+    if not np.all(np.isfinite(t)):
+        raise ValueError("t_s must be finite")
+    control = controls(len(t), acceleration_m_s2, delta_v_m_s)
+    quaternion = quaternions("q_chaser_from_lvlh", len(t), q_chaser_from_lvlh)
+    log = MarkerLogFilter(mission, keep=smooth)
+    epochs = log.forward(t, spots, control, quaternion, image_t_s)
+    if smooth:
+        smoother, events = PoseSmoother(mission), log.passed(last=True)
+        smoother.backward(events)
+        smoothed_rows(epochs, events[events["row"] > 0])
+    return PoseSolution(mission, epochs, smooth)
 
 
-def _gathered(mission: VisionMission, records: list[PoseRecord]) -> PoseSolution:
-    nothing = {"position_m": (3,), "velocity_m_s": (3,), "dcm_target_from_chaser": (3, 3), "rate_rad_s": (3,)}
-    shapes = nothing | {"covariance": (12, 12)}
-
-    def docking(name: str) -> Matrix:
-        empty = np.full(shapes[name], np.nan)
-        return np.array([empty if r.docking is None else getattr(r.docking, name) for r in records])
-
-    def of(name: str) -> Matrix:
-        return np.array([getattr(r, name) for r in records])
-
-    return PoseSolution(
-        mission.name,
-        of("t_s"),
-        of("state"),
-        of("dcm_lvlh_from_target"),
-        of("rate_rad_s"),
-        of("covariance"),
-        docking("position_m"),
-        docking("velocity_m_s"),
-        docking("dcm_target_from_chaser"),
-        docking("rate_rad_s"),
-        docking("covariance"),
-        of("nis"),
-        np.array([r.dof for r in records], dtype=np.int64),
-        np.array([int(r.accepted.sum()) for r in records], dtype=np.int64),
-        np.array([int(r.status) for r in records], dtype=np.int64),
-        np.array([r.hypotheses for r in records], dtype=np.int64),
-        of("ambiguity"),
-        np.array([r.observable for r in records], dtype=bool),
-        np.array([r.too_late for r in records], dtype=bool),
-    )
+def smoothed_rows(epochs: Any, events: Any) -> None:
+    """Replace the filtered states of rows by the smoothed ones of their events, (n,) both."""
+    for name in ("motion", "dcm", "rate", "factor"):
+        epochs[name] = events[name]

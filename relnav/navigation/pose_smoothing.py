@@ -1,82 +1,152 @@
 """Smoothing of a marker log: backward over every event, images where they were exposed.
 
-Rauch, Tung, Striebel (1965) on the twelve errors, with the gain C = Pf Phi^T Pp^-1 of each step and the covariance as a
-sum that stays positive definite:
-
-    xs = xf + C (xs later - xp),        Ps = (I - C Phi) Pf (I - C Phi)^T + C (Ps later + Q) C^T.
-
-Differences of attitudes are rotation vectors in target axes, as in the filter. A piece ends where the bank began anew,
-and where more than one pose was possible: there the filter's own states stand.
+As `relnav.estimation.smoothing` describes, on the twelve errors: what is known of the event after is told as errors
+about its prediction, C turns these into errors of this event, and they are taken into its state. Differences of
+attitudes are rotation vectors in target axes, as in the filter. A piece ends where the bank began anew, and where more
+than one pose was possible: there the filter's own states stand.
 """
 
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from relnav.arrays import Matrix
-from relnav.dynamics.rigid_body import RigidBody
+from relnav.arrays import Matrix, Record, Vector
+from relnav.codegen.kernel import kernel, straight_line
+from relnav.dynamics.clohessy_wiltshire import transition_into
+from relnav.estimation.smoothing import backward_model, carry_noise_back, smooth_step
+from relnav.geometry.rotation_vector import rotation_vector_into, turn_by_rotation_vector
 from relnav.mission import VisionMission
-from relnav.navigation.docking_port import docking_state
-from relnav.navigation.pose_log import PoseSolution
-from relnav.navigation.pose_state import PoseState, time_update
-from relnav.navigation.relative_pose import Passed, PoseNavigator
+from relnav.navigation.pose_filter import POSE_NOISE_PATTERN, POSE_PHI_PATTERN, advance_pose, copy_pose
+from relnav.navigation.pose_memory import POSE, POSE_TRACK, new_pose_memory, pose_views
+from relnav.navigation.pose_record import pack_pose, unpack_pose
+from relnav.navigation.propagation import prepare_step
+from relnav.navigation.status import STARTED
+
+_F = np.float64
+
+LATER = np.dtype(
+    [
+        ("track", POSE_TRACK),  # smoothed
+        ("t", _F),
+        ("same_piece", np.int64),
+        ("acceleration", _F, 3),
+        ("delta_v", _F, 3),
+        ("error", _F, POSE),
+        ("none", _F, POSE),
+        ("inverse", _F, (POSE, POSE)),
+        ("carried", _F, (POSE, POSE)),
+        ("gain", _F, (POSE, POSE)),
+        ("rest", _F, (POSE, POSE)),
+        ("motion_inverse", _F, (6, 6)),
+        ("elimination", _F, (6, 12)),
+    ]
+)
+"""What stands after an event, and scratch."""
 
 
-def smoothed_step(
-    state: PoseState, later: PoseState, predicted: PoseState, transition: Matrix, noise: Matrix
-) -> PoseState:
-    """A filtered state, smoothed by what is known at the next event: `later`, predicted there by Phi, Q (12, 12)."""
-    scale = 1.0 / np.sqrt(np.diagonal(predicted.covariance))  # metres and rad/s are far apart
-    correlation = predicted.covariance * scale * scale[:, None]
-    gain = np.linalg.solve(correlation, (scale[:, None] * transition) @ state.covariance).T * scale
-    rest = np.eye(12) - gain @ transition
-    covariance = rest @ state.covariance @ rest.T + gain @ (later.covariance + noise) @ gain.T
-    return state.moved(gain @ predicted.error_of(later), 0.5 * (covariance + covariance.T))
+_WHOLE = (POSE, POSE)
 
 
-def smoothed_states(passed: list[Passed], mission: VisionMission) -> list[PoseState | None]:
-    """The state at each event, None where there is none."""
-    body = RigidBody(np.array(mission.target.inertia_kg_m2), mission.orbit.mean_motion_rad_s)
-    out: list[PoseState | None] = [None] * len(passed)
-    later: PoseState | None = None
-    for k in range(len(passed) - 1, -1, -1):
-        bank = passed[k].bank
-        if not bank.hypotheses:
-            later = None
+@straight_line(noise=POSE_NOISE_PATTERN, ld=_WHOLE, inverse=POSE_PHI_PATTERN, carried=_WHOLE, c=_WHOLE, s_ld=_WHOLE)
+def pose_model(noise: Matrix, ld: Matrix, inverse: Matrix, carried: Matrix, c: Matrix, s_ld: Matrix) -> None:
+    """Write C and the factors of S (12, 12) of an event; noise: factors of Q; carried: scratch."""
+    carry_noise_back(noise, inverse, carried)
+    backward_model(ld, inverse, carried, c, s_ld)
+
+
+@kernel
+def _invert(m: Matrix, work: Matrix, out: Matrix) -> None:
+    """Write the inverse of m (6, 6) into the last block of out (12, 12), by Gauss and Jordan; work (6, 12)."""
+    for i in range(6):
+        for j in range(6):
+            work[i, j], work[i, 6 + j] = m[i, j], 1.0 if i == j else 0.0
+    for i in range(6):
+        best = i
+        for r in range(i + 1, 6):
+            if abs(work[r, i]) > abs(work[best, i]):
+                best = r
+        for j in range(12):
+            work[i, j], work[best, j] = work[best, j], work[i, j]
+        pivot = work[i, i]
+        for j in range(12):
+            work[i, j] /= pivot
+        for r in range(6):
+            if r != i:
+                factor = work[r, i]
+                for j in range(12):
+                    work[r, j] -= factor * work[i, j]
+    for i in range(6):
+        for j in range(6):
+            out[6 + i, 6 + j] = work[i, 6 + j]
+
+
+@kernel
+def _smooth(block: Vector, epochs: Record, after: Vector) -> None:
+    """Smooth filtered events in place, from their last to their first; after: `LATER`, of the event behind them."""
+    m, later = pose_views(block), after.view(LATER)[0]
+    track, e, inverse = later["track"], later["error"], later["inverse"]
+    own, ahead = m.spare[0], m.spare[1]
+    acceleration, delta_v = m.motion["acceleration"], m.motion["delta_v"]
+    for k in range(epochs.shape[0] - 1, -1, -1):
+        one = epochs[k]
+        if one["hypotheses"] == 0:
+            later["same_piece"] = 0
             continue
-        state = bank.hypotheses[0].state
-        alone = len(bank.hypotheses) == 1
-        if later is not None and alone:
-            event = passed[k + 1].event
-            step = event.t_s - passed[k].event.t_s
-            predicted, phi, noise = time_update(state, step, body, mission, event.acceleration_m_s2, event.delta_v_m_s)
-            state = smoothed_step(state, later, predicted, phi, noise)
-        out[k] = state
-        later = state if alone and not passed[k].started else None
-    return out
+        alone = one["hypotheses"] == 1
+        motion, dcm, rate, factor = one["motion"], one["dcm"], one["rate"], one["factor"]
+        for i in range(6):
+            own["motion"][i] = motion[i]
+        for i in range(3):
+            own["rate"][i] = rate[i]
+            for j in range(3):
+                own["dcm"][i, j] = dcm[i, j]
+        unpack_pose(factor, own["ld"])
+        if later["same_piece"] > 0 and alone:
+            dt = later["t"] - one["t"]
+            for i in range(3):
+                acceleration[i], delta_v[i] = later["acceleration"][i], later["delta_v"][i]
+            prepare_step(m.step, m.motion, m.scratch, dt)
+            copy_pose(own, ahead)
+            advance_pose(m, ahead, m.step["dt"])
+            transition_into(m.motion["mean_motion"], -m.step["dt"], later["motion_inverse"])
+            for i in range(6):
+                for j in range(6):
+                    inverse[i, j] = later["motion_inverse"][i, j]
+            _invert(m.body["phi"], later["elimination"], inverse)
+            pose_model(m.scratch["noise"], own["ld"], inverse, later["carried"], later["gain"], later["rest"])
+            for i in range(6):
+                e[i] = track["motion"][i] - ahead["motion"][i]
+            rotation_vector_into(track["dcm"], ahead["dcm"], e[6:9])
+            for i in range(3):
+                e[9 + i] = track["rate"][i] - ahead["rate"][i]
+            smooth_step(e, track["ld"], later["none"], later["none"], later["gain"], later["rest"])
+            for i in range(6):
+                motion[i] += e[i]
+            for i in range(3):
+                rate[i] += e[9 + i]
+            turn_by_rotation_vector(own["dcm"], e[6:9], dcm)
+            pack_pose(track["ld"], factor)
+        else:
+            copy_pose(own, track)
+        for i in range(6):
+            track["motion"][i] = motion[i]
+        for i in range(3):
+            track["rate"][i] = rate[i]
+            later["acceleration"][i], later["delta_v"][i] = one["acceleration"][i], one["delta_v"][i]
+            for j in range(3):
+                track["dcm"][i, j] = dcm[i, j]
+        later["t"] = one["t"]
+        later["same_piece"] = 1 if alone and one["status"] != STARTED else 0
 
 
-def smoothed_solution(solution: PoseSolution, navigator: PoseNavigator) -> PoseSolution:
-    """The solution of a whole log, smoothed; the navigator that worked through it kept what passed."""
-    mission, passed = navigator.mission, navigator.passed
-    states = smoothed_states(passed, mission)
-    arrays = {
-        name: getattr(solution, name).copy()
-        for name in (
-            *("state", "dcm_lvlh_from_target", "rate_rad_s", "covariance"),
-            *("port_m", "port_velocity_m_s", "dcm_target_from_chaser", "relative_rate_rad_s", "docking_covariance"),
-        )
-    }
-    rows = [k for k, one in enumerate(passed) if one.row]
-    assert len(rows) == len(solution)
-    for i, k in enumerate(rows):
-        state = states[k]
-        if state is None:
-            continue
-        docking = docking_state(state, mission, passed[k].event.dcm_chaser_from_lvlh)
-        arrays["state"][i], arrays["dcm_lvlh_from_target"][i] = state.motion, state.dcm_lvlh_from_target
-        arrays["rate_rad_s"][i], arrays["covariance"][i] = state.rate_rad_s, state.covariance
-        arrays["port_m"][i], arrays["port_velocity_m_s"][i] = docking.position_m, docking.velocity_m_s
-        arrays["dcm_target_from_chaser"][i] = docking.dcm_target_from_chaser
-        arrays["relative_rate_rad_s"][i], arrays["docking_covariance"][i] = docking.rate_rad_s, docking.covariance
-    return replace(solution, **arrays, smoothed=True)
+class PoseSmoother:
+    """Goes backward over a log's events, chunk by chunk."""
+
+    def __init__(self, mission: VisionMission) -> None:
+        """Begin behind the last event."""
+        self._memory = new_pose_memory(mission)
+        self._after = np.zeros(LATER.itemsize // 8)
+
+    def backward(self, events: Any) -> None:
+        """Smooth the events (n,) of type `EPOCH` in place; those after them have been smoothed before."""
+        _smooth(self._memory, events, self._after)

@@ -9,7 +9,6 @@ from relnav.codegen.kernel import kernel, straight_line
 from relnav.dynamics.clohessy_wiltshire import PHI_PATTERN, acceleration_effect_into, transition_into
 from relnav.dynamics.process_noise import acceleration_noise_into
 from relnav.estimation.factored import factorize_into, time_update_into
-from relnav.navigation.memory import Memory
 
 TICKS_PER_S = 2.0**33
 """Steps are rounded to 0.12 ns: the differences of a log's time stamps differ by their rounding, and would otherwise
@@ -40,12 +39,11 @@ def snapped(dt: float) -> float:
 
 
 @kernel
-def prepare_step(m: Memory, dt: float) -> bool:
+def prepare_step(step: Record, motion: Record, scratch: Record, dt: float) -> bool:
     """Compute Phi, the factors of Q and the control effect for this dt and control, unless they are those at hand.
 
     `step["dt"]` then holds the step that was taken. Returns whether it is a new one.
     """
-    step, motion = m.step, m.motion
     held, a, v = step["acceleration"], motion["acceleration"], motion["delta_v"]
     dt = snapped(dt)
     impulse = v[0] != 0.0 or v[1] != 0.0 or v[2] != 0.0
@@ -60,13 +58,13 @@ def prepare_step(m: Memory, dt: float) -> bool:
     if not abs(n * dt) < LONGEST_STEP_RAD:
         noise[0, 0] = math.nan
         return True
-    q, densities = m.scratch["covariance"], m.scratch["density"]
+    q, densities = scratch["covariance"], scratch["density"]
     for i in range(3):
         for j in range(3):
             densities[i, j] = density if i == j else 0.0
     root = math.sqrt(motion["control_correlation_time"])
     _add_execution_error(a[0], a[1], a[2], along * root, across * root, densities)
-    acceleration_noise_into(n, dt, densities, q, phi, m.scratch["six"])
+    acceleration_noise_into(n, dt, densities, q, phi, scratch["six"])
     _add_execution_error(v[0], v[1], v[2], along, across, q)
     if not factorize_into(q, noise):
         noise[0, 0] = math.nan  # overflow over an absurd step: the track is dropped

@@ -161,7 +161,7 @@ def smooth_run(
             if ready == 0:
                 for j in range(3):
                     acceleration[j], delta_v[j] = later["acceleration"][j], later["delta_v"][j]
-                if prepare_step(m, later["t"] - t[e]):
+                if prepare_step(m.step, m.motion, m.scratch, later["t"] - t[e]):
                     transition_into(motion["mean_motion"], -step["dt"], inverse)
                     carry_noise_back(step["noise"], inverse, carried)
                 if _same_step(step, acceleration, t, control, codes, e):

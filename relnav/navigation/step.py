@@ -92,7 +92,7 @@ def step(block: Vector, t: float, spots: Matrix) -> int:
         return WRONG_TIME
     running = clock["running"] > 0
     if running or clock["trial"] > 0:
-        prepare_step(m, t - clock["t"])
+        prepare_step(m.step, m.motion, m.scratch, t - clock["t"])
     if running:
         advance(m.step, m.track, m.sensitivities)
     if clock["trial"] > 0:

@@ -9,7 +9,7 @@ import math
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
 from relnav.estimation.factored import innovation_variance
-from relnav.estimation.rows import copy_track, gate_groups, sweep
+from relnav.estimation.rows import Observed, copy_track, gate_groups, sweep
 from relnav.navigation.beacon_geometry import locate, uses_coordinates
 from relnav.navigation.beacon_observation import observe, observe_again
 from relnav.navigation.considered import add_considered_noise, update_sensitivities
@@ -99,18 +99,18 @@ def correct(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix) -> i
     if usable == 0:
         return REJECTED
     coordinates = uses_coordinates(m.sensor)
-    groups = m.groups if coordinates else m.groups[0:1]
+    image = Observed(m.groups if coordinates else m.groups[0:1], m.nothing, m.nothing, m.groups[0:0])
     if coordinates:
         add_considered_noise(m, x, sensitivities)
     if coordinates and not _lone_beacon_is_telling(m, track["ld"]):
         return PREDICTED
     _keep_innovations(m)
-    nis, dof = sweep(track, x, groups, work)
+    nis, dof = sweep(track, x, image, work)
     result["nis"], result["dof"] = nis, dof
     passed = seen
     # a part's NIS is at most the whole's, and no whole beacon has fewer than two degrees of freedom
     if not coordinates or usable < 2 * seen or not nis <= m.gate[1]:
-        passed = gate_groups(track, groups, m.gate, work, nis, dof)
+        passed = gate_groups(track, image, m.gate, work, nis, dof)
     if passed == 0:
         return REJECTED
     at, carried = m.at, work["state"]
@@ -122,7 +122,7 @@ def correct(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix) -> i
             at[j] = carried[j]
         if not observe_again(m, at, spots):
             break
-        sweep(track, at, groups, work)
+        sweep(track, at, image, work)
         iterations += 1
     result["iterations"], result["used"] = iterations, passed
     copy_track(work, track)

@@ -9,22 +9,26 @@ from pathlib import Path
 
 import pytest
 
-from relnav.codegen.kernel import STRAIGHT_LINES
+from relnav.codegen.kernel import STRAIGHT_LINES, shapes_of, sizes_of
 from relnav.codegen.trace import INPUTS, Trace
 from relnav.navigation import log  # noqa: F401  (registers the filter's functions)
 
 COUNTS = tomllib.loads((Path(__file__).parent / "operation_counts.toml").read_text())["operations"]
-FUNCTIONS = {f"{function.__module__}.{function.__name__}": function for function in STRAIGHT_LINES}
+FUNCTIONS = {
+    f"{function.__module__}.{function.__name__}" + (f" of {n}" if n else ""): (function, n)
+    for function in STRAIGHT_LINES
+    for n in sizes_of(function)
+}
 
 
-def operations(function):
-    trace = Trace(function, STRAIGHT_LINES[function])
+def operations(function, n):
+    trace = Trace(function, shapes_of(function, n))
     return sum(trace.nodes[place][0] not in INPUTS for place in trace.needed())
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_operations_do_not_grow(name):
-    count = operations(FUNCTIONS[name])
+    count = operations(*FUNCTIONS[name])
     assert name in COUNTS, f'write it down: "{name}" = {count}'
     assert count <= 1.02 * COUNTS[name], f"{count} operations, {COUNTS[name]} written down"
     assert count >= 0.98 * COUNTS[name], f"fewer operations: lower its figure to {count}"
@@ -38,5 +42,5 @@ def test_an_epoch_in_steady_state():
     """Three whole beacons: carried, located, seen, taken. Bierman and Thornton by hand need some 1,000 operations."""
     module = "relnav.navigation."
     epoch = COUNTS[module + "propagation.carry"] + COUNTS[module + "beacon_geometry._locate"]
-    epoch += 3 * (COUNTS[module + "beacon_geometry.see_beacon"] + COUNTS["relnav.estimation.rows.take_pair"])
+    epoch += 3 * (COUNTS[module + "beacon_geometry.see_beacon"] + COUNTS["relnav.estimation.rows.take_pair of 6"])
     assert epoch <= 1200

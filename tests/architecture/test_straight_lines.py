@@ -7,16 +7,32 @@ import numpy as np
 import pytest
 
 import relnav.codegen.kernel as compiler
-from relnav.codegen.kernel import STRAIGHT_LINES, kernel, quotient, select, side_by_side, straight_line
+from relnav.codegen.kernel import (
+    STRAIGHT_LINES,
+    kernel,
+    quotient,
+    select,
+    shapes_of,
+    side_by_side,
+    sizes_of,
+    square,
+    straight_line,
+    vector,
+)
 from relnav.codegen.trace import LANES, Trace
 from relnav.navigation import log  # noqa: F401  (registers the filter's functions)
 
-NAMES = {f"{function.__module__}.{function.__name__}": function for function in STRAIGHT_LINES}
+NAMES = {
+    f"{function.__module__}.{function.__name__}" + (f" of {n}" if n else ""): (function, n)
+    for function in STRAIGHT_LINES
+    for n in sizes_of(function)
+}
+FROM_PYTHON = {name: function for name, (function, n) in NAMES.items() if n in (0, 6)}
 
 
-def arguments(function, rng):
-    """Arrays and floats that fit the shapes, of both signs; U D factors get a positive diagonal."""
-    shapes = STRAIGHT_LINES[function]
+def arguments(function, rng, n=6):
+    """Arrays and floats that fit the shapes, of both signs; L D factors get a positive diagonal."""
+    shapes = shapes_of(function, n)
     out = []
     for name in inspect.signature(function).parameters:
         if name not in shapes:
@@ -29,10 +45,9 @@ def arguments(function, rng):
             value = value[0] if isinstance(shape, str) else value
         else:
             value = rng.normal(size=shape)
-        if value.shape in ((6, 6), (7, 6)) and not isinstance(shape[0], str):
-            square = value[-6:]
-            square[np.diag_indices(6)] = np.abs(square[np.diag_indices(6)])
-            square[np.triu_indices(6, 1)] = 0.0
+        if value.shape in ((6, 6), (12, 12)) and not isinstance(shape[0], str):
+            value[np.diag_indices(len(value))] = np.abs(np.diag(value))
+            value[np.triu_indices(len(value), 1)] = 0.0
         out.append(value)
     return out
 
@@ -71,10 +86,10 @@ OPERATIONS = {
 @pytest.mark.parametrize("name", NAMES)
 def test_the_trace_does_what_the_lines_do(name):
     """Bit for bit, each product rounded as in Python."""
-    function, rng = NAMES[name], np.random.default_rng(6)
-    trace = Trace(function, STRAIGHT_LINES[function])
+    (function, n), rng = NAMES[name], np.random.default_rng(6)
+    trace = Trace(function, shapes_of(function, n))
     for _ in range(3):
-        given = arguments(function, rng)
+        given = arguments(function, rng, n)
         inputs = [value.copy() if isinstance(value, np.ndarray) else value for value in given]
         expected = function(*given)
         values = {}
@@ -94,10 +109,10 @@ def test_the_trace_does_what_the_lines_do(name):
 
 
 @pytest.mark.skipif(not compiler.is_compiled(), reason="numba is switched off")
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", FROM_PYTHON)
 def test_compiled_is_plain(name):
     """To the rounding of fused products, as badly conditioned inputs amplify it."""
-    function, rng = NAMES[name], np.random.default_rng(5)
+    function, rng = FROM_PYTHON[name], np.random.default_rng(5)
     call = caller(function)
     for _ in range(20):
         plain = arguments(function, rng)
@@ -160,6 +175,32 @@ def test_choices_results_and_scratch():
             np.testing.assert_array_equal(a, b)
     finally:
         del STRAIGHT_LINES[polar]
+
+
+@pytest.mark.skipif(not compiler.is_compiled(), reason="numba is switched off")
+def test_the_size_is_that_of_a_records_field():
+    """Of the same lines: written out for six states and for twelve, by the type of the memory that they are given."""
+
+    @straight_line(x=vector, m=square)
+    def norm(x, m):
+        total = 0.0
+        for i in range(x.shape[0]):
+            for j in range(x.shape[0]):
+                total += x[i] * m[i, j] * x[j]
+        return total
+
+    @kernel
+    def call(record):
+        return norm(record["x"], record["m"])
+
+    try:
+        rng = np.random.default_rng(1)
+        for n in (6, 12):
+            record = np.zeros(1, dtype=[("x", float, n), ("m", float, (n, n))])[0]
+            record["x"], record["m"] = rng.normal(size=n), rng.normal(size=(n, n))
+            assert call(record) == pytest.approx(record["x"] @ record["m"] @ record["x"], rel=1e-12)
+    finally:
+        del STRAIGHT_LINES[norm]
 
 
 def test_side_by_side_each_lane_is_as_when_alone():

@@ -10,6 +10,11 @@ from scipy.linalg import expm
 
 import relnav
 from relnav.files.filter_log import filter_log
+from relnav.navigation.docking_port import DockingState, docking_states
+from relnav.navigation.marker_observation import aim_camera, observe_markers
+from relnav.navigation.pose_filter import spot_update
+from relnav.navigation.pose_memory import new_pose_memory, pose_named
+from relnav.navigation.pose_roots import state_of, write_state
 from relnav.simulation.detector import Faults
 from relnav.simulation.scenario import simulate
 from relnav.simulation.trajectory import Approach
@@ -167,3 +172,59 @@ def rotation(q):
 @pytest.fixture(scope="session")
 def rotation_of():
     return rotation
+
+
+@dataclass(frozen=True)
+class MarkerImage:
+    """One image about one state: what the marker filter sees in it, and what it makes of it."""
+
+    innovation: Any
+    rows: Any
+    noise: Any
+    state: Any
+    accepted: Any
+    score: float
+
+
+def _of_groups(m, count, name):
+    return m.groups[name][:count, :2].reshape(2 * count, -1)
+
+
+@pytest.fixture(scope="session")
+def marker_image():
+    """marker_image(state, spots, mission, dcm_chaser_from_lvlh, limit): the limit is the gate's, for any dof."""
+
+    def run(state, spots, mission, dcm, limit=1e9):
+        m, none = pose_named(new_pose_memory(mission)), np.empty((0, 2, 2))
+        m.gate[:] = limit
+        write_state(m.bank[0], state)
+        aim_camera(m.camera, np.ascontiguousarray(dcm))
+        track = m.bank[0]
+        _, count = observe_markers(m, track, np.ascontiguousarray(spots), none)
+        residual, rows = _of_groups(m, count, "residual")[:, 0].copy(), _of_groups(m, count, "gradient").copy()
+        noise = m.noise[: 2 * count, : 2 * count].copy()
+        _, groups, _, _ = spot_update(m, track, np.ascontiguousarray(spots), none)
+        accepted = np.zeros(len(spots), dtype=bool)
+        accepted[m.which[:groups][m.groups["tested"][:groups] > 0].astype(int)] = True
+        return MarkerImage(residual, rows, noise, state_of(track), accepted, float(track["score"]))
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def docking_of():
+    """docking_of(state, mission, dcm_chaser_from_lvlh, chaser_rate): the docking state of one estimate."""
+
+    def run(state, mission, dcm, rate=None):
+        whole = docking_states(
+            state.motion[None],
+            state.dcm_lvlh_from_target[None],
+            state.rate_rad_s[None],
+            state.covariance[None],
+            mission,
+            dcm[None],
+            None if rate is None else rate[None],
+        )
+        return DockingState(*(values[0] for values in vars(whole).values()))
+
+    return run

@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 import relnav
 from relnav.navigation.pose_state import PoseState, camera_pose
 from relnav.navigation.relative_pose import PoseNavigator
-from relnav.navigation.spot_update import spot_update
 from relnav.navigation.status import EpochStatus
 from relnav.sensors.three_marker import project
 from relnav.simulation.marker_flight import MarkerFaults, simulate_flight
@@ -62,7 +61,7 @@ def nees_ratio(record, flight, k):
 
 @pytest.mark.parametrize("gap", [10.0, 40.0, 100.0])
 def test_honest_at_once_after_a_gap(mission, gap):
-    """One image, then nothing while velocity and rate are hardly known: meters and degrees off when markers return.
+    """Two images, then nothing while velocity and rate are hardly known: meters and degrees off when markers return.
 
     Taken to first order these spots make NEES / 12 of the first image 50 and more.
     """
@@ -70,9 +69,9 @@ def test_honest_at_once_after_a_gap(mission, gap):
     for seed in range(100, 112):
         flight, nav = simulate_flight(mission, LONG, seed=seed), PoseNavigator(mission)
         for k in range(round((gap + 1.5) * 2.0)):
-            spots = flight.spots_px[k] if k == 0 or flight.t_s[k] > gap else None
+            spots = flight.spots_px[k] if k < 2 or flight.t_s[k] > gap else None
             record = nav.step(flight.t_s[k], spots, acceleration_m_s2=flight.acceleration_m_s2[k])
-            if spots is not None and k:
+            if spots is not None and k > 1:
                 values.append(nees_ratio(record, flight, k))
     assert max(values) < 3.0  # 36 of 12: one in a few thousand
     assert np.mean(values) < 1.25
@@ -83,7 +82,8 @@ def test_after_a_gap_without_end_nothing_is_known(mission, flight):
     begin = time.perf_counter()
     assert nav.step(1e9).status is EpochStatus.WAITING
     assert time.perf_counter() - begin < 5.0  # integrated step by step it would be a minute and more
-    assert nav.step(1e9 + 1.0, flight.spots_px[10]).status is EpochStatus.STARTED
+    assert nav.step(1e9 + 1.0, flight.spots_px[10]).status is EpochStatus.WAITING
+    assert nav.step(1e9 + 1.5, flight.spots_px[11]).status is EpochStatus.STARTED
 
 
 @pytest.mark.parametrize("bad", [-1e4 * np.eye(2), np.zeros((2, 2)), np.full((2, 2), np.nan), [[1.0, 2.0], [2.0, 1.0]]])
@@ -116,7 +116,7 @@ def test_spots_of_markers_behind_the_camera(mission, flight):
     assert record.dof == 0
 
 
-def test_a_marker_at_the_edge_of_the_image(mission, flight):
+def test_a_marker_at_the_edge_of_the_image(mission, flight, marker_image):
     """Expected a pixel beyond the edge and seen a pixel within it: a good spot."""
     _, record = flown(mission, flight, 3)
     state = PoseState(record.state, record.dcm_lvlh_from_target, record.rate_rad_s, record.covariance)
@@ -129,7 +129,7 @@ def test_a_marker_at_the_edge_of_the_image(mission, flight):
     camera = dataclasses.replace(mission.camera, principal_point_px=moved)
     seen = spots - middle
     seen[last, 0] -= 0.3
-    update = spot_update(state, seen, dataclasses.replace(mission, camera=camera), dcm, 18.4)
+    update = marker_image(state, seen, dataclasses.replace(mission, camera=camera), dcm, 18.4)
     assert update.accepted.all()
 
 
@@ -139,23 +139,62 @@ def test_a_reflection_is_no_attitude(mission):
 
 
 def test_an_image_that_fits_no_pose_starts_nothing(mission):
-    """Five markers, one of them a glint: no pose explains them, and the next image starts."""
+    """Five markers, one of them a glint: no pose explains them, and the next two images start."""
     five = with_markers(mission, FIVE)
     flight, nav = simulate_flight(five, SHORT, seed=1), PoseNavigator(five)
     spots = flight.spots_px[0].copy()
     spots[2] += [60.0, -40.0]
     assert nav.step(0.0, spots).status is EpochStatus.WAITING
-    assert nav.step(0.5, flight.spots_px[1]).status is EpochStatus.STARTED
+    assert nav.step(0.5, flight.spots_px[1]).status is EpochStatus.WAITING
+    assert nav.step(1.0, flight.spots_px[2]).status is EpochStatus.STARTED
 
 
 def test_a_start_says_which_spots_it_used(mission):
     five = with_markers(mission, FIVE)
     flight = simulate_flight(five, SHORT, seed=1)
-    spots = flight.spots_px[0].copy()
-    spots[3] = [5000.0, 100.0]
-    record = PoseNavigator(five).step(0.0, spots)
+    nav, hidden = PoseNavigator(five), flight.spots_px.copy()
+    hidden[:, 3] = np.nan
+    assert nav.step(0.0, hidden[0]).status is EpochStatus.WAITING
+    record = nav.step(0.5, hidden[1])
     assert record.status is EpochStatus.STARTED
     assert record.accepted.tolist() == [True, True, True, False, True]
+
+
+def test_a_glint_in_the_first_image_starts_nothing_wrong(mission):
+    """One marker of the first image displaced by 60 px, as a reflection would: three spots always have some pose.
+
+    Taken as a start, 196 of 200 such images left the pose wrong by up to 150 deg for ten seconds.
+    """
+    wrong = 0
+    for seed in range(60):
+        flight, nav = simulate_flight(mission, SHORT, seed=200 + seed), PoseNavigator(mission)
+        spots = flight.spots_px[:12].copy()
+        angle = 2.0 * math.pi * seed / 60.0
+        spots[0, seed % 3] += [60.0 * math.cos(angle), 60.0 * math.sin(angle)]
+        started = None
+        for k in range(12):
+            record = nav.step(flight.t_s[k], spots[k], acceleration_m_s2=flight.acceleration_m_s2[k])
+            if record.hypotheses:
+                started = k if started is None else started
+                wrong += nees_ratio(record, flight, k) > 4.0  # 48 of 12: one in a million
+        assert started == 2  # the second image contradicts the trial, the third confirms the one it opened
+    assert wrong == 0
+
+
+def test_a_burst_of_glints_moves_no_track(mission):
+    """Thirty images of spots anywhere: refused, and no trial on them is ever confirmed."""
+    approach = dataclasses.replace(SHORT, duration_s=40.0, final_range_m=4.0)
+    rng = np.random.default_rng(5)
+    for seed in range(8):
+        flight, nav = simulate_flight(mission, approach, seed=300 + seed), PoseNavigator(mission)
+        for k, t in enumerate(flight.t_s[:70]):
+            spots = flight.spots_px[k].copy()
+            if 20 <= k < 50:
+                spots = rng.uniform(0.0, 1023.0, size=(3, 2))
+            record = nav.step(t, spots, acceleration_m_s2=flight.acceleration_m_s2[k])
+            if k > 3:
+                assert nees_ratio(record, flight, k) < 4.0
+        assert record.status is EpochStatus.UPDATED
 
 
 def test_glints_on_the_only_marker_do_not_end_the_track(mission, flight):
@@ -182,7 +221,7 @@ def test_markers_on_one_line_are_as_two(mission):
         nav.step(t, spots, acceleration_m_s2=push).observable
         for t, spots, push in zip(flight.t_s, flight.spots_px, flight.acceleration_m_s2, strict=True)
     ]
-    lost = flight.t_s[np.flatnonzero(~np.array(flags))]
+    lost = flight.t_s[1:][np.flatnonzero(~np.array(flags[1:]))]
     assert lost[0] == pytest.approx(5.0 + mission.filter.few_markers_limit_s, abs=0.51)
 
 
@@ -208,7 +247,7 @@ def test_a_late_image_of_a_chaser_that_turns(mission, flight):
     np.testing.assert_allclose(late.docking.velocity_m_s, now.docking.velocity_m_s, atol=1e-4)
 
 
-def test_odds_do_not_depend_on_the_size_of_a_pixel(mission, flight):
+def test_odds_do_not_depend_on_the_size_of_a_pixel(mission, flight, marker_image):
     """A camera of a hundred times more and smaller pixels: the same odds of a good against a bad state."""
     _, record = flown(mission, flight, 10)
     good = PoseState(record.state, record.dcm_lvlh_from_target, record.rate_rad_s, record.covariance)
@@ -232,7 +271,7 @@ def test_odds_do_not_depend_on_the_size_of_a_pixel(mission, flight):
                 camera,
             ).spots_px
         )
-        updates = [spot_update(s, spots, model, mission.dcm_chaser_from_lvlh, 18.4) for s in (good, bad)]
+        updates = [marker_image(s, spots, model, mission.dcm_chaser_from_lvlh, 18.4) for s in (good, bad)]
         assert updates[0].accepted.all()
         assert not updates[1].accepted.any()
         return updates[1].score - updates[0].score

@@ -8,14 +8,12 @@ from scipy.spatial.transform import Rotation
 
 import relnav
 from relnav.estimation.attitude import reset, turned
-from relnav.navigation.docking_port import docking_state
 from relnav.navigation.pose_state import (
     PoseState,
     camera_pose,
     control_noise,
     state_from_pose,
 )
-from relnav.navigation.spot_update import predict_spots, spot_update
 from relnav.sensors.three_marker import Pose, project, spot_jacobians
 
 QUIET = 1e-9
@@ -80,12 +78,11 @@ def test_the_pose_seen_is_that_of_the_formula(mission):
         np.testing.assert_allclose(pose[:3] @ s + pose[3], p, atol=1e-13)
 
 
-def test_spot_rows(mission):
+def test_spot_rows(mission, marker_image):
     """By the state and by the chaser's attitude error, through a lens that distorts."""
     state, dcm = a_state(), chaser_attitude(mission)
     seen = spots(state, mission, dcm).reshape(-1, 2)
-    rows = predict_spots(state, seen, np.arange(3), mission, dcm).rows
-    rows = np.hstack([rows[:, :3], np.zeros((6, 3)), rows[:, 3:], np.zeros((6, 3))])
+    rows = marker_image(state, seen, mission, dcm).rows
     expected = differences(lambda e: spots(moved(state, e), mission, dcm), 12, 1e-5)
     np.testing.assert_allclose(rows, expected, atol=1e-7 * np.abs(expected).max())
     pose = camera_pose(state, mission, dcm)
@@ -107,15 +104,13 @@ def docking_error(one, reference):
     )
 
 
-def test_docking_covariance(mission):
+def test_docking_covariance(mission, docking_of):
     """J P J^T by differences, the chaser's attitude error with it."""
     state, dcm, own = a_state(), chaser_attitude(mission), np.array([0.003, -0.004, 0.002])
-    reference = docking_state(state, mission, dcm, own)
-    by_state = differences(
-        lambda e: docking_error(docking_state(moved(state, e), mission, dcm, own), reference), 12, 1e-5
-    )
+    reference = docking_of(state, mission, dcm, own)
+    by_state = differences(lambda e: docking_error(docking_of(moved(state, e), mission, dcm, own), reference), 12, 1e-5)
     by_chaser = differences(
-        lambda a: docking_error(docking_state(state, mission, turned(np.eye(3), -a) @ dcm, own), reference), 3, 1e-5
+        lambda a: docking_error(docking_of(state, mission, turned(np.eye(3), -a) @ dcm, own), reference), 3, 1e-5
     )
     expected = by_state @ state.covariance @ by_state.T + (2e-3) ** 2 * by_chaser @ by_chaser.T
     sigma = np.sqrt(np.diag(expected))
@@ -124,7 +119,7 @@ def test_docking_covariance(mission):
     )
 
 
-def test_docking_velocity_is_the_rate_of_its_position(mission):
+def test_docking_velocity_is_the_rate_of_its_position(mission, docking_of):
     """Carried on by a short step of chaser and target, from inertial motion alone."""
     state, dcm, own = a_state(), chaser_attitude(mission), np.array([0.003, -0.004, 0.002])
     orbit, h = np.array([0.0, -mission.orbit.mean_motion_rad_s, 0.0]), 1e-4
@@ -138,7 +133,7 @@ def test_docking_velocity_is_the_rate_of_its_position(mission):
             state.covariance,
         )
         chaser = (lvlh @ dcm.T @ Rotation.from_rotvec(own * t).as_matrix()).T
-        return docking_state(target, mission, chaser, own)
+        return docking_of(target, mission, chaser, own)
 
     velocity = (at(h).position_m - at(-h).position_m) / (2 * h)
     np.testing.assert_allclose(at(0.0).velocity_m_s, velocity, atol=1e-8)
@@ -165,18 +160,16 @@ def test_start_covariance(mission):
     np.testing.assert_allclose(reference.covariance[here], expected, atol=1e-7 * expected.max())
 
 
-def test_the_update_is_filterpys(mission):
+def test_the_update_is_filterpys(mission, marker_image):
     """One image: gain, state and covariance of filterpy's EKF with the same rows, then folded alike."""
     from filterpy.kalman import ExtendedKalmanFilter
 
     state, dcm = a_state(3, 2e-4), chaser_attitude(mission)
     seen = spots(state, mission, dcm).reshape(-1, 2) + 0.3
-    expected = predict_spots(state, seen, np.arange(3), mission, dcm)
-    whole = np.hstack([expected.rows[:, :3], np.zeros((6, 3)), expected.rows[:, 3:], np.zeros((6, 3))])
+    ours = marker_image(state, seen, mission, dcm)
     other = ExtendedKalmanFilter(dim_x=12, dim_z=6)
     other.x, other.P = np.zeros(12), state.covariance.copy()
-    other.update(expected.innovation, HJacobian=lambda _: whole, Hx=lambda _: np.zeros(6), R=expected.noise)
-    ours = spot_update(state, seen, mission, dcm, 1e9)
+    other.update(ours.innovation, HJacobian=lambda _: ours.rows, Hx=lambda _: np.zeros(6), R=ours.noise)
     theirs = state.moved(other.x, reset(other.P, other.x[6:9], at=6))
     np.testing.assert_allclose(state.error_of(ours.state), state.error_of(theirs), rtol=1e-9, atol=1e-14)
     scale = np.sqrt(np.outer(np.diag(theirs.covariance), np.diag(theirs.covariance)))
@@ -184,7 +177,7 @@ def test_the_update_is_filterpys(mission):
 
 
 @pytest.mark.parametrize("sigmas", [(0.0, 0.05), (0.15, 0.0), (0.1, 0.04)], ids=["turn", "position", "both"])
-def test_second_order(mission, sigmas):
+def test_second_order(mission, marker_image, sigmas):
     """Mean and covariance by sampling: of pairs of opposite errors the odd orders cancel."""
     rng = np.random.default_rng(4)
     root = np.zeros((12, 12))
@@ -196,7 +189,7 @@ def test_second_order(mission, sigmas):
     )
     state, dcm = dataclasses.replace(a_state(), covariance=root @ root.T), chaser_attitude(mission)
     still = spots(state, plain, dcm)
-    expected = predict_spots(state, still.reshape(-1, 2), np.arange(3), plain, dcm)
+    expected = marker_image(state, still.reshape(-1, 2), plain, dcm)
     draws = rng.normal(size=(8000, 12)) @ root.T
     even = np.array([0.5 * (spots(moved(state, e), plain, dcm) + spots(moved(state, -e), plain, dcm)) for e in draws])
     sampled = np.cov(even.T)

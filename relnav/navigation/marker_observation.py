@@ -1,0 +1,209 @@
+"""What one image of the markers says of position and attitude: residuals, rows, noise, to second order in the errors.
+
+Marker i, at s in the target, is seen at
+
+    p = C_KB (C_BL (C s - rho) - c_B)        K camera, B chaser, L lvlh_ccsds, c_B the lens in the chaser
+
+so that any number of spots, one included, tells what it can. The chaser's attitude error turns all spots of an image
+together: it stands in their covariance, and is not estimated.
+
+A spot's second order in the errors d = (drho, theta) is d^T B d / 2. Perspective: a spot moves by row d over the depth
+p_z, which d changes itself, so that B = -(row^T g + g^T row), g = d(p_z)/p_z. A turn: p = C exp([theta x]) s has the
+part C (theta theta^T - theta^T theta 1) s / 2, so that B = (q^T s^T + s q) / 2 - (q s) 1 with q the row by s. (The bend
+of a lens's distortion is left out.) Its mean, tr(B P) / 2, shifts the expected spot, and its covariance,
+tr(B_i P B_j P) / 2, is noise (Jazwinski 1970, ch. 9, Gaussian second-order filter): a filter of first order takes the
+size of a turn that it sees by its square for knowledge of its sign, and after a gap in which the position has become
+uncertain believes lines of sight that it has bent.
+"""
+
+import math
+
+from relnav.arrays import Matrix, Record, Stack, Vector
+from relnav.codegen.kernel import kernel
+from relnav.estimation.factored import compose_into
+from relnav.navigation.pose_memory import PoseMemory
+
+
+@kernel
+def has_spot(spots: Matrix, i: int) -> bool:
+    """Whether row i of the spots (n, 2) holds a spot."""
+    return math.isfinite(spots[i, 0]) and math.isfinite(spots[i, 1])
+
+
+@kernel
+def on_image(camera: Record, x: float, y: float) -> bool:
+    """Whether a spot lies on the image, which spans -0.5 to width - 0.5."""
+    size = camera["size"]
+    return bool(-0.5 <= x <= size[0] - 0.5 and -0.5 <= y <= size[1] - 0.5)
+
+
+@kernel
+def aim_camera(camera: Record, dcm_chaser_from_lvlh: Matrix) -> None:
+    """Write the chaser's attitude, and the camera's that follows."""
+    chaser, mount, cam = camera["chaser"], camera["mount"], camera["cam_from_lvlh"]
+    for i in range(3):
+        for j in range(3):
+            chaser[i, j] = dcm_chaser_from_lvlh[i, j]
+    for i in range(3):
+        for j in range(3):
+            cam[i, j] = mount[i, 0] * chaser[0, j] + mount[i, 1] * chaser[1, j] + mount[i, 2] * chaser[2, j]
+
+
+@kernel
+def pose_of(camera: Record, track: Record, pose: Matrix) -> None:
+    """Write the target's pose (4, 3) seen from the camera: rows C_KT, r."""
+    cam, mount, lens, rho, dcm = camera["cam_from_lvlh"], camera["mount"], camera["lens"], track["motion"], track["dcm"]
+    for i in range(3):
+        pose[3, i] = 0.0
+        for j in range(3):
+            pose[3, i] -= cam[i, j] * rho[j] + mount[i, j] * lens[j]
+            pose[i, j] = cam[i, 0] * dcm[0, j] + cam[i, 1] * dcm[1, j] + cam[i, 2] * dcm[2, j]
+
+
+@kernel
+def project(camera: Record, p: Vector, spot: Vector, by_point: Matrix, bend: Matrix) -> bool:
+    """Write a point's spot (2,) px and its derivative (2, 3); False behind the camera, or where the lens folds back.
+
+    Brown and Conrady's distortion as in `relnav.geometry.distortion`; bend (2, 2): its derivative.
+    """
+    if not p[2] > 0.0:
+        return False
+    x, y = p[0] / p[2], p[1] / p[2]
+    focal, center, k = camera["focal_length"], camera["principal_point"], camera["distortion"]
+    u, v = x, y
+    bend[0, 0], bend[0, 1], bend[1, 0], bend[1, 1] = 1.0, 0.0, 0.0, 1.0
+    if camera["distorts"] > 0:
+        k1, k2, p1, p2, k3 = k[0], k[1], k[2], k[3], k[4]
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        slope = 2.0 * (k1 + r2 * (2.0 * k2 + 3.0 * k3 * r2))
+        u = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+        v = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+        bend[0, 0] = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
+        bend[0, 1] = slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y
+        bend[1, 0] = bend[0, 1]
+        bend[1, 1] = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
+        if not bend[0, 0] * bend[1, 1] - bend[0, 1] * bend[1, 0] > 0.0:
+            return False
+    spot[0], spot[1] = u * focal[0] + center[0], v * focal[1] + center[1]
+    for i in range(2):
+        by_point[i, 0] = focal[i] * bend[i, 0] / p[2]
+        by_point[i, 1] = focal[i] * bend[i, 1] / p[2]
+        by_point[i, 2] = -focal[i] * (bend[i, 0] * x + bend[i, 1] * y) / p[2]
+    return True
+
+
+@kernel
+def _cross_row(a: Vector, v: Vector, out: Vector) -> None:
+    """Write the row a [v x] (3,)."""
+    out[0] = a[1] * v[2] - a[2] * v[1]
+    out[1] = a[2] * v[0] - a[0] * v[2]
+    out[2] = a[0] * v[1] - a[1] * v[0]
+
+
+@kernel
+def _linearise(m: PoseMemory, pose: Matrix, marker: int, k: int, spot: Vector) -> bool:
+    """Write group k: residual, rows and derivatives of a marker's spot; False if it cannot be seen there."""
+    camera, group, scratch = m.camera, m.groups[k], m.scratch
+    p, expected, by_point, bend = scratch["point"], scratch["error"], scratch["projection"], scratch["bend"]
+    for i in range(3):
+        p[i] = pose[3, i]
+        for j in range(3):
+            p[i] += pose[i, j] * m.points[marker, j]
+    if not project(camera, p, expected, by_point, bend) or not on_image(camera, spot[0], spot[1]):
+        return False
+    cam, mount, lens, gradient = camera["cam_from_lvlh"], camera["mount"], camera["lens"], group["gradient"]
+    residual, q, turned = group["residual"], m.by_marker, scratch["turned"]
+    from_chaser, along = turned[0], turned[1]
+    for j in range(3):
+        from_chaser[j] = mount[0, j] * p[0] + mount[1, j] * p[1] + mount[2, j] * p[2] + lens[j]
+        m.nearer[k, j] = -cam[2, j] / p[2]
+    _cross_row(m.points[marker], pose[2], m.nearer[k, 3:6])  # d(p_z) by theta: s x C_z
+    for j in range(3):
+        m.nearer[k, 3 + j] /= p[2]
+    for axis in range(2):
+        row = 2 * k + axis
+        residual[axis] = spot[axis] - expected[axis]
+        d = by_point[axis]
+        for j in range(3):
+            gradient[axis, j] = -(d[0] * cam[0, j] + d[1] * cam[1, j] + d[2] * cam[2, j])
+            q[row, j] = d[0] * pose[0, j] + d[1] * pose[1, j] + d[2] * pose[2, j]
+            along[j] = d[0] * mount[0, j] + d[1] * mount[1, j] + d[2] * mount[2, j]
+        _cross_row(q[row], m.points[marker], gradient[axis, 6:9])
+        for j in range(3):
+            gradient[axis, 6 + j] = -gradient[axis, 6 + j]
+        _cross_row(along, from_chaser, m.turns[row])
+    return True
+
+
+@kernel
+def _add_second_order(m: PoseMemory, count: int, ld: Matrix) -> None:
+    """Shift the residuals by the mean of the second order, and add its covariance to the noise."""
+    P, whole, bends = m.scratch["seen_covariance"], m.scratch["noise"], m.bends
+    compose_into(ld, whole)
+    for i in range(6):
+        for j in range(6):
+            P[i, j] = whole[i if i < 3 else i + 3, j if j < 3 else j + 3]
+    B = m.scratch["six"]
+    for row in range(2 * count):
+        g, h, q, s = m.nearer[row // 2], m.groups[row // 2]["gradient"][row % 2], m.by_marker[row], m.points
+        marker = int(m.which[row // 2])
+        along = q[0] * s[marker, 0] + q[1] * s[marker, 1] + q[2] * s[marker, 2]
+        for i in range(6):
+            for j in range(6):
+                B[i, j] = -(h[i if i < 3 else i + 3] * g[j] + h[j if j < 3 else j + 3] * g[i])
+        for i in range(3):
+            for j in range(3):
+                B[3 + i, 3 + j] += 0.5 * (q[i] * s[marker, j] + q[j] * s[marker, i])
+            B[3 + i, 3 + i] -= along
+        mean = 0.0
+        for i in range(6):
+            for j in range(6):
+                total = 0.0
+                for k in range(6):
+                    total += B[i, k] * P[k, j]
+                bends[row, 6 * i + j] = total
+            mean += 0.5 * bends[row, 7 * i]
+        m.groups[row // 2]["residual"][row % 2] -= mean
+    for row in range(2 * count):
+        for other in range(row + 1):
+            total = 0.0
+            for i in range(6):
+                for j in range(6):
+                    total += bends[row, 6 * i + j] * bends[other, 6 * j + i]
+            m.noise[row, other] += 0.5 * total
+            m.noise[other, row] = m.noise[row, other]
+
+
+@kernel
+def observe_markers(m: PoseMemory, track: Record, spots: Matrix, covariances: Stack) -> tuple[int, int]:
+    """Write the groups of the spots (n, 2) px that can be used, about a track; (markers seen, groups).
+
+    covariances (n, 2, 2) px^2, or (0, 2, 2): the camera's noise. A spot off the image, or of a marker expected behind
+    the camera, is seen and not used.
+    """
+    pose, seen, count = m.scratch["pose"], 0, 0
+    pose_of(m.camera, track, pose)
+    for marker in range(spots.shape[0]):
+        if has_spot(spots, marker):
+            seen += 1
+            if _linearise(m, pose, marker, count, spots[marker]):
+                m.which[count] = marker
+                count += 1
+    noise2, sigma2 = m.camera["noise"] * m.camera["noise"], m.camera["chaser_sigma"] * m.camera["chaser_sigma"]
+    for row in range(2 * count):
+        a = m.turns[row]
+        for other in range(row + 1):
+            b = m.turns[other]
+            total = sigma2 * (a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+            if covariances.shape[0] == 0:
+                total += noise2 if row == other else 0.0
+            elif row // 2 == other // 2:
+                total += covariances[int(m.which[row // 2]), row % 2, other % 2]
+            m.noise[row, other] = total
+    _add_second_order(m, count, track["ld"])
+    for k in range(count):
+        group, variance = m.groups[k], m.groups[k]["variance"]
+        group["rows"], group["tested"] = 2, 1
+        variance[0], variance[1] = m.noise[2 * k, 2 * k], m.noise[2 * k + 1, 2 * k + 1]
+    return seen, count

@@ -1,0 +1,403 @@
+"""One epoch of the marker filter: a bank of hypotheses predicted, corrected, started and started again.
+
+A flat pattern has up to four poses that explain an image; a filter on the most credible one alone may follow the wrong
+one for ever. Each root starts a hypothesis, its covariance widened (seen head-on the misfit is no parabola, and the
+truth lies up to 3 sigma off). A hypothesis falls when its latest spots are a million times less likely than another's;
+every ten seconds roots that no hypothesis covers start new ones; two that have become one are joined.
+
+Start: the roots of one image open a trial; the next image of three markers or more that the trial's leading hypothesis
+predicts, all spots inside the gate and the gates small, confirms it. An image that contradicts the trial opens another
+one. Lock-out: after `restart after` epochs in a row with at least half of what was seen rejected, or when after a gap
+errors no longer count as small, trials run beside the bank, and a confirmed one replaces it.
+
+Roots come from the closed form, which is not compiled in here: `wants` says what the caller is to look for.
+"""
+
+import math
+
+import numpy as np
+
+from relnav.arrays import Matrix, Record, Stack, Vector
+from relnav.codegen.kernel import kernel, straight_line
+from relnav.codegen.trace import Shape
+from relnav.dynamics.clohessy_wiltshire import PHI_PATTERN
+from relnav.dynamics.rigid_body import LARGEST_TURN_RAD, turn_body_with_errors
+from relnav.estimation.factored import factorize_into, orthogonalise, spread, time_update_into
+from relnav.estimation.rows import Observed, copy_track, gate_groups, log_determinant, pair_covariance, sweep
+from relnav.geometry.rotation_vector import rotation_vector_into, turn_by_rotation_vector
+from relnav.navigation.marker_observation import aim_camera, has_spot, observe_markers
+from relnav.navigation.pose_memory import POSE, PoseMemory, pose_views
+from relnav.navigation.propagation import carry_state, prepare_step
+from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
+
+DROP = 2.0 * math.log(1e6)
+MEMORY_S = 50.0
+"""Of the scores: what a filter was before it settled is forgotten."""
+RENEWED_S = 10.0
+JOINED = 1.0  # chi-square of twelve: two hypotheses this near are one
+_LARGEST_TURN_RAD = 0.3
+_LARGEST_SHARE_OF_RANGE = 0.2
+"""1-sigma of attitude and position up to which errors count as small (tests: NEES after gaps)."""
+TELLING_SHARE = 0.01
+"""Of the image that a spot's gate may cover where it is to confirm a start."""
+
+NOTHING, ROOTS, NEW_ROOTS = 0, 1, 2
+"""What the caller is to look for: poses to open a trial with; poses that no hypothesis covers."""
+
+CONTRADICTED, GOES_ON, CONFIRMED = 0, 1, 2
+"""What an image says of a trial; one that agrees with it while its gates are large proves nothing, and it goes on."""
+
+POSE_PHI_PATTERN: Shape = (*(row + "000000" for row in PHI_PATTERN), *("000000******",) * 6)
+POSE_NOISE_PATTERN: Shape = (*("******000000",) * 6, *("000000******",) * 6)
+_RESET: Shape = tuple(
+    "".join("*" if 6 <= i < 9 and 6 <= j < 9 else "1" if i == j else "0" for j in range(POSE)) for i in range(POSE)
+)
+
+
+@straight_line(ld=(POSE, POSE), phi=POSE_PHI_PATTERN, noise=POSE_NOISE_PATTERN)
+def carry_errors(ld: Matrix, phi: Matrix, noise: Matrix) -> None:
+    """Carry the factors over a step: motion and rotation go their own ways, noise (factors of Q) likewise."""
+    time_update_into(ld, phi, noise)
+
+
+@straight_line(ld=(POSE, POSE), turn=_RESET)
+def turn_errors(ld: Matrix, turn: Matrix) -> None:
+    """Replace the factors of P by those of G P G^T."""
+    n = ld.shape[0]
+    w, weights = np.zeros((n, n)), np.zeros(n)
+    spread(turn, ld, w, weights)
+    orthogonalise(w, weights, ld)
+
+
+@kernel
+def copy_pose(source: Record, target: Record) -> None:
+    """Copy a hypothesis."""
+    copy_track(source, target)
+    for i in range(6):
+        target["motion"][i] = source["motion"][i]
+    for i in range(3):
+        target["rate"][i] = source["rate"][i]
+        for j in range(3):
+            target["dcm"][i, j] = source["dcm"][i, j]
+    target["score"] = source["score"]
+
+
+@kernel
+def advance_pose(m: PoseMemory, track: Record, dt: float) -> None:
+    """Carry a hypothesis over the prepared step of dt s."""
+    body, step, phi, noise = m.body, m.step, m.scratch["phi"], m.scratch["noise"]
+    turn, spread_, factors, rate = body["phi"], body["noise"], body["factors"], track["rate"]
+    carry_state(track["motion"], step["phi"], step["effect"], track["motion"])
+    fastest = max(math.sqrt(rate[0] ** 2 + rate[1] ** 2 + rate[2] ** 2), m.motion["mean_motion"])
+    count = max(1, math.ceil(fastest * dt / LARGEST_TURN_RAD))
+    for i in range(6):
+        for j in range(6):
+            turn[i, j], spread_[i, j] = 1.0 if i == j else 0.0, 0.0
+    turn_body_with_errors(
+        track["dcm"],
+        rate,
+        body["inertia"],
+        body["inverse"],
+        m.motion["mean_motion"],
+        body["torque"],
+        dt / count,
+        count,
+        body["noise_density"],
+        turn,
+        spread_,
+        body["work"],
+    )
+    for i in range(6):
+        for j in range(i):
+            spread_[i, j] = 0.5 * (spread_[i, j] + spread_[j, i])
+            spread_[j, i] = spread_[i, j]
+    if not factorize_into(spread_, factors):
+        factors[0, 0] = math.nan
+    for i in range(6):
+        for j in range(6):
+            phi[i, j], phi[6 + i, 6 + j] = step["phi"][i, j], turn[i, j]
+            noise[i, j], noise[6 + i, 6 + j] = step["noise"][i, j], factors[i, j]
+    carry_errors(track["ld"], phi, noise)
+
+
+@kernel
+def variance(ld: Matrix, i: int) -> float:
+    """P_ii of the factors."""
+    total = ld[i, i]
+    for j in range(i):
+        total += ld[i, j] * ld[i, j] * ld[j, j]
+    return float(total)
+
+
+@kernel
+def _largest_variance(ld: Matrix, first: int) -> float:
+    return max(variance(ld, first), variance(ld, first + 1), variance(ld, first + 2))
+
+
+@kernel
+def is_wide(track: Record) -> bool:
+    """Whether errors are no longer small: a full image then tells more than the state that it would correct."""
+    ld, rho = track["ld"], track["motion"]
+    share2 = _largest_variance(ld, 0) / (rho[0] * rho[0] + rho[1] * rho[1] + rho[2] * rho[2])
+    wide_turn = _largest_variance(ld, 6) > _LARGEST_TURN_RAD * _LARGEST_TURN_RAD
+    return wide_turn or not share2 <= _LARGEST_SHARE_OF_RANGE * _LARGEST_SHARE_OF_RANGE
+
+
+@kernel
+def _is_forgotten(m: PoseMemory, track: Record, dt: float) -> bool:
+    """Whether after dt nothing is known of the attitude any more: 1-sigma of half a turn."""
+    drift = m.body["noise_density"] * dt * dt * dt / 3.0
+    known = _largest_variance(track["ld"], 6) + _largest_variance(track["ld"], 9) * dt * dt + drift
+    return not known <= math.pi * math.pi
+
+
+@kernel
+def _advance_bank(m: PoseMemory, bank: Record, count: int, dt: float) -> int:
+    """Carry the hypotheses over dt, those left out of which nothing would be known; returns how many remain."""
+    kept = 0
+    fade = math.exp(-dt / MEMORY_S)
+    for k in range(count):
+        if not _is_forgotten(m, bank[k], dt):
+            if kept < k:
+                copy_pose(bank[k], bank[kept])
+            advance_pose(m, bank[kept], dt)
+            bank[kept]["score"] *= fade
+            kept += 1
+    return kept
+
+
+@kernel
+def take_in(m: PoseMemory, track: Record) -> None:
+    """Fold the errors that an update has estimated into motion, attitude and rate; covariance then is about these.
+
+    P <- G P G^T, G = I - [theta x] / 2 (Markley and Crassidis 2014, ch. 6).
+    """
+    x, motion, rate, dcm = track["state"], track["motion"], track["rate"], track["dcm"]
+    turned, g = m.scratch["turned"], m.scratch["phi"]
+    for i in range(6):
+        motion[i] += x[i]
+    turn_by_rotation_vector(dcm, x[6:9], turned)
+    for i in range(3):
+        rate[i] += x[9 + i]
+        for j in range(3):
+            dcm[i, j] = turned[i, j]
+            g[6 + i, 6 + j] = 1.0 if i == j else 0.0
+    a, b, c = 0.5 * x[6], 0.5 * x[7], 0.5 * x[8]
+    g[6, 7], g[6, 8], g[7, 6], g[7, 8], g[8, 6], g[8, 7] = c, -b, -c, a, b, -a
+    turn_errors(track["ld"], g)
+    for i in range(POSE):
+        x[i] = 0.0
+
+
+@kernel
+def spot_update(m: PoseMemory, track: Record, spots: Matrix, covariances: Stack) -> tuple[int, int, int, float]:
+    """Correct a hypothesis by an image; (markers seen, groups, groups used, NIS), its score counted on.
+
+    Which groups were used stands in `groups`. A rejected spot costs what one at the gate's limit would.
+    """
+    limit = m.gate[1]
+    seen, count = observe_markers(m, track, spots, covariances)
+    track["score"] += (seen - count) * (limit + 4.0 * math.log(m.camera["noise"]))
+    if count == 0:
+        return seen, 0, 0, math.nan
+    n = 2 * count
+    image = Observed(m.groups[:count], m.noise[:n, :n], m.factor[:n, :n], m.independent[:count])
+    nis, dof = sweep(track, track["state"], image, m.work)
+    used = gate_groups(track, image, m.gate, m.work, nis, dof)
+    taken = nis
+    if used < count:
+        for k in range(count):
+            if m.groups[k]["tested"] == 0:
+                xx, xy, yy = pair_covariance(
+                    track["ld"], m.groups[k]["gradient"], m.groups[k]["variance"], m.noise[2 * k, 2 * k + 1]
+                )
+                track["score"] += limit + math.log(xx * yy - xy * xy)
+        if used > 0:
+            taken, _ = sweep(track, track["state"], image, m.work)
+    if used > 0:
+        track["score"] += taken + log_determinant(image)
+        copy_track(m.work, track)
+        take_in(m, track)
+    return seen, count, used, nis
+
+
+@kernel
+def _distance2(m: PoseMemory, one: Record, other: Record) -> float:
+    """Chi-square of twelve between two hypotheses, by the covariance of the first."""
+    e, ld = m.scratch["error"], one["ld"]
+    for i in range(6):
+        e[i] = other["motion"][i] - one["motion"][i]
+    rotation_vector_into(other["dcm"], one["dcm"], e[6:9])
+    for i in range(3):
+        e[9 + i] = other["rate"][i] - one["rate"][i]
+    total = 0.0
+    for i in range(POSE):
+        for j in range(i):
+            e[i] -= ld[i, j] * e[j]
+        total += e[i] * e[i] / ld[i, i]
+    return total
+
+
+@kernel
+def order_bank(m: PoseMemory, bank: Record, count: int) -> int:
+    """The most credible first, those far behind and those that have become one with a better one left out."""
+    if count < 2:
+        return count
+    order, kept = m.scratch["order"], 0
+    for i in range(count):
+        order[i] = i
+        copy_pose(bank[i], m.spare[i])
+    for i in range(1, count):
+        k, j = order[i], i
+        while j > 0 and m.spare[order[j - 1]]["score"] > m.spare[k]["score"]:
+            order[j] = order[j - 1]
+            j -= 1
+        order[j] = k
+    for i in range(count):
+        one = m.spare[order[i]]
+        if kept > 0 and one["score"] - bank[0]["score"] > DROP:
+            break
+        alone = True
+        for k in range(kept):
+            if _distance2(m, bank[k], one) <= JOINED:
+                alone = False
+        if alone:
+            copy_pose(one, bank[kept])
+            kept += 1
+    return kept
+
+
+@kernel
+def _telling(m: PoseMemory, ld: Matrix, count: int) -> bool:
+    """Whether the gates of the spots in the groups are small on the image, so that a glint would hardly pass."""
+    size = m.camera["size"]
+    for k in range(count):
+        xx, xy, yy = pair_covariance(ld, m.groups[k]["gradient"], m.groups[k]["variance"], m.noise[2 * k, 2 * k + 1])
+        area = math.pi * m.gate[1] * math.sqrt(max(0.0, xx * yy - xy * xy))
+        if not area < TELLING_SHARE * size[0] * size[1]:
+            return False
+    return True
+
+
+@kernel
+def _correct_bank(m: PoseMemory, bank: Record, count: int, spots: Matrix, covariances: Stack) -> tuple[int, bool]:
+    """Correct all hypotheses; result and `accepted` are of the one that leads; (how many remain, a small gate)."""
+    result, least, telling = m.result, math.inf, False
+    for k in range(count):
+        copy_pose(bank[k], m.best)
+        seen, groups, used, nis = spot_update(m, bank[k], spots, covariances)
+        if k == 0 or bank[k]["score"] < least:
+            least = bank[k]["score"]
+            result["nis"], result["dof"], result["seen"], result["used"] = nis, 2 * groups, seen, used
+            telling = _telling(m, m.best["ld"], groups)
+            for i in range(spots.shape[0]):
+                m.accepted[i] = 0.0
+            for g in range(groups):
+                if m.groups[g]["tested"] > 0:
+                    m.accepted[int(m.which[g])] = 1.0
+    if result["used"] == 0:
+        for i in range(spots.shape[0]):
+            m.accepted[i] = 0.0
+    return order_bank(m, bank, count), telling
+
+
+@kernel
+def _clear(m: PoseMemory) -> None:
+    result = m.result
+    result["nis"], result["dof"], result["seen"], result["used"] = math.nan, 0, 0, 0
+    result["status"] = WAITING
+    for i in range(m.accepted.shape[0]):
+        m.accepted[i] = 0.0
+
+
+@kernel
+def _mark_used(used_s: Vector, accepted: Vector, t: float) -> None:
+    for i in range(used_s.shape[0]):
+        if accepted[i] > 0.0:
+            used_s[i] = t
+
+
+@kernel
+def _confirm(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) -> int:
+    """Test the trial with an image of three markers or more; if it is confirmed it now is the bank."""
+    clock, result = m.clock, m.result
+    if clock["trial"] == 0:
+        return CONTRADICTED
+    remain, telling = _correct_bank(m, m.trial, clock["trial"], spots, covariances)
+    if result["used"] < 3 or result["used"] < result["seen"]:
+        clock["trial"] = 0
+        return CONTRADICTED
+    clock["trial"] = remain
+    _mark_used(m.trial_used_s, m.accepted, t)
+    if not telling:
+        return GOES_ON
+    for k in range(remain):
+        copy_pose(m.trial[k], m.bank[k])
+    for i in range(m.used_s.shape[0]):
+        m.used_s[i] = m.trial_used_s[i]
+    clock["running"], clock["trial"], clock["rejected"], clock["renewed"] = remain, 0, 0, t
+    return CONFIRMED
+
+
+@kernel
+def pose_step(block: Vector, t: float, chaser: Matrix, spots: Matrix, covariances: Stack) -> int:
+    """Go on to t and use the spots (n, 2) px of an image taken there, (0, 2) = none; what to look for afterwards.
+
+    The control in `motion` acts since the last event: the acceleration all the time, the impulse at its end. chaser
+    (3, 3): its attitude. covariances (n, 2, 2) or (0, 2, 2). The status stands in the result.
+    """
+    m = pose_views(block)
+    clock, result = m.clock, m.result
+    _clear(m)
+    dt = t - clock["t"] if clock["t"] == clock["t"] else 0.0
+    v = m.motion["delta_v"]
+    if (clock["running"] > 0 or clock["trial"] > 0) and (dt > 0.0 or v[0] != 0.0 or v[1] != 0.0 or v[2] != 0.0):
+        prepare_step(m.step, m.motion, m.scratch, dt)
+        taken = m.step["dt"]
+        clock["running"] = _advance_bank(m, m.bank, clock["running"], taken)
+        clock["trial"] = _advance_bank(m, m.trial, clock["trial"], taken)
+    clock["t"] = t
+    aim_camera(m.camera, chaser)
+    seen = 0
+    for i in range(spots.shape[0]):
+        seen += 1 if has_spot(spots, i) else 0
+    running = clock["running"] > 0
+    if not running:
+        clock["rejected"] = 0
+    if seen == 0:
+        result["status"] = PREDICTED if running else WAITING
+        return NOTHING
+    search = not running
+    if running and seen >= 3 and is_wide(m.bank[0]):
+        search = True
+        result["seen"], result["status"] = seen, PREDICTED
+    elif running:
+        clock["running"], _ = _correct_bank(m, m.bank, clock["running"], spots, covariances)
+        used = result["used"]
+        result["status"] = REJECTED if used == 0 else (UPDATED if used == result["seen"] else PARTIAL)
+        if used > 0:
+            _mark_used(m.used_s, m.accepted, t)
+        if 2 * used <= seen:
+            clock["rejected"] += 1
+        else:
+            clock["rejected"], clock["trial"] = 0, 0
+        search = clock["rejected"] >= m.fixed["restart_after"]
+    if not search:
+        if seen >= 3 and t - clock["renewed"] >= RENEWED_S:
+            clock["renewed"] = t
+            return NEW_ROOTS
+        return NOTHING
+    if seen < 3:
+        return NOTHING
+    nis, dof, used, status = result["nis"], result["dof"], result["used"], result["status"]
+    for i in range(spots.shape[0]):
+        m.accepted_aside[i] = m.accepted[i]
+    outcome = _confirm(m, t, spots, covariances)
+    if outcome == CONFIRMED:
+        result["status"] = STARTED
+        return NOTHING
+    result["nis"], result["dof"], result["used"], result["status"] = nis, dof, used, status
+    result["seen"] = seen
+    for i in range(spots.shape[0]):
+        m.accepted[i] = m.accepted_aside[i]
+    return NOTHING if outcome == GOES_ON else ROOTS

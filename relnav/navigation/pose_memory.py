@@ -1,0 +1,225 @@
+"""The memory of the marker filter by names: as `memory.py`, for a state of position, velocity, attitude and rate.
+
+Twelve errors (drho, dv, theta, dw) about motion (rho, v; `lvlh_ccsds`), C = dcm_lvlh_from_target and w (the target's
+inertial rate, target axes), the true attitude being C exp([theta x]).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from relnav.arrays import Matrix, Record, Vector
+from relnav.codegen.kernel import inlined, plain
+from relnav.dynamics.rigid_body import RigidBody
+from relnav.estimation.gating import gate_limits
+from relnav.estimation.rows import group_type
+from relnav.mission import VisionMission
+from relnav.navigation.memory import MOTION_MODEL, STEP, fill, write_motion_model
+
+POSE = 12
+MOST_POSES = 8
+"""Hypotheses that a bank holds."""
+
+_F, _I = np.float64, np.int64
+
+CAMERA = np.dtype(
+    [
+        ("focal_length", _F, 2),
+        ("principal_point", _F, 2),
+        ("size", _F, 2),
+        ("noise", _F),
+        ("distortion", _F, 5),
+        ("distorts", _I),
+        ("mount", _F, (3, 3)),  # dcm_cam_from_chaser
+        ("lens", _F, 3),  # from the chaser's centre of mass, chaser axes
+        ("chaser", _F, (3, 3)),  # dcm_chaser_from_lvlh at the image
+        ("chaser_sigma", _F),
+        ("cam_from_lvlh", _F, (3, 3)),
+    ]
+)
+BODY = np.dtype(
+    [
+        ("inertia", _F, (3, 3)),
+        ("inverse", _F, (3, 3)),
+        ("noise_density", _F),
+        ("torque", _F, 3),
+        ("phi", _F, (6, 6)),
+        ("noise", _F, (6, 6)),
+        ("factors", _F, (6, 6)),
+        ("work", _F, (50, 6)),
+    ]
+)
+POSE_TRACK = np.dtype(
+    [
+        ("motion", _F, 6),
+        ("dcm", _F, (3, 3)),
+        ("rate", _F, 3),
+        ("state", _F, POSE),  # errors about these, zero between updates
+        ("ld", _F, (POSE, POSE)),
+        ("score", _F),
+    ]
+)
+"""One hypothesis; score: minus twice its log-likelihood, the past fading."""
+POSE_GROUP = group_type(POSE)
+POSE_SCRATCH = np.dtype(
+    [
+        ("covariance", _F, (6, 6)),
+        ("density", _F, (3, 3)),
+        ("six", _F, (6, 6)),
+        ("phi", _F, (POSE, POSE)),
+        ("noise", _F, (POSE, POSE)),
+        ("seen_covariance", _F, (6, 6)),
+        ("pose", _F, (4, 3)),
+        ("projection", _F, (2, 3)),
+        ("point", _F, 3),
+        ("bend", _F, (2, 2)),
+        ("turned", _F, (3, 3)),
+        ("error", _F, POSE),
+        ("order", _I, 2 * MOST_POSES),
+    ]
+)
+POSE_CLOCK = np.dtype(
+    [
+        ("t", _F),
+        ("renewed", _F),  # when roots were last looked for
+        ("running", _I),  # hypotheses of the bank; 0: no state
+        ("trial", _I),  # of the trial
+        ("rejected", _I),
+        ("markers", _I),
+    ]
+)
+POSE_RESULT = np.dtype([("nis", _F), ("dof", _I), ("status", _I), ("used", _I), ("seen", _I), ("wants", _I)])
+POSE_FIXED = np.dtype(
+    [
+        ("restart_after", _I),
+        ("few_markers_limit", _F),
+        ("camera", CAMERA),
+        ("body", BODY),
+        ("motion", MOTION_MODEL),
+        ("step", STEP),
+        ("scratch", POSE_SCRATCH),
+        ("work", POSE_TRACK),
+        ("best", POSE_TRACK),
+        ("clock", POSE_CLOCK),
+        ("result", POSE_RESULT),
+    ]
+)
+_FIXED, _TRACK, _GROUP = POSE_FIXED.itemsize // 8, POSE_TRACK.itemsize // 8, POSE_GROUP.itemsize // 8
+
+
+class PoseMemory(NamedTuple):
+    """A marker filter's memory by names (n markers)."""
+
+    fixed: Record
+    camera: Record
+    body: Record
+    motion: Record
+    step: Record
+    scratch: Record
+    work: Record
+    best: Record
+    clock: Record
+    result: Record
+    bank: Record  # (MOST_POSES,), the most credible first
+    trial: Record  # (MOST_POSES,)
+    spare: Record  # (MOST_POSES,), scratch
+    gate: Vector  # (2 n,), chi-square limits
+    points: Matrix  # (n, 3), the markers, target axes
+    used_s: Vector  # (n,), when each was last used, NaN = never
+    trial_used_s: Vector  # (n,)
+    accepted: Vector  # (n,), 1 = its spot was used
+    accepted_aside: Vector  # (n,)
+    which: Vector  # (n,), marker of each group
+    turns: Matrix  # (2 n, 3), rows by the chaser's attitude error
+    nearer: Matrix  # (n, 6), d(depth) / depth by (drho, theta)
+    by_marker: Matrix  # (2 n, 3)
+    bends: Matrix  # (2 n, 36), second order times covariance
+    noise: Matrix  # (2 n, 2 n)
+    factor: Matrix  # (2 n, 2 n)
+    groups: Record  # (n,)
+    independent: Record  # (n,)
+
+
+def _size_of(markers: int) -> int:
+    n = markers
+    return _FIXED + 3 * MOST_POSES * _TRACK + 103 * n + 8 * n * n + 2 * n * _GROUP
+
+
+@inlined
+def pose_views(block: Vector) -> PoseMemory:
+    """The memory by names."""
+    fixed = block[:_FIXED].view(POSE_FIXED)[0]
+    n = fixed["clock"]["markers"]
+    a = _FIXED + MOST_POSES * _TRACK
+    b, c = a + MOST_POSES * _TRACK, a + 2 * MOST_POSES * _TRACK
+    d = c + 2 * n
+    e, f = d + 3 * n, d + 4 * n
+    g, h, h2, i = f + n, f + 2 * n, f + 3 * n, f + 4 * n
+    j, k, o = i + 6 * n, i + 12 * n, i + 18 * n
+    p = o + 72 * n
+    q, r = p + 4 * n * n, p + 8 * n * n
+    s = r + _GROUP * n
+    return PoseMemory(
+        fixed,
+        fixed["camera"],
+        fixed["body"],
+        fixed["motion"],
+        fixed["step"],
+        fixed["scratch"],
+        fixed["work"],
+        fixed["best"],
+        fixed["clock"],
+        fixed["result"],
+        block[_FIXED:a].view(POSE_TRACK),
+        block[a:b].view(POSE_TRACK),
+        block[b:c].view(POSE_TRACK),
+        block[c:d],
+        block[d:e].reshape((n, 3)),
+        block[e:f],
+        block[f:g],
+        block[g:h],
+        block[h:h2],
+        block[h2:i],
+        block[i:j].reshape((2 * n, 3)),
+        block[j:k].reshape((n, 6)),
+        block[k:o].reshape((2 * n, 3)),
+        block[o:p].reshape((2 * n, 36)),
+        block[p:q].reshape((2 * n, 2 * n)),
+        block[q:r].reshape((2 * n, 2 * n)),
+        block[r:s].view(POSE_GROUP),
+        block[s : s + _GROUP * n].view(POSE_GROUP),
+    )
+
+
+pose_named = plain(pose_views)
+"""The memory by names, from Python."""
+
+
+def new_pose_memory(mission: VisionMission) -> Vector:
+    """A filter that has seen nothing yet."""
+    count, camera, target = len(mission.markers.positions_m), mission.camera, mission.target
+    block = np.zeros(_size_of(count))
+    block[:_FIXED].view(POSE_FIXED)[0]["clock"]["markers"] = count
+    m = pose_named(block)
+    m.fixed["restart_after"] = mission.filter.restart_after_epochs
+    m.fixed["few_markers_limit"] = mission.filter.few_markers_limit_s
+    fill(
+        m.camera,
+        focal_length=camera.focal_length_px,
+        principal_point=camera.principal_point_px,
+        size=camera.image_size_px,
+        noise=camera.spot_noise_px,
+        distortion=camera.distortion,
+        distorts=any(camera.distortion),
+        mount=camera.dcm_cam_from_chaser,
+        lens=camera.position_m,
+        chaser=mission.dcm_chaser_from_lvlh,
+        chaser_sigma=mission.chaser.attitude_sigma_rad,
+    )
+    body = RigidBody(np.array(target.inertia_kg_m2), mission.orbit.mean_motion_rad_s)
+    fill(m.body, inertia=body.inertia, inverse=body.inverse, noise_density=target.rate_noise_density_rad2_s3)
+    write_motion_model(m.motion, mission.orbit, mission.process_noise, mission.filter)
+    m.step["dt"], m.clock["t"], m.clock["renewed"] = np.nan, np.nan, -np.inf
+    m.gate[:] = gate_limits(mission.filter.gate_probability, 2 * count)
+    m.points[:], m.used_s[:], m.trial_used_s[:] = mission.markers.points_m, np.nan, np.nan
+    return block
