@@ -1,10 +1,13 @@
 """What a caller asks for, checked: a filter of a model as fresh memory, and arrays."""
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Vector
-from relnav.mission import Model
+from relnav.estimation.factored import factorize
+from relnav.mission import Model, VisionMission
 from relnav.navigation.beacon_geometry import attitude_changed
 from relnav.navigation.memory import METHODS, named, new_memory
 from relnav.sensors.three_beacon.measure import PROJECTIONS
@@ -14,6 +17,10 @@ ENGINES = ("compiled", "filterpy")
 
 def choose(model: Model, method: str, projection: str | None, engine: str) -> Vector:
     """Memory of a fresh filter; ValueError for an unknown method, projection or engine."""
+    if isinstance(model, VisionMission):
+        raise ValueError(
+            f"{model.name} is a marker mission: it is flown by relnav.PoseNavigator, not by relnav.Navigator"
+        )
     if not isinstance(model, Model):
         raise ValueError(f"model is a loaded mission, relnav.load_model(...); got {model!r}")
     if engine not in ENGINES:
@@ -37,6 +44,17 @@ def vector(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Matrix:
     if not np.all(np.isfinite(array)):
         raise ValueError(f"{name} must be finite; got {array.tolist()}")
     return array
+
+
+def start_values(t_s: float, state: ArrayLike, covariance: ArrayLike, size: int) -> tuple[float, Vector, Matrix]:
+    """Time, state (6,) and factors (size, size) of a start; ValueError for what is none."""
+    t, x = float(t_s), vector("state", state, (6,))
+    if not math.isfinite(t):
+        raise ValueError(f"t_s must be finite; got {t_s!r}")
+    p = vector("covariance", covariance, (size, size))
+    if np.any(np.diagonal(p) <= 0.0):
+        raise ValueError(f"covariance has variances above zero; its diagonal is {np.diagonal(p).tolist()}")
+    return t, x, factorize(0.5 * (p + p.T) if np.allclose(p, p.T, rtol=1e-9, atol=0.0) else p)
 
 
 def controls(n: int, acceleration: Matrix | None, delta_v: Matrix | None) -> Matrix:

@@ -5,6 +5,7 @@ done here a second time on purpose, in covariance form. On well-conditioned logs
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -34,6 +35,21 @@ class ReferenceEngine:
         self.track: ReferenceTrack | None = None
         self.trial: ReferenceTrack | None = None
         self.streak = 0
+
+    def take_over(self) -> None:
+        """Go on from the track in the memory."""
+        m = self.named
+        self.track = ReferenceTrack(m.track["state"], compose(m.track["ld"]))
+        self.track.considered = m.sensitivities.copy()
+        self.trial, self.streak = None, 0
+
+    def tracks(self) -> tuple[Any, ...]:
+        """What `restore` needs: values of track and trial, and the streak."""
+        return _values(self.track), _values(self.trial), self.streak
+
+    def restore(self, track: Any, trial: Any, streak: int) -> None:
+        """Go on from what `tracks` gave."""
+        self.track, self.trial, self.streak = _track(track), _track(trial), streak
 
     def step(self, t: float, spots: Matrix) -> int:
         """Take one image, as `relnav.navigation.step.step` does; results go to the same rows."""
@@ -217,6 +233,18 @@ class ReferenceEngine:
                     return rows(good)
             good = []
         return rows(good)
+
+
+def _values(track: ReferenceTrack | None) -> tuple[Vector, Matrix, Matrix] | None:
+    return None if track is None else (track.state.copy(), track.covariance.copy(), track.considered.copy())
+
+
+def _track(values: tuple[Vector, Matrix, Matrix] | None) -> ReferenceTrack | None:
+    if values is None:
+        return None
+    track = ReferenceTrack(*values[:2])
+    track.considered = values[2]
+    return track
 
 
 def run_reference(

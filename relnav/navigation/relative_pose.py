@@ -15,8 +15,10 @@ from relnav.arrays import Flags, Matrix, Stack, Vector
 from relnav.dynamics.rigid_body import lvlh_rate
 from relnav.estimation.attitude import turned
 from relnav.mission import VisionMission
+from relnav.navigation.arguments import start_values
+from relnav.navigation.memory import fill
 from relnav.navigation.pose_filter import NEW_ROOTS, NOTHING, is_wide, pose_step
-from relnav.navigation.pose_memory import new_pose_memory, pose_named
+from relnav.navigation.pose_memory import POSE, new_pose_memory, pose_named
 from relnav.navigation.pose_record import EPOCH, PoseRecord, read_epoch
 from relnav.navigation.pose_roots import add_uncovered, open_trial, roots, state_of
 from relnav.navigation.pose_state import PoseState
@@ -60,7 +62,10 @@ class Event:
 
 
 class PoseNavigator:
-    """Position, velocity, attitude and rate of chaser and target from marker spots, an epoch at a time."""
+    """Position, velocity, attitude and rate of chaser and target from marker spots, an epoch at a time.
+
+    `copy.deepcopy` and `pickle` give a navigator that goes on from the same state, bit for bit.
+    """
 
     def __init__(self, mission: VisionMission) -> None:
         """Take a loaded model, `relnav.load_model("three_marker_vision")`."""
@@ -81,6 +86,42 @@ class PoseNavigator:
         """Every pose that is still possible, the most credible first."""
         m = pose_named(self.memory)
         return tuple(Hypothesis(state_of(one), float(one["score"])) for one in m.bank[: int(m.clock["running"])])
+
+    def start(
+        self,
+        t_s: float,
+        state: ArrayLike,
+        dcm_lvlh_from_target: ArrayLike,
+        rate_rad_s: ArrayLike,
+        covariance: ArrayLike,
+    ) -> None:
+        """Begin from a state that is known otherwise; without it the filter starts itself, on two images that agree.
+
+        Parameters
+        ----------
+        t_s : float
+            Time of the state, not before the last epoch.
+        state, dcm_lvlh_from_target, rate_rad_s, covariance : (6,), (3, 3), (3,), (12, 12)
+            As in `PoseRecord`.
+
+        Raises
+        ------
+        ValueError
+            For another shape, what is not finite, an attitude or a covariance that is none. The filter is then
+            unchanged.
+        """
+        t, motion, ld = start_values(t_s, state, covariance, POSE)
+        attitude, rate = np.array(dcm_lvlh_from_target, dtype=np.float64), _vector("rate_rad_s", rate_rad_s)
+        if not _is_rotation(attitude):
+            raise ValueError("dcm_lvlh_from_target is a rotation matrix (3, 3)")
+        if t < self.last_t_s:
+            raise ValueError(f"t_s must not be before the last epoch, {self.last_t_s!r}; got {t_s!r}")
+        m = pose_named(self.memory)
+        fill(m.bank[0], motion=motion, dcm=attitude, rate=rate, state=0.0, ld=ld, score=0.0)
+        fill(m.clock, t=t, renewed=t, running=1, trial=0, rejected=0)
+        m.used_s[:] = t
+        self._events, self._after = [], []
+        self._before, self._oldest_s = self.memory.copy(), t
 
     @property
     def last_t_s(self) -> float:

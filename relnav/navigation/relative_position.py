@@ -1,6 +1,8 @@
 """The relative navigation filter, one image at a time."""
 
 from collections.abc import Callable
+from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,9 +10,9 @@ from numpy.typing import ArrayLike
 from relnav.arrays import Matrix, Vector
 from relnav.codegen.kernel import only_for
 from relnav.mission import Model
-from relnav.navigation.arguments import choose, vector
+from relnav.navigation.arguments import choose, start_values, vector
 from relnav.navigation.beacon_geometry import attitude_changed
-from relnav.navigation.memory import KEPT_FROM, kept_until, named
+from relnav.navigation.memory import KEPT_FROM, MOTION, fill, kept_until, named
 from relnav.navigation.record import FilterRecord
 from relnav.navigation.reference_engine import ReferenceEngine
 from relnav.navigation.step import WRONG_SHAPE, step
@@ -35,6 +37,10 @@ class Navigator:
     ValueError
         For an unknown method, projection or engine.
 
+    Notes
+    -----
+    `copy.deepcopy` and `pickle` give a navigator that goes on from the same state, bit for bit.
+
     Examples
     --------
     >>> import relnav
@@ -49,8 +55,9 @@ class Navigator:
     ) -> None:
         self._block = choose(model, method, projection, engine)
         self._step: Callable[[Vector, float, Matrix], int] = only_for(step, self._block, 0.0, np.zeros((1, 2)))
-        if engine == "filterpy":
-            reference = ReferenceEngine(self._block)
+        self._reference = ReferenceEngine(self._block) if engine == "filterpy" else None
+        if self._reference is not None:
+            reference = self._reference
             self._step = lambda _block, t, spots: reference.step(t, spots)
         self._named = named(self._block)
         self._beacons = len(self._named.beacons)
@@ -59,8 +66,61 @@ class Navigator:
         self._kept = self._block[KEPT_FROM : kept_until(self._block)]
         self._changed = False
         self._calibration = model.calibration
+        self._projection, self._engine = projection, engine
         self.model = model
         self.method = method
+
+    def start(self, t_s: float, state: ArrayLike, covariance: ArrayLike) -> None:
+        """Begin from a state that is known otherwise: handed over by relative GPS, say, or by another filter.
+
+        Without it the filter starts itself, on two images that agree.
+
+        Parameters
+        ----------
+        t_s : float
+            Time of the state, after that of the last step; the next step comes after it.
+        state, covariance : (6,), (6, 6)
+            Chaser relative to target, `lvlh_ccsds`, m and m/s, and its covariance.
+
+        Raises
+        ------
+        ValueError
+            For another shape, what is not finite, or a covariance that is none. The filter is then unchanged.
+        """
+        t, x, ld = start_values(t_s, state, covariance, MOTION)
+        if not t > self._named.clock["t"]:
+            raise ValueError(f"t_s must be after the last step's {float(self._named.clock['t'])!r} s; got {t_s!r}")
+        m = self._named
+        fill(m.track, state=x, ld=ld)
+        m.sensitivities[:] = 0.0
+        fill(m.clock, t=t, running=1, trial=0, rejected=0, starts=m.clock["starts"] + 1)
+        if self._reference is not None:
+            self._reference.take_over()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What copies and pickles hold: they go on bit for bit, apart from one another."""
+        return {
+            "version": version("relnav"),
+            "arguments": (self.model, self.method, self._projection, self._engine),
+            "memory": self._block.copy(),
+            "changed": self._changed,
+            "reference": None if self._reference is None else self._reference.tracks(),
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """As it was saved; ValueError if another version of relnav saved it."""
+        saved, here = state["version"], version("relnav")
+        if saved != here:
+            raise ValueError(
+                f"a navigator saved by relnav {saved} cannot go on in relnav {here}: its memory may be laid out "
+                "otherwise; filter from the log again, or begin from its last state (`start`)"
+            )
+        model, method, projection, engine = state["arguments"]
+        self.__init__(model, method, projection=projection, engine=engine)  # type: ignore[misc]
+        self._block[:] = state["memory"]
+        self._changed = state["changed"]
+        if self._reference is not None:
+            self._reference.restore(*state["reference"])
 
     def step(
         self,
