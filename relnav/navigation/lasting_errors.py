@@ -4,6 +4,7 @@ import math
 
 from relnav.arrays import Matrix, Vector
 from relnav.codegen.kernel import kernel
+from relnav.geometry.linear_algebra import invert_three
 from relnav.geometry.spherical import range_azimuth_elevation_jacobian
 from relnav.navigation.block import (
     ATTITUDE,
@@ -22,7 +23,7 @@ from relnav.navigation.block import (
     VARIANCE,
     beacon_row,
 )
-from relnav.sensors.three_beacon.invariants import beacon_gradients, invert_three, position_gradient, rays_from_position
+from relnav.sensors.three_beacon.invariants import beacon_gradients, position_gradient, rays_from_position
 
 
 @kernel

@@ -6,6 +6,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Vector
 from relnav.codegen.kernel import kernel
+from relnav.geometry.linear_algebra import cholesky, solve_lower, solve_lower_transposed
 from relnav.navigation.pose_state import PoseState
 
 
@@ -28,35 +29,6 @@ def _innovation_covariance(P: Matrix, rows: Matrix, noise: Matrix, by_rows: Matr
 
 
 @kernel
-def _root(S: Matrix) -> bool:
-    """Cholesky's lower triangle over S's own; False if S is not positive definite."""
-    for i in range(len(S)):
-        for j in range(i + 1):
-            total = S[i, j]
-            for k in range(j):
-                total -= S[i, k] * S[j, k]
-            if i > j:
-                S[i, j] = total / S[j, j]
-            elif total > 0.0:
-                S[i, i] = math.sqrt(total)
-            else:
-                return False
-    return True
-
-
-@kernel
-def _forward(L: Matrix, v: Vector) -> float:
-    """Solve L x = v in place; the sum of squares of x."""
-    squares = 0.0
-    for i in range(len(L)):
-        for k in range(i):
-            v[i] -= L[i, k] * v[k]
-        v[i] /= L[i, i]
-        squares += v[i] * v[i]
-    return squares
-
-
-@kernel
 def _gate(P: Matrix, rows: Matrix, noise: Matrix, y: Vector, by_rows: Matrix, S: Matrix, alone: Matrix) -> float:
     """NIS of y (m,), which is lost; each pair's own NIS and determinant into alone (m / 2, 2); NaN where S is none."""
     _innovation_covariance(P, rows, noise, by_rows, S)
@@ -64,7 +36,7 @@ def _gate(P: Matrix, rows: Matrix, noise: Matrix, y: Vector, by_rows: Matrix, S:
         a, b, c, u, v = S[2 * k, 2 * k], S[2 * k, 2 * k + 1], S[2 * k + 1, 2 * k + 1], y[2 * k], y[2 * k + 1]
         alone[k, 1] = a * c - b * b
         alone[k, 0] = (c * u * u - 2.0 * b * u * v + a * v * v) / alone[k, 1]
-    return _forward(S, y) if _root(S) else math.nan
+    return solve_lower(S, y) if cholesky(S, 0.0, S) else math.nan
 
 
 @kernel
@@ -77,27 +49,22 @@ def _correct(P: Matrix, rows: Matrix, noise: Matrix, y: Vector, shift: Vector, a
     by_rows, S, gain = work[0:m, 0:12], work[m : 2 * m, 0:m], work[2 * m : 3 * m, 0:12]
     white, rest, half = work[3 * m, 0:m], work[4 * m : 4 * m + 12, 0:12], work[4 * m + 12 : 4 * m + 24, 0:12]
     _innovation_covariance(P, rows, noise, by_rows, S)
-    if not _root(S):
+    if not cholesky(S, 0.0, S):
         return math.nan
     for r in range(m):
         white[r] = y[r]
-    score = _forward(S, white)
+    score = solve_lower(S, white)
     for r in range(m):
         score += 2.0 * math.log(S[r, r])
-    for i in range(12):  # K^T = S^-1 H P, forward and backward
+    for i in range(12):  # K^T = S^-1 H P
+        column = gain[:, i]
         for r in range(m):
-            total = by_rows[r, i]
-            for k in range(r):
-                total -= S[r, k] * gain[k, i]
-            gain[r, i] = total / S[r, r]
+            column[r] = by_rows[r, i]
+        solve_lower(S, column)
         shift[i] = 0.0
         for r in range(m):
-            shift[i] += gain[r, i] * white[r]
-        for r in range(m - 1, -1, -1):
-            total = gain[r, i]
-            for k in range(r + 1, m):
-                total -= S[k, r] * gain[k, i]
-            gain[r, i] = total / S[r, r]
+            shift[i] += column[r] * white[r]
+        solve_lower_transposed(S, column)
     for i in range(12):  # G (I - K H), the reset being linear
         for j in range(12):
             rest[i, j] = 1.0 if i == j else 0.0

@@ -9,6 +9,7 @@ import numpy as np
 from relnav.arrays import Matrix, Vector
 from relnav.codegen.kernel import kernel, straight_line
 from relnav.estimation.factored import factorize_into
+from relnav.geometry.linear_algebra import invert_three
 from relnav.geometry.spherical import position_from_angles_jacobian
 from relnav.navigation.block import (
     ATTITUDE,
@@ -37,7 +38,6 @@ from relnav.navigation.observation import TRIANGLE_ROWS, linearise_coordinates, 
 from relnav.navigation.sight import fix_of_spots, uses_coordinates
 from relnav.sensors.measurement import DEGENERATE, NOT_SEEN, OK
 from relnav.sensors.three_beacon.fix import fix_jacobian
-from relnav.sensors.three_beacon.invariants import invert_three
 
 
 @straight_line(
