@@ -15,16 +15,12 @@ from relnav.arrays import Codes, Flags, Matrix, Vector
 from relnav.dynamics.clohessy_wiltshire import transition
 from relnav.dynamics.process_noise import acceleration_noise
 from relnav.estimation.steady_state import SteadyState, steady_state
+from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.spherical import range_azimuth_elevation_jacobian
 from relnav.mission import Model
 from relnav.sensors.three_beacon.fix import WORK_ROWS, fix_jacobian
 from relnav.sensors.three_beacon.measure import PROJECTIONS
 from relnav.simulation.detector import project_beacons, spot_sigmas
-
-
-def cross_matrix(v: Vector) -> Matrix:
-    """[v]x with [v]x w = v x w, (3, 3)."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
 @dataclass(frozen=True)

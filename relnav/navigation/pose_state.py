@@ -17,8 +17,9 @@ import numpy as np
 from relnav.arrays import Matrix, Vector
 from relnav.dynamics.clohessy_wiltshire import propagate, transition
 from relnav.dynamics.process_noise import acceleration_noise
-from relnav.dynamics.rigid_body import RigidBody, cross
+from relnav.dynamics.rigid_body import RigidBody
 from relnav.estimation.attitude import turned
+from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.rotation_vector import rotation_vector_between
 from relnav.mission import ProcessNoise, VisionMission
 from relnav.sensors.three_marker.pose import Pose
@@ -122,7 +123,7 @@ def state_from_pose(
     spread = np.eye(6)
     spread[:3, :3] = -back
     alpha = np.empty((6, 3))
-    alpha[:3], alpha[3:] = spread[:3, :3] @ cross(-seen.position_m), (dcm_chaser_from_lvlh @ dcm).T
+    alpha[:3], alpha[3:] = spread[:3, :3] @ cross_matrix(-seen.position_m), (dcm_chaser_from_lvlh @ dcm).T
     covariance = widened * spread @ seen.covariance @ spread.T
     covariance += mission.chaser.attitude_sigma_rad**2 * alpha @ alpha.T
     whole = np.zeros((12, 12))

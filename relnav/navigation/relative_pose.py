@@ -15,6 +15,7 @@ from relnav.arrays import Flags, Matrix, Vector
 from relnav.dynamics.rigid_body import RigidBody, lvlh_rate
 from relnav.estimation.attitude import turned
 from relnav.estimation.gating import chi_square_limit
+from relnav.geometry.rotation import is_rotation
 from relnav.mission import VisionMission
 from relnav.navigation.docking_port import DockingState, docking_state
 from relnav.navigation.pose_bank import Bank, Event, Hypothesis, Outcome, advance
@@ -170,7 +171,7 @@ class PoseNavigator:
         self, t_s: float, acceleration: ArrayLike | None, delta_v: ArrayLike | None, dcm: ArrayLike | None
     ) -> Event:
         attitude = self._held if dcm is None else np.array(dcm, dtype=np.float64)
-        if dcm is not None and not _is_rotation(attitude):
+        if dcm is not None and not is_rotation(attitude):
             raise ValueError("dcm_chaser_from_lvlh is a rotation matrix (3, 3)")
         push = self._nothing if acceleration is None else _vector("acceleration_m_s2", acceleration)
         impulse = self._nothing if delta_v is None else _vector("delta_v_m_s", delta_v)
@@ -283,13 +284,6 @@ def _status(bank: Bank, outcome: Outcome | None) -> EpochStatus:
     if used == 0:
         return EpochStatus.REJECTED
     return EpochStatus.UPDATED if used == np.count_nonzero(outcome.seen) else EpochStatus.PARTIAL
-
-
-def _is_rotation(dcm: Matrix) -> bool:
-    """Orthonormal to 1e-6, and no reflection."""
-    if dcm.shape != (3, 3) or not np.abs(dcm @ dcm.T - np.eye(3)).max() < 1e-6:
-        return False
-    return bool(np.linalg.det(dcm) > 0.0)
 
 
 def _vector(name: str, value: ArrayLike) -> Vector:

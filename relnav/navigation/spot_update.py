@@ -16,13 +16,13 @@ import numpy as np
 
 from relnav.arrays import Codes, Flags, Matrix, Stack, Vector
 from relnav.codegen.kernel import kernel
-from relnav.dynamics.rigid_body import cross
+from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.rotation_vector import rotation_vector_between
 from relnav.mission import VisionMission
 from relnav.navigation.pose_correction import correct, gate
 from relnav.navigation.pose_state import POSE, PoseState, camera_pose
 from relnav.sensors.three_marker.camera import image_of, on_image
-from relnav.sensors.three_marker.jacobians import SpotJacobians, cross_matrix
+from relnav.sensors.three_marker.jacobians import SpotJacobians
 from relnav.sensors.three_marker.pose import Pose
 
 
@@ -185,7 +185,7 @@ def spot_update(
 def _chaser_attitude_effect(state: PoseState, mission: VisionMission, dcm_chaser: Matrix) -> Matrix:
     """How a chaser attitude error alpha moves (r, theta) of the pose that is seen, (6, 3)."""
     out = np.empty((6, 3))
-    out[:3] = mission.camera.dcm_cam_from_chaser @ cross(-dcm_chaser @ state.motion[:3])
+    out[:3] = mission.camera.dcm_cam_from_chaser @ cross_matrix(-dcm_chaser @ state.motion[:3])
     out[3:] = -(dcm_chaser @ state.dcm_lvlh_from_target).T
     return out
 

@@ -15,6 +15,7 @@ from relnav.dynamics.rigid_body import RigidBody, lvlh_rate
 from relnav.estimation.attitude import attitude_update
 from relnav.estimation.gating import chi_square_limit
 from relnav.estimation.unscented_attitude import UnscentedAttitude
+from relnav.geometry.rotation import is_rotation
 from relnav.geometry.rotation_vector import rotation_vector_between
 
 METHODS = ("multiplicative", "unscented")
@@ -191,7 +192,7 @@ def _checked(dcm: ArrayLike | None, covariance: ArrayLike | None) -> tuple[Matri
         raise ValueError(f"dcm_lvlh_from_target has shape (3, 3); got {measured.shape}")
     if not np.isfinite(measured).all():
         return None, None
-    if np.abs(measured @ measured.T - np.eye(3)).max() > 1e-6 or np.linalg.det(measured) < 0.0:
+    if not is_rotation(measured):
         raise ValueError("dcm_lvlh_from_target must be a rotation matrix")
     noise = np.full((3, 3), np.nan) if covariance is None else np.array(covariance, dtype=np.float64)
     if noise.shape != (3, 3) or not np.isfinite(noise).all() or not np.linalg.eigvalsh(noise)[0] > 0.0:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Vector
-from relnav.geometry.rotation import dcm_from_quaternion
+from relnav.geometry.rotation import dcm_from_quaternion, is_rotation
 from relnav.sensors.measurement import Status
 
 
@@ -51,7 +51,7 @@ class SunDirection:
     def turned(self, dcm_b_from_a: ArrayLike) -> "SunDirection":
         """The same in other axes, v_b = dcm @ v_a: the body's with the mounting, inertial ones with the attitude."""
         dcm = np.asarray(dcm_b_from_a, dtype=np.float64)
-        if dcm.shape != (3, 3) or not np.allclose(dcm @ dcm.T, np.eye(3), atol=1e-6) or np.linalg.det(dcm) < 0.0:
+        if not is_rotation(dcm):
             raise ValueError(f"a rotation matrix (3, 3) is expected; got {dcm.tolist()}")
         return replace(self, direction=_fixed(dcm @ self.direction), covariance=_fixed(dcm @ self.covariance @ dcm.T))
 

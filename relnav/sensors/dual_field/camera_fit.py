@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from relnav.arrays import Codes, Matrix, Vector
+from relnav.geometry.linear_algebra import cross_matrix
 from relnav.sensors.dual_field.matching import turn
 from relnav.sensors.dual_field.optics import plane_points, rays
 from relnav.sensors.dual_field.sky import Sky
@@ -81,8 +82,7 @@ class _Camera:
         used = star >= 0
         w, q = self.rays()[used], stars[star[used], :3] @ self.dcm.T
         J = np.zeros((len(w), 3, free))
-        for axis in range(3):
-            J[:, :, axis] = np.cross(q, np.eye(3)[axis])  # w = q - d x q
+        J[:, :, :3] = cross_matrix(q)  # w = q - d x q
         for column, (log_f, k1, k2) in zip(range(3, free), ((1e-6, 0, 0), (0, 1e-4, 0), (0, 0, 1e-3)), strict=False):
             step = max(log_f, k1, k2)
             changed = _Camera(
