@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from relnav.arrays import Codes, Matrix, Vector
+from relnav.geometry.pinhole import central_projection
 from relnav.geometry.rotation_vector import rotation_vector_between, turn_by_rotation_vector
 from relnav.sensors.measurement import Status
 from relnav.sensors.three_marker.as_published import depth_iteration, small_angle
@@ -73,9 +74,7 @@ def random_axis(rng: np.random.Generator) -> Vector:
 
 def image_of(model: ThreeMarkerModel, pose: Matrix) -> Matrix:
     """Normalised image (n, 2) of the markers, whether or not the detector is that large."""
-    p = model.markers.points_m @ pose[:3].T + pose[3]
-    image: Matrix = p[:, :2] / p[:, 2:]
-    return image
+    return central_projection(model.markers.points_m @ pose[:3].T + pose[3])
 
 
 def small_angle_errors(

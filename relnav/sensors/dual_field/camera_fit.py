@@ -7,6 +7,7 @@ import numpy as np
 
 from relnav.arrays import Codes, Matrix, Vector
 from relnav.geometry.linear_algebra import cross_matrix
+from relnav.geometry.pinhole import central_projection
 from relnav.sensors.dual_field.matching import turn
 from relnav.sensors.dual_field.optics import plane_points, rays
 from relnav.sensors.dual_field.sky import Sky
@@ -206,7 +207,6 @@ def _bright_stars_are_there(camera: _Camera, stars: Matrix, star: Codes) -> bool
     bright = stars[stars[:, 3] <= np.median(stars[used, 3])]
     v = bright[:, :3] @ camera.dcm.T
     v = v[v[:, 2] > 0.1]
-    w = camera.rays()
-    p, edge = v[:, :2] / v[:, 2:], w[:, :2] / w[:, 2:]
+    p, edge = central_projection(v), central_projection(camera.rays())
     inside = np.all((p > edge.min(axis=0)) & (p < edge.max(axis=0)), axis=1)
     return int(np.sum(stars[used, 3] <= np.median(stars[used, 3]))) >= LEAST_BRIGHT_SEEN * int(np.sum(inside))
