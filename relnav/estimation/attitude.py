@@ -8,14 +8,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Vector
 from relnav.geometry.linear_algebra import cross_matrix
-from relnav.geometry.rotation_vector import rotation_vector_between, turn_by_rotation_vector
-
-
-def turned(dcm: Matrix, vector: Vector) -> Matrix:
-    """Turn a rotation: dcm exp([vector x]), (3, 3)."""
-    out = np.empty((3, 3))
-    turn_by_rotation_vector(np.ascontiguousarray(dcm), np.ascontiguousarray(vector), out)
-    return out
+from relnav.geometry.rotation_vector import rotation_vector_between, turned
 
 
 def reset(covariance: Matrix, theta: Vector, at: int = 0) -> Matrix:

@@ -17,8 +17,7 @@ from scipy.special import chdtri
 
 from relnav.arrays import Flags, Matrix, Stack, Vector
 from relnav.dynamics.rigid_body import RigidBody
-from relnav.estimation.attitude import turned
-from relnav.geometry.rotation_vector import rotation_vector_between
+from relnav.geometry.rotation_vector import rotation_vector_between, turned
 from relnav.mission import VisionMission
 from relnav.navigation.pose_state import PoseState, state_from_pose, time_update
 from relnav.navigation.spot_update import SpotUpdate, spot_update, spots_seen

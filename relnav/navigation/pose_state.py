@@ -19,9 +19,8 @@ from relnav.arrays import Matrix, Vector
 from relnav.dynamics.clohessy_wiltshire import propagate, transition
 from relnav.dynamics.process_noise import acceleration_noise, add_execution_error
 from relnav.dynamics.rigid_body import RigidBody
-from relnav.estimation.attitude import turned
 from relnav.geometry.linear_algebra import cross_matrix
-from relnav.geometry.rotation_vector import rotation_vector_between
+from relnav.geometry.rotation_vector import rotation_vector_between, turned
 from relnav.mission import VisionMission
 from relnav.sensors.three_marker.pose import Pose
 

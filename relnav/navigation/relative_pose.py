@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 
 from relnav.arrays import Flags, Matrix, Vector
 from relnav.dynamics.rigid_body import RigidBody, lvlh_rate
-from relnav.estimation.attitude import turned
 from relnav.estimation.gating import chi_square_limit
 from relnav.geometry.rotation import is_rotation
+from relnav.geometry.rotation_vector import turned
 from relnav.mission import VisionMission
 from relnav.navigation.docking_port import DockingState, docking_state
 from relnav.navigation.pose_bank import Bank, Event, Hypothesis, Outcome, advance

@@ -32,7 +32,8 @@ class AttitudeRecord:
     rate_rad_s : (3,)
         Inertial, target axes.
     covariance : (6, 6)
-        Of (rotation vector in target axes, rad; rate, rad/s); NaN with the rest before the first measurement.
+        Of (attitude error in target axes, rad; rate, rad/s): the true attitude is dcm exp([error x]). NaN with the rest
+        before the first measurement.
     innovation_rad, innovation_covariance : (3,), (3, 3)
         Of a measured attitude before its use; NaN where nothing was measured.
     nis : float

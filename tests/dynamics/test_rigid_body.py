@@ -6,9 +6,8 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from relnav.dynamics.rigid_body import RigidBody, lvlh_rate
-from relnav.estimation.attitude import turned
 from relnav.geometry.linear_algebra import cross_matrix
-from relnav.geometry.rotation_vector import rotation_vector_between
+from relnav.geometry.rotation_vector import rotation_vector_between, turned
 from relnav.simulation.target_rotation import lvlh_from_inertial, rotate_target
 
 N = 1.1313666536110223e-3

@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import relnav
-from relnav.estimation.attitude import reset, turned
+from relnav.estimation.attitude import reset
+from relnav.geometry.rotation_vector import turned
 from relnav.navigation.docking_port import docking_state
 from relnav.navigation.pose_state import (
     PoseState,

@@ -168,7 +168,7 @@ def match_tightly(
 def fit_attitude(frame: Frame, sky: SkyArrays, match: Codes, A: Matrix, cov: Matrix, passes: int, v: Vector) -> bool:
     """Improve A (3, 3) over all matches by Gauss-Newton and write its covariance (3, 3); False where singular.
 
-    With q = A v the residual w - q - q x d is smallest for d = F^-1 sum (w x q) / sigma^2, where
+    With q = A v and the error d of A the residual w - q - q x d is smallest for d = F^-1 sum (w x q) / sigma^2, where
     F = sum (I - q q^T) / sigma^2.
     """
     W, n = frame.W, frame.sigma2.shape[0]
@@ -204,7 +204,7 @@ def fit_attitude(frame: Frame, sky: SkyArrays, match: Codes, A: Matrix, cov: Mat
 
 @kernel
 def turn(A: Matrix, dx: float, dy: float, dz: float) -> None:
-    """Turn the frame of A by the small rotation d (rad) in place: Cayley's formula, a rotation to rounding."""
+    """Turn the frame of A by the small rotation d (rad) in place, exp(-[d x]) A by Cayley's formula: a rotation."""
     x, y, z = 0.5 * dx, 0.5 * dy, 0.5 * dz
     s = x * x + y * y + z * z
     for column in range(3):
