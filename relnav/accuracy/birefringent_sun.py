@@ -89,7 +89,7 @@ def rank_with_beacon(sensor: BirefringentSunSensor, s: Vector, psi_rad: float) -
     for axis in np.eye(3):
         ends = []
         for sign in (1.0, -1.0):
-            seen, turned = (v + sign * TURN_RAD * np.cross(axis, v) for v in (s, field))
+            seen, turned = (v - sign * TURN_RAD * np.cross(axis, v) for v in (s, field))
             seen = seen / np.linalg.norm(seen)
             angle = np.arctan2(*(polarisation_basis(seen).T @ turned)[::-1])
             light = shares(sensor, seen, float(angle))

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from relnav.accuracy.field import FieldLimit, field_limits, saturation_range_m
-from relnav.accuracy.sensitivity import Sensitivity, cross_matrix, fix_by_spots, sensitivity, settled
+from relnav.accuracy.sensitivity import Sensitivity, fix_by_spots, sensitivity, settled
 from relnav.accuracy.single_shot import true_spots
 from relnav.arrays import Matrix, Vector
+from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.spherical import position_from_angles
 from relnav.mission import Model
 from relnav.navigation.measurement_matrices import field_errors
@@ -163,7 +164,7 @@ def _lasting(model: Model, at: Sensitivity) -> list[tuple[str, bool, Matrix]]:
     if model.calibration is not None:
         box = np.array(model.calibration.center_m), np.array(model.calibration.half_width_m)
     left = field_errors(at.spots_m, *box, at.lasting_m if calibrated else np.full(at.visible.shape, 10e-6 / 3.0))
-    turn = np.concatenate([-cross_matrix(beacon) for beacon in model.sensor.beacons_dock_m])  # theta x B
+    turn = -cross_matrix(model.sensor.beacons_dock_m).reshape(-1, 3)  # theta x B
     unseen = np.where(np.repeat(at.visible, 2), 1.0, 0.0)[:, None]
     return [
         ("distortion, not calibrated", not calibrated, raw * unseen * np.eye(len(unseen))),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from relnav.arrays import Vector
-from relnav.geometry.rotation_vector import frame_error
+from relnav.geometry.rotation_vector import attitude_error
 from relnav.geometry.star_places import LIGHT_KM_S, aberration
 from relnav.sensors.dual_field.four_primaries import FourSky, build_four_sky, identify_patent
 from relnav.sensors.dual_field.measure import measure
@@ -83,7 +83,7 @@ def fly_frames(
             progress(1)
         if not solution.ok:
             continue
-        e = frame_error(solution.dcm_cam_from_icrs, frame.dcm_cam_from_icrs)
+        e = attitude_error(solution.dcm_cam_from_icrs, frame.dcm_cam_from_icrs)
         value = float(e @ np.linalg.solve(solution.covariance, e))
         far = np.trace(solution.dcm_cam_from_icrs @ frame.dcm_cam_from_icrs.T) < 2.99
         worst = max(worst, solution.log10_false_alarm)

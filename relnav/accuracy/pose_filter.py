@@ -8,9 +8,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from relnav.arrays import Flags, Matrix, Stack, Vector
-from relnav.dynamics.rigid_body import RigidBody, cross
+from relnav.dynamics.rigid_body import RigidBody
 from relnav.estimation.attitude import joseph, reset
 from relnav.estimation.consistency import nees
+from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.rotation_vector import rotation_vector_between
 from relnav.mission import VisionMission
 from relnav.navigation.pose_log import filter_marker_epochs
@@ -132,7 +133,7 @@ def pose_update(state: PoseState, pose: Pose, mission: VisionMission, dcm_chaser
     h = np.zeros((6, 12))
     h[:3, :3], h[3:, here] = -mission.camera.dcm_cam_from_chaser @ dcm_chaser_from_lvlh, np.eye(3)
     alpha = np.empty((6, 3))  # how a chaser attitude error moves the pose that is seen
-    alpha[:3] = mission.camera.dcm_cam_from_chaser @ cross(-dcm_chaser_from_lvlh @ state.motion[:3])
+    alpha[:3] = mission.camera.dcm_cam_from_chaser @ cross_matrix(-dcm_chaser_from_lvlh @ state.motion[:3])
     alpha[3:] = -(dcm_chaser_from_lvlh @ state.dcm_lvlh_from_target).T
     noise = pose.covariance + mission.chaser.attitude_sigma_rad**2 * alpha @ alpha.T
     turn = rotation_vector_between(pose.dcm_cam_from_target, expected[:3])

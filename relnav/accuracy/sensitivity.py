@@ -15,6 +15,8 @@ from relnav.arrays import Codes, Flags, Matrix, Vector
 from relnav.dynamics.clohessy_wiltshire import transition
 from relnav.dynamics.process_noise import acceleration_noise
 from relnav.estimation.steady_state import SteadyState, steady_state
+from relnav.geometry.linear_algebra import cross_matrix
+from relnav.geometry.pinhole import central_projection_jacobian
 from relnav.geometry.spherical import range_azimuth_elevation_jacobian
 from relnav.mission import Model
 from relnav.sensors.three_beacon.fix import WORK_ROWS, fix_jacobian
@@ -22,14 +24,11 @@ from relnav.sensors.three_beacon.measure import PROJECTIONS
 from relnav.simulation.detector import project_beacons, spot_sigmas
 
 
-def cross_matrix(v: Vector) -> Matrix:
-    """[v]x with [v]x w = v x w, (3, 3)."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-
-
 @dataclass(frozen=True)
 class Sensitivity:
     """Spots of n beacons seen from one place, and their derivatives; rows are the 2 n coordinates.
+
+    A beacon behind the camera has no spot (NaN) and no derivatives (0).
 
     Attributes
     ----------
@@ -81,15 +80,11 @@ def sensitivity(model: Model, position_dock_m: Vector) -> Sensitivity:
     dcm = model.dcm_cam_from_lvlh @ model.dcm_dock_from_lvlh.T  # cam from dock
     spots = project_beacons(model, state)[0]
     beacons = model.sensor.beacons_dock_m
-    n = len(beacons)
-    by_position, by_turn, by_beacons = np.zeros((2 * n, 3)), np.zeros((2 * n, 3)), np.zeros((2 * n, 3 * n))
-    for i, beacon in enumerate(beacons):
-        c = dcm @ (beacon - position)
-        d = f / c[2] * np.array([[1.0, 0.0, -c[0] / c[2]], [0.0, 1.0, -c[1] / c[2]]])
-        rows = slice(2 * i, 2 * i + 2)
-        by_position[rows] = -d @ dcm
-        by_beacons[rows, 3 * i : 3 * i + 3] = d @ dcm
-        by_turn[rows] = d @ cross_matrix(c)
+    n, c = len(beacons), (beacons - position) @ dcm.T
+    by_point = f * np.nan_to_num(central_projection_jacobian(c))
+    by_beacons = np.zeros((2 * n, 3 * n))
+    for i in range(n):
+        by_beacons[2 * i : 2 * i + 2, 3 * i : 3 * i + 3] = by_point[i] @ dcm
     half, lasting = 0.5 * np.array(model.sensor.detector_size_m), np.zeros(n)
     if model.calibration is not None:
         measured = 2.0 * spots - model.calibration.correct(spots)
@@ -100,10 +95,10 @@ def sensitivity(model: Model, position_dock_m: Vector) -> Sensitivity:
         sigma_m=spot_sigmas(model, state)[0],
         lasting_m=lasting,
         visible=np.all(np.abs(spots) <= half, axis=1),
-        by_position=by_position,
-        by_camera_turn=by_turn,
+        by_position=-(by_point @ dcm).reshape(-1, 3),
+        by_camera_turn=(by_point @ cross_matrix(c)).reshape(-1, 3),
         by_beacons=by_beacons,
-        by_focal_length=spots.ravel() / f,
+        by_focal_length=np.nan_to_num(spots).ravel() / f,
     )
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from relnav.accuracy.statistics import ErrorStatistics, error_statistics
 from relnav.arrays import Matrix, Vector
+from relnav.geometry.pinhole import central_projection
 from relnav.mission import Model
 from relnav.sensors.three_beacon.fix import MEASURE_ROWS, measure_batch
 from relnav.sensors.three_beacon.measure import PROJECTIONS
@@ -36,8 +37,8 @@ def true_spots(model: Model, p: Vector, optics: str) -> Matrix:
     optics: "real" is central projection; "parallel" puts every beacon at O's depth, as the paper's formulas assume.
     """
     c = (model.sensor.beacons_dock_m - p) @ pointed_camera(p).T
-    depth = c[:, 2:] if optics == "real" else np.full((3, 1), np.linalg.norm(p))
-    spots: Matrix = model.sensor.focal_length_m * c[:, :2] / depth
+    image = central_projection(c) if optics == "real" else c[:, :2] / np.linalg.norm(p)
+    spots: Matrix = model.sensor.focal_length_m * image
     return spots
 
 

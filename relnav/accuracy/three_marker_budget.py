@@ -8,6 +8,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from relnav.arrays import Matrix
+from relnav.geometry.pinhole import central_projection_jacobian
 from relnav.geometry.pose_refinement import invertible, pose_information
 from relnav.sensors.three_marker.camera import normalise, project
 from relnav.sensors.three_marker.pose import Pose, explaining_poses, rank_roots, root_gap_rad
@@ -138,10 +139,9 @@ def danger_ranges(model: ThreeMarkerModel) -> tuple[float, ...]:
     turned = points @ model.view.dcm_cam_from_target.T
 
     def determinant(range_m: float) -> float:
-        p = turned + np.array([0.0, 0.0, range_m])
-        x, y, z = p[:, 0] / p[:, 2], p[:, 1] / p[:, 2], np.ones(3)
-        e = np.concatenate([np.stack([z, 0.0 * z, -x], axis=-1), np.stack([0.0 * z, z, -y], axis=-1)])
-        return float(np.linalg.det(np.concatenate([e, np.cross(np.concatenate([turned, turned]), e)], axis=-1)))
+        rows = range_m * central_projection_jacobian(turned + np.array([0.0, 0.0, range_m]))
+        by_turn = np.cross(turned[:, None], rows)
+        return float(np.linalg.det(np.concatenate([rows, by_turn], axis=-1).reshape(6, 6)))
 
     nearest = max(_SEARCH_M[0], 1.001 * float(-turned[:, 2].min()))
     grid = np.geomspace(nearest, _SEARCH_M[1], _SEARCH_STEPS)

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from relnav.arrays import Codes, Matrix, Vector
-from relnav.geometry.rotation_vector import rotation_vector_between, turn_by_rotation_vector
+from relnav.geometry.pinhole import central_projection
+from relnav.geometry.rotation_vector import rotation_vector_between, turned
 from relnav.sensors.measurement import Status
 from relnav.sensors.three_marker.as_published import depth_iteration, small_angle
 from relnav.sensors.three_marker.camera import project, unit_rays
@@ -51,17 +52,10 @@ class PoseTrials:
         return float(np.sqrt(np.mean(np.sum(self.error[self.ok, :3] ** 2, axis=-1))))
 
 
-def tilted(dcm: Matrix, vector: Vector) -> Matrix:
-    """The attitude dcm exp([vector x]), (3, 3)."""
-    out = np.empty((3, 3))
-    turn_by_rotation_vector(np.ascontiguousarray(dcm), vector, out)
-    return out
-
-
 def random_pose(model: ThreeMarkerModel, range_m: float, attitude: Vector, rng: np.random.Generator) -> Matrix:
     """Pose (4, 3): attitude (3,) rad off nominal, the target a little off the boresight."""
     aside = rng.uniform(-LATERAL, LATERAL, size=2) * range_m
-    return np.concatenate([tilted(model.view.dcm_cam_from_target, attitude), [[aside[0], aside[1], range_m]]])
+    return np.concatenate([turned(model.view.dcm_cam_from_target, attitude), [[aside[0], aside[1], range_m]]])
 
 
 def random_axis(rng: np.random.Generator) -> Vector:
@@ -73,9 +67,7 @@ def random_axis(rng: np.random.Generator) -> Vector:
 
 def image_of(model: ThreeMarkerModel, pose: Matrix) -> Matrix:
     """Normalised image (n, 2) of the markers, whether or not the detector is that large."""
-    p = model.markers.points_m @ pose[:3].T + pose[3]
-    image: Matrix = p[:, :2] / p[:, 2:]
-    return image
+    return central_projection(model.markers.points_m @ pose[:3].T + pose[3])
 
 
 def small_angle_errors(

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from relnav.arrays import Matrix
+from relnav.arrays import Matrix, Vector
 from relnav.codegen.kernel import kernel
 from relnav.dynamics.clohessy_wiltshire import transition_into
 
@@ -71,6 +71,20 @@ def acceleration_noise_into(n: float, dt: float, a: Matrix, q: Matrix, phi: Matr
             for j in range(i):
                 q[j, i] = q[i, j]
         h *= 2.0
+
+
+@kernel
+def add_execution_error(u: Vector, along: float, across: float, out: Matrix) -> None:
+    """Add along^2 u u^T + across^2 (|u|^2 I - u u^T) of a control vector u (3,) to out (3, 3).
+
+    along: 1-sigma of its size, relative; across: 1-sigma of its direction about each axis normal to it, rad.
+    """
+    size2 = u[0] * u[0] + u[1] * u[1] + u[2] * u[2]
+    for i in range(3):
+        for j in range(3):
+            product = u[i] * u[j]
+            out[i, j] += along * along * product
+            out[i, j] += across * across * ((size2 if i == j else 0.0) - product)
 
 
 def acceleration_noise(mean_motion_rad_s: float, dt_s: float, density_m2_s3: float | Matrix) -> Matrix:

@@ -9,7 +9,6 @@ An error of the attitude is a small rotation vector in body axes, C = C_hat exp(
 """
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -247,11 +246,6 @@ class RigidBody:
         h, body = dt_s / count, (self.inertia, self.inverse, n)
         turn_body_with_errors(dcm, rate, *body, tau, h, count, density_rad2_s3, phi, noise, self._errors)
         return dcm, rate, phi, noise
-
-
-def cross(v: Vector | Sequence[float]) -> Matrix:
-    """[v x] (3, 3): [v x] w = v x w."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
 def lvlh_rate(dcm_lvlh_from_target: Matrix, mean_motion_rad_s: float) -> Vector:

@@ -7,21 +7,14 @@ Markley and Crassidis 2014, ch. 6). A measured attitude Z gives the innovation y
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
-from relnav.geometry.rotation_vector import rotation_vector_between, turn_by_rotation_vector
-
-
-def turned(dcm: Matrix, vector: Vector) -> Matrix:
-    """Turn a rotation: dcm exp([vector x]), (3, 3)."""
-    out = np.empty((3, 3))
-    turn_by_rotation_vector(np.ascontiguousarray(dcm), np.ascontiguousarray(vector), out)
-    return out
+from relnav.geometry.linear_algebra import cross_matrix
+from relnav.geometry.rotation_vector import rotation_vector_between, turned
 
 
 def reset(covariance: Matrix, theta: Vector, at: int = 0) -> Matrix:
     """Covariance about the attitude after it took theta (3,) in: G P G^T, G = I - [theta x] / 2 from row `at` on."""
-    x, y, z = theta
     G = np.eye(len(covariance))
-    G[at : at + 3, at : at + 3] -= 0.5 * np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    G[at : at + 3, at : at + 3] -= 0.5 * cross_matrix(theta)
     out: Matrix = G @ covariance @ G.T
     return out
 

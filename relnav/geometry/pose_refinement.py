@@ -11,6 +11,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
 from relnav.codegen.kernel import kernel
+from relnav.geometry.linear_algebra import cholesky, solve_positive
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
 
 WORK_ROWS = 6
@@ -74,34 +75,9 @@ def pose_information(
     return chi2
 
 
-@kernel
-def solve_positive(matrix: Matrix, right: Vector, factor: Matrix) -> bool:
-    """Solve matrix x = right in place for a symmetric (6, 6) by Cholesky; False if it is singular to rounding."""
-    for i in range(6):
-        for j in range(i + 1):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= factor[i, k] * factor[j, k]
-            if i == j:
-                if not total > _PIVOT * matrix[i, i]:
-                    return False
-                factor[i, i] = math.sqrt(total)
-            else:
-                factor[i, j] = total / factor[j, j]
-    for i in range(6):
-        for k in range(i):
-            right[i] -= factor[i, k] * right[k]
-        right[i] /= factor[i, i]
-    for i in range(5, -1, -1):
-        for k in range(i + 1, 6):
-            right[i] -= factor[k, i] * right[k]
-        right[i] /= factor[i, i]
-    return True
-
-
 def invertible(information: Matrix) -> bool:
     """Whether an information matrix (6, 6) fixes all six directions of a pose beyond rounding."""
-    return bool(solve_positive(information, np.zeros(6), np.empty((6, 6))))
+    return bool(cholesky(information, _PIVOT, np.empty((6, 6))))
 
 
 @kernel
@@ -134,7 +110,7 @@ def refine_pose(
             step[i] = gradient[i]
             for j in range(6):
                 damped[i, j] = information[i, j] * (1.0 + damping if i == j else 1.0)
-        solved = solve_positive(damped, step, factor)
+        solved = solve_positive(damped, step, _PIVOT, factor)
         fall, now = 0.0, math.inf
         if solved:
             for i in range(6):

@@ -13,16 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Vector
+from relnav.geometry.pinhole import central_projection
 
 
 def tangents_from_direction(s: ArrayLike) -> Matrix:
-    """(tan alpha, tan beta), (..., 2), of directions (..., 3); NaN where s_z is not positive."""
-    s = np.asarray(s, dtype=np.float64)
-    if s.shape[-1:] != (3,):
-        raise ValueError(f"a direction has 3 components in its last axis; got shape {s.shape}")
-    z = np.where(s[..., 2] > 0.0, s[..., 2], np.nan)
-    tangents: Matrix = s[..., :2] / z[..., None]
-    return tangents
+    """(tan alpha, tan beta), (..., 2), of directions (..., 3): their central projection; NaN where s_z is not > 0."""
+    return central_projection(s)
 
 
 def direction_from_tangents(tangents: ArrayLike) -> Matrix:

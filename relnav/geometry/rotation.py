@@ -25,6 +25,13 @@ def dcm_from_quaternion(quaternion: Vector) -> Matrix:
     return out
 
 
+def is_rotation(dcm: Matrix) -> bool:
+    """Whether a matrix is a rotation (3, 3): finite, orthonormal to 1e-6 in every entry, determinant +1."""
+    if dcm.shape != (3, 3) or not np.abs(dcm).max() < 2.0:
+        return False
+    return bool(np.abs(dcm @ dcm.T - np.eye(3)).max() < 1e-6) and bool(np.linalg.det(dcm) > 0.0)
+
+
 def quaternion_from_dcm(dcm: Matrix) -> Vector:
     """Unit quaternion (x, y, z, w), w >= 0, of a rotation matrix (3, 3): the column of 4 q q^T with the largest square.
 
@@ -34,7 +41,7 @@ def quaternion_from_dcm(dcm: Matrix) -> Vector:
         If the matrix is not a rotation to 1e-6.
     """
     R = np.asarray(dcm, dtype=np.float64)
-    if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-6) or np.linalg.det(R) < 0.0:
+    if not is_rotation(R):
         raise ValueError(f"a rotation matrix (3, 3) is expected; got {R.tolist()}")
     w = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], 1.0 + np.trace(R)])
     outer = np.empty((4, 4))

@@ -1,4 +1,12 @@
-"""Rotation vectors: dcm exp([v x]), the v between two attitudes, and the error of an estimated frame."""
+"""Rotation vectors: dcm exp([v x]), the v between two attitudes, and the error of an attitude.
+
+The error of the attitude of a frame b is, in every sensor and filter, the small rotation vector theta (3,) rad in the
+axes of b that turns the estimated frame into the true one (Markley and Crassidis 2014, ch. 6):
+
+    dcm_a_from_b_true = dcm_a_from_b exp([theta x]),   dcm_b_from_a_true = exp(-[theta x]) dcm_b_from_a
+
+so that a vector known in a has true components v_b - theta x v_b = v_b + [v_b x] theta.
+"""
 
 import math
 
@@ -64,6 +72,13 @@ def rotation_vector_into(dcm: Matrix, reference: Matrix, out: Vector) -> None:
     out[0], out[1], out[2] = size * a0, size * a1, size * a2
 
 
+def turned(dcm: Matrix, vector: Vector) -> Matrix:
+    """A rotation turned by a rotation vector: dcm exp([vector x]), (3, 3)."""
+    out = np.empty((3, 3))
+    turn_by_rotation_vector(np.ascontiguousarray(dcm), np.ascontiguousarray(vector), out)
+    return out
+
+
 def rotation_vector_between(dcm: Matrix, reference: Matrix) -> Vector:
     """Rotation vector v (3,) rad with dcm = reference exp([v x]), its length at most pi."""
     out = np.empty(3)
@@ -73,9 +88,6 @@ def rotation_vector_between(dcm: Matrix, reference: Matrix) -> Vector:
     return out
 
 
-def frame_error(dcm_b_from_a: Matrix, dcm_b_from_a_true: Matrix) -> Vector:
-    """Rotation vector e (3,) rad that turns the true frame b into the estimated one, in b: dcm = exp(-[e x]) dcm_true.
-
-    The covariance of `solve_wahba` and of a star sensor is that of e.
-    """
-    return rotation_vector_between(np.asarray(dcm_b_from_a).T, np.asarray(dcm_b_from_a_true).T)
+def attitude_error(dcm_b_from_a: Matrix, dcm_b_from_a_true: Matrix) -> Vector:
+    """Error theta (3,) rad of the estimated attitude of a frame b, in its axes: see above."""
+    return rotation_vector_between(np.asarray(dcm_b_from_a_true).T, np.asarray(dcm_b_from_a).T)

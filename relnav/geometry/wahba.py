@@ -17,7 +17,7 @@ class WahbaSolution:
     dcm : (3, 3)
         w = dcm @ v, proper.
     covariance : (3, 3)
-        Of the small rotation vector in the measured frame, rad^2: dcm_true = (I - [e x]) dcm.
+        Of the attitude's error, axes of the measured frame, rad^2: dcm_true = exp(-[theta x]) dcm.
     chi2, dof : float, int
         Weighted sum of squared residuals, and its degrees of freedom 2 n - 3.
     """

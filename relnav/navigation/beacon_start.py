@@ -9,6 +9,7 @@ import numpy as np
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, straight_line
 from relnav.estimation.factored import factorize_into
+from relnav.geometry.linear_algebra import invert_three
 from relnav.geometry.spherical import position_from_angles_jacobian
 from relnav.navigation.beacon_geometry import fix_of_spots, uses_coordinates
 from relnav.navigation.beacon_observation import linearise_coordinates, spot_sigmas, take_in_coordinates
@@ -20,7 +21,6 @@ from relnav.navigation.considered import (
 from relnav.navigation.memory import Memory
 from relnav.sensors.measurement import DEGENERATE, NOT_SEEN, OK
 from relnav.sensors.three_beacon.fix import fix_jacobian
-from relnav.sensors.three_beacon.invariants import invert_three
 
 
 @straight_line(

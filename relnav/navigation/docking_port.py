@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
-from relnav.dynamics.rigid_body import cross
+from relnav.geometry.linear_algebra import cross_matrix
 from relnav.mission import VisionMission
-from relnav.sensors.three_marker.jacobians import cross_matrix
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ def docking_states(
     chaser_rate_rad_s : (n, 3), optional
         Its inertial rate, chaser axes; that of a chaser held in `lvlh_ccsds` if left out.
     """
-    orbit = cross([0.0, -mission.orbit.mean_motion_rad_s, 0.0])  # [w_L x]
+    orbit = cross_matrix([0.0, -mission.orbit.mean_motion_rad_s, 0.0])  # [w_L x]
     own = (
         -dcm_chaser_from_lvlh[:, :, 1] * mission.orbit.mean_motion_rad_s
         if chaser_rate_rad_s is None
@@ -65,7 +64,7 @@ def docking_states(
     C_TL, w = np.swapaxes(dcm_lvlh_from_target, 1, 2), cross_matrix(rate_rad_s)
     C_TB = C_TL @ np.swapaxes(dcm_chaser_from_lvlh, 1, 2)
     rho, v = motion[:, :3, None], motion[:, 3:, None]
-    d_B, lever_rate = cross(port), np.cross(own, port)[:, :, None]
+    d_B, lever_rate = cross_matrix(port), np.cross(own, port)[:, :, None]
     u = (C_TL @ rho)[:, :, 0] + C_TB @ port  # the chaser's port from the target's centre of mass
     inertial, turning, arm = C_TL @ (v + orbit @ rho) + C_TB @ lever_rate, C_TB @ own[:, :, None], cross_matrix(u)
     G = np.zeros((count, 12, 12))  # by (drho, dv, theta, dw)

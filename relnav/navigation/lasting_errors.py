@@ -4,9 +4,10 @@ import math
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
+from relnav.geometry.linear_algebra import invert_three
 from relnav.geometry.spherical import range_azimuth_elevation_jacobian
 from relnav.navigation.memory import FIELD_ERRORS, FIX, NODES, TOLERANCES_SHARED, Memory
-from relnav.sensors.three_beacon.invariants import beacon_gradients, invert_three, position_gradient, rays_from_position
+from relnav.sensors.three_beacon.invariants import beacon_gradients, position_gradient, rays_from_position
 
 
 @kernel

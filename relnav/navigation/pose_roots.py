@@ -7,9 +7,8 @@ import numpy as np
 from scipy.special import chdtri
 
 from relnav.arrays import Flags, Matrix, Record, Stack
-from relnav.estimation.attitude import turned
 from relnav.estimation.factored import compose, factorize
-from relnav.geometry.rotation_vector import rotation_vector_between
+from relnav.geometry.rotation_vector import rotation_vector_between, turned
 from relnav.mission import VisionMission
 from relnav.navigation.memory import fill
 from relnav.navigation.pose_filter import DROP

@@ -10,17 +10,18 @@ so that any number of spots, one included, tells what it can (`spot_update`). Th
 spots of an image together: it is considered in their covariance and not estimated.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
 from relnav.dynamics.clohessy_wiltshire import propagate, transition
-from relnav.dynamics.process_noise import acceleration_noise
-from relnav.dynamics.rigid_body import RigidBody, cross
-from relnav.estimation.attitude import turned
-from relnav.geometry.rotation_vector import rotation_vector_between
-from relnav.mission import ProcessNoise, VisionMission
+from relnav.dynamics.process_noise import acceleration_noise, add_execution_error
+from relnav.dynamics.rigid_body import RigidBody
+from relnav.geometry.linear_algebra import cross_matrix
+from relnav.geometry.rotation_vector import rotation_vector_between, turned
+from relnav.mission import VisionMission
 from relnav.sensors.three_marker.pose import Pose
 
 POSE = np.array([0, 1, 2, 6, 7, 8])
@@ -62,14 +63,6 @@ class PoseState:
         return np.concatenate([truth.motion - self.motion, turn, truth.rate_rad_s - self.rate_rad_s])
 
 
-def control_noise(control: Vector, noise: ProcessNoise) -> Matrix:
-    """Covariance (3, 3) of what is executed of a control vector (3,), by its errors in size and direction."""
-    along, across = noise.control_magnitude_sigma**2, noise.control_direction_sigma_rad**2
-    spread: Matrix = (along - across) * control[:, None] * control
-    spread.flat[::4] += across * float(control @ control)
-    return spread
-
-
 def time_update(
     state: PoseState,
     dt_s: float,
@@ -86,13 +79,15 @@ def time_update(
     dcm, rate, turn, turn_noise = body.propagate_with_errors(
         state.dcm_lvlh_from_target, state.rate_rad_s, dt_s, mission.target.rate_noise_density_rad2_s3
     )
-    density = noise.control_correlation_time_s * control_noise(acceleration_m_s2, noise)
-    density.flat[::4] += noise.acceleration_noise_density_m2_s3
+    along, across = noise.control_magnitude_sigma, noise.control_direction_sigma_rad
+    root = math.sqrt(noise.control_correlation_time_s)
+    density = noise.acceleration_noise_density_m2_s3 * np.eye(3)
+    add_execution_error(acceleration_m_s2, along * root, across * root, density)
     phi, added = np.zeros((size, size)), np.zeros((size, size))
     phi[:6, :6], phi[6:, 6:] = transition(n, dt_s), turn
     added[:6, :6], added[6:, 6:] = acceleration_noise(n, dt_s, density), turn_noise
     if np.count_nonzero(delta_v_m_s):
-        added[3:6, 3:6] += control_noise(delta_v_m_s, noise)
+        add_execution_error(delta_v_m_s, along, across, added[3:6, 3:6])
     covariance = phi @ state.covariance @ phi.T + added
     motion = propagate(state.motion, n, dt_s, acceleration_m_s2, delta_v_m_s)
     return PoseState(motion, dcm, rate, 0.5 * (covariance + covariance.T)), phi, added
@@ -122,7 +117,7 @@ def state_from_pose(
     spread = np.eye(6)
     spread[:3, :3] = -back
     alpha = np.empty((6, 3))
-    alpha[:3], alpha[3:] = spread[:3, :3] @ cross(-seen.position_m), (dcm_chaser_from_lvlh @ dcm).T
+    alpha[:3], alpha[3:] = spread[:3, :3] @ cross_matrix(-seen.position_m), (dcm_chaser_from_lvlh @ dcm).T
     covariance = widened * spread @ seen.covariance @ spread.T
     covariance += mission.chaser.attitude_sigma_rad**2 * alpha @ alpha.T
     whole = np.zeros((12, 12))

@@ -7,7 +7,7 @@ import numpy as np
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, straight_line
 from relnav.dynamics.clohessy_wiltshire import PHI_PATTERN, acceleration_effect_into, transition_into
-from relnav.dynamics.process_noise import acceleration_noise_into
+from relnav.dynamics.process_noise import acceleration_noise_into, add_execution_error
 from relnav.estimation.factored import factorize_into, time_update_into
 
 TICKS_PER_S = 2.0**33
@@ -16,20 +16,6 @@ make every step a new one. At 1 m/s that is 0.1 nm."""
 LONGEST_SNAP_S = 1e5
 LONGEST_STEP_RAD = 1e12
 """Of the orbit, between two epochs: beyond it (1e15 s) the phase is lost to rounding; the track is dropped."""
-
-
-@kernel
-def _add_execution_error(u0: float, u1: float, u2: float, along: float, across: float, out: Matrix) -> None:
-    """Add along^2 u u^T + across^2 (|u|^2 I - u u^T) of a control vector u to the last 3 x 3 of out."""
-    row = out.shape[0] - 3
-    size2 = u0 * u0 + u1 * u1 + u2 * u2
-    for i in range(3):
-        ui = u0 if i == 0 else (u1 if i == 1 else u2)
-        for j in range(3):
-            uj = u0 if j == 0 else (u1 if j == 1 else u2)
-            product = ui * uj
-            out[row + i, row + j] += along * along * product
-            out[row + i, row + j] += across * across * ((size2 if i == j else 0.0) - product)
 
 
 @kernel
@@ -63,9 +49,9 @@ def prepare_step(step: Record, motion: Record, scratch: Record, dt: float) -> bo
         for j in range(3):
             densities[i, j] = density if i == j else 0.0
     root = math.sqrt(motion["control_correlation_time"])
-    _add_execution_error(a[0], a[1], a[2], along * root, across * root, densities)
+    add_execution_error(a, along * root, across * root, densities)
     acceleration_noise_into(n, dt, densities, q, phi, scratch["six"])
-    _add_execution_error(v[0], v[1], v[2], along, across, q)
+    add_execution_error(v, along, across, q[3:6, 3:6])
     if not factorize_into(q, noise):
         noise[0, 0] = math.nan  # overflow over an absurd step: the track is dropped
     transition_into(n, dt, phi)

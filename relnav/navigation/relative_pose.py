@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 
 from relnav.arrays import Flags, Matrix, Stack, Vector
 from relnav.dynamics.rigid_body import lvlh_rate
-from relnav.estimation.attitude import turned
+from relnav.geometry.rotation import is_rotation
+from relnav.geometry.rotation_vector import turned
 from relnav.mission import VisionMission
 from relnav.navigation.arguments import start_values
 from relnav.navigation.memory import fill
@@ -112,7 +113,7 @@ class PoseNavigator:
         """
         t, motion, ld = start_values(t_s, state, covariance, POSE)
         attitude, rate = np.array(dcm_lvlh_from_target, dtype=np.float64), _vector("rate_rad_s", rate_rad_s)
-        if not _is_rotation(attitude):
+        if not is_rotation(attitude):
             raise ValueError("dcm_lvlh_from_target is a rotation matrix (3, 3)")
         if t < self.last_t_s:
             raise ValueError(f"t_s must not be before the last epoch, {self.last_t_s!r}; got {t_s!r}")
@@ -190,7 +191,7 @@ class PoseNavigator:
         self, t_s: float, acceleration: ArrayLike | None, delta_v: ArrayLike | None, dcm: ArrayLike | None
     ) -> Event:
         attitude = self._held if dcm is None else np.array(dcm, dtype=np.float64)
-        if dcm is not None and not _is_rotation(attitude):
+        if dcm is not None and not is_rotation(attitude):
             raise ValueError("dcm_chaser_from_lvlh is a rotation matrix (3, 3)")
         push = self._nothing if acceleration is None else _vector("acceleration_m_s2", acceleration)
         impulse = self._nothing if delta_v is None else _vector("delta_v_m_s", delta_v)
@@ -305,13 +306,6 @@ def look_for_roots(memory: Vector, mission: VisionMission, event: Event, wants: 
         add_uncovered(m, states)
     elif states:
         open_trial(m, states, used)
-
-
-def _is_rotation(dcm: Matrix) -> bool:
-    """Orthonormal to 1e-6, and no reflection."""
-    if dcm.shape != (3, 3) or not np.abs(dcm @ dcm.T - np.eye(3)).max() < 1e-6:
-        return False
-    return bool(np.linalg.det(dcm) > 0.0)
 
 
 def _vector(name: str, value: ArrayLike) -> Vector:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Vector
 from relnav.codegen.kernel import only_for
+from relnav.geometry.rotation import is_rotation
 from relnav.mission import Model
 from relnav.navigation.arguments import choose, start_values, vector
 from relnav.navigation.beacon_geometry import attitude_changed
@@ -196,9 +197,7 @@ class Navigator:
         a = None if acceleration is None else vector("acceleration_m_s2", acceleration, (3,))
         v = None if delta_v is None else vector("delta_v_m_s", delta_v, (3,))
         c = self._held if dcm is None else vector("dcm_cam_from_lvlh", dcm, (3, 3))
-        if dcm is not None and (
-            np.max(np.abs(c)) > 2.0 or np.max(np.abs(c @ c.T - np.eye(3))) > 1e-6 or np.linalg.det(c) < 0.0
-        ):
+        if dcm is not None and not is_rotation(c):
             raise ValueError("dcm_cam_from_lvlh must be a rotation matrix (orthonormal, determinant +1)")
         m = self._named
         m.motion["acceleration"] = 0.0 if a is None else a

@@ -15,6 +15,7 @@ from relnav.dynamics.rigid_body import RigidBody, lvlh_rate
 from relnav.estimation.attitude import attitude_update
 from relnav.estimation.gating import chi_square_limit
 from relnav.estimation.unscented_attitude import UnscentedAttitude
+from relnav.geometry.rotation import is_rotation
 from relnav.geometry.rotation_vector import rotation_vector_between
 
 METHODS = ("multiplicative", "unscented")
@@ -31,7 +32,8 @@ class AttitudeRecord:
     rate_rad_s : (3,)
         Inertial, target axes.
     covariance : (6, 6)
-        Of (rotation vector in target axes, rad; rate, rad/s); NaN with the rest before the first measurement.
+        Of (attitude error in target axes, rad; rate, rad/s): the true attitude is dcm exp([error x]). NaN with the rest
+        before the first measurement.
     innovation_rad, innovation_covariance : (3,), (3, 3)
         Of a measured attitude before its use; NaN where nothing was measured.
     nis : float
@@ -191,7 +193,7 @@ def _checked(dcm: ArrayLike | None, covariance: ArrayLike | None) -> tuple[Matri
         raise ValueError(f"dcm_lvlh_from_target has shape (3, 3); got {measured.shape}")
     if not np.isfinite(measured).all():
         return None, None
-    if np.abs(measured @ measured.T - np.eye(3)).max() > 1e-6 or np.linalg.det(measured) < 0.0:
+    if not is_rotation(measured):
         raise ValueError("dcm_lvlh_from_target must be a rotation matrix")
     noise = np.full((3, 3), np.nan) if covariance is None else np.array(covariance, dtype=np.float64)
     if noise.shape != (3, 3) or not np.isfinite(noise).all() or not np.linalg.eigvalsh(noise)[0] > 0.0:

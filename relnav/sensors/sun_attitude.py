@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix
 from relnav.geometry.rotation import triad
+from relnav.geometry.rotation_vector import turned
 from relnav.sensors.sun_direction import SunDirection, attitude_observation
 
 PASSES = 3
@@ -34,7 +35,7 @@ def attitude_from_sun_and_vector(
     -------
     dcm_body_from_inertial : (3, 3)
     covariance : (3, 3)
-        Of the small rotation vector e (body axes) of v_body_true = (I + [e x]) v_body_estimated, rad^2.
+        Of the attitude's error, body axes, rad^2: dcm_true = exp(-[theta x]) dcm.
 
     Raises
     ------
@@ -54,16 +55,5 @@ def attitude_from_sun_and_vector(
         information = sum(p.jacobian.T @ np.linalg.solve(p.covariance, p.jacobian) for p in parts)
         pull = sum(p.jacobian.T @ np.linalg.solve(p.covariance, p.innovation) for p in parts)
         covariance: Matrix = np.linalg.inv(np.asarray(information))
-        dcm = _rotation(covariance @ pull) @ dcm
+        dcm = turned(dcm.T, covariance @ pull).T
     return dcm, covariance
-
-
-def _rotation(e: Matrix) -> Matrix:
-    """Rotation matrix of a rotation vector e (3,)."""
-    angle = float(np.linalg.norm(e))
-    if angle == 0.0:
-        return np.eye(3)
-    x, y, z = e / angle
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turn: Matrix = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
-    return turn

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Vector
-from relnav.geometry.rotation import dcm_from_quaternion
+from relnav.geometry.linear_algebra import cross_matrix
+from relnav.geometry.rotation import dcm_from_quaternion, is_rotation
 from relnav.sensors.measurement import Status
 
 
@@ -51,7 +52,7 @@ class SunDirection:
     def turned(self, dcm_b_from_a: ArrayLike) -> "SunDirection":
         """The same in other axes, v_b = dcm @ v_a: the body's with the mounting, inertial ones with the attitude."""
         dcm = np.asarray(dcm_b_from_a, dtype=np.float64)
-        if dcm.shape != (3, 3) or not np.allclose(dcm @ dcm.T, np.eye(3), atol=1e-6) or np.linalg.det(dcm) < 0.0:
+        if not is_rotation(dcm):
             raise ValueError(f"a rotation matrix (3, 3) is expected; got {dcm.tolist()}")
         return replace(self, direction=_fixed(dcm @ self.direction), covariance=_fixed(dcm @ self.covariance @ dcm.T))
 
@@ -80,8 +81,8 @@ class AttitudeObservation:
     innovation : (2,)
         Measured minus predicted, rad, across the predicted direction.
     jacobian : (2, 3)
-        d(measured)/d(attitude error), the error being the small rotation vector e of
-        v_body_true = (I + [e x]) v_body_predicted. Rank 2: a rotation about the sun line is never seen.
+        d(measured)/d(attitude error), the error being theta of dcm_body_true = exp(-[theta x]) dcm_body_predicted, as
+        everywhere (`relnav.geometry.rotation_vector`). Rank 2: a rotation about the sun line is never seen.
     covariance : (2, 2)
         Of the innovation's noise, full rank.
     """
@@ -123,11 +124,9 @@ def attitude_observation(
         raise ValueError(f"no observation without a measurement; its status is {measured_body.status.name}")
     predicted = np.asarray(dcm_body_from_inertial, dtype=np.float64) @ sun
     basis = tangent_basis(predicted)
-    x, y, z = predicted
-    minus_cross = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # e x v = -(v x) e
     return AttitudeObservation(
         innovation=basis.T @ measured_body.direction,
-        jacobian=basis.T @ minus_cross,
+        jacobian=basis.T @ cross_matrix(predicted),
         covariance=basis.T @ measured_body.covariance @ basis + sun_sigma_rad**2 * np.eye(2),
     )
 

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from relnav.arrays import Matrix, Vector
 from relnav.geometry.rotation import dcm_from_quaternion, quaternion_from_dcm
+from relnav.geometry.rotation_vector import turned
 from relnav.mission import Model
 from relnav.sensors.three_beacon import ThreeBeaconSensor
 
@@ -48,7 +49,7 @@ def as_built(model: Model, seed: int = 0) -> Model:
         raise ValueError(f"model {model.name} has no [tolerances]: what a built sensor may be like is not known")
     rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(3)[2])  # `simulate` uses the first two
     focal = float(rng.normal()) * t.focal_length_relative_sigma
-    camera = Rotation.from_rotvec(rng.normal(size=3) * t.camera_mounting_sigma_rad).as_matrix()
+    camera = -rng.normal(size=3) * t.camera_mounting_sigma_rad
     turn = Rotation.from_rotvec(rng.normal(size=3) * t.beacon_mounting_sigma_rad).as_matrix()
     beacons = sensor.beacons_dock_m
     moved = beacons @ turn.T - beacons + rng.normal(size=beacons.shape) * t.beacon_placement_sigma_m
@@ -62,7 +63,7 @@ def as_built(model: Model, seed: int = 0) -> Model:
     )
 
 
-def _turned(quaternion: tuple[float, float, float, float], turn: Matrix) -> tuple[float, float, float, float]:
-    """Camera attitude after the camera was turned by `turn` about its own axes."""
-    q: Vector = quaternion_from_dcm(turn @ dcm_from_quaternion(np.array(quaternion)))
+def _turned(quaternion: tuple[float, float, float, float], theta: Vector) -> tuple[float, float, float, float]:
+    """Camera attitude after the camera was turned by theta (3,) rad about its own axes: exp(-[theta x]) dcm."""
+    q: Vector = quaternion_from_dcm(turned(dcm_from_quaternion(np.array(quaternion)).T, theta).T)
     return float(q[0]), float(q[1]), float(q[2]), float(q[3])

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from relnav.arrays import Matrix, Stack
+from relnav.geometry.pinhole import central_projection
 from relnav.mission import Model
 from relnav.sensors.three_beacon.psd import spot_sigma
 from relnav.simulation.distortion import Distortion
@@ -44,10 +45,8 @@ def beacons_in_camera(model: Model, state: Matrix, dcm_cam_from_lvlh: Stack | No
 
 def project_beacons(model: Model, state: Matrix, dcm_cam_from_lvlh: Stack | None = None) -> Stack:
     """Noise-free spots (n, 3, 2) m of true states (n, 6); NaN where a beacon is behind. Attitude as above."""
-    c = beacons_in_camera(model, state, dcm_cam_from_lvlh)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        image = model.sensor.focal_length_m * c[..., :2] / c[..., 2:]
-    spots: Stack = np.where(c[..., 2:] > 0.0, image, np.nan)
+    image = central_projection(beacons_in_camera(model, state, dcm_cam_from_lvlh))
+    spots: Stack = model.sensor.focal_length_m * image
     return spots
 
 

@@ -316,3 +316,15 @@ def test_the_filter_reports_what_the_budget_says(model):
         np.testing.assert_allclose(reported[1:], expected[1:], rtol=0.05)
         noise = place.lines[0].settled
         assert (expected > 2.0 * noise).all()
+
+
+def test_a_beacon_behind_the_camera_counts_as_unseen(model):
+    """At 1.5 m a beacon 2 m out is behind: a fix is worth what it is without it."""
+    wide = dataclasses.replace(model.sensor, detector_size_m=(0.1, 0.1))
+    more = dataclasses.replace(wide, extra_beacons_m=((2.0, 0.0, 0.0),))
+    three, four = (budget_of(dataclasses.replace(model, sensor=s), (1.5,)).places[0] for s in (wide, more))
+    assert three.visible == four.visible == "ABC"
+    for name in ("spot noise", "focal length", "beacon placement", "beacon mounting", "camera mounting"):
+        one, other = (next(entry for entry in place.lines if entry.name == name) for place in (three, four))
+        np.testing.assert_allclose(other.single, one.single, rtol=1e-9, atol=1e-15)
+        assert np.isfinite(other.settled).all()

@@ -8,7 +8,7 @@ from scipy.integrate import quad_vec
 from scipy.linalg import expm
 
 from relnav.dynamics.clohessy_wiltshire import transition
-from relnav.dynamics.process_noise import acceleration_noise
+from relnav.dynamics.process_noise import acceleration_noise, add_execution_error
 
 N = 1.1313666536110223e-3
 STEPS = [1e-3, 0.02, 0.1, 1.0, 30.0, 220.9, 221.1, 442.0, 900.0, 2700.0, 6000.0]  # n h = 0.25 at 220.97 s
@@ -111,3 +111,27 @@ def test_against_a_random_walk() -> None:
 def test_wrong_use(n: float, dt: float, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         acceleration_noise(n, dt, 1e-10)
+
+
+def test_execution_error_is_that_of_size_and_direction():
+    """By hand along an axis: 10 % of 2 along it, 0.02 rad of 2 across."""
+    spread = np.zeros((3, 3))
+    add_execution_error(np.array([0.0, 2.0, 0.0]), 0.1, 0.02, spread)
+    np.testing.assert_allclose(spread, np.diag([0.04**2, 0.2**2, 0.04**2]), atol=1e-15)
+
+
+def test_execution_error_is_the_covariance_of_what_is_executed():
+    """Against draws: the size 10 % wrong, then turned by a small rotation vector; it is added to what is there."""
+    rng, u, runs = np.random.default_rng(8), np.array([0.3, -0.5, 0.7]), 200_000
+    executed = (1.0 + 0.1 * rng.normal(size=(runs, 1))) * u + np.cross(0.02 * rng.normal(size=(runs, 3)), u)
+    whole = np.ones((6, 6))
+    add_execution_error(u, 0.1, 0.02, whole[3:6, 3:6])
+    np.testing.assert_allclose(whole[3:6, 3:6] - 1.0, np.cov(executed.T), rtol=0.0, atol=5e-3 * 0.1**2)
+    assert (whole[:3] == 1.0).all()
+    assert (whole[3:, :3] == 1.0).all()
+
+
+def test_no_control_adds_nothing():
+    spread = np.eye(3)
+    add_execution_error(np.zeros(3), 0.1, 0.02, spread)
+    assert (spread == np.eye(3)).all()

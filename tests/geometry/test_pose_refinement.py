@@ -12,7 +12,6 @@ from relnav.geometry.pose_refinement import (
     invertible,
     pose_information,
     refine_pose,
-    solve_positive,
 )
 
 POINTS = np.array([[0.0, 0.3, 0.3], [0.0, -0.3, 0.3], [0.3, 0.0, 0.0], [0.0, 0.2, -0.3], [-0.1, -0.2, -0.25]])
@@ -147,21 +146,3 @@ def test_compiled_code_allocates_nothing():
     if not was_on:
         _nrt_python.memsys_disable_stats()
     assert counts[0] == counts[1] == counts[2]
-
-
-def test_solve_positive():
-    rng = np.random.default_rng(3)
-    for _ in range(50):
-        root = rng.normal(size=(6, 6)) * 10.0 ** rng.uniform(-4, 4, 6)
-        matrix = root.T @ root
-        x = rng.normal(size=6)
-        right = matrix @ x
-        assert solve_positive(matrix, right, np.empty((6, 6)))
-        np.testing.assert_allclose(matrix @ right, matrix @ x, rtol=1e-6, atol=1e-9 * np.abs(matrix @ x).max())
-
-
-def test_solve_positive_refuses_what_is_singular():
-    matrix = np.diag([1.0, 1.0, 1.0, 1.0, 1.0, 0.0])
-    assert not solve_positive(matrix, np.ones(6), np.empty((6, 6)))
-    matrix[5, 5] = np.nan
-    assert not solve_positive(matrix, np.ones(6), np.empty((6, 6)))

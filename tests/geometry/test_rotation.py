@@ -6,7 +6,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from relnav.geometry.rotation import dcm_from_quaternion, dcm_from_quaternion_into, triad
+from relnav.geometry.rotation import dcm_from_quaternion, dcm_from_quaternion_into, is_rotation, triad
 
 COMPONENT = st.floats(-1.0, 1.0)
 
@@ -108,3 +108,31 @@ def test_quaternion_of_no_rotation(matrix):
 
     with pytest.raises(ValueError, match="a rotation matrix"):
         quaternion_from_dcm(matrix)
+
+
+def test_rotations_are_rotations_to_a_millionth():
+    for rotation in Rotation.random(20, rng=2):
+        dcm = rotation.as_matrix()
+        assert is_rotation(dcm)
+        assert is_rotation((1.0 + 0.4e-6) * dcm)  # dcm dcm^T is off by twice that
+        assert not is_rotation((1.0 + 0.6e-6) * dcm)
+        assert not is_rotation(-dcm)
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        np.diag([1.0, 1.0, -1.0]),
+        2.0 * np.eye(3),
+        np.eye(2),
+        np.eye(4),
+        np.zeros((0, 3)),
+        np.zeros((3, 3)),
+        np.array([[1.0, 2e-6, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+        np.full((3, 3), np.nan),
+        np.diag([1.0, 1.0, np.inf]),
+        np.diag([1.0, 1.0, 1e200]),
+    ],
+)
+def test_what_is_no_rotation(matrix):
+    assert not is_rotation(matrix)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from relnav.geometry.rotation_vector import frame_error, rotation_vector_between, turn_by_rotation_vector
+from relnav.geometry.rotation_vector import attitude_error, rotation_vector_between, turn_by_rotation_vector, turned
 
 ANGLES = [0.0, 1e-12, 1e-9, 1e-6, 9.9e-5, 1.01e-4, 1e-3, 0.1, 1.0, 2.0, 3.0, 3.1, np.pi - 1e-6, np.pi - 1e-12]
 
@@ -38,9 +38,10 @@ def test_exactly_half_a_turn():
 
 
 @pytest.mark.parametrize("size", [1e-9, 1e-6, 0.5, 2.0])
-def test_sign_of_the_error_of_a_frame(size):
-    """A frame turned by +e sees vectors turned by -e: to first order the matrix is (I - [e x]) dcm_true."""
-    e = size * np.array([1.0, -2.0, 3.0]) / np.sqrt(14.0)
-    truth = Rotation.random(rng=np.random.default_rng(4)).as_matrix()
-    turned = Rotation.from_rotvec(-e).as_matrix() @ truth
-    np.testing.assert_allclose(frame_error(turned, truth), e, atol=1e-15)
+def test_sign_of_the_error_of_an_attitude(size):
+    """The true frame is the estimated one turned by the error, and sees vectors turned the other way."""
+    theta = size * np.array([1.0, -2.0, 3.0]) / np.sqrt(14.0)
+    estimated = Rotation.random(rng=np.random.default_rng(4)).as_matrix()
+    true = Rotation.from_rotvec(-theta).as_matrix() @ estimated
+    np.testing.assert_allclose(attitude_error(estimated, true), theta, atol=1e-15)
+    np.testing.assert_allclose(turned(estimated.T, theta), true.T, atol=1e-15)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from relnav.geometry.rotation_vector import frame_error
+from relnav.geometry.rotation_vector import attitude_error
 from relnav.geometry.wahba import solve_wahba
 
 SIGMA = 1e-5
@@ -37,7 +37,7 @@ def test_covariance_and_chi2_over_many_draws():
     nees, chi2 = [], []
     for _ in range(2000):
         solution = solve_wahba(noisy(rng, v @ truth.T, sigma), v, sigma)
-        e = frame_error(solution.dcm, truth)
+        e = attitude_error(solution.dcm, truth)
         nees.append(e @ np.linalg.solve(solution.covariance, e))
         chi2.append(solution.chi2)
     assert np.mean(nees) == pytest.approx(3.0, abs=5.0 * np.sqrt(6.0 / 2000))

@@ -7,11 +7,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import relnav
-from relnav.estimation.attitude import reset, turned
+from relnav.estimation.attitude import reset
+from relnav.geometry.rotation_vector import turned
 from relnav.navigation.pose_state import (
     PoseState,
     camera_pose,
-    control_noise,
     state_from_pose,
 )
 from relnav.sensors.three_marker import Pose, project, spot_jacobians
@@ -198,9 +198,3 @@ def test_second_order(mission, marker_image, sigmas):
     np.testing.assert_allclose((even.mean(axis=0) - still) / sigma, -expected.innovation / sigma, atol=0.06)
     curved = expected.noise - plain.camera.spot_noise_px**2 * np.eye(6)
     np.testing.assert_allclose(curved / np.outer(sigma, sigma), sampled / np.outer(sigma, sigma), atol=0.15)
-
-
-def test_control_noise_is_that_of_an_error_in_size_and_direction(mission):
-    noise = dataclasses.replace(mission.process_noise, control_magnitude_sigma=0.1, control_direction_sigma_rad=0.02)
-    spread = control_noise(np.array([0.0, 2.0, 0.0]), noise)
-    np.testing.assert_allclose(spread, np.diag([0.04**2, 0.2**2, 0.04**2]), atol=1e-15)

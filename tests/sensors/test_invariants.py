@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from relnav.sensors.three_beacon.invariants import (
     invariant_gradients,
     invariants,
-    invert_three,
     position_gradient,
     rays_from_position,
     spot_gradient,
@@ -108,28 +107,3 @@ def test_on_the_axis_each_number_has_an_axis_of_its_own(truth) -> None:
     off = got - np.diag(np.diag(got))
     np.testing.assert_allclose(off, 0.0, atol=1e-17)
     assert (np.abs(np.diag(got)) > 1e-4).all()
-
-
-def test_invert_three_against_numpy() -> None:
-    rng = np.random.default_rng(5)
-    for _ in range(200):
-        m = rng.normal(size=(3, 3)) * 10.0 ** rng.uniform(-6, 6, size=(3, 1))
-        out = np.empty((3, 3))
-        assert invert_three(m, out)
-        columns = np.abs(out).max(axis=0)
-        np.testing.assert_allclose(out / columns, np.linalg.inv(m) / columns, rtol=0.0, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    "m",
-    [
-        np.zeros((3, 3)),
-        np.ones((3, 3)),
-        np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]]),
-        np.array([[0.1, 0.2, 0.3], [0.1, 0.2, 0.3], [1.0, 0.0, 0.0]]),
-        np.full((3, 3), np.nan),
-        np.diag([1.0, np.nan, 1.0]),
-    ],
-)
-def test_invert_three_knows_singular(m: np.ndarray) -> None:
-    assert not invert_three(m, np.empty((3, 3)))

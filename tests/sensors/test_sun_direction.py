@@ -34,13 +34,13 @@ def case():
 
 
 def test_the_innovation_is_what_the_jacobian_says(case, truth):
-    """v_true = (I + [e x]) v_predicted: for a small error e, innovation = jacobian e."""
+    """dcm_true = exp(-[e x]) dcm_predicted: for a small error e, innovation = jacobian e."""
     for seed in range(20):
         attitude, sun, _ = case(seed)
         exact = direction_with_covariance(attitude @ sun, np.zeros((3, 3)))
 
         def innovation(e, attitude=attitude, sun=sun, exact=exact):
-            predicted = Rotation.from_rotvec(e).as_matrix().T @ attitude
+            predicted = Rotation.from_rotvec(e).as_matrix() @ attitude
             basis = tangent_basis(attitude @ sun)
             return basis.T @ (exact.direction - predicted @ sun)
 
@@ -80,7 +80,7 @@ def test_sun_and_a_star_give_the_attitude(case):
         e = np.linalg.lstsq(
             np.concatenate([p.jacobian for p in parts]), np.concatenate([p.innovation for p in parts]), rcond=None
         )[0]
-        predicted = Rotation.from_rotvec(e).as_matrix() @ predicted
+        predicted = Rotation.from_rotvec(-e).as_matrix() @ predicted
     assert np.linalg.norm(Rotation.from_matrix(predicted @ attitude.T).as_rotvec()) < 5.0 * SIGMA
 
 

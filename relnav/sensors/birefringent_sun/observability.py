@@ -37,11 +37,12 @@ class Observability:
 def observability(sensor: BirefringentSunSensor, s: Vector) -> Observability:
     """Turn the sensor by finite angles about x, y and z and look at the spots; s (3,) is the sun in sensor axes.
 
-    The turns are true rotations of the sun's direction, traced through the crystal: nothing is assumed of the rank.
+    The turns are true rotations of the sun's direction, the other way, traced through the crystal: nothing is assumed
+    of the rank.
     """
     columns = []
     for axis in range(3):
-        ends = [spots_of_transverse(sensor, (_turn(axis, sign * STEP_RAD) @ s)[:2]).ravel() for sign in (1.0, -1.0)]
+        ends = [spots_of_transverse(sensor, (_turn(axis, sign * STEP_RAD) @ s)[:2]).ravel() for sign in (-1.0, 1.0)]
         columns.append((ends[0] - ends[1]) / (2.0 * STEP_RAD * sensor.crystal_thickness_m))
     _, sizes, axes = np.linalg.svd(np.stack(columns, axis=1))
     return Observability(sizes, axes[-1], int(np.sum(sizes > 1e-6 * sizes[0])))

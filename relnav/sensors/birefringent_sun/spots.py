@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Stack, Vector
+from relnav.geometry.pinhole import central_projection
 from relnav.sensors.birefringent_sun.crystal import extraordinary_ray, extraordinary_wave, ordinary_wave
 from relnav.sensors.birefringent_sun.sensor import BirefringentSunSensor
 
@@ -21,7 +22,7 @@ def spots_of_transverse(sensor: BirefringentSunSensor, u: ArrayLike) -> Stack:
     n_o, n_e, axis, d = sensor.ordinary_index, sensor.extraordinary_index, sensor.axis, sensor.crystal_thickness_m
     o = ordinary_wave(u, n_o)
     e = extraordinary_ray(extraordinary_wave(u, axis, n_o, n_e), axis, n_o, n_e)
-    spots: Stack = np.stack([in_air + d * ray[..., :2] / ray[..., 2:] for ray in (o, e)], axis=-2)
+    spots: Stack = np.stack([in_air + d * central_projection(ray) for ray in (o, e)], axis=-2)
     return spots
 
 

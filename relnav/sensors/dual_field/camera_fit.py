@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from relnav.arrays import Codes, Matrix, Vector
+from relnav.geometry.linear_algebra import cross_matrix
+from relnav.geometry.pinhole import central_projection
 from relnav.sensors.dual_field.matching import turn
 from relnav.sensors.dual_field.optics import plane_points, rays
 from relnav.sensors.dual_field.sky import Sky
@@ -81,8 +83,7 @@ class _Camera:
         used = star >= 0
         w, q = self.rays()[used], stars[star[used], :3] @ self.dcm.T
         J = np.zeros((len(w), 3, free))
-        for axis in range(3):
-            J[:, :, axis] = np.cross(q, np.eye(3)[axis])  # w = q - d x q
+        J[:, :, :3] = cross_matrix(q)  # w = q - d x q
         for column, (log_f, k1, k2) in zip(range(3, free), ((1e-6, 0, 0), (0, 1e-4, 0), (0, 0, 1e-3)), strict=False):
             step = max(log_f, k1, k2)
             changed = _Camera(
@@ -206,7 +207,6 @@ def _bright_stars_are_there(camera: _Camera, stars: Matrix, star: Codes) -> bool
     bright = stars[stars[:, 3] <= np.median(stars[used, 3])]
     v = bright[:, :3] @ camera.dcm.T
     v = v[v[:, 2] > 0.1]
-    w = camera.rays()
-    p, edge = v[:, :2] / v[:, 2:], w[:, :2] / w[:, 2:]
+    p, edge = central_projection(v), central_projection(camera.rays())
     inside = np.all((p > edge.min(axis=0)) & (p < edge.max(axis=0)), axis=1)
     return int(np.sum(stars[used, 3] <= np.median(stars[used, 3]))) >= LEAST_BRIGHT_SEEN * int(np.sum(inside))

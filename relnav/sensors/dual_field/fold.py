@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Codes, Matrix, Vector
+from relnav.geometry.rotation import is_rotation
 
 
 def mirror_fold(normal: ArrayLike) -> Matrix:
@@ -31,7 +32,7 @@ def check_fold(fold: ArrayLike) -> Matrix:
         If it is not orthogonal to 1e-6.
     """
     M = np.asarray(fold, dtype=np.float64)
-    if M.shape != (3, 3) or not np.allclose(M @ M.T, np.eye(3), atol=1e-6):
+    if not (is_rotation(M) or is_rotation(-M)):
         raise ValueError(f"a fold is an orthogonal matrix (3, 3); got {M.tolist()}")
     return M
 

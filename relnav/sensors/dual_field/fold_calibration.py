@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from relnav.arrays import Codes, Matrix, Vector
+from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.wahba import solve_wahba
 from relnav.sensors.dual_field.fold import mirror_fold
 from relnav.sensors.dual_field.identify import identify
@@ -138,8 +139,7 @@ def calibrate_fold(frames: Sequence[IdentifiedFrame], normal: Vector) -> FoldEst
             dcms[index] = solve_wahba(w, frame.v, frame.sigma_rad).dcm
             q = frame.v @ dcms[index].T
             J = np.zeros((len(w), 3, 5))
-            for k in range(3):
-                J[:, :, k] = np.cross(q, np.eye(3)[k])
+            J[:, :, :3] = cross_matrix(q)
             for k in range(2):  # d(Mu) = -2 (dn (n.u) + n (dn.u)); the ray moves, so with the other sign
                 moved = np.outer(frame.u @ n, axes[k]) + np.outer(frame.u @ axes[k], n)
                 J[:, :, 3 + k] = 2.0 * moved * (frame.field == 1)[:, None]

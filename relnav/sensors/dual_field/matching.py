@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from relnav.arrays import Codes, Matrix, Vector
 from relnav.codegen.kernel import kernel
+from relnav.geometry.linear_algebra import invert_three
 from relnav.sensors.dual_field.sky import SkyArrays, nearest_star
 
 LOOSEST_CHORD2 = 9e-6
@@ -167,7 +168,7 @@ def match_tightly(
 def fit_attitude(frame: Frame, sky: SkyArrays, match: Codes, A: Matrix, cov: Matrix, passes: int, v: Vector) -> bool:
     """Improve A (3, 3) over all matches by Gauss-Newton and write its covariance (3, 3); False where singular.
 
-    With q = A v the residual w - q - q x d is smallest for d = F^-1 sum (w x q) / sigma^2, where
+    With q = A v and the error d of A the residual w - q - q x d is smallest for d = F^-1 sum (w x q) / sigma^2, where
     F = sum (I - q q^T) / sigma^2.
     """
     W, n = frame.W, frame.sigma2.shape[0]
@@ -187,14 +188,11 @@ def fit_attitude(frame: Frame, sky: SkyArrays, match: Codes, A: Matrix, cov: Mat
             g0 += p * (W[row, 1] * q2 - W[row, 2] * q1)
             g1 += p * (W[row, 2] * q0 - W[row, 0] * q2)
             g2 += p * (W[row, 0] * q1 - W[row, 1] * q0)
-        c00, c01, c02 = f11 * f22 - f12 * f12, f02 * f12 - f01 * f22, f01 * f12 - f02 * f11
-        determinant = f00 * c00 + f01 * c01 + f02 * c02
-        if not determinant > 1e-14 * f00 * f11 * f22:
+        cov[0, 0], cov[0, 1], cov[0, 2] = f00, f01, f02
+        cov[1, 0], cov[1, 1], cov[1, 2] = f01, f11, f12
+        cov[2, 0], cov[2, 1], cov[2, 2] = f02, f12, f22
+        if not invert_three(cov, cov):
             return False
-        cov[0, 0], cov[0, 1], cov[0, 2] = c00 / determinant, c01 / determinant, c02 / determinant
-        cov[1, 1], cov[1, 2] = (f00 * f22 - f02 * f02) / determinant, (f01 * f02 - f00 * f12) / determinant
-        cov[2, 2] = (f00 * f11 - f01 * f01) / determinant
-        cov[1, 0], cov[2, 0], cov[2, 1] = cov[0, 1], cov[0, 2], cov[1, 2]
         turn(
             A,
             cov[0, 0] * g0 + cov[0, 1] * g1 + cov[0, 2] * g2,
@@ -206,7 +204,7 @@ def fit_attitude(frame: Frame, sky: SkyArrays, match: Codes, A: Matrix, cov: Mat
 
 @kernel
 def turn(A: Matrix, dx: float, dy: float, dz: float) -> None:
-    """Turn the frame of A by the small rotation d (rad) in place: Cayley's formula, a rotation to rounding."""
+    """Turn the frame of A by the small rotation d (rad) in place, exp(-[d x]) A by Cayley's formula: a rotation."""
     x, y, z = 0.5 * dx, 0.5 * dy, 0.5 * dz
     s = x * x + y * y + z * z
     for column in range(3):

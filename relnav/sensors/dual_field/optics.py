@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from relnav.arrays import Matrix, Vector
 from relnav.codegen.kernel import kernel
 from relnav.geometry.distortion import undistort
+from relnav.geometry.pinhole import central_projection
 
 
 @kernel
@@ -79,10 +80,7 @@ def project(
 
     NaN behind the camera, and where the distortion polynomial folds back: no spot shows such a direction.
     """
-    u = np.asarray(directions, dtype=np.float64)
-    front = u[:, 2] > 0.0
-    p = np.where(front[:, None], u[:, :2] / np.where(front, u[:, 2], 1.0)[:, None], np.nan)
     k1, k2 = np.asarray(distortion, dtype=np.float64)
-    d, _ = undistort(p, np.array([k1, k2, 0.0, 0.0, 0.0]))
+    d, _ = undistort(central_projection(directions), np.array([k1, k2, 0.0, 0.0, 0.0]))
     spots: Matrix = focal_px * d + np.asarray(principal_px)
     return spots

@@ -39,7 +39,7 @@ class StarSolution:
     dcm_cam_from_icrs : (3, 3)
         v_cam = dcm @ v_icrs; camera x right, y down, z boresight of field 0.
     covariance : (3, 3)
-        Of the small rotation vector about the camera axes, rad^2.
+        Of the attitude's error, camera axes, rad^2: dcm_true = exp(-[theta x]) dcm.
     hip, field : (n,)
         Of each spot as handed in: Hipparcos number (0: no star), field 0 or 1 (-1: no star).
     residual_rad : (n,)

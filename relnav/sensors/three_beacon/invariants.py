@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
-from relnav.codegen.kernel import select, straight_line
+from relnav.codegen.kernel import straight_line
 
 
 @straight_line(u=(3, 3), g=(3,))
@@ -104,25 +104,3 @@ def spot_gradient(u: Matrix, f: float, out: Matrix) -> None:
             scale = u[i, 2] / f
             out[number, 2 * i] = (g[0] - along * u[i, 0]) * scale
             out[number, 2 * i + 1] = (g[1] - along * u[i, 1]) * scale
-
-
-@straight_line(m=(3, 3), out=(3, 3))
-def invert_three(m: Matrix, out: Matrix) -> bool:
-    """Write the inverse of m (3, 3) into out by cofactors; False if m is singular to 1e-10 of its rows' lengths."""
-    c00 = m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]
-    c01 = m[1, 2] * m[2, 0] - m[1, 0] * m[2, 2]
-    c02 = m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0]
-    det = m[0, 0] * c00 + m[0, 1] * c01 + m[0, 2] * c02
-    scale2 = 1.0
-    for i in range(3):
-        scale2 = scale2 * (m[i, 0] * m[i, 0] + m[i, 1] * m[i, 1] + m[i, 2] * m[i, 2])
-    regular: bool = abs(det) > 1e-10 * math.sqrt(scale2)
-    d = 1.0 / select(regular, det, 1.0)
-    out[0, 0], out[1, 0], out[2, 0] = c00 * d, c01 * d, c02 * d
-    out[0, 1] = (m[0, 2] * m[2, 1] - m[0, 1] * m[2, 2]) * d
-    out[1, 1] = (m[0, 0] * m[2, 2] - m[0, 2] * m[2, 0]) * d
-    out[2, 1] = (m[0, 1] * m[2, 0] - m[0, 0] * m[2, 1]) * d
-    out[0, 2] = (m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]) * d
-    out[1, 2] = (m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]) * d
-    out[2, 2] = (m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]) * d
-    return regular

@@ -15,10 +15,10 @@ import numpy as np
 
 from relnav.arrays import Matrix, Vector
 from relnav.codegen.kernel import kernel, straight_line
+from relnav.geometry.linear_algebra import invert_three
 from relnav.sensors.measurement import DEGENERATE, NO_CONVERGENCE, OK, OUTSIDE_DOMAIN
 from relnav.sensors.three_beacon.invariants import (
     invariants,
-    invert_three,
     position_gradient,
     rays_from_position,
     spot_gradient,

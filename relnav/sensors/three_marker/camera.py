@@ -6,6 +6,7 @@ import numpy as np
 
 from relnav.arrays import Flags, Matrix, Stack
 from relnav.geometry.distortion import distort, undistort
+from relnav.geometry.pinhole import central_projection, central_projection_jacobian
 from relnav.sensors.three_marker.sensor import MarkerCamera
 
 
@@ -50,12 +51,8 @@ def image_of(points_cam_m: Matrix, camera: MarkerCamera) -> tuple[Matrix, Stack]
 
     NaN behind the camera, and where the distortion folds back.
     """
-    z = np.where(points_cam_m[:, 2] > 0.0, points_cam_m[:, 2], np.nan)
-    xy = points_cam_m[:, :2] / z[:, None]
+    xy, pinhole = central_projection(points_cam_m), central_projection_jacobian(points_cam_m)
     focal = np.array(camera.focal_length_px)
-    pinhole = np.zeros((len(z), 2, 3))
-    pinhole[:, 0, 0] = pinhole[:, 1, 1] = 1.0 / z
-    pinhole[:, :, 2] = -xy / z[:, None]
     if not any(camera.distortion):
         return xy * focal + np.array(camera.principal_point_px), focal[:, None] * pinhole
     with np.errstate(over="ignore", invalid="ignore"):

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from relnav.arrays import Matrix, Stack
+from relnav.geometry.linear_algebra import cross_matrix
 from relnav.sensors.three_marker.camera import project
 from relnav.sensors.three_marker.sensor import MarkerCamera
 
@@ -65,14 +66,6 @@ class SpotJacobians:
         from_chaser = self.in_camera_m @ mount + np.array(self.camera.position_m)
         by_chaser: Stack = self.position @ mount @ cross_matrix(from_chaser)
         return by_chaser
-
-
-def cross_matrix(v: Matrix) -> Stack:
-    """[v x] of each row, (n, 3, 3): [v x] w = v x w."""
-    out = np.zeros((len(v), 3, 3))
-    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
-    out[:, 1, 0], out[:, 2, 0], out[:, 2, 1] = v[:, 2], -v[:, 1], v[:, 0]
-    return out
 
 
 def spot_jacobians(points_m: Matrix, pose: Matrix, camera: MarkerCamera) -> SpotJacobians:

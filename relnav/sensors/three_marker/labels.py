@@ -8,6 +8,7 @@ import numpy as np
 
 from relnav.arrays import Matrix
 from relnav.geometry.p3p import p3p
+from relnav.geometry.pinhole import central_projection
 from relnav.sensors.three_marker.camera import unit_rays
 from relnav.sensors.three_marker.pose import Pose, Root, explaining_poses, rank_roots
 from relnav.sensors.three_marker.sensor import View
@@ -29,7 +30,7 @@ def _assign(xy: Matrix, pose: Matrix, points_m: Matrix, radius: float) -> tuple[
     p = points_m @ pose[:3].T + pose[3]
     if not (p[:, 2] > 0.0).all():
         return ()
-    distance = np.linalg.norm(xy[:, None] - (p[:, :2] / p[:, 2:])[None], axis=-1)
+    distance = np.linalg.norm(xy[:, None] - central_projection(p)[None], axis=-1)
     labels = [-1] * len(xy)
     for spot, marker in sorted(np.ndindex(*distance.shape), key=lambda pair: float(distance[pair])):
         if distance[spot, marker] > radius:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import relnav
-from relnav.geometry.rotation_vector import frame_error
+from relnav.geometry.rotation_vector import attitude_error
 from relnav.sensors.dual_field.optics import plane_points, ray_sigma, rays
 from relnav.sensors.dual_field.sensor import Fold
 
@@ -45,6 +45,6 @@ def error_rad():
 
     def of(solution, frame):
         assert np.trace(solution.dcm_cam_from_icrs @ frame.dcm_cam_from_icrs.T) > 2.999, "a wrong attitude"
-        return frame_error(solution.dcm_cam_from_icrs, frame.dcm_cam_from_icrs)
+        return attitude_error(solution.dcm_cam_from_icrs, frame.dcm_cam_from_icrs)
 
     return of
