@@ -89,10 +89,20 @@ class Attitude:
 
 @dataclass(frozen=True)
 class Orbit:
-    """Target's orbit: the filter's Clohessy-Wiltshire model uses the mean motion, the truth simulator all of it."""
+    """Target's orbit: filters fly Clohessy-Wiltshire about a circular one, Yamanaka-Ankersen about an eccentric one.
+
+    Attributes
+    ----------
+    mean_motion_rad_s : float
+        sqrt(mu / a^3).
+    eccentricity : float
+    true_anomaly_rad : float
+        At zero of the log's clock, 0 = perigee; of no effect on a circular orbit.
+    """
 
     mean_motion_rad_s: Positive
     eccentricity: Annotated[float, Ge(0.0), Lt(1.0)] = 0.0
+    true_anomaly_rad: float = 0.0
 
 
 @dataclass(frozen=True)

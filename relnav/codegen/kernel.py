@@ -11,6 +11,7 @@ import inspect
 import os
 import warnings
 from collections.abc import Callable
+from types import FunctionType
 from typing import Any, ParamSpec, TypeVar
 
 from relnav.codegen.cache import package_stamp
@@ -160,6 +161,15 @@ def straight_line(**shapes: Shape | Sized) -> Callable[[Callable[P, R]], Callabl
         return function
 
     return register
+
+
+def variant(function: Callable[P, R], name: str, **shapes: Shape | Sized) -> Callable[P, R]:
+    """The same lines as another straight-line function, with other known zeros and ones in some of its arrays."""
+    plain_function: Any = function
+    made = FunctionType(plain_function.__code__, plain_function.__globals__, name, plain_function.__defaults__)
+    made.__module__, made.__doc__ = plain_function.__module__, plain_function.__doc__
+    registered: Callable[P, R] = straight_line(**(STRAIGHT_LINES[function] | shapes))(made)
+    return registered
 
 
 def side_by_side(function: Callable[..., None], *of_each: str) -> Callable[..., None]:

@@ -21,7 +21,7 @@ def _gauss_legendre(points: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 _NODES_3, _WEIGHTS_3 = _gauss_legendre(3)
-_NODES_5, _WEIGHTS_5 = _gauss_legendre(5)
+NODES_5, WEIGHTS_5 = _gauss_legendre(5)
 
 
 @kernel
@@ -31,8 +31,8 @@ def _quadrature(n: float, h: float, a: Matrix, q: Matrix, phi: Matrix, ba: Matri
             q[i, j] = 0.0
     short = abs(n * h) < 1e-3
     for node in range(3 if short else 5):
-        transition_into(n, (_NODES_3[node] if short else _NODES_5[node]) * h, phi)  # B = its last three columns
-        weight = (_WEIGHTS_3[node] if short else _WEIGHTS_5[node]) * h
+        transition_into(n, (_NODES_3[node] if short else NODES_5[node]) * h, phi)  # B = its last three columns
+        weight = (_WEIGHTS_3[node] if short else WEIGHTS_5[node]) * h
         for i in range(6):
             for k in range(3):
                 ba[i, k] = (phi[i, 3] * a[0, k] + phi[i, 4] * a[1, k] + phi[i, 5] * a[2, k]) * weight

@@ -32,7 +32,7 @@ def displacement(m: Memory, beacon: int, tolerance: int, sight: Vector, arm: Vec
         for i in range(3):
             out[i] = sigma["focal_length"] * (sight[i] - along * boresight[i])
     elif tolerance < 4:
-        _cross(sigma["camera_mounting"], mount[tolerance - 1], sight, out)
+        _cross(-sigma["camera_mounting"], mount[tolerance - 1], sight, out)
     elif tolerance < TOLERANCES_SHARED:
         _cross(sigma["beacon_mounting"], dock[tolerance - 4], arm, out)
     else:

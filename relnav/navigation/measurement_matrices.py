@@ -115,7 +115,7 @@ def _coordinates_by_tolerance(m: Memory, x: Vector) -> list[Matrix]:
 
     def project(shift: Matrix, turn: Matrix) -> Matrix:
         c = ((beacons + shift) @ dock - x[:3] - m.sensor["offset"]) @ mount.T
-        c = c + np.cross(turn, c)
+        c = c - np.cross(turn, c)  # theta: exp(-[theta x]) c
         spots: Matrix = f * c[:, :2] / c[:, 2:]
         return spots
 

@@ -11,6 +11,8 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import inlined, plain
+from relnav.dynamics.relative_motion import WORK_ROWS as PROPAGATION_ROWS
+from relnav.dynamics.yamanaka_ankersen import mean_from_true_anomaly
 from relnav.estimation.gating import gate_limits
 from relnav.estimation.rows import group_type, track_type
 from relnav.mission import FilterSettings, Model, Orbit, ProcessNoise
@@ -55,7 +57,7 @@ TOLERANCES = np.dtype(
 )
 MOTION_MODEL = np.dtype(
     [
-        ("mean_motion", _F),
+        ("orbit", _F, 3),  # mean motion, eccentricity, mean anomaly at clock zero
         ("acceleration_noise_density", _F),
         ("control_magnitude_sigma", _F),
         ("control_direction_sigma", _F),
@@ -112,7 +114,7 @@ SCRATCH = np.dtype(
         ("columns", _F, (3, 6)),
         ("information", _F, (3, 3)),
         ("density", _F, (3, 3)),
-        ("six", _F, (6, 6)),
+        ("propagation", _F, (PROPAGATION_ROWS, 6)),
         ("back", _F, (6, 6)),  # of smoothing: Phi^-1
         ("carried", _F, (6, 6)),  # of smoothing: factors of Phi^-1 Q Phi^-T
     ]
@@ -302,7 +304,11 @@ def write_motion_model(motion: Record, orbit: Orbit, noise: ProcessNoise, settin
     """Write what a filter knows of the relative motion."""
     fill(
         motion,
-        mean_motion=orbit.mean_motion_rad_s,
+        orbit=(
+            orbit.mean_motion_rad_s,
+            orbit.eccentricity,
+            mean_from_true_anomaly(orbit.eccentricity, orbit.true_anomaly_rad),
+        ),
         acceleration_noise_density=noise.acceleration_noise_density_m2_s3,
         control_magnitude_sigma=noise.control_magnitude_sigma,
         control_direction_sigma=noise.control_direction_sigma_rad,

@@ -20,14 +20,14 @@ import numpy as np
 from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import kernel, straight_line
 from relnav.codegen.trace import Shape
-from relnav.dynamics.clohessy_wiltshire import PHI_PATTERN
+from relnav.dynamics.relative_motion import PHI_PATTERN, turn_rate
 from relnav.dynamics.rigid_body import LARGEST_TURN_RAD, turn_body_with_errors
 from relnav.estimation.factored import factorize_into, orthogonalise, spread, time_update_into
 from relnav.estimation.rows import Observed, copy_track, gate_groups, log_determinant, pair_covariance, sweep
 from relnav.geometry.rotation_vector import rotation_vector_into, turn_by_rotation_vector
 from relnav.navigation.marker_observation import aim_camera, has_spot, observe_markers
 from relnav.navigation.pose_memory import POSE, PoseMemory, pose_views
-from relnav.navigation.propagation import carry_state, prepare_step
+from relnav.navigation.propagation import prepare_step
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
 
 DROP = 2.0 * math.log(1e6)
@@ -60,6 +60,18 @@ def carry_errors(ld: Matrix, phi: Matrix, noise: Matrix) -> None:
     time_update_into(ld, phi, noise)
 
 
+@straight_line(motion=(6,), phi=PHI_PATTERN, effect=(6,))
+def carry_motion(motion: Vector, phi: Matrix, effect: Vector) -> None:
+    """Carry position and velocity (6,) over a step, in place."""
+    x = np.zeros(6)
+    for i in range(6):
+        x[i] = effect[i]
+        for j in range(6):
+            x[i] += phi[i, j] * motion[j]
+    for i in range(6):
+        motion[i] = x[i]
+
+
 @straight_line(ld=(POSE, POSE), turn=_RESET)
 def turn_errors(ld: Matrix, turn: Matrix) -> None:
     """Replace the factors of P by those of G P G^T."""
@@ -83,12 +95,13 @@ def copy_pose(source: Record, target: Record) -> None:
 
 
 @kernel
-def advance_pose(m: PoseMemory, track: Record, dt: float) -> None:
-    """Carry a hypothesis over the prepared step of dt s."""
+def advance_pose(m: PoseMemory, track: Record, t: float, dt: float) -> None:
+    """Carry a hypothesis over the prepared step from t over dt s; the orbit turns as in the middle of the step."""
     body, step, phi, noise = m.body, m.step, m.scratch["phi"], m.scratch["noise"]
     turn, spread_, factors, rate = body["phi"], body["noise"], body["factors"], track["rate"]
-    carry_state(track["motion"], step["phi"], step["effect"], track["motion"])
-    fastest = max(math.sqrt(rate[0] ** 2 + rate[1] ** 2 + rate[2] ** 2), m.motion["mean_motion"])
+    carry_motion(track["motion"], step["phi"], step["effect"])
+    n = turn_rate(m.motion["orbit"], t + 0.5 * dt)
+    fastest = max(math.sqrt(rate[0] ** 2 + rate[1] ** 2 + rate[2] ** 2), n)
     count = max(1, math.ceil(fastest * dt / LARGEST_TURN_RAD))
     for i in range(6):
         for j in range(6):
@@ -98,7 +111,7 @@ def advance_pose(m: PoseMemory, track: Record, dt: float) -> None:
         rate,
         body["inertia"],
         body["inverse"],
-        m.motion["mean_motion"],
+        n,
         body["torque"],
         dt / count,
         count,
@@ -152,7 +165,7 @@ def _is_forgotten(m: PoseMemory, track: Record, dt: float) -> bool:
 
 
 @kernel
-def _advance_bank(m: PoseMemory, bank: Record, count: int, dt: float) -> int:
+def _advance_bank(m: PoseMemory, bank: Record, count: int, t: float, dt: float) -> int:
     """Carry the hypotheses over dt, those left out of which nothing would be known; returns how many remain."""
     kept = 0
     fade = math.exp(-dt / MEMORY_S)
@@ -160,7 +173,7 @@ def _advance_bank(m: PoseMemory, bank: Record, count: int, dt: float) -> int:
         if not _is_forgotten(m, bank[k], dt):
             if kept < k:
                 copy_pose(bank[k], bank[kept])
-            advance_pose(m, bank[kept], dt)
+            advance_pose(m, bank[kept], t, dt)
             bank[kept]["score"] *= fade
             kept += 1
     return kept
@@ -352,10 +365,10 @@ def pose_step(block: Vector, t: float, chaser: Matrix, spots: Matrix, covariance
     dt = t - clock["t"] if clock["t"] == clock["t"] else 0.0
     v = m.motion["delta_v"]
     if (clock["running"] > 0 or clock["trial"] > 0) and (dt > 0.0 or v[0] != 0.0 or v[1] != 0.0 or v[2] != 0.0):
-        prepare_step(m.step, m.motion, m.scratch, dt)
+        prepare_step(m.step, m.motion, m.scratch, clock["t"], dt)
         taken = m.step["dt"]
-        clock["running"] = _advance_bank(m, m.bank, clock["running"], taken)
-        clock["trial"] = _advance_bank(m, m.trial, clock["trial"], taken)
+        clock["running"] = _advance_bank(m, m.bank, clock["running"], clock["t"], taken)
+        clock["trial"] = _advance_bank(m, m.trial, clock["trial"], clock["t"], taken)
     clock["t"] = t
     aim_camera(m.camera, chaser)
     seen = 0

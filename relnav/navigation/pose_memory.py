@@ -10,6 +10,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import inlined, plain
+from relnav.dynamics.relative_motion import WORK_ROWS as PROPAGATION_ROWS
 from relnav.dynamics.rigid_body import RigidBody
 from relnav.estimation.gating import gate_limits
 from relnav.estimation.rows import group_type
@@ -66,6 +67,7 @@ POSE_SCRATCH = np.dtype(
         ("covariance", _F, (6, 6)),
         ("density", _F, (3, 3)),
         ("six", _F, (6, 6)),
+        ("propagation", _F, (PROPAGATION_ROWS, 6)),
         ("phi", _F, (POSE, POSE)),
         ("noise", _F, (POSE, POSE)),
         ("seen_covariance", _F, (6, 6)),

@@ -12,7 +12,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, straight_line
-from relnav.dynamics.clohessy_wiltshire import transition_into
+from relnav.dynamics.relative_motion import transition_into
 from relnav.estimation.smoothing import backward_model, carry_noise_back, smooth_step
 from relnav.geometry.rotation_vector import rotation_vector_into, turn_by_rotation_vector
 from relnav.mission import VisionMission
@@ -105,10 +105,11 @@ def _smooth(block: Vector, epochs: Record, after: Vector) -> None:
             dt = later["t"] - one["t"]
             for i in range(3):
                 acceleration[i], delta_v[i] = later["acceleration"][i], later["delta_v"][i]
-            prepare_step(m.step, m.motion, m.scratch, dt)
+            prepare_step(m.step, m.motion, m.scratch, one["t"], dt)
             copy_pose(own, ahead)
-            advance_pose(m, ahead, m.step["dt"])
-            transition_into(m.motion["mean_motion"], -m.step["dt"], later["motion_inverse"])
+            advance_pose(m, ahead, one["t"], m.step["dt"])
+            orbit, dt, work = m.motion["orbit"], m.step["dt"], m.scratch["propagation"]
+            transition_into(orbit, one["t"] + dt, -dt, later["motion_inverse"], work)
             for i in range(6):
                 for j in range(6):
                     inverse[i, j] = later["motion_inverse"][i, j]

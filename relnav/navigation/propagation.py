@@ -1,21 +1,21 @@
-"""From one epoch to the next: Clohessy-Wiltshire, the commanded control, and what neither of them knows."""
+"""From one epoch to the next: the relative motion, the commanded control, and what neither of them knows."""
 
 import math
 
 import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
-from relnav.codegen.kernel import kernel, straight_line
-from relnav.dynamics.clohessy_wiltshire import PHI_PATTERN, acceleration_effect_into, transition_into
-from relnav.dynamics.process_noise import acceleration_noise_into, add_execution_error
+from relnav.codegen.kernel import kernel, straight_line, variant
+from relnav.dynamics.clohessy_wiltshire import PHI_PATTERN
+from relnav.dynamics.process_noise import add_execution_error
+from relnav.dynamics.relative_motion import PHI_PATTERN as ECCENTRIC_PATTERN
+from relnav.dynamics.relative_motion import depends_on_dt_alone, propagate_into
 from relnav.estimation.factored import factorize_into, time_update_into
 
 TICKS_PER_S = 2.0**33
 """Steps are rounded to 0.12 ns: the differences of a log's time stamps differ by their rounding, and would otherwise
 make every step a new one. At 1 m/s that is 0.1 nm."""
 LONGEST_SNAP_S = 1e5
-LONGEST_STEP_RAD = 1e12
-"""Of the orbit, between two epochs: beyond it (1e15 s) the phase is lost to rounding; the track is dropped."""
 
 
 @kernel
@@ -25,37 +25,34 @@ def snapped(dt: float) -> float:
 
 
 @kernel
-def prepare_step(step: Record, motion: Record, scratch: Record, dt: float) -> bool:
-    """Compute Phi, the factors of Q and the control effect for this dt and control, unless they are those at hand.
+def prepare_step(step: Record, motion: Record, scratch: Record, t: float, dt: float) -> bool:
+    """Compute Phi, the factors of Q and the control effect from t over dt, unless they are those at hand.
 
     `step["dt"]` then holds the step that was taken. Returns whether it is a new one.
     """
-    held, a, v = step["acceleration"], motion["acceleration"], motion["delta_v"]
+    held, orbit, a, v = step["acceleration"], motion["orbit"], motion["acceleration"], motion["delta_v"]
     dt = snapped(dt)
     impulse = v[0] != 0.0 or v[1] != 0.0 or v[2] != 0.0
     same = step["dt"] == dt and held[0] == a[0] and held[1] == a[1] and held[2] == a[2]
-    if same and step["impulse"] == 0 and not impulse:
+    if same and step["impulse"] == 0 and not impulse and depends_on_dt_alone(orbit):
         return False
     step["dt"], held[0], held[1], held[2] = dt, a[0], a[1], a[2]
     step["impulse"] = 1 if impulse else 0
-    n, density = motion["mean_motion"], motion["acceleration_noise_density"]
+    density = motion["acceleration_noise_density"]
     along, across = motion["control_magnitude_sigma"], motion["control_direction_sigma"]
-    phi, noise, effect = step["phi"], step["noise"], step["effect"]
-    if not abs(n * dt) < LONGEST_STEP_RAD:
-        noise[0, 0] = math.nan
-        return True
+    noise, effect = step["noise"], step["effect"]
     q, densities = scratch["covariance"], scratch["density"]
     for i in range(3):
         for j in range(3):
             densities[i, j] = density if i == j else 0.0
     root = math.sqrt(motion["control_correlation_time"])
     add_execution_error(a, along * root, across * root, densities)
-    acceleration_noise_into(n, dt, densities, q, phi, scratch["six"])
+    if not propagate_into(orbit, t, dt, a, densities, step["phi"], q, effect, scratch["propagation"]):
+        noise[0, 0] = math.nan
+        return True
     add_execution_error(v, along, across, q[3:6, 3:6])
     if not factorize_into(q, noise):
         noise[0, 0] = math.nan  # overflow over an absurd step: the track is dropped
-    transition_into(n, dt, phi)
-    acceleration_effect_into(n, dt, a, effect)
     for i in range(3):
         effect[3 + i] += v[i]
     return True
@@ -98,11 +95,21 @@ def moves(sensitivity: Vector) -> bool:
     return bool(sensitivity[0] != 0.0 or sensitivity[1] != 0.0 or sensitivity[2] != 0.0)
 
 
+carry_eccentric = variant(carry, "carry_eccentric", phi=ECCENTRIC_PATTERN)
+multiply_eccentric = variant(multiply, "multiply_eccentric", phi=ECCENTRIC_PATTERN)
+
+
 @kernel
-def advance(step: Record, track: Record, sensitivities: Matrix) -> None:
+def advance(step: Record, orbit: Vector, track: Record, sensitivities: Matrix) -> None:
     """Carry a track, and its sensitivities (m, 6), over the prepared step."""
-    phi = step["phi"]
-    carry(track["state"], track["ld"], phi, step["effect"], step["noise"])
+    phi, circular = step["phi"], depends_on_dt_alone(orbit)
+    if circular:
+        carry(track["state"], track["ld"], phi, step["effect"], step["noise"])
+    else:
+        carry_eccentric(track["state"], track["ld"], phi, step["effect"], step["noise"])
     for j in range(sensitivities.shape[0]):
         if moves(sensitivities[j]):
-            multiply(phi, sensitivities[j])
+            if circular:
+                multiply(phi, sensitivities[j])
+            else:
+                multiply_eccentric(phi, sensitivities[j])

@@ -60,7 +60,7 @@ class ReferenceEngine:
             return WRONG_TIME
         tracks = [track for track in (self.track, self.trial) if track is not None]
         if tracks:
-            prepare_step(m.step, m.motion, m.scratch, t - float(m.clock["t"]))
+            prepare_step(m.step, m.motion, m.scratch, float(m.clock["t"]), t - float(m.clock["t"]))
             for track in tracks:
                 phi = m.step["phi"].copy()
                 track.time_update(phi, m.step["effect"].copy(), compose(m.step["noise"]))

@@ -5,9 +5,11 @@ import math
 import numpy as np
 
 from relnav.arrays import Codes, Matrix, Record, Stack, Vector
-from relnav.codegen.kernel import kernel, side_by_side, straight_line
+from relnav.codegen.kernel import kernel, side_by_side, straight_line, variant
 from relnav.codegen.trace import LANES
-from relnav.dynamics.clohessy_wiltshire import PHI_PATTERN, transition_into
+from relnav.dynamics.clohessy_wiltshire import PHI_PATTERN
+from relnav.dynamics.relative_motion import PHI_PATTERN as ECCENTRIC_PATTERN
+from relnav.dynamics.relative_motion import depends_on_dt_alone, transition_into
 from relnav.estimation.smoothing import backward_model, carry_noise_back, smooth_step
 from relnav.navigation.memory import TRACK, views
 from relnav.navigation.propagation import carry_state, multiply, prepare_step, snapped
@@ -69,6 +71,8 @@ def smooth_sensitivity(later: Vector, row: Vector, phi: Matrix, model: Vector) -
         later[i] = total
 
 
+model_epoch_eccentric = variant(model_epoch, "model_epoch_eccentric", phi=ECCENTRIC_PATTERN, inverse=ECCENTRIC_PATTERN)
+smooth_sensitivity_eccentric = variant(smooth_sensitivity, "smooth_sensitivity_eccentric", phi=ECCENTRIC_PATTERN)
 model_epochs = side_by_side(model_epoch, "state", "packed", "model")
 
 
@@ -150,6 +154,7 @@ def smooth_run(
     later = after[:_LATER_SIZE].view(LATER)[0]
     rows = after[_LATER_SIZE:].reshape((considered.shape[1], 6))
     later_state, later_ld = later["track"]["state"], later["track"]["ld"]
+    circular = depends_on_dt_alone(motion["orbit"])
     step["dt"] = math.nan
     ready = 0  # models at hand, of this epoch and those before it
     for e in range(t.shape[0] - 1, -1, -1):
@@ -161,20 +166,26 @@ def smooth_run(
             if ready == 0:
                 for j in range(3):
                     acceleration[j], delta_v[j] = later["acceleration"][j], later["delta_v"][j]
-                if prepare_step(m.step, m.motion, m.scratch, later["t"] - t[e]):
-                    transition_into(motion["mean_motion"], -step["dt"], inverse)
+                if prepare_step(m.step, m.motion, m.scratch, t[e], later["t"] - t[e]):
+                    transition_into(motion["orbit"], t[e] + step["dt"], -step["dt"], inverse, m.scratch["propagation"])
                     carry_noise_back(step["noise"], inverse, carried)
-                if _same_step(step, acceleration, t, control, codes, e):
+                if circular and _same_step(step, acceleration, t, control, codes, e):
                     ready = LANES
                     first = e - LANES + 1
                     model_epochs(state[first : e + 1], factor[first : e + 1], phi, inverse, effect, carried, models)
                 else:
                     ready = 1
-                    model_epoch(state[e], factor[e], phi, inverse, effect, carried, models[0])
+                    if circular:
+                        model_epoch(state[e], factor[e], phi, inverse, effect, carried, models[0])
+                    else:
+                        model_epoch_eccentric(state[e], factor[e], phi, inverse, effect, carried, models[0])
             ready -= 1
             smooth_epoch(later_state, later_ld, models[ready], state[e], factor[e])
             for k in range(considered.shape[1]):
-                smooth_sensitivity(rows[k], considered[e, k], phi, models[ready])
+                if circular:
+                    smooth_sensitivity(rows[k], considered[e, k], phi, models[ready])
+                else:
+                    smooth_sensitivity_eccentric(rows[k], considered[e, k], phi, models[ready])
         else:
             for i in range(6):
                 later_state[i] = state[e, i]

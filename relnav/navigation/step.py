@@ -92,11 +92,11 @@ def step(block: Vector, t: float, spots: Matrix) -> int:
         return WRONG_TIME
     running = clock["running"] > 0
     if running or clock["trial"] > 0:
-        prepare_step(m.step, m.motion, m.scratch, t - clock["t"])
+        prepare_step(m.step, m.motion, m.scratch, clock["t"], t - clock["t"])
     if running:
-        advance(m.step, m.track, m.sensitivities)
+        advance(m.step, m.motion["orbit"], m.track, m.sensitivities)
     if clock["trial"] > 0:
-        advance(m.step, m.trial, m.trial_sensitivities)
+        advance(m.step, m.motion["orbit"], m.trial, m.trial_sensitivities)
     clock["t"] = t
     status = WAITING
     if running:

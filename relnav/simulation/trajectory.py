@@ -43,7 +43,7 @@ class Approach:
     start_m: tuple[float, float, float] = (10.0, 0.25, -0.15)
     final_range_m: float = 4.0
     speed_m_s: float = 0.03
-    true_anomaly_deg: float = 0.0
+    true_anomaly_deg: float | None = None
     inclination_deg: float = 51.6
     j2: bool = False
     air_density_kg_m3: float = 0.0
@@ -188,7 +188,9 @@ def _target_start(model: Model | VisionMission, approach: Approach) -> tuple[Vec
     n, e = model.orbit.mean_motion_rad_s, model.orbit.eccentricity
     a = (MU_EARTH_M3_S2 / n**2) ** (1.0 / 3.0)
     p = a * (1.0 - e * e)
-    theta, i = math.radians(approach.true_anomaly_deg), math.radians(approach.inclination_deg)
+    given = approach.true_anomaly_deg
+    theta = model.orbit.true_anomaly_rad if given is None else math.radians(given)
+    i = math.radians(approach.inclination_deg)
     in_plane = np.array([[1.0, 0.0], [0.0, math.cos(i)], [0.0, math.sin(i)]])
     direction = np.array([math.cos(theta), math.sin(theta)])
     r = p / (1.0 + e * math.cos(theta)) * in_plane @ direction
