@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from relnav.arrays import Matrix
 from relnav.estimation.consistency import nees
 from relnav.geometry.rotation_vector import rotation_vector_between
+from relnav.mission import Orbit
 from relnav.navigation.target_attitude import TargetAttitude
 from relnav.simulation.target_rotation import rotate_target
 
@@ -67,7 +68,9 @@ def attitude_trials(
     t = np.arange(0.0, duration_s, 1.0 / rate_hz)
     start = Rotation.from_rotvec(math.radians(10.0) * rng.normal(size=(runs, 3)))
     rates = RATES_RAD_S * rng.normal(size=(runs, 3))
-    truth, true_rate = rotate_target(t, start.as_quat(), rates, inertia_kg_m2, mean_motion_rad_s, density_rad2_s3, rng)
+    truth, true_rate = rotate_target(
+        t, start.as_quat(), rates, inertia_kg_m2, Orbit(mean_motion_rad_s), density_rad2_s3, rng
+    )
     first = round(SETTLED * len(t))
     raw, errors, covariances, nis, fastest_s = [], [], [], [], math.inf
     noise = sigma_rad**2 * np.eye(3)

@@ -5,8 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
+from relnav.dynamics.relative_motion import turn_rate
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.mission import VisionMission
+from relnav.navigation.memory import orbit_values
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,7 @@ def docking_states(
     covariance: Stack,
     mission: VisionMission,
     dcm_chaser_from_lvlh: Stack,
+    t_s: Vector,
     chaser_rate_rad_s: Matrix | None = None,
 ) -> DockingState:
     """Docking states of n estimates, each field with a leading axis (n, ...).
@@ -51,25 +54,25 @@ def docking_states(
         Where the ports are, and how well the chaser knows its attitude.
     dcm_chaser_from_lvlh : (n, 3, 3)
         The chaser's attitude.
+    t_s : (n,)
+        When: about an eccentric target `lvlh_ccsds` does not turn evenly.
     chaser_rate_rad_s : (n, 3), optional
         Its inertial rate, chaser axes; that of a chaser held in `lvlh_ccsds` if left out.
     """
-    orbit = cross_matrix([0.0, -mission.orbit.mean_motion_rad_s, 0.0])  # [w_L x]
-    own = (
-        -dcm_chaser_from_lvlh[:, :, 1] * mission.orbit.mean_motion_rad_s
-        if chaser_rate_rad_s is None
-        else chaser_rate_rad_s
-    )
+    orbit = orbit_values(mission.orbit)
+    turn = np.array([turn_rate(orbit, t) for t in t_s])
+    w_L = cross_matrix(np.multiply.outer(turn, [0.0, -1.0, 0.0]))
+    own = -dcm_chaser_from_lvlh[:, :, 1] * turn[:, None] if chaser_rate_rad_s is None else chaser_rate_rad_s
     count, port = len(motion), np.array(mission.chaser.port_position_m)
     C_TL, w = np.swapaxes(dcm_lvlh_from_target, 1, 2), cross_matrix(rate_rad_s)
     C_TB = C_TL @ np.swapaxes(dcm_chaser_from_lvlh, 1, 2)
     rho, v = motion[:, :3, None], motion[:, 3:, None]
     d_B, lever_rate = cross_matrix(port), np.cross(own, port)[:, :, None]
     u = (C_TL @ rho)[:, :, 0] + C_TB @ port  # the chaser's port from the target's centre of mass
-    inertial, turning, arm = C_TL @ (v + orbit @ rho) + C_TB @ lever_rate, C_TB @ own[:, :, None], cross_matrix(u)
+    inertial, turning, arm = C_TL @ (v + w_L @ rho) + C_TB @ lever_rate, C_TB @ own[:, :, None], cross_matrix(u)
     G = np.zeros((count, 12, 12))  # by (drho, dv, theta, dw)
     G[:, :3, :3], G[:, :3, 6:9] = C_TL, arm
-    G[:, 3:6, :3], G[:, 3:6, 3:6] = C_TL @ orbit - w @ C_TL, C_TL
+    G[:, 3:6, :3], G[:, 3:6, 3:6] = C_TL @ w_L - w @ C_TL, C_TL
     G[:, 3:6, 6:9], G[:, 3:6, 9:] = cross_matrix(inertial[:, :, 0]) - w @ arm, arm
     G[:, np.arange(6, 12), np.arange(6, 12)] = 1.0
     G[:, 9:, 6:9] = -cross_matrix(turning[:, :, 0])

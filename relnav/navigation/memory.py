@@ -300,15 +300,17 @@ def new_memory(model: Model, method: str, projection: str) -> Vector:
     return block
 
 
+def orbit_values(orbit: Orbit) -> Vector:
+    """Mean motion, eccentricity, mean anomaly at clock zero, (3,), as `dynamics.relative_motion` takes them."""
+    e = orbit.eccentricity
+    return np.array([orbit.mean_motion_rad_s, e, mean_from_true_anomaly(e, orbit.true_anomaly_rad)])
+
+
 def write_motion_model(motion: Record, orbit: Orbit, noise: ProcessNoise, settings: FilterSettings) -> None:
     """Write what a filter knows of the relative motion."""
     fill(
         motion,
-        orbit=(
-            orbit.mean_motion_rad_s,
-            orbit.eccentricity,
-            mean_from_true_anomaly(orbit.eccentricity, orbit.true_anomaly_rad),
-        ),
+        orbit=orbit_values(orbit),
         acceleration_noise_density=noise.acceleration_noise_density_m2_s3,
         control_magnitude_sigma=noise.control_magnitude_sigma,
         control_direction_sigma=noise.control_direction_sigma_rad,

@@ -208,6 +208,7 @@ class PoseRecord:
             self.covariance[None],
             self._mission,
             self._chaser[None],
+            np.array([self.t_s]),
             rate,
         )
         return DockingState(*(_frozen(values[0]) for values in vars(whole).values()))
@@ -333,7 +334,13 @@ class PoseSolution:
     def docking(self) -> DockingState:
         """Port from port, a leading axis for the epochs."""
         return docking_states(
-            self.state, self.dcm_lvlh_from_target, self.rate_rad_s, self.covariance, self.mission, self.epochs["chaser"]
+            self.state,
+            self.dcm_lvlh_from_target,
+            self.rate_rad_s,
+            self.covariance,
+            self.mission,
+            self.epochs["chaser"],
+            self.t_s,
         )
 
     @property

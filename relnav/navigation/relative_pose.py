@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Flags, Matrix, Stack, Vector
+from relnav.dynamics.relative_motion import turn_rate
 from relnav.dynamics.rigid_body import lvlh_rate
 from relnav.geometry.rotation import is_rotation
 from relnav.geometry.rotation_vector import turned
 from relnav.mission import VisionMission
 from relnav.navigation.arguments import start_values
-from relnav.navigation.memory import fill
+from relnav.navigation.memory import fill, orbit_values
 from relnav.navigation.pose_filter import NEW_ROOTS, NOTHING, is_wide, pose_step
 from relnav.navigation.pose_memory import POSE, new_pose_memory, pose_named
 from relnav.navigation.pose_record import EPOCH, PoseRecord, read_epoch
@@ -253,7 +254,7 @@ class PoseNavigator:
         read_epoch(self.memory, epoch)
         one = epoch[0]
         if delay_s > 0.0 and rate is not None:
-            relative = rate - lvlh_rate(dcm.T, self.mission.orbit.mean_motion_rad_s)
+            relative = rate - lvlh_rate(dcm.T, turn_rate(orbit_values(self.mission.orbit), event.t_s))
             dcm = turned(dcm.T, delay_s * relative).T
         status, running = outcome.status, one["hypotheses"] > 0
         if too_late or not running:

@@ -95,7 +95,7 @@ def simulate_flight(
         start.as_quat()[None],
         rate[None],
         np.array(mission.target.inertia_kg_m2),
-        n,
+        mission.orbit,
         mission.target.rate_noise_density_rad2_s3,
         rng,
     )

@@ -223,6 +223,7 @@ def docking_of():
             state.covariance[None],
             mission,
             dcm[None],
+            np.zeros(1),
             None if rate is None else rate[None],
         )
         return DockingState(*(values[0] for values in vars(whole).values()))

@@ -15,6 +15,7 @@ from relnav.estimation.unscented_attitude import (
     euler_from_dcm,
 )
 from relnav.geometry.rotation_vector import rotation_vector_between
+from relnav.mission import Orbit
 from relnav.navigation.target_attitude import METHODS, TargetAttitude
 from relnav.simulation.target_rotation import rotate_target
 
@@ -73,7 +74,7 @@ def flight(method, pitch_deg, spin_deg_s, seed=1, seconds=60.0, sigma=FINE):
     t = np.arange(0.0, seconds, 0.5)
     start = Rotation.from_euler("ZYX", [170.0, pitch_deg, 30.0], degrees=True)
     w = np.radians([spin_deg_s])
-    dcm, _ = rotate_target(t, [start.as_quat()], w, INERTIA, N, DENSITY, rng)
+    dcm, _ = rotate_target(t, [start.as_quat()], w, INERTIA, Orbit(N), DENSITY, rng)
     nav = TargetAttitude(
         INERTIA, N, rate_noise_density_rad2_s3=DENSITY, initial_rate_sigma_rad_s=math.radians(2.0), method=method
     )
