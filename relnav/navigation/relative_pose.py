@@ -128,7 +128,7 @@ class PoseNavigator:
     @property
     def last_t_s(self) -> float:
         """Time of the last epoch; NaN before the first."""
-        return self._events[-1].t_s if self._events else self._oldest_s
+        return float(self._events[-1].t_s if self._events else self._oldest_s)
 
     def step(
         self,

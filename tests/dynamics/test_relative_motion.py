@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 from relnav.dynamics.clohessy_wiltshire import acceleration_effect_into
 from relnav.dynamics.clohessy_wiltshire import transition_into as circular
@@ -109,9 +110,9 @@ def test_there_and_back_and_where_phi_is_zero():
 
 
 def test_short_steps_keep_their_digits():
-    """At a millisecond Phi is 1 + dt A to rounding: the closed form subtracts numbers of the size of 1."""
+    """At a millisecond Phi is exp(dt A) of the middle: the closed form subtracts numbers of the size of 1."""
     phi, _, _ = propagated(0.1, 0.4, 10.0, 1e-3)
-    expected = np.eye(6) + 1e-3 * equations(0.1, 0.4, 10.0005)
+    expected = expm(1e-3 * equations(0.1, 0.4, 10.0005))
     np.testing.assert_allclose(phi[:3, 3:], expected[:3, 3:], rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(phi[3:, 3:], expected[3:, 3:], rtol=0.0, atol=1e-11)
     np.testing.assert_allclose(phi[3:, :3], expected[3:, :3], rtol=0.0, atol=1e-14)

@@ -159,9 +159,9 @@ def test_not_positive_semidefinite(p: np.ndarray) -> None:
 
 @pytest.mark.parametrize(
     "p",
-    [np.eye(5), np.ones(6), np.eye(6) + 0.1 * np.eye(6, k=1), np.full((6, 6), np.nan)],
+    [np.ones((6, 5)), np.ones(6), np.eye(6) + 0.1 * np.eye(6, k=1), np.full((6, 6), np.nan)],
     ids=["size", "vector", "not symmetric", "NaN"],
 )
 def test_not_a_covariance(p: np.ndarray) -> None:
-    with pytest.raises(ValueError, match=r"a covariance is a symmetric \(6, 6\) matrix"):
+    with pytest.raises(ValueError, match=r"a covariance is a symmetric matrix \(n, n\); got"):
         factorize(p)

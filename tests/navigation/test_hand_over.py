@@ -89,7 +89,7 @@ def test_a_pose_filter_begun_from_a_known_state():
     record = navigator.step(flight.t_s[1], flight.spots_px[1])
     assert record.status is relnav.EpochStatus.UPDATED
     assert np.all(np.diag(record.covariance)[:3] < np.diag(covariance)[:3])
-    with pytest.raises(ValueError, match=r"not before the last epoch"):
+    with pytest.raises(ValueError, match=r"must not be before the last epoch, 0.5; got -1.0"):
         navigator.start(-1.0, flight.motion[0], flight.dcm_lvlh_from_target[0], flight.rate_rad_s[0], covariance)
 
 
