@@ -18,6 +18,13 @@ from relnav.geometry.rotation_vector import turn_by_rotation_vector
 
 LARGEST_TURN_RAD = 0.05
 """Turn of one Runge-Kutta step: errors of some 1e-9 rad a minute at a degree a second."""
+MOST_STEPS = 20_000
+"""Of one propagation, 1000 rad: ten days held in low orbit, 16 hours at a degree a second. A rate known to a part in
+a thousand has by then lost the attitude, and so have the orbit and the torques that are not modelled."""
+
+INERTIA, INVERSE, MEAN_MOTION, TORQUE = 0, 3, 6, 7
+"""Rows of a body (8, 3): its inertia and the inverse, three rows each; (mean motion, 0, 0); the torque on it."""
+BODY_ROWS = 8
 
 
 @kernel
@@ -175,8 +182,51 @@ def turn_body_with_errors(
         _carry_errors(after, h, density, phi, noise, work[32:50])
 
 
+@kernel
+def step_count(rate: Vector, n: float, dt: float) -> int:
+    """How many Runge-Kutta steps dt takes at this rate (3,); 0 if more than MOST_STEPS, or if a number is none."""
+    fastest = max(math.sqrt(rate[0] * rate[0] + rate[1] * rate[1] + rate[2] * rate[2]), n)
+    count = fastest * abs(dt) / LARGEST_TURN_RAD
+    if not count <= MOST_STEPS:
+        return 0
+    return max(1, math.ceil(count))
+
+
+@kernel
+def propagate_into(
+    body: Matrix, dt: float, dcm: Matrix, rate: Vector, density: float, phi: Matrix, q: Matrix, work: Matrix
+) -> bool:
+    """Advance dcm_lvlh_from_target (3, 3) and the inertial rate (3,) rad/s, in place, by dt s.
+
+    Writes the transition of their errors and the noise that white angular acceleration of a density (rad^2/s^3, each
+    axis) adds, into phi and q (6, 6). body (BODY_ROWS, 3): its rows by name above, kg m^2, rad/s, N m; work (50, 6)
+    scratch. False, and nothing written, for a step of more than MOST_STEPS: nothing is known of the attitude after it.
+    """
+    n = body[MEAN_MOTION, 0]
+    count = step_count(rate, n, dt)
+    if count == 0:
+        return False
+    for i in range(6):
+        for j in range(6):
+            phi[i, j] = 1.0 if i == j else 0.0
+            q[i, j] = 0.0
+    inertia, inverse = body[INERTIA : INERTIA + 3], body[INVERSE : INVERSE + 3]
+    turn_body_with_errors(dcm, rate, inertia, inverse, n, body[TORQUE], dt / count, count, density, phi, q, work)
+    return True
+
+
 class RigidBody:
-    """A rigid body in a circular orbit."""
+    """A rigid body in a circular orbit.
+
+    Attributes
+    ----------
+    inertia, inverse : (3, 3)
+        In body axes, kg m^2, and its inverse.
+    mean_motion_rad_s : float
+        Of the orbit.
+    matrix : (8, 3)
+        All of it as `propagate_into` takes it.
+    """
 
     def __init__(self, inertia_kg_m2: Matrix, mean_motion_rad_s: float) -> None:
         """Take the inertia (3, 3) in body axes and the orbit's mean motion, >= 0 (0: free space).
@@ -200,17 +250,22 @@ class RigidBody:
             raise ValueError(f"mean_motion_rad_s must be >= 0 and finite; got {mean_motion_rad_s!r}")
         self.inertia, self.inverse = inertia, np.asarray(np.linalg.inv(inertia), dtype=np.float64)
         self.mean_motion_rad_s = float(mean_motion_rad_s)
+        self.matrix = np.zeros((BODY_ROWS, 3))
+        self.matrix[INERTIA : INERTIA + 3], self.matrix[INVERSE : INVERSE + 3] = self.inertia, self.inverse
+        self.matrix[MEAN_MOTION, 0] = self.mean_motion_rad_s
         self._work, self._errors = np.zeros((14, 3)), np.zeros((50, 6))
 
     def steps(self, rate_rad_s: Vector, dt_s: float) -> int:
-        """How many Runge-Kutta steps dt_s takes at this rate."""
-        fastest = max(float(np.linalg.norm(rate_rad_s)), self.mean_motion_rad_s)
-        return max(1, math.ceil(fastest * abs(dt_s) / LARGEST_TURN_RAD))
+        """How many Runge-Kutta steps dt_s takes at this rate; 0 if more than MOST_STEPS."""
+        return step_count(np.asarray(rate_rad_s, dtype=np.float64), self.mean_motion_rad_s, dt_s)
 
     def propagate(
         self, dcm_lvlh_from_target: Matrix, rate_rad_s: Vector, dt_s: float, torque_n_m: Vector | None = None
     ) -> tuple[Matrix, Vector]:
-        """Attitude (3, 3) and inertial rate (3,) rad/s after dt_s under a constant torque (3,) N m, body axes."""
+        """Attitude (3, 3) and inertial rate (3,) rad/s after dt_s under a constant torque (3,) N m, body axes.
+
+        As they are, if dt_s takes more than MOST_STEPS: nothing is known of the attitude after it.
+        """
         dcm = np.array(dcm_lvlh_from_target, dtype=np.float64)
         rate = np.array(rate_rad_s, dtype=np.float64)
         tau = np.zeros(3) if torque_n_m is None else np.asarray(torque_n_m, dtype=np.float64)
@@ -235,16 +290,19 @@ class RigidBody:
     ) -> tuple[Matrix, Vector, Matrix, Matrix]:
         """Attitude and rate after dt_s, the transition (6, 6) of their errors, and the process noise (6, 6).
 
-        Transition to 1e-4 of dt, noise to 1 % of its sigmas: what a covariance needs.
+        Transition to 1e-4 of dt, noise to 1 % of its sigmas: what a covariance needs. If dt_s takes more than
+        MOST_STEPS, attitude and rate are left as they are, the transition is 1, and the noise says that nothing is
+        known: 1-sigma of half a turn and of twice the rate.
 
         density_rad2_s3: of white angular acceleration, each axis.
         """
         dcm = np.array(dcm_lvlh_from_target, dtype=np.float64)
         rate = np.array(rate_rad_s, dtype=np.float64)
-        tau = np.zeros(3) if torque_n_m is None else np.asarray(torque_n_m, dtype=np.float64)
-        count, phi, noise, n = self.steps(rate, dt_s), np.eye(6), np.zeros((6, 6)), self.mean_motion_rad_s
-        h, body = dt_s / count, (self.inertia, self.inverse, n)
-        turn_body_with_errors(dcm, rate, *body, tau, h, count, density_rad2_s3, phi, noise, self._errors)
+        self.matrix[TORQUE] = 0.0 if torque_n_m is None else torque_n_m
+        phi, noise = np.eye(6), np.zeros((6, 6))
+        if not propagate_into(self.matrix, dt_s, dcm, rate, density_rad2_s3, phi, noise, self._errors):
+            fastest = max(float(np.linalg.norm(rate)), self.mean_motion_rad_s)
+            noise[:] = np.diag(np.repeat([math.pi**2, (2.0 * fastest) ** 2 + density_rad2_s3 * abs(dt_s)], 3))
         return dcm, rate, phi, noise
 
 

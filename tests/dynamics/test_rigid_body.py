@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from relnav.dynamics.rigid_body import RigidBody, lvlh_rate
+from relnav.dynamics.rigid_body import LARGEST_TURN_RAD, MOST_STEPS, RigidBody, lvlh_rate, propagate_into
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.rotation_vector import rotation_vector_between, turned
 from relnav.mission import Orbit
@@ -108,6 +108,50 @@ def test_process_noise_is_that_of_many_small_steps():
         total = phi @ total @ phi.T + added
     scale = np.sqrt(np.outer(np.diag(total), np.diag(total)))
     np.testing.assert_allclose(whole / scale, total / scale, atol=1e-2)
+
+
+@pytest.mark.parametrize("torque", [None, [0.3, -0.2, 0.1]])
+@pytest.mark.parametrize("dt", [0.1, 40.0])
+def test_the_kernel_does_all_that_the_method_does(dt, torque):
+    body, rng = RigidBody(INERTIA, N), np.random.default_rng(6)
+    dcm, w = Rotation.random(rng=rng).as_matrix(), np.radians([0.5, -0.3, 0.8])
+    expected = body.propagate_with_errors(dcm, w, dt, 1e-8, torque)
+    alone = np.array(body.matrix)
+    phi, q = np.full((6, 6), np.nan), np.full((6, 6), np.nan)
+    assert propagate_into(alone, dt, dcm, w, 1e-8, phi, q, np.full((50, 6), np.nan))
+    for got, value in zip((dcm, w, phi, q), expected, strict=True):
+        np.testing.assert_array_equal(got, value)
+    end, rate = body.propagate(Rotation.random(rng=np.random.default_rng(6)).as_matrix(), np.radians([0.5, -0.3, 0.8]),
+                               dt, torque)  # fmt: skip
+    np.testing.assert_allclose(dcm, end, atol=1e-12)
+    np.testing.assert_allclose(w, rate, atol=1e-12)
+
+
+@pytest.mark.parametrize(("rate", "dt"), [(3.0, 86400.0), (1e-3, 1e9), (np.nan, 1.0), (0.01, np.nan), (0.01, np.inf)])
+def test_a_step_after_which_nothing_is_known(rate, dt):
+    body, dcm, w = RigidBody(INERTIA, N), np.eye(3), np.array([0.0, rate, 0.0])
+    phi, q = np.ones((6, 6)), np.ones((6, 6))
+    assert not propagate_into(body.matrix, dt, dcm, w, 1e-12, phi, q, np.empty((50, 6)))
+    np.testing.assert_array_equal(dcm, np.eye(3))
+    np.testing.assert_array_equal(w, [0.0, rate, 0.0])
+    assert (phi == 1.0).all()
+    assert (q == 1.0).all()
+    end, w_end, phi, noise = body.propagate_with_errors(dcm, w, dt, 1e-12)
+    np.testing.assert_array_equal(end, dcm)
+    np.testing.assert_array_equal(w_end, w)
+    np.testing.assert_array_equal(phi, np.eye(6))
+    np.testing.assert_allclose(np.sqrt(np.diag(noise)[:3]), np.pi)
+    if np.isfinite(rate * dt):
+        assert (np.sqrt(np.diag(noise)[3:]) >= 2.0 * rate).all()
+    assert body.steps(w, dt) == 0
+    np.testing.assert_array_equal(body.propagate(dcm, w, dt)[0], dcm)
+
+
+def test_the_longest_step():
+    body, w = RigidBody(INERTIA, 0.0), np.array([0.0, 0.0, 1e-2])
+    longest = MOST_STEPS * LARGEST_TURN_RAD / 1e-2
+    assert body.steps(w, 0.999 * longest) == pytest.approx(0.999 * MOST_STEPS, abs=1.0)
+    assert body.steps(w, 1.001 * longest) == 0
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """Values of a model replaced for one run, by key in any unit; and sections that may be left out."""
 
+import math
+
 import pytest
 
 import relnav
@@ -51,3 +53,11 @@ def test_a_guard_shorter_than_the_detector_settles(write_model):
     path = write_model(("guard_us = { value = 100.0", "guard_us = { value = 10.0"))
     with pytest.raises(relnav.ModelError, match=r"guard_s is five time constants of detector.bandwidth_hz or more"):
         relnav.load_model(path)
+
+
+def test_where_the_target_is_at_clock_zero():
+    assert relnav.load_model("three_beacon_psd").orbit.true_anomaly_rad == 0.0
+    model = relnav.load_model("three_beacon_psd", {"eccentricity": 0.1, "true_anomaly_deg": 90.0})
+    assert model.orbit.true_anomaly_rad == pytest.approx(0.5 * math.pi)
+    with pytest.raises(relnav.ModelError, match="a finite number is expected"):
+        relnav.load_model("three_beacon_psd", {"true_anomaly_deg": math.inf})
