@@ -3,6 +3,10 @@
 B(s) = [Phi_rv(s); Phi_vv(s)] of Clohessy-Wiltshire and A (3, 3) is the acceleration noise density, m^2/s^3. The
 integrand is smooth on the scale of an orbit, so five Gauss-Legendre points are exact to rounding for n h <= 0.25, and
 three for n h <= 0.001 (a test holds it against Van Loan); longer steps double: Q(2h) = Phi(h) Q(h) Phi(h)^T + Q(h).
+
+About an eccentric target B(s) is that of Yamanaka and Ankersen from the time s to the end of the step, and a step is as
+many pieces of five points as its fastest turn, that at perigee, asks for: nothing repeats, so nothing doubles. What a
+constant acceleration adds, int B(s) a ds, comes from the same points.
 """
 
 import math
@@ -12,6 +16,13 @@ import numpy as np
 from relnav.arrays import Matrix, Vector
 from relnav.codegen.kernel import kernel
 from relnav.dynamics.clohessy_wiltshire import transition_into
+from relnav.dynamics.yamanaka_ankersen import anomaly_step, from_anomalies_into
+
+LARGEST_TURN_RAD = 0.25
+"""Of the target in one piece of the integral; three points do up to SMALL_TURN_RAD."""
+SMALL_TURN_RAD = 1e-3
+MOST_PIECES = 10_000
+"""Of a step about an eccentric target, some 30 ms: 400 revolutions of a nearly circular orbit, 50 at e = 0.7."""
 
 
 def _gauss_legendre(points: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -21,7 +32,18 @@ def _gauss_legendre(points: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 _NODES_3, _WEIGHTS_3 = _gauss_legendre(3)
-NODES_5, WEIGHTS_5 = _gauss_legendre(5)
+_NODES_5, _WEIGHTS_5 = _gauss_legendre(5)
+
+
+@kernel
+def _add_node(phi: Matrix, a: Matrix, weight: float, q: Matrix, ba: Matrix) -> None:
+    """Add B A B^T times a weight to the lower triangle of q, B the last three columns of phi; ba (6, 6) scratch."""
+    for i in range(6):
+        for k in range(3):
+            ba[i, k] = (phi[i, 3] * a[0, k] + phi[i, 4] * a[1, k] + phi[i, 5] * a[2, k]) * weight
+    for i in range(6):
+        for j in range(i + 1):
+            q[i, j] += ba[i, 0] * phi[j, 3] + ba[i, 1] * phi[j, 4] + ba[i, 2] * phi[j, 5]
 
 
 @kernel
@@ -29,16 +51,11 @@ def _quadrature(n: float, h: float, a: Matrix, q: Matrix, phi: Matrix, ba: Matri
     for i in range(6):
         for j in range(6):
             q[i, j] = 0.0
-    short = abs(n * h) < 1e-3
+    short = abs(n * h) < SMALL_TURN_RAD
     for node in range(3 if short else 5):
-        transition_into(n, (_NODES_3[node] if short else NODES_5[node]) * h, phi)  # B = its last three columns
-        weight = (_WEIGHTS_3[node] if short else WEIGHTS_5[node]) * h
-        for i in range(6):
-            for k in range(3):
-                ba[i, k] = (phi[i, 3] * a[0, k] + phi[i, 4] * a[1, k] + phi[i, 5] * a[2, k]) * weight
-        for i in range(6):
-            for j in range(i + 1):
-                q[i, j] += ba[i, 0] * phi[j, 3] + ba[i, 1] * phi[j, 4] + ba[i, 2] * phi[j, 5]
+        transition_into(n, (_NODES_3[node] if short else _NODES_5[node]) * h, phi)  # B = its last three columns
+        weight = (_WEIGHTS_3[node] if short else _WEIGHTS_5[node]) * h
+        _add_node(phi, a, weight, q, ba)
     for i in range(6):
         for j in range(i):
             q[j, i] = q[i, j]
@@ -52,7 +69,7 @@ def acceleration_noise_into(n: float, dt: float, a: Matrix, q: Matrix, phi: Matr
     """
     doublings = 0
     h = dt
-    while abs(n * h) > 0.25:
+    while abs(n * h) > LARGEST_TURN_RAD:
         h *= 0.5
         doublings += 1
     _quadrature(n, h, a, q, phi, work)
@@ -71,6 +88,53 @@ def acceleration_noise_into(n: float, dt: float, a: Matrix, q: Matrix, phi: Matr
             for j in range(i):
                 q[j, i] = q[i, j]
         h *= 2.0
+
+
+@kernel
+def eccentric_acceleration_into(
+    n: float,
+    e: float,
+    sin1: float,
+    cos1: float,
+    dt: float,
+    acceleration: Vector,
+    a: Matrix,
+    q: Matrix,
+    effect: Vector,
+    phi: Matrix,
+    work: Matrix,
+) -> bool:
+    """Write Q(dt) (6, 6) into q and what a constant acceleration (3,) m/s^2 adds to the state (6,) into effect.
+
+    About a target of mean motion n rad/s and eccentricity e, whose true anomaly at the END of the step has this sine
+    and cosine; dt >= 0 s, density a (3, 3) m^2/s^3; phi and work (6, 6) are scratch. False, and nothing written, for a
+    step of more than MOST_PIECES.
+    """
+    root = math.sqrt(1.0 - e * e)
+    turn = n * dt * (1.0 + e) ** 2 / (root * root * root)  # at the rate of the perigee
+    if not turn <= MOST_PIECES * LARGEST_TURN_RAD:
+        return False
+    for i in range(6):
+        effect[i] = 0.0
+        for j in range(6):
+            q[i, j] = 0.0
+    short = turn < SMALL_TURN_RAD
+    pieces = max(1, math.ceil(turn / LARGEST_TURN_RAD))
+    h = dt / pieces
+    for piece in range(pieces):
+        for node in range(3 if short else 5):
+            left = (piece + (_NODES_3[node] if short else _NODES_5[node])) * h  # until the end
+            S, V, W, sin0, cos0 = anomaly_step(e, sin1, cos1, -n * left)
+            from_anomalies_into(n, e, sin0, cos0, -S, V, -W, phi)
+            weight = (_WEIGHTS_3[node] if short else _WEIGHTS_5[node]) * h
+            _add_node(phi, a, weight, q, work)
+            for i in range(6):
+                push = phi[i, 3] * acceleration[0] + phi[i, 4] * acceleration[1] + phi[i, 5] * acceleration[2]
+                effect[i] += weight * push
+    for i in range(6):
+        for j in range(i):
+            q[j, i] = q[i, j]
+    return True
 
 
 @kernel

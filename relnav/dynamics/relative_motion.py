@@ -1,66 +1,80 @@
-"""How the chaser moves about its target: Clohessy-Wiltshire, or Yamanaka-Ankersen about an eccentric one.
+"""The motion relative to a target on a known orbit, as a filter takes it: one step of it, and its transition.
 
-One signature for a process model: transition, what the control adds, what white acceleration adds. On a circular orbit
-all three depend on the step alone; on an eccentric one on where the target is as well.
-
-The effect of an acceleration that is held in `lvlh_ccsds`, and the covariance of white noise, are integrals of
-Phi(s -> t + dt) over the step, by five Gauss-Legendre points in pieces of at most a quarter radian at perigee, where a
-test holds them to 1e-9 of integrated motion.
+Clohessy-Wiltshire about a circular orbit, Yamanaka-Ankersen about any other. The orbit is a vector (4,): mean motion
+rad/s, eccentricity, mean anomaly rad when the log's clock is zero, and a spare. All in `lvlh_ccsds`, m and m/s.
 """
 
 import math
 
+import numpy as np
+
 from relnav.arrays import Matrix, Vector
 from relnav.codegen.kernel import kernel
-from relnav.dynamics import clohessy_wiltshire, yamanaka_ankersen
-from relnav.dynamics.process_noise import NODES_5, WEIGHTS_5, acceleration_noise_into
+from relnav.dynamics import clohessy_wiltshire as circular
+from relnav.dynamics.process_noise import acceleration_noise_into, eccentric_acceleration_into
+from relnav.dynamics.yamanaka_ankersen import anomaly_step, from_anomalies_into, mean_from_true_anomaly
 
-PHI_PATTERN = ("*0**0*", "0*00*0", "*0**0*", "*0**0*", "0*00*0", "*0**0*")
-"""Where Phi may differ from 0 about an eccentric target; about a circular one `clohessy_wiltshire.PHI_PATTERN`."""
-WORK_ROWS = 20
-"""Of scratch, six columns wide."""
+MEAN_MOTION, ECCENTRICITY, MEAN_ANOMALY = 0, 1, 2
 LONGEST_STEP_RAD = 1e12
-"""Of a circular orbit, between two times: beyond it (1e15 s) the phase is lost to rounding."""
-LONGEST_ECCENTRIC_STEP_RAD = 1e4
-"""Of an eccentric one: its integrals go through the step piece by piece."""
+"""Of a circular orbit: beyond it the phase is lost to rounding."""
 
-circular_transition_into = clohessy_wiltshire.transition_into
-circular_effect_into = clohessy_wiltshire.acceleration_effect_into
-eccentric_transition_into = yamanaka_ankersen.transition_into
-mean_from_true_anomaly = yamanaka_ankersen.mean_from_true_anomaly
-true_from_mean_anomaly = yamanaka_ankersen.true_from_mean_anomaly
-_LARGEST_PIECE_RAD = 0.25
+_circular_transition = circular.transition_into
+_circular_effect = circular.acceleration_effect_into
+
+
+def orbit_vector(mean_motion_rad_s: float, eccentricity: float = 0.0, true_anomaly_rad: float = 0.0) -> Vector:
+    """The orbit (4,) of this module from the target's true anomaly when the log's clock is zero.
+
+    Raises
+    ------
+    ValueError
+        For a mean motion that is not positive, an eccentricity outside 0 <= e < 1, or an anomaly that is not finite.
+    """
+    n, e = mean_motion_rad_s, eccentricity
+    if not (math.isfinite(n) and n > 0.0) or not 0.0 <= e < 1.0:
+        raise ValueError(f"mean_motion_rad_s > 0 and 0 <= eccentricity < 1 are expected; got {n!r}, {e!r}")
+    if not math.isfinite(true_anomaly_rad):
+        raise ValueError(f"true_anomaly_rad must be finite; got {true_anomaly_rad!r}")
+    return np.array([n, e, mean_from_true_anomaly(e, true_anomaly_rad), 0.0])
 
 
 @kernel
 def depends_on_dt_alone(orbit: Vector) -> bool:
-    """Whether a step's transition, effect and noise are those of every step as long; orbit as in `propagate_into`."""
+    """Whether the same dt gives the same Phi, Q and effect at any time: so it is about a circular orbit."""
     return bool(orbit[1] == 0.0)
 
 
 @kernel
-def true_anomaly_at(orbit: Vector, t: float) -> float:
-    """True anomaly of the target at t s, rad; orbit as in `propagate_into`."""
-    return true_from_mean_anomaly(orbit[1], orbit[2] + orbit[0] * t)
+def true_anomaly_at(orbit: Vector, t: float) -> tuple[float, float]:
+    """Sine and cosine of the target's true anomaly at t s on the log's clock."""
+    _, _, _, sine, cosine = anomaly_step(orbit[1], 0.0, 1.0, orbit[2] + orbit[0] * t)
+    return sine, cosine
 
 
 @kernel
-def turn_rate(orbit: Vector, t: float) -> float:
-    """Rate rad/s at which `lvlh_ccsds` turns about -y at t s: n (1 + e cos theta)^2 / (1 - e^2)^(3/2)."""
+def frame_rate(orbit: Vector, t: float) -> float:
+    """Rate at which `lvlh_ccsds` turns about -y at t s on the log's clock, rad/s: h / r^2 of the target."""
     e = orbit[1]
     if e == 0.0:
         return float(orbit[0])
-    rho = 1.0 + e * math.cos(true_anomaly_at(orbit, t))
-    return float(orbit[0] * rho * rho / (1.0 - e * e) ** 1.5)
+    _, cosine = true_anomaly_at(orbit, t)
+    q = 1.0 - e * e
+    return float(orbit[0] * (1.0 + e * cosine) ** 2 / (q * math.sqrt(q)))
 
 
 @kernel
-def transition_into(orbit: Vector, t: float, dt: float, phi: Matrix, work: Matrix) -> None:
-    """Write Phi (6, 6) from t to t + dt s, dt of either sign; work (WORK_ROWS, 6) is scratch."""
-    if orbit[1] == 0.0:
-        circular_transition_into(orbit[0], dt, phi)
+def transition_into(orbit: Vector, t: float, dt: float, phi: Matrix) -> None:
+    """Write Phi (6, 6) from t s on the log's clock to t + dt, dt of either sign, into phi.
+
+    The inverse of that over dt from t, as smoothing needs it, is `transition_into(orbit, t + dt, -dt, phi)`.
+    """
+    n, e = orbit[0], orbit[1]
+    if e == 0.0:
+        _circular_transition(n, dt, phi)
     else:
-        eccentric_transition_into(orbit[0], orbit[1], true_anomaly_at(orbit, t), dt, phi, work)
+        sin0, cos0 = true_anomaly_at(orbit, t)
+        S, V, W, _, _ = anomaly_step(e, sin0, cos0, n * dt)
+        from_anomalies_into(n, e, sin0, cos0, S, V, W, phi)
 
 
 @kernel
@@ -75,57 +89,23 @@ def propagate_into(
     effect: Vector,
     work: Matrix,
 ) -> bool:
-    """Write Phi (6, 6), Q (6, 6) and what an acceleration held from t to t + dt adds, effect (6,).
+    """Write Phi and Q (6, 6) over a step dt >= 0 s from t s on the log's clock, and the effect (6,) of an acceleration.
 
-    Parameters
-    ----------
-    orbit : (3,)
-        Mean motion rad/s, eccentricity, mean anomaly at clock zero rad.
-    t, dt : float
-        Start on that clock, and length >= 0 of the step, s.
-    acceleration, density : (3,), (3, 3)
-        m/s^2 and m^2/s^3, `lvlh_ccsds`.
-    work : (WORK_ROWS, 6)
-        Scratch.
-
-    Returns
-    -------
-    False, with nothing written, for a step so long that nothing would be known at its end.
+    acceleration (3,) m/s^2 is constant over the step, density (3, 3) m^2/s^3 that of white acceleration noise, both in
+    `lvlh_ccsds`. work: (6, 6) scratch, none of the other arrays. False, and nothing of use written, for a step so long
+    that nothing is known of the position after it (LONGEST_STEP_RAD, `process_noise.MOST_PIECES`) or that is no number.
     """
     n, e = orbit[0], orbit[1]
-    if not abs(n * dt) < (LONGEST_STEP_RAD if e == 0.0 else LONGEST_ECCENTRIC_STEP_RAD):
+    if not abs(n * dt) < LONGEST_STEP_RAD:
         return False
     if e == 0.0:
-        acceleration_noise_into(n, dt, density, q, phi, work[0:6])
-        circular_transition_into(n, dt, phi)
-        circular_effect_into(n, dt, acceleration, effect)
+        acceleration_noise_into(n, dt, density, q, phi, work)
+        _circular_transition(n, dt, phi)
+        _circular_effect(n, dt, acceleration, effect)
         return True
-    for i in range(6):
-        effect[i] = 0.0
-        for j in range(6):
-            q[i, j] = 0.0
-    fastest = n * (1.0 + e) * (1.0 + e) / (1.0 - e * e) ** 1.5
-    pieces = max(1, math.ceil(fastest * dt / _LARGEST_PIECE_RAD))
-    h, by_density = dt / pieces, work[14:20]
-    for piece in range(pieces):
-        for node in range(5):
-            s = (piece + NODES_5[node]) * h
-            weight = WEIGHTS_5[node] * h
-            eccentric_transition_into(n, e, true_anomaly_at(orbit, t + s), dt - s, phi, work[0:14])
-            for i in range(6):
-                for k in range(3):
-                    b0, b1, b2 = phi[i, 3], phi[i, 4], phi[i, 5]
-                    by_density[i, k] = (b0 * density[0, k] + b1 * density[1, k] + b2 * density[2, k]) * weight
-                effect[i] += weight * (
-                    phi[i, 3] * acceleration[0] + phi[i, 4] * acceleration[1] + phi[i, 5] * acceleration[2]
-                )
-            for i in range(6):
-                for j in range(i + 1):
-                    q[i, j] += (
-                        by_density[i, 0] * phi[j, 3] + by_density[i, 1] * phi[j, 4] + by_density[i, 2] * phi[j, 5]
-                    )
-    for i in range(6):
-        for j in range(i):
-            q[j, i] = q[i, j]
-    eccentric_transition_into(n, e, true_anomaly_at(orbit, t), dt, phi, work[0:14])
+    sin0, cos0 = true_anomaly_at(orbit, t)
+    S, V, W, sin1, cos1 = anomaly_step(e, sin0, cos0, n * dt)
+    if not eccentric_acceleration_into(n, e, sin1, cos1, dt, acceleration, density, q, effect, phi, work):
+        return False
+    from_anomalies_into(n, e, sin0, cos0, S, V, W, phi)
     return True

@@ -17,8 +17,9 @@ from relnav.files.spool import Spool
 from relnav.files.tables import STATE_COLUMNS, Table, check_format, relnav_version, write_table
 from relnav.mission import VisionMission
 from relnav.navigation.arguments import controls, quaternions
+from relnav.navigation.pose_epoch import EPOCH
 from relnav.navigation.pose_log import CHUNK, MarkerLogFilter, smoothed_rows
-from relnav.navigation.pose_record import EPOCH, PoseSolution
+from relnav.navigation.pose_record import PoseSolution
 from relnav.navigation.pose_smoothing import PoseSmoother
 from relnav.simulation.marker_flight import MarkerFlight
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
-from relnav.dynamics.relative_motion import turn_rate
+from relnav.dynamics.relative_motion import frame_rate
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.mission import VisionMission
 from relnav.navigation.memory import orbit_values
@@ -60,7 +60,7 @@ def docking_states(
         Its inertial rate, chaser axes; that of a chaser held in `lvlh_ccsds` if left out.
     """
     orbit = orbit_values(mission.orbit)
-    turn = np.array([turn_rate(orbit, t) for t in t_s])
+    turn = np.array([frame_rate(orbit, t) for t in t_s])
     w_L = cross_matrix(np.multiply.outer(turn, [0.0, -1.0, 0.0]))
     own = -dcm_chaser_from_lvlh[:, :, 1] * turn[:, None] if chaser_rate_rad_s is None else chaser_rate_rad_s
     count, port = len(motion), np.array(mission.chaser.port_position_m)

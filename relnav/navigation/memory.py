@@ -11,8 +11,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import inlined, plain
-from relnav.dynamics.relative_motion import WORK_ROWS as PROPAGATION_ROWS
-from relnav.dynamics.yamanaka_ankersen import mean_from_true_anomaly
+from relnav.dynamics.relative_motion import orbit_vector
 from relnav.estimation.gating import gate_limits
 from relnav.estimation.rows import group_type, track_type
 from relnav.mission import FilterSettings, Model, Orbit, ProcessNoise
@@ -57,7 +56,7 @@ TOLERANCES = np.dtype(
 )
 MOTION_MODEL = np.dtype(
     [
-        ("orbit", _F, 3),  # mean motion, eccentricity, mean anomaly at clock zero
+        ("orbit", _F, 4),  # as `dynamics.relative_motion` describes it
         ("acceleration_noise_density", _F),
         ("control_magnitude_sigma", _F),
         ("control_direction_sigma", _F),
@@ -114,7 +113,7 @@ SCRATCH = np.dtype(
         ("columns", _F, (3, 6)),
         ("information", _F, (3, 3)),
         ("density", _F, (3, 3)),
-        ("propagation", _F, (PROPAGATION_ROWS, 6)),
+        ("six", _F, (6, 6)),
         ("back", _F, (6, 6)),  # of smoothing: Phi^-1
         ("carried", _F, (6, 6)),  # of smoothing: factors of Phi^-1 Q Phi^-T
     ]
@@ -301,9 +300,8 @@ def new_memory(model: Model, method: str, projection: str) -> Vector:
 
 
 def orbit_values(orbit: Orbit) -> Vector:
-    """Mean motion, eccentricity, mean anomaly at clock zero, (3,), as `dynamics.relative_motion` takes them."""
-    e = orbit.eccentricity
-    return np.array([orbit.mean_motion_rad_s, e, mean_from_true_anomaly(e, orbit.true_anomaly_rad)])
+    """The orbit as `dynamics.relative_motion` takes it, (4,)."""
+    return orbit_vector(orbit.mean_motion_rad_s, orbit.eccentricity, orbit.true_anomaly_rad)
 
 
 def write_motion_model(motion: Record, orbit: Orbit, noise: ProcessNoise, settings: FilterSettings) -> None:

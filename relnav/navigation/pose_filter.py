@@ -20,24 +20,18 @@ import numpy as np
 from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import kernel, straight_line
 from relnav.codegen.trace import Shape
-from relnav.dynamics.relative_motion import PHI_PATTERN, turn_rate
-from relnav.dynamics.rigid_body import LARGEST_TURN_RAD, turn_body_with_errors
-from relnav.estimation.factored import factorize_into, orthogonalise, spread, time_update_into
+from relnav.estimation.factored import orthogonalise, spread
 from relnav.estimation.rows import Observed, copy_track, gate_groups, log_determinant, pair_covariance, sweep
 from relnav.geometry.rotation_vector import rotation_vector_into, turn_by_rotation_vector
 from relnav.navigation.marker_observation import aim_camera, has_spot, observe_markers
 from relnav.navigation.pose_memory import POSE, PoseMemory, pose_views
+from relnav.navigation.pose_propagation import advance_bank, copy_pose, is_wide
 from relnav.navigation.propagation import prepare_step
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
 
 DROP = 2.0 * math.log(1e6)
-MEMORY_S = 50.0
-"""Of the scores: what a filter was before it settled is forgotten."""
 RENEWED_S = 10.0
 JOINED = 1.0  # chi-square of twelve: two hypotheses this near are one
-_LARGEST_TURN_RAD = 0.3
-_LARGEST_SHARE_OF_RANGE = 0.2
-"""1-sigma of attitude and position up to which errors count as small (tests: NEES after gaps)."""
 TELLING_SHARE = 0.01
 """Of the image that a spot's gate may cover where it is to confirm a start."""
 
@@ -47,29 +41,9 @@ NOTHING, ROOTS, NEW_ROOTS = 0, 1, 2
 CONTRADICTED, GOES_ON, CONFIRMED = 0, 1, 2
 """What an image says of a trial; one that agrees with it while its gates are large proves nothing, and it goes on."""
 
-POSE_PHI_PATTERN: Shape = (*(row + "000000" for row in PHI_PATTERN), *("000000******",) * 6)
-POSE_NOISE_PATTERN: Shape = (*("******000000",) * 6, *("000000******",) * 6)
 _RESET: Shape = tuple(
     "".join("*" if 6 <= i < 9 and 6 <= j < 9 else "1" if i == j else "0" for j in range(POSE)) for i in range(POSE)
 )
-
-
-@straight_line(ld=(POSE, POSE), phi=POSE_PHI_PATTERN, noise=POSE_NOISE_PATTERN)
-def carry_errors(ld: Matrix, phi: Matrix, noise: Matrix) -> None:
-    """Carry the factors over a step: motion and rotation go their own ways, noise (factors of Q) likewise."""
-    time_update_into(ld, phi, noise)
-
-
-@straight_line(motion=(6,), phi=PHI_PATTERN, effect=(6,))
-def carry_motion(motion: Vector, phi: Matrix, effect: Vector) -> None:
-    """Carry position and velocity (6,) over a step, in place."""
-    x = np.zeros(6)
-    for i in range(6):
-        x[i] = effect[i]
-        for j in range(6):
-            x[i] += phi[i, j] * motion[j]
-    for i in range(6):
-        motion[i] = x[i]
 
 
 @straight_line(ld=(POSE, POSE), turn=_RESET)
@@ -79,104 +53,6 @@ def turn_errors(ld: Matrix, turn: Matrix) -> None:
     w, weights = np.zeros((n, n)), np.zeros(n)
     spread(turn, ld, w, weights)
     orthogonalise(w, weights, ld)
-
-
-@kernel
-def copy_pose(source: Record, target: Record) -> None:
-    """Copy a hypothesis."""
-    copy_track(source, target)
-    for i in range(6):
-        target["motion"][i] = source["motion"][i]
-    for i in range(3):
-        target["rate"][i] = source["rate"][i]
-        for j in range(3):
-            target["dcm"][i, j] = source["dcm"][i, j]
-    target["score"] = source["score"]
-
-
-@kernel
-def advance_pose(m: PoseMemory, track: Record, t: float, dt: float) -> None:
-    """Carry a hypothesis over the prepared step from t over dt s; the orbit turns as in the middle of the step."""
-    body, step, phi, noise = m.body, m.step, m.scratch["phi"], m.scratch["noise"]
-    turn, spread_, factors, rate = body["phi"], body["noise"], body["factors"], track["rate"]
-    carry_motion(track["motion"], step["phi"], step["effect"])
-    n = turn_rate(m.motion["orbit"], t + 0.5 * dt)
-    fastest = max(math.sqrt(rate[0] ** 2 + rate[1] ** 2 + rate[2] ** 2), n)
-    count = max(1, math.ceil(fastest * dt / LARGEST_TURN_RAD))
-    for i in range(6):
-        for j in range(6):
-            turn[i, j], spread_[i, j] = 1.0 if i == j else 0.0, 0.0
-    turn_body_with_errors(
-        track["dcm"],
-        rate,
-        body["inertia"],
-        body["inverse"],
-        n,
-        body["torque"],
-        dt / count,
-        count,
-        body["noise_density"],
-        turn,
-        spread_,
-        body["work"],
-    )
-    for i in range(6):
-        for j in range(i):
-            spread_[i, j] = 0.5 * (spread_[i, j] + spread_[j, i])
-            spread_[j, i] = spread_[i, j]
-    if not factorize_into(spread_, factors):
-        factors[0, 0] = math.nan
-    for i in range(6):
-        for j in range(6):
-            phi[i, j], phi[6 + i, 6 + j] = step["phi"][i, j], turn[i, j]
-            noise[i, j], noise[6 + i, 6 + j] = step["noise"][i, j], factors[i, j]
-    carry_errors(track["ld"], phi, noise)
-
-
-@kernel
-def variance(ld: Matrix, i: int) -> float:
-    """P_ii of the factors."""
-    total = ld[i, i]
-    for j in range(i):
-        total += ld[i, j] * ld[i, j] * ld[j, j]
-    return float(total)
-
-
-@kernel
-def _largest_variance(ld: Matrix, first: int) -> float:
-    return max(variance(ld, first), variance(ld, first + 1), variance(ld, first + 2))
-
-
-@kernel
-def is_wide(track: Record) -> bool:
-    """Whether errors are no longer small: a full image then tells more than the state that it would correct."""
-    ld, rho = track["ld"], track["motion"]
-    share2 = _largest_variance(ld, 0) / (rho[0] * rho[0] + rho[1] * rho[1] + rho[2] * rho[2])
-    wide_turn = _largest_variance(ld, 6) > _LARGEST_TURN_RAD * _LARGEST_TURN_RAD
-    return wide_turn or not share2 <= _LARGEST_SHARE_OF_RANGE * _LARGEST_SHARE_OF_RANGE
-
-
-@kernel
-def _is_forgotten(m: PoseMemory, track: Record, dt: float) -> bool:
-    """Whether after dt nothing is known of the attitude any more: 1-sigma of half a turn."""
-    drift = m.body["noise_density"] * dt * dt * dt / 3.0
-    known = _largest_variance(track["ld"], 6) + _largest_variance(track["ld"], 9) * dt * dt + drift
-    return not known <= math.pi * math.pi
-
-
-@kernel
-def _advance_bank(m: PoseMemory, bank: Record, count: int, t: float, dt: float) -> int:
-    """Carry the hypotheses over dt, those left out of which nothing would be known; returns how many remain."""
-    kept = 0
-    fade = math.exp(-dt / MEMORY_S)
-    for k in range(count):
-        if not _is_forgotten(m, bank[k], dt):
-            if kept < k:
-                copy_pose(bank[k], bank[kept])
-            advance_pose(m, bank[kept], t, dt)
-            bank[kept]["score"] *= fade
-            kept += 1
-    return kept
 
 
 @kernel
@@ -367,8 +243,8 @@ def pose_step(block: Vector, t: float, chaser: Matrix, spots: Matrix, covariance
     if (clock["running"] > 0 or clock["trial"] > 0) and (dt > 0.0 or v[0] != 0.0 or v[1] != 0.0 or v[2] != 0.0):
         prepare_step(m.step, m.motion, m.scratch, clock["t"], dt)
         taken = m.step["dt"]
-        clock["running"] = _advance_bank(m, m.bank, clock["running"], clock["t"], taken)
-        clock["trial"] = _advance_bank(m, m.trial, clock["trial"], clock["t"], taken)
+        clock["running"] = advance_bank(m, m.bank, clock["running"], clock["t"], taken)
+        clock["trial"] = advance_bank(m, m.trial, clock["trial"], clock["t"], taken)
     clock["t"] = t
     aim_camera(m.camera, chaser)
     seen = 0

@@ -10,9 +10,10 @@ from relnav.codegen.kernel import kernel
 from relnav.geometry.rotation import dcm_from_quaternion, dcm_from_quaternion_into
 from relnav.mission import VisionMission
 from relnav.navigation.arguments import controls, quaternions
+from relnav.navigation.pose_epoch import EPOCH, read_epoch, write_epoch
 from relnav.navigation.pose_filter import NOTHING, pose_step
 from relnav.navigation.pose_memory import pose_named, pose_views
-from relnav.navigation.pose_record import EPOCH, PoseSolution, read_epoch, write_epoch
+from relnav.navigation.pose_record import PoseSolution
 from relnav.navigation.pose_smoothing import PoseSmoother
 from relnav.navigation.relative_pose import NO_COVARIANCES, Event, PoseNavigator, look_for_roots
 

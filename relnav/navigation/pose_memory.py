@@ -10,8 +10,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import inlined, plain
-from relnav.dynamics.relative_motion import WORK_ROWS as PROPAGATION_ROWS
-from relnav.dynamics.rigid_body import RigidBody
+from relnav.dynamics.rigid_body import BODY_ROWS, RigidBody
 from relnav.estimation.gating import gate_limits
 from relnav.estimation.rows import group_type
 from relnav.mission import VisionMission
@@ -40,10 +39,8 @@ CAMERA = np.dtype(
 )
 BODY = np.dtype(
     [
-        ("inertia", _F, (3, 3)),
-        ("inverse", _F, (3, 3)),
+        ("values", _F, (BODY_ROWS, 3)),  # as `dynamics.rigid_body` describes them
         ("noise_density", _F),
-        ("torque", _F, 3),
         ("phi", _F, (6, 6)),
         ("noise", _F, (6, 6)),
         ("factors", _F, (6, 6)),
@@ -67,7 +64,6 @@ POSE_SCRATCH = np.dtype(
         ("covariance", _F, (6, 6)),
         ("density", _F, (3, 3)),
         ("six", _F, (6, 6)),
-        ("propagation", _F, (PROPAGATION_ROWS, 6)),
         ("phi", _F, (POSE, POSE)),
         ("noise", _F, (POSE, POSE)),
         ("seen_covariance", _F, (6, 6)),
@@ -219,7 +215,7 @@ def new_pose_memory(mission: VisionMission) -> Vector:
         chaser_sigma=mission.chaser.attitude_sigma_rad,
     )
     body = RigidBody(np.array(target.inertia_kg_m2), mission.orbit.mean_motion_rad_s)
-    fill(m.body, inertia=body.inertia, inverse=body.inverse, noise_density=target.rate_noise_density_rad2_s3)
+    fill(m.body, values=body.matrix, noise_density=target.rate_noise_density_rad2_s3)
     write_motion_model(m.motion, mission.orbit, mission.process_noise, mission.filter)
     m.step["dt"], m.clock["t"], m.clock["renewed"] = np.nan, np.nan, -np.inf
     m.gate[:] = gate_limits(mission.filter.gate_probability, 2 * count)

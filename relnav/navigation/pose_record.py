@@ -1,6 +1,5 @@
 """What the marker filter says of one epoch, and of a whole log."""
 
-import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -8,144 +7,12 @@ from typing import Any
 import numpy as np
 
 from relnav.arrays import Codes, Flags, Matrix, Record, Stack, Vector
-from relnav.codegen.kernel import kernel
 from relnav.estimation.consistency import Consistency, nis_consistency
 from relnav.estimation.factored import compose
 from relnav.mission import VisionMission
 from relnav.navigation.docking_port import DockingState, docking_states
-from relnav.navigation.pose_memory import POSE, PoseMemory, pose_views
+from relnav.navigation.pose_epoch import unpacked
 from relnav.navigation.status import EpochStatus
-
-PACKED = POSE * (POSE + 1) // 2
-LOWER = np.tril_indices(POSE)
-"""Rows and columns of packed factors."""
-
-_F, _I = np.float64, np.int64
-
-EPOCH = np.dtype(
-    [
-        ("t", _F),
-        ("motion", _F, 6),
-        ("dcm", _F, (3, 3)),
-        ("rate", _F, 3),
-        ("factor", _F, PACKED),  # lower triangle of `ld`, row by row
-        ("acceleration", _F, 3),  # over the interval that ends here
-        ("delta_v", _F, 3),
-        ("chaser", _F, (3, 3)),  # dcm_chaser_from_lvlh
-        ("nis", _F),
-        ("ambiguity", _F),
-        ("dof", _I),
-        ("status", _I),
-        ("hypotheses", _I),
-        ("used", _I),
-        ("observable", _I),
-        ("too_late", _I),
-        ("row", _I),  # an epoch of the log, not the exposure of a late image
-    ]
-)
-"""What is kept of an epoch."""
-
-
-@kernel
-def _spans_a_plane(m: PoseMemory, t: float, limit_s: float) -> bool:
-    """Whether the markers used within the limit are all of them, or three or more that do not stand on one line."""
-    s, recent, first, second, longest2 = m.points, 0, 0, 0, -1.0
-    n = s.shape[0]
-    for i in range(n):
-        recent += 1 if t - m.used_s[i] <= limit_s else 0
-    if recent == n or recent < 3:
-        return bool(recent == n)
-    for i in range(n):
-        for j in range(i):
-            if t - m.used_s[i] <= limit_s and t - m.used_s[j] <= limit_s:
-                d2 = (s[i, 0] - s[j, 0]) ** 2 + (s[i, 1] - s[j, 1]) ** 2 + (s[i, 2] - s[j, 2]) ** 2
-                if d2 > longest2:
-                    first, second, longest2 = i, j, d2
-    for i in range(n):
-        if t - m.used_s[i] <= limit_s:
-            a0, a1, a2 = s[i, 0] - s[first, 0], s[i, 1] - s[first, 1], s[i, 2] - s[first, 2]
-            b0, b1, b2 = s[second, 0] - s[first, 0], s[second, 1] - s[first, 1], s[second, 2] - s[first, 2]
-            c0, c1, c2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
-            if c0 * c0 + c1 * c1 + c2 * c2 > 1e-12 * longest2 * longest2:
-                return True
-    return False
-
-
-@kernel
-def pack_pose(ld: Matrix, packed: Vector) -> None:
-    """Write the lower triangle of ld (12, 12), row by row, into packed (78,)."""
-    at = 0
-    for i in range(ld.shape[0]):
-        for j in range(i + 1):
-            packed[at] = ld[i, j]
-            at += 1
-
-
-@kernel
-def unpack_pose(packed: Vector, ld: Matrix) -> None:
-    """Write packed factors (78,) into the lower triangle of ld (12, 12)."""
-    at = 0
-    for i in range(ld.shape[0]):
-        for j in range(i + 1):
-            ld[i, j] = packed[at]
-            at += 1
-
-
-@kernel
-def write_epoch(m: PoseMemory, out: Record) -> None:
-    """Write what the filter says after its last event."""
-    clock, result, lead, push, impulse, chaser = (
-        m.clock,
-        m.result,
-        m.bank[0],
-        out["acceleration"],
-        out["delta_v"],
-        out["chaser"],
-    )
-    count = clock["running"]
-    for i in range(3):
-        push[i], impulse[i] = m.motion["acceleration"][i], m.motion["delta_v"][i]
-        for j in range(3):
-            chaser[i, j] = m.camera["chaser"][i, j]
-    out["t"], out["nis"], out["dof"], out["status"] = clock["t"], result["nis"], result["dof"], result["status"]
-    out["hypotheses"], out["too_late"], out["row"] = count, 0, 1
-    out["ambiguity"] = m.bank[1]["score"] - lead["score"] if count > 1 else math.inf
-    out["observable"] = 1 if count > 0 and _spans_a_plane(m, clock["t"], m.fixed["few_markers_limit"]) else 0
-    used = 0
-    for i in range(m.accepted.shape[0]):
-        used += 1 if m.accepted[i] > 0.0 else 0
-    out["used"] = used
-    motion, dcm, rate, factor = out["motion"], out["dcm"], out["rate"], out["factor"]
-    if count > 0:
-        for i in range(6):
-            motion[i] = lead["motion"][i]
-        for i in range(3):
-            rate[i] = lead["rate"][i]
-            for j in range(3):
-                dcm[i, j] = lead["dcm"][i, j]
-        pack_pose(lead["ld"], factor)
-        return
-    for i in range(6):
-        motion[i] = math.nan
-    for i in range(3):
-        rate[i] = math.nan
-        for j in range(3):
-            dcm[i, j] = math.nan
-    for i in range(factor.shape[0]):
-        factor[i] = math.nan
-
-
-@kernel
-def read_epoch(block: Vector, out: Record) -> None:
-    """`write_epoch` of a filter's memory into the first of out (1,)."""
-    write_epoch(pose_views(block), out[0])
-
-
-def unpacked(factor: Matrix) -> Stack:
-    """Factors (n, 12, 12) of packed ones (n, 78)."""
-    out = np.zeros((len(factor), POSE, POSE))
-    out[:, LOWER[0], LOWER[1]] = factor
-    return out
 
 
 def _frozen(array: Any) -> Any:
@@ -162,7 +29,7 @@ class PoseRecord:
     def __init__(
         self, epoch: Record, accepted: Flags, mission: VisionMission, chaser: Matrix, chaser_rate: Vector | None
     ) -> None:
-        """Take an epoch (`EPOCH`), which spots were used, and the chaser's attitude and rate for the docking state."""
+        """Take an epoch (`pose_epoch.EPOCH`), which spots were used, and the chaser's attitude and rate at it."""
         self.epoch, self._mission, self._chaser, self._chaser_rate = epoch, mission, chaser, chaser_rate
         self._accepted = _frozen(accepted)
 
@@ -280,7 +147,7 @@ class PoseSolution:
     mission : VisionMission
         What made it.
     epochs : (n,)
-        Records of type `EPOCH`.
+        Records of type `pose_epoch.EPOCH`.
     smoothed : bool
         Whether states rest on the images after them too; NIS and what follows it is the filter's either way.
     metadata : dict

@@ -16,9 +16,9 @@ from relnav.dynamics.relative_motion import transition_into
 from relnav.estimation.smoothing import backward_model, carry_noise_back, smooth_step
 from relnav.geometry.rotation_vector import rotation_vector_into, turn_by_rotation_vector
 from relnav.mission import VisionMission
-from relnav.navigation.pose_filter import POSE_NOISE_PATTERN, POSE_PHI_PATTERN, advance_pose, copy_pose
+from relnav.navigation.pose_epoch import pack_pose, unpack_pose
 from relnav.navigation.pose_memory import POSE, POSE_TRACK, new_pose_memory, pose_views
-from relnav.navigation.pose_record import pack_pose, unpack_pose
+from relnav.navigation.pose_propagation import POSE_NOISE_PATTERN, POSE_PHI_PATTERN, advance_pose, copy_pose
 from relnav.navigation.propagation import prepare_step
 from relnav.navigation.status import STARTED
 
@@ -108,8 +108,8 @@ def _smooth(block: Vector, epochs: Record, after: Vector) -> None:
             prepare_step(m.step, m.motion, m.scratch, one["t"], dt)
             copy_pose(own, ahead)
             advance_pose(m, ahead, one["t"], m.step["dt"])
-            orbit, dt, work = m.motion["orbit"], m.step["dt"], m.scratch["propagation"]
-            transition_into(orbit, one["t"] + dt, -dt, later["motion_inverse"], work)
+            dt = m.step["dt"]
+            transition_into(m.motion["orbit"], one["t"] + dt, -dt, later["motion_inverse"])
             for i in range(6):
                 for j in range(6):
                     inverse[i, j] = later["motion_inverse"][i, j]

@@ -8,8 +8,8 @@ from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, straight_line, variant
 from relnav.dynamics.clohessy_wiltshire import PHI_PATTERN
 from relnav.dynamics.process_noise import add_execution_error
-from relnav.dynamics.relative_motion import PHI_PATTERN as ECCENTRIC_PATTERN
 from relnav.dynamics.relative_motion import depends_on_dt_alone, propagate_into
+from relnav.dynamics.yamanaka_ankersen import PHI_PATTERN as ECCENTRIC_PATTERN
 from relnav.estimation.factored import factorize_into, time_update_into
 
 TICKS_PER_S = 2.0**33
@@ -47,7 +47,7 @@ def prepare_step(step: Record, motion: Record, scratch: Record, t: float, dt: fl
             densities[i, j] = density if i == j else 0.0
     root = math.sqrt(motion["control_correlation_time"])
     add_execution_error(a, along * root, across * root, densities)
-    if not propagate_into(orbit, t, dt, a, densities, step["phi"], q, effect, scratch["propagation"]):
+    if not propagate_into(orbit, t, dt, a, densities, step["phi"], q, effect, scratch["six"]):
         noise[0, 0] = math.nan
         return True
     add_execution_error(v, along, across, q[3:6, 3:6])

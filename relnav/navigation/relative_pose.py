@@ -12,16 +12,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Flags, Matrix, Stack, Vector
-from relnav.dynamics.relative_motion import turn_rate
+from relnav.dynamics.relative_motion import frame_rate
 from relnav.dynamics.rigid_body import lvlh_rate
 from relnav.geometry.rotation import is_rotation
 from relnav.geometry.rotation_vector import turned
 from relnav.mission import VisionMission
 from relnav.navigation.arguments import start_values
 from relnav.navigation.memory import fill, orbit_values
-from relnav.navigation.pose_filter import NEW_ROOTS, NOTHING, is_wide, pose_step
+from relnav.navigation.pose_epoch import EPOCH, read_epoch
+from relnav.navigation.pose_filter import NEW_ROOTS, NOTHING, pose_step
 from relnav.navigation.pose_memory import POSE, new_pose_memory, pose_named
-from relnav.navigation.pose_record import EPOCH, PoseRecord, read_epoch
+from relnav.navigation.pose_propagation import is_wide
+from relnav.navigation.pose_record import PoseRecord
 from relnav.navigation.pose_roots import add_uncovered, open_trial, roots, state_of
 from relnav.navigation.pose_state import PoseState
 from relnav.navigation.status import EpochStatus
@@ -254,7 +256,7 @@ class PoseNavigator:
         read_epoch(self.memory, epoch)
         one = epoch[0]
         if delay_s > 0.0 and rate is not None:
-            relative = rate - lvlh_rate(dcm.T, turn_rate(orbit_values(self.mission.orbit), event.t_s))
+            relative = rate - lvlh_rate(dcm.T, frame_rate(orbit_values(self.mission.orbit), event.t_s))
             dcm = turned(dcm.T, delay_s * relative).T
         status, running = outcome.status, one["hypotheses"] > 0
         if too_late or not running:

@@ -8,8 +8,8 @@ from relnav.arrays import Codes, Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import kernel, side_by_side, straight_line, variant
 from relnav.codegen.trace import LANES
 from relnav.dynamics.clohessy_wiltshire import PHI_PATTERN
-from relnav.dynamics.relative_motion import PHI_PATTERN as ECCENTRIC_PATTERN
 from relnav.dynamics.relative_motion import depends_on_dt_alone, transition_into
+from relnav.dynamics.yamanaka_ankersen import PHI_PATTERN as ECCENTRIC_PATTERN
 from relnav.estimation.smoothing import backward_model, carry_noise_back, smooth_step
 from relnav.navigation.memory import TRACK, views
 from relnav.navigation.propagation import carry_state, multiply, prepare_step, snapped
@@ -167,7 +167,7 @@ def smooth_run(
                 for j in range(3):
                     acceleration[j], delta_v[j] = later["acceleration"][j], later["delta_v"][j]
                 if prepare_step(m.step, m.motion, m.scratch, t[e], later["t"] - t[e]):
-                    transition_into(motion["orbit"], t[e] + step["dt"], -step["dt"], inverse, m.scratch["propagation"])
+                    transition_into(motion["orbit"], t[e] + step["dt"], -step["dt"], inverse)
                     carry_noise_back(step["noise"], inverse, carried)
                 if circular and _same_step(step, acceleration, t, control, codes, e):
                     ready = LANES

@@ -1,166 +1,201 @@
-"""The relative motion's process model: circular to the bit, eccentric against the equations of motion, integrated."""
+"""One step of a filter's motion: against integrated equations of motion and covariance, and against flown orbits."""
 
 import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
-from scipy.linalg import expm
 
-from relnav.dynamics.clohessy_wiltshire import acceleration_effect_into
-from relnav.dynamics.clohessy_wiltshire import transition_into as circular
-from relnav.dynamics.process_noise import acceleration_noise_into
+from relnav.dynamics import clohessy_wiltshire, process_noise
 from relnav.dynamics.relative_motion import (
-    PHI_PATTERN,
-    WORK_ROWS,
     depends_on_dt_alone,
+    frame_rate,
+    orbit_vector,
     propagate_into,
     transition_into,
-    turn_rate,
+    true_anomaly_at,
 )
+from relnav.simulation.orbits import place_chaser, relative_state, runge_kutta_step
 
+MU = 3.986004418e14
 N = 1.1313666536110223e-3
-UNITS = np.repeat([1.0, N], 3)
-PUSH = np.array([3e-4, -2e-4, 1e-4])
-DENSITY = np.array([[2e-8, 1e-9, 0.0], [1e-9, 1e-8, -2e-9], [0.0, -2e-9, 3e-8]])
+ACCELERATION = np.array([1e-3, -2e-3, 5e-4])
+FULL = np.array([[4.0, 1.0, -0.5], [1.0, 2.0, 0.3], [-0.5, 0.3, 1.0]]) * 1e-9
 
 
-def propagated(e, mean, t, dt):
+def step(orbit, t, dt, acceleration=ACCELERATION, density=FULL):
     phi, q, effect = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
-    assert propagate_into(np.array([N, e, mean]), t, dt, PUSH, DENSITY, phi, q, effect, np.zeros((WORK_ROWS, 6)))
+    assert propagate_into(orbit, t, dt, acceleration, density, phi, q, effect, np.empty((6, 6)))
     return phi, q, effect
 
 
-def true_anomaly(e, mean):
-    low, high = mean - 1.1, mean + 1.1
-    for _ in range(90):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if middle - e * math.sin(middle) < mean else (low, middle)
-    return 2.0 * math.atan(math.sqrt((1.0 + e) / (1.0 - e)) * math.tan(0.5 * low))
+def phi_over(orbit, t, dt):
+    phi = np.empty((6, 6))
+    transition_into(orbit, t, dt, phi)
+    return phi
 
 
-def equations(e, mean, t):
-    """System matrix in lvlh_ccsds about an eccentric target, g = mu / r^3.
+def target(n, e, theta):
+    """Distance, its rate and the momentum of the target at a true anomaly."""
+    p = (MU / n**2) ** (1.0 / 3.0) * (1.0 - e * e)
+    return p / (1.0 + e * math.cos(theta)), math.sqrt(MU / p) * e * math.sin(theta), math.sqrt(MU * p)
 
-    x'' = 2 w z' + w' z + (w^2 - g) x, y'' = -g y, z'' = -2 w x' - w' x + (w^2 + 2 g) z.
+
+def equations(r, rdot, h):
+    """System matrix (6, 6) in lvlh_ccsds, which turns at w = h / r^2 about -y, from Newton's laws in that frame."""
+    w, wdot, g = h / r**2, -2.0 * h * rdot / r**3, MU / r**3
+    system = np.zeros((6, 6))
+    system[:3, 3:] = np.eye(3)
+    system[3] = [w * w - g, 0.0, wdot, 0.0, 0.0, 2.0 * w]
+    system[4, 1] = -g
+    system[5] = [-wdot, 0.0, w * w + 2.0 * g, -2.0 * w, 0.0, 0.0]
+    return system
+
+
+def integrated(e, theta, dt):
+    """(Phi, Q, effect) by DOP853: the target's distance and the three differential equations together.
+
+    In units of dt: velocities times dt, so that short and long steps are integrated alike.
     """
-    theta = true_anomaly(e, mean + N * t)
-    rho = 1.0 + e * math.cos(theta)
-    g, w = N**2 * (rho / (1.0 - e * e)) ** 3, N * rho**2 / (1.0 - e * e) ** 1.5
-    slower = -2.0 * e * math.sin(theta) * w * w / rho
-    a = np.zeros((6, 6))
-    a[:3, 3:] = np.eye(3)
-    a[3, 0], a[3, 2], a[3, 5] = w * w - g, slower, 2.0 * w
-    a[4, 1] = -g
-    a[5, 0], a[5, 2], a[5, 3] = -slower, w * w + 2.0 * g, -2.0 * w
-    return a
+    r, rdot, h = target(N, e, theta)
+    unit = np.repeat([1.0, dt], 3)
+    push, noise = np.zeros(6), np.zeros((6, 6))
+    push[3:], noise[3:, 3:] = ACCELERATION / 1e-3, FULL / 1e-9
+
+    def rate(_s, y):
+        distance, climb = y[0] * r, y[1] * r / dt
+        system = equations(distance, climb, h) * dt * unit[:, None] / unit
+        phi, q, effect = y[2:38].reshape(6, 6), y[38:74].reshape(6, 6), y[74:]
+        gravity = (h * h / distance**3 - MU / distance**2) * dt * dt / r
+        grown = system @ q + q @ system.T + noise
+        return np.concatenate([[y[1], gravity], (system @ phi).ravel(), grown.ravel(), system @ effect + push])
+
+    start = np.concatenate([[1.0, rdot * dt / r], np.eye(6).ravel(), np.zeros(42)])
+    y = solve_ivp(rate, (0.0, 1.0), start, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    phi = y[2:38].reshape(6, 6) / unit[:, None] * unit
+    q = y[38:74].reshape(6, 6) * dt**3 * 1e-9 / np.outer(unit, unit)
+    return phi, q, y[74:] * dt**2 * 1e-3 / unit
 
 
-def integrated(e, mean, t, dt):
-    def rate(s, y):
-        a = equations(e, mean, t + s)
-        phi, q, effect = y[:36].reshape(6, 6), y[36:72].reshape(6, 6), y[72:]
-        push, noise = np.concatenate([np.zeros(3), PUSH]), np.zeros((6, 6))
-        noise[3:, 3:] = DENSITY
-        return np.concatenate([(a @ phi).ravel(), (a @ q + q @ a.T + noise).ravel(), a @ effect + push])
-
-    start = np.concatenate([np.eye(6).ravel(), np.zeros(42)])
-    scale = np.concatenate([np.outer(1.0 / UNITS, UNITS).ravel() * 1e-3, np.full(36, 1e-12), np.full(6, 1e-6)])
-    end = solve_ivp(rate, (0.0, dt), start, method="DOP853", rtol=1e-12, atol=1e-12 * scale).y[:, -1]
-    return end[:36].reshape(6, 6), end[36:72].reshape(6, 6), end[72:]
-
-
-@pytest.mark.parametrize("dt", [1e-3, 0.1, 30.0, 900.0, 9000.0])
-def test_circular_it_is_clohessy_wiltshire_bit_for_bit(dt):
-    phi, q, effect = propagated(0.0, 1.0, 77.0, dt)
-    expected, noise, added = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
-    acceleration_noise_into(N, dt, DENSITY, noise, expected, np.empty((6, 6)))
-    circular(N, dt, expected)
-    acceleration_effect_into(N, dt, PUSH, added)
-    for one, other in ((phi, expected), (q, noise), (effect, added)):
-        np.testing.assert_array_equal(one, other)
-    assert depends_on_dt_alone(np.array([N, 0.0, 1.0]))
-    assert not depends_on_dt_alone(np.array([N, 1e-4, 1.0]))
+@pytest.mark.parametrize(("e", "theta"), [(0.001, 1.0), (0.02, -2.0), (0.1, 0.5), (0.4, 3.0), (0.7, -0.4)])
+@pytest.mark.parametrize("dt", [1e-3, 0.1, 10.0, 200.0, 1000.0, 9000.0])
+def test_against_the_integrated_equations(e: float, theta: float, dt: float) -> None:
+    """The clock is not zero at the start of the step."""
+    orbit = orbit_vector(N, e, theta)
+    clock = 1234.5
+    orbit[2] -= N * clock
+    phi, q, effect = step(orbit, clock, dt)
+    expected_phi, expected_q, expected_effect = integrated(e, theta, dt)
+    unit = np.repeat([1.0, dt], 3)
+    tolerance = 1e-12 if dt < 2000.0 else 1e-9  # of the integrator, over an orbit and a half
+    ours, theirs = (matrix * unit[:, None] / unit for matrix in (phi, expected_phi))
+    np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=tolerance * np.abs(theirs).max())
+    sigma = np.sqrt(np.diag(expected_q))
+    pair = np.outer(sigma, sigma)
+    np.testing.assert_allclose(q / pair, expected_q / pair, rtol=0.0, atol=tolerance)
+    np.testing.assert_array_equal(q, q.T)
+    scale = np.abs(expected_effect * unit).max() / unit
+    np.testing.assert_allclose(effect / scale, expected_effect / scale, rtol=0.0, atol=tolerance)
+    assert not depends_on_dt_alone(orbit)
 
 
-@pytest.mark.parametrize(
-    ("e", "mean", "t", "dt"),
-    [(0.02, 0.3, 100.0, 0.5), (0.1, -2.0, 0.0, 60.0), (0.1, 1.0, 5000.0, 1500.0), (0.7, -0.2, 0.0, 800.0)],
-)
-def test_eccentric_against_integration(e, mean, t, dt):
-    (phi, q, effect), (phi_true, q_true, effect_true) = propagated(e, mean, t, dt), integrated(e, mean, t, dt)
-    size = np.outer(1.0 / UNITS, UNITS)
-    np.testing.assert_allclose(phi * size, phi_true * size, rtol=0.0, atol=2e-9 * np.abs(phi_true * size).max())
-    sigma = np.sqrt(np.diag(q_true))
-    np.testing.assert_allclose(q / np.outer(sigma, sigma), q_true / np.outer(sigma, sigma), rtol=0.0, atol=2e-9)
-    for part in (slice(0, 3), slice(3, 6)):
-        most = np.abs(effect_true[part]).max()
-        np.testing.assert_allclose(effect[part], effect_true[part], rtol=0.0, atol=2e-9 * most)
+@pytest.mark.parametrize("dt", [0.0, 1e-3, 0.1, 30.0, 300.0, 6000.0, 1e6])
+def test_a_circular_orbit_is_clohessy_wiltshire_bit_for_bit(dt: float) -> None:
+    orbit = orbit_vector(N, 0.0, 2.0)
+    phi, q, effect = step(orbit, 77.0, dt)
+    expected = np.empty(6)
+    clohessy_wiltshire.acceleration_effect_into(N, dt, ACCELERATION, expected)
+    np.testing.assert_array_equal(phi, clohessy_wiltshire.transition(N, dt))
+    np.testing.assert_array_equal(q, process_noise.acceleration_noise(N, dt, FULL))
+    np.testing.assert_array_equal(effect, expected)
+    np.testing.assert_array_equal(phi_over(orbit, 3.0, -dt), clohessy_wiltshire.transition(N, -dt))
+    assert depends_on_dt_alone(orbit)
 
 
-def test_there_and_back_and_where_phi_is_zero():
-    orbit, work = np.array([N, 0.2, 0.5]), np.zeros((WORK_ROWS, 6))
-    there, back = np.empty((6, 6)), np.empty((6, 6))
-    transition_into(orbit, 40.0, 300.0, there, work)
-    transition_into(orbit, 340.0, -300.0, back, work)
-    np.testing.assert_allclose(back @ there * np.outer(1.0 / UNITS, UNITS), np.eye(6), atol=1e-11)
-    zero = np.array([list(row) for row in PHI_PATTERN]) == "0"
-    assert (there[zero] == 0.0).all()
-    assert (there[~zero] != 0.0).all()
+@pytest.mark.parametrize("dt", [1e-3, 0.1, 30.0, 300.0, 6000.0])
+def test_a_hardly_eccentric_orbit_is_nearly_that(dt: float) -> None:
+    """The two ways join without a step: at e = 1e-12 they are 1e-12 apart, times what an orbit does to an error."""
+    sizes = np.repeat([1.0, dt], 3)
+    circular, other = step(orbit_vector(N), 0.0, dt), step(orbit_vector(N, 1e-12), 0.0, dt)
+    ours, theirs = (result[0] * sizes[:, None] / sizes for result in (other, circular))
+    np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=5e-11 * np.abs(theirs).max())
+    pair = np.sqrt(np.outer(np.diag(circular[1]), np.diag(circular[1])))
+    np.testing.assert_allclose(other[1] / pair, circular[1] / pair, rtol=0.0, atol=5e-11)
+    size = np.abs(circular[2] * sizes).max()
+    np.testing.assert_allclose(other[2] * sizes, circular[2] * sizes, rtol=0.0, atol=5e-11 * size)
 
 
-def test_short_steps_keep_their_digits():
-    """At a millisecond Phi is exp(dt A) of the middle: the closed form subtracts numbers of the size of 1."""
-    phi, _, _ = propagated(0.1, 0.4, 10.0, 1e-3)
-    expected = expm(1e-3 * equations(0.1, 0.4, 10.0005))
-    np.testing.assert_allclose(phi[:3, 3:], expected[:3, 3:], rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(phi[3:, 3:], expected[3:, 3:], rtol=0.0, atol=1e-11)
-    np.testing.assert_allclose(phi[3:, :3], expected[3:, :3], rtol=0.0, atol=1e-14)
+@settings(derandomize=True, max_examples=60, deadline=None)
+@given(st.floats(0.001, 0.7), st.floats(-3e5, 3e5), st.floats(1e-3, 4000.0), st.floats(1e-3, 4000.0))
+def test_two_steps_make_one_and_back(e: float, t: float, first: float, second: float) -> None:
+    """On a clock far from zero, up to three days: the rounding of n t shows."""
+    orbit = orbit_vector(N, e, 1.0)
+    one, other, whole = step(orbit, t, first), step(orbit, t + first, second), step(orbit, t, first + second)
+    unit = np.repeat([1.0, 1.0 / N], 3)
+    size = unit[:, None] / unit
+    large = max(1.0, np.abs(one[0] * size).max() * np.abs(other[0] * size).max())
+    tolerance = 1e-11 / (1.0 - e) ** 3 * large
+    np.testing.assert_allclose((other[0] @ one[0]) * size, whole[0] * size, rtol=0.0, atol=tolerance)
+    q, sigma = other[0] @ one[1] @ other[0].T + other[1], np.sqrt(np.diag(whole[1]))
+    np.testing.assert_allclose(q / np.outer(sigma, sigma), whole[1] / np.outer(sigma, sigma), rtol=0.0, atol=1e-9)
+    back = phi_over(orbit, t + first, -first)
+    np.testing.assert_allclose((back @ one[0]) * size, np.eye(6), rtol=0.0, atol=tolerance * large)
 
 
-def test_a_drift_of_hundred_metres():
-    """1000 s at e = 0.1 on two Kepler orbits: right to first order, where the circular model is metres off."""
-    mu, e = 3.986004418e14, 0.1
-    a = (mu / N**2) ** (1.0 / 3.0)
-
-    def place(theta):
-        p = a * (1.0 - e * e)
-        r = p / (1.0 + e * math.cos(theta)) * np.array([math.cos(theta), math.sin(theta), 0.0])
-        return r, math.sqrt(mu / p) * np.array([-math.sin(theta), e + math.cos(theta), 0.0])
-
-    def axes_of(r, v):
-        h = np.cross(r, v)
-        z, y = -r / np.linalg.norm(r), -h / np.linalg.norm(h)
-        return np.array([np.cross(y, z), y, z]), h / (r @ r)
-
-    def fall(y):
-        return np.concatenate([y[3:6], -mu / np.linalg.norm(y[:3]) ** 3 * y[:3]])
-
-    r, v = place(true_anomaly(e, 0.6))
-    axes, w = axes_of(r, v)
-    state = np.array([100.0, 20.0, -30.0, 0.01, -0.02, 0.03])
-    chaser = np.concatenate([r + axes.T @ state[:3], v + axes.T @ state[3:] + np.cross(w, axes.T @ state[:3])])
-    end = [
-        solve_ivp(lambda _, y: fall(y), (0.0, 1000.0), start, method="DOP853", rtol=1e-13, atol=1e-7).y[:, -1]
-        for start in (np.concatenate([r, v]), chaser)
-    ]
-    axes, w = axes_of(end[0][:3], end[0][3:])
-    truth = axes @ (end[1][:3] - end[0][:3])
-    phi, _, _ = propagated(e, 0.6, 0.0, 1000.0)
-    still = np.empty((6, 6))
-    circular(N, 1000.0, still)
-    assert np.linalg.norm((phi @ state)[:3] - truth) < 0.02  # of second order: 200 m^2 over an orbit's radius
-    assert np.linalg.norm((still @ state)[:3] - truth) > 2.0
+def flown(state, n, e, theta, duration):
+    """Relative state after free flight in 1 s steps, from two integrated orbits."""
+    r, rdot, h = target(n, e, theta)
+    cos, sin = math.cos(theta), math.sin(theta)
+    y = np.zeros((4, 3))
+    y[0] = r * np.array([cos, 0.6 * sin, 0.8 * sin])
+    y[1] = rdot / r * y[0] + h / r * np.array([-sin, 0.6 * cos, 0.8 * cos])
+    place_chaser(y, state, np.empty((3, 3)))
+    for _ in range(duration):
+        runge_kutta_step(y, np.zeros(3), np.array([MU, 0.0, 0.0, 0.0, 0.0]), 1.0, np.empty((23, 3)))
+    out = np.empty(6)
+    relative_state(y, np.empty((3, 3)), out)
+    return out
 
 
-def test_the_frames_turn_rate():
-    orbit = np.array([N, 0.3, 0.2])
-    angle = [true_anomaly(0.3, 0.2 + N * t) for t in (499.5, 500.5)]
-    assert turn_rate(orbit, 500.0) == pytest.approx(angle[1] - angle[0], rel=1e-6)
-    assert turn_rate(np.array([N, 0.0, 0.2]), 500.0) == N
+def test_a_free_drift_of_a_hundred_metres() -> None:
+    """Phi leaves what is of second order in the separation (2 mm); Clohessy-Wiltshire is 30 m off."""
+    e, theta = 0.1, 0.6
+    unit, errors = np.array([0.8, -0.4, 0.45, 1e-4, 5e-5, -2e-4]), []
+    for size in (100.0, 50.0):
+        end = flown(size * unit, N, e, theta, 1000)
+        errors.append(np.linalg.norm((phi_over(orbit_vector(N, e, theta), 0.0, 1000.0) @ (size * unit) - end)[:3]))
+    assert errors[0] < 0.005
+    assert errors[0] / errors[1] == pytest.approx(4.0, abs=0.1)
+    circular = clohessy_wiltshire.propagate(100.0 * unit, N, 1000.0) - flown(100.0 * unit, N, e, theta, 1000)
+    assert np.linalg.norm(circular[:3]) > 20.0
 
 
-def test_a_step_beyond_all_bounds_is_refused():
-    phi, q, effect, work = np.empty((6, 6)), np.empty((6, 6)), np.empty(6), np.zeros((WORK_ROWS, 6))
-    assert not propagate_into(np.array([N, 0.1, 0.0]), 0.0, 1e12, PUSH, DENSITY, phi, q, effect, work)
-    assert not propagate_into(np.array([N, 0.0, 0.0]), 0.0, 1e300, PUSH, DENSITY, phi, q, effect, work)
+@pytest.mark.parametrize(("e", "theta"), [(0.0, 0.3), (0.1, -2.0), (0.7, 0.5)])
+@pytest.mark.parametrize("t", [-400.0, 0.0, 900.0, 20000.0])
+def test_the_targets_place_and_the_turn_of_the_frame(e: float, theta: float, t: float) -> None:
+    """Against the target's own integrated orbit; the clock of a log may be before zero."""
+    r, rdot, h = target(N, e, theta)
+
+    def rate(_s, y):
+        d = y[0] * r
+        return np.array([y[1], (h * h / d**3 - MU / d**2) * t * t / r, h / d**2 * t])
+
+    start = np.array([1.0, rdot * t / r, theta])
+    place = solve_ivp(rate, (0.0, 1.0), start, method="DOP853", rtol=1e-13, atol=1e-13).y[2, -1]
+    orbit = orbit_vector(N, e, theta)
+    np.testing.assert_allclose(true_anomaly_at(orbit, t), [math.sin(place), math.cos(place)], rtol=0.0, atol=1e-8)
+    assert frame_rate(orbit, t) == pytest.approx(h / target(N, e, place)[0] ** 2, rel=1e-8)
+
+
+@pytest.mark.parametrize(("e", "dt"), [(0.0, 1e16), (0.0, math.nan), (0.1, 1e8), (0.7, 1e6), (0.1, math.inf)])
+def test_steps_beyond_all_knowledge(e: float, dt: float) -> None:
+    rows = [np.empty((6, 6)) for _ in range(3)]
+    assert not propagate_into(orbit_vector(N, e), 0.0, dt, np.zeros(3), FULL, rows[0], rows[1], np.empty(6), rows[2])
+
+
+@pytest.mark.parametrize(("n", "e", "theta"), [(0.0, 0.1, 0.0), (N, 1.0, 0.0), (N, math.nan, 0.0), (N, 0.1, math.inf)])
+def test_wrong_use(n: float, e: float, theta: float) -> None:
+    with pytest.raises(ValueError, match=r"are expected; got|must be finite; got"):
+        orbit_vector(n, e, theta)

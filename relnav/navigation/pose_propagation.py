@@ -1,0 +1,130 @@
+"""From one event to the next: hypotheses of the marker filter, carried with their twelve errors."""
+
+import math
+
+import numpy as np
+
+from relnav.arrays import Matrix, Record, Vector
+from relnav.codegen.kernel import kernel, straight_line
+from relnav.codegen.trace import Shape
+from relnav.dynamics import rigid_body
+from relnav.dynamics.relative_motion import frame_rate
+from relnav.dynamics.rigid_body import MEAN_MOTION
+from relnav.dynamics.yamanaka_ankersen import PHI_PATTERN
+from relnav.estimation.factored import factorize_into, time_update_into
+from relnav.estimation.rows import copy_track
+from relnav.navigation.pose_memory import POSE, PoseMemory
+
+rotate_into = rigid_body.propagate_into
+
+MEMORY_S = 50.0
+"""Of the scores: what a filter was before it settled is forgotten."""
+_LARGEST_TURN_RAD = 0.3
+_LARGEST_SHARE_OF_RANGE = 0.2
+"""1-sigma of attitude and position up to which errors count as small (tests: NEES after gaps)."""
+
+POSE_PHI_PATTERN: Shape = (*(row + "000000" for row in PHI_PATTERN), *("000000******",) * 6)
+POSE_NOISE_PATTERN: Shape = (*("******000000",) * 6, *("000000******",) * 6)
+
+
+@straight_line(ld=(POSE, POSE), phi=POSE_PHI_PATTERN, noise=POSE_NOISE_PATTERN)
+def carry_errors(ld: Matrix, phi: Matrix, noise: Matrix) -> None:
+    """Carry the factors over a step: motion and rotation go their own ways, noise (factors of Q) likewise."""
+    time_update_into(ld, phi, noise)
+
+
+@straight_line(motion=(6,), phi=PHI_PATTERN, effect=(6,))
+def carry_motion(motion: Vector, phi: Matrix, effect: Vector) -> None:
+    """Carry position and velocity (6,) over a step, in place."""
+    x = np.zeros(6)
+    for i in range(6):
+        x[i] = effect[i]
+        for j in range(6):
+            x[i] += phi[i, j] * motion[j]
+    for i in range(6):
+        motion[i] = x[i]
+
+
+@kernel
+def copy_pose(source: Record, target: Record) -> None:
+    """Copy a hypothesis."""
+    copy_track(source, target)
+    for i in range(6):
+        target["motion"][i] = source["motion"][i]
+    for i in range(3):
+        target["rate"][i] = source["rate"][i]
+        for j in range(3):
+            target["dcm"][i, j] = source["dcm"][i, j]
+    target["score"] = source["score"]
+
+
+@kernel
+def advance_pose(m: PoseMemory, track: Record, t: float, dt: float) -> bool:
+    """Carry a hypothesis over the prepared step from t over dt s; the orbit turns as in the middle of the step.
+
+    False for so many turns of the target that nothing is known of its attitude after them.
+    """
+    body, step, phi, noise = m.body, m.step, m.scratch["phi"], m.scratch["noise"]
+    turn, spread_, factors, values = body["phi"], body["noise"], body["factors"], body["values"]
+    values[MEAN_MOTION, 0] = frame_rate(m.motion["orbit"], t + 0.5 * dt)
+    if not rotate_into(values, dt, track["dcm"], track["rate"], body["noise_density"], turn, spread_, body["work"]):
+        return False
+    carry_motion(track["motion"], step["phi"], step["effect"])
+    for i in range(6):
+        for j in range(i):
+            spread_[i, j] = 0.5 * (spread_[i, j] + spread_[j, i])
+            spread_[j, i] = spread_[i, j]
+    if not factorize_into(spread_, factors):
+        factors[0, 0] = math.nan
+    for i in range(6):
+        for j in range(6):
+            phi[i, j], phi[6 + i, 6 + j] = step["phi"][i, j], turn[i, j]
+            noise[i, j], noise[6 + i, 6 + j] = step["noise"][i, j], factors[i, j]
+    carry_errors(track["ld"], phi, noise)
+    return True
+
+
+@kernel
+def variance(ld: Matrix, i: int) -> float:
+    """P_ii of the factors."""
+    total = ld[i, i]
+    for j in range(i):
+        total += ld[i, j] * ld[i, j] * ld[j, j]
+    return float(total)
+
+
+@kernel
+def _largest_variance(ld: Matrix, first: int) -> float:
+    return max(variance(ld, first), variance(ld, first + 1), variance(ld, first + 2))
+
+
+@kernel
+def is_wide(track: Record) -> bool:
+    """Whether errors are no longer small: a full image then tells more than the state that it would correct."""
+    ld, rho = track["ld"], track["motion"]
+    share2 = _largest_variance(ld, 0) / (rho[0] * rho[0] + rho[1] * rho[1] + rho[2] * rho[2])
+    wide_turn = _largest_variance(ld, 6) > _LARGEST_TURN_RAD * _LARGEST_TURN_RAD
+    return wide_turn or not share2 <= _LARGEST_SHARE_OF_RANGE * _LARGEST_SHARE_OF_RANGE
+
+
+@kernel
+def _is_forgotten(m: PoseMemory, track: Record, dt: float) -> bool:
+    """Whether after dt nothing is known of the attitude any more: 1-sigma of half a turn."""
+    drift = m.body["noise_density"] * dt * dt * dt / 3.0
+    known = _largest_variance(track["ld"], 6) + _largest_variance(track["ld"], 9) * dt * dt + drift
+    return not known <= math.pi * math.pi
+
+
+@kernel
+def advance_bank(m: PoseMemory, bank: Record, count: int, t: float, dt: float) -> int:
+    """Carry the hypotheses over dt, those left out of which nothing would be known; returns how many remain."""
+    kept = 0
+    fade = math.exp(-dt / MEMORY_S)
+    for k in range(count):
+        if not _is_forgotten(m, bank[k], dt):
+            if kept < k:
+                copy_pose(bank[k], bank[kept])
+            if advance_pose(m, bank[kept], t, dt):
+                bank[kept]["score"] *= fade
+                kept += 1
+    return kept
