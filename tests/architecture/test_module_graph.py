@@ -29,9 +29,11 @@ def is_type_checking(node):
 
 def run_nodes(node):
     """Every node that can run: all but the bodies of `if TYPE_CHECKING`."""
-    yield node
-    for child in node.orelse if is_type_checking(node) else ast.iter_child_nodes(node):
-        yield from run_nodes(child)
+    left = [node]
+    while left:
+        node = left.pop()
+        yield node
+        left += node.orelse if is_type_checking(node) else ast.iter_child_nodes(node)
 
 
 def imported(text, names):
