@@ -5,109 +5,65 @@
     solution = relnav.filter_log("approach.csv", model)
     relnav.write(solution, "track.csv")
 
-Public names are loaded when first used: `import relnav` alone imports neither numpy nor numba.
+Each public name is one line of the block below. A type checker reads the block as it stands; at run time it is not run,
+but read for where a name lives, so that a name is loaded when first used (PEP 562) and `import relnav` alone imports
+neither numpy nor numba.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from relnav.accuracy.report import AccuracyReport
-    from relnav.errors import InputError, LogError, ModelError, UsageError
-    from relnav.estimation.consistency import Consistency
-    from relnav.files.accuracy import measure_accuracy
-    from relnav.files.filter_log import filter_log
-    from relnav.files.marker_logs import filter_marker_log
-    from relnav.files.models import list_models, load_model, load_published
-    from relnav.files.sun_calibration import load_sun_calibration
-    from relnav.files.tables import write
-    from relnav.mission import Model
-    from relnav.navigation.log import filter_epochs
-    from relnav.navigation.record import FilterRecord, Solution
-    from relnav.navigation.relative_pose import PoseNavigator
-    from relnav.navigation.relative_position import Navigator
-    from relnav.navigation.status import EpochStatus
-    from relnav.navigation.target_attitude import TargetAttitude
-    from relnav.sensors import aps_sun, birefringent_sun, dual_field, three_beacon, three_marker
-    from relnav.sensors.measurement import Measurement, Status
+    from relnav.accuracy.report import AccuracyReport as AccuracyReport
+    from relnav.errors import InputError as InputError
+    from relnav.errors import LogError as LogError
+    from relnav.errors import ModelError as ModelError
+    from relnav.errors import UsageError as UsageError
+    from relnav.estimation.consistency import Consistency as Consistency
+    from relnav.files.accuracy import measure_accuracy as measure_accuracy
+    from relnav.files.filter_log import filter_log as filter_log
+    from relnav.files.marker_logs import filter_marker_log as filter_marker_log
+    from relnav.files.models import list_models as list_models
+    from relnav.files.models import load_model as load_model
+    from relnav.files.models import load_published as load_published
+    from relnav.files.sun_calibration import load_sun_calibration as load_sun_calibration
+    from relnav.files.tables import write as write
+    from relnav.mission import Model as Model
+    from relnav.navigation.log import filter_epochs as filter_epochs
+    from relnav.navigation.record import FilterRecord as FilterRecord
+    from relnav.navigation.record import Solution as Solution
+    from relnav.navigation.relative_pose import PoseNavigator as PoseNavigator
+    from relnav.navigation.relative_position import Navigator as Navigator
+    from relnav.navigation.status import EpochStatus as EpochStatus
+    from relnav.navigation.target_attitude import TargetAttitude as TargetAttitude
+    from relnav.sensors import aps_sun as aps_sun
+    from relnav.sensors import birefringent_sun as birefringent_sun
+    from relnav.sensors import dual_field as dual_field
+    from relnav.sensors import three_beacon as three_beacon
+    from relnav.sensors import three_marker as three_marker
+    from relnav.sensors.measurement import Measurement as Measurement
+    from relnav.sensors.measurement import Status as Status
+else:  # hidden from type checkers: to them a name that is not above is an error
 
-_HOME = {
-    "AccuracyReport": "relnav.accuracy.report",
-    "measure_accuracy": "relnav.files.accuracy",
-    "InputError": "relnav.errors",
-    "LogError": "relnav.errors",
-    "ModelError": "relnav.errors",
-    "UsageError": "relnav.errors",
-    "Consistency": "relnav.estimation.consistency",
-    "filter_log": "relnav.files.filter_log",
-    "filter_marker_log": "relnav.files.marker_logs",
-    "list_models": "relnav.files.models",
-    "load_model": "relnav.files.models",
-    "load_published": "relnav.files.models",
-    "load_sun_calibration": "relnav.files.sun_calibration",
-    "write": "relnav.files.tables",
-    "Model": "relnav.mission",
-    "FilterRecord": "relnav.navigation.record",
-    "Solution": "relnav.navigation.record",
-    "Navigator": "relnav.navigation.relative_position",
-    "PoseNavigator": "relnav.navigation.relative_pose",
-    "TargetAttitude": "relnav.navigation.target_attitude",
-    "filter_epochs": "relnav.navigation.log",
-    "EpochStatus": "relnav.navigation.status",
-    "birefringent_sun": "relnav.sensors.birefringent_sun",
-    "aps_sun": "relnav.sensors.aps_sun",
-    "dual_field": "relnav.sensors.dual_field",
-    "three_beacon": "relnav.sensors.three_beacon",
-    "three_marker": "relnav.sensors.three_marker",
-    "Measurement": "relnav.sensors.measurement",
-    "Status": "relnav.sensors.measurement",
-}
+    def _homes():
+        """Public name -> module, read from the block above."""
+        import ast
+        import pkgutil
 
-_MODULES = ("aps_sun", "birefringent_sun", "dual_field", "three_beacon", "three_marker")
+        tree = ast.parse(pkgutil.get_data(__name__, "__init__.py"))
+        block = next(node for node in tree.body if isinstance(node, ast.If))
+        return {name.asname: line.module for line in block.body for name in line.names}
 
-__all__ = [
-    "AccuracyReport",
-    "Consistency",
-    "EpochStatus",
-    "FilterRecord",
-    "InputError",
-    "LogError",
-    "Measurement",
-    "Model",
-    "ModelError",
-    "Navigator",
-    "PoseNavigator",
-    "Solution",
-    "Status",
-    "TargetAttitude",
-    "UsageError",
-    "aps_sun",
-    "birefringent_sun",
-    "dual_field",
-    "filter_epochs",
-    "filter_log",
-    "filter_marker_log",
-    "list_models",
-    "load_model",
-    "load_published",
-    "load_sun_calibration",
-    "measure_accuracy",
-    "three_beacon",
-    "three_marker",
-    "write",
-]
+    _HOME = _homes()
+    __all__ = sorted(_HOME)  # noqa: PLE0605  (type checkers take the block's `as`)
 
+    def __getattr__(name):
+        """Load a public name from its home (PEP 562)."""
+        if name not in _HOME:
+            raise AttributeError(f"module 'relnav' has no attribute {name!r}")
+        home = __import__(_HOME[name], fromlist=[name])  # imports `name` too where it is a module
+        value = globals()[name] = getattr(home, name)
+        return value
 
-def __getattr__(name: str) -> Any:
-    """Load a public name from its home (PEP 562)."""
-    if name not in _HOME:
-        raise AttributeError(f"module 'relnav' has no attribute {name!r}")
-    module = import_module(_HOME[name])
-    value = module if name in _MODULES else getattr(module, name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    """Public names, loaded or not."""
-    return sorted({*globals(), *_HOME})
+    def __dir__():
+        """Public names, loaded or not."""
+        return sorted({*globals(), *_HOME})

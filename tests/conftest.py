@@ -1,6 +1,7 @@
 """Independent truth for the tests: projections, rotations and derivatives written here with plain numpy.
 
-Nothing in this file calls the product's geometry, so that a test that uses it can fail.
+Nothing in this file calls the product's geometry, so that a test that uses it can fail. The sensor is that of
+Cai, Zhao, Sun, Qiao, Dai (1996), "Determination of target relative position and range by PSD optical sensor system".
 """
 
 import math
@@ -14,14 +15,14 @@ from relnav.mission import Attitude, Camera, Docking, FilterSettings, Model, Orb
 from relnav.sensors.three_beacon import ThreeBeaconSensor
 
 A_M = 0.3
-B_M = math.sqrt(3.0) * A_M  # equilateral, seed 000 section 1
+B_M = math.sqrt(3.0) * A_M  # equilateral, Cai et al. (1996) section 1
 F_M = 0.05
 BEACONS_M = np.array([[0.0, A_M, 0.0], [0.0, -A_M, 0.0], [B_M, 0.0, 0.0]])
 MEAN_MOTION_RAD_S = math.sqrt(3.986004418e14 / 6778137.0**3)
 
 
 def position(range_m: float, azimuth_rad: float, elevation_rad: float) -> np.ndarray:
-    """Seed 000 eq. (13) the other way round: elevation is positive toward -z."""
+    """Cai et al. (1996) eq. (13) the other way round: elevation is positive toward -z."""
     level = range_m * math.cos(elevation_rad)
     return np.array([level * math.cos(azimuth_rad), level * math.sin(azimuth_rad), -range_m * math.sin(elevation_rad)])
 
@@ -60,7 +61,7 @@ def central(
 
 
 def parallel(p: np.ndarray, roll_rad: float = 0.0, f: float = F_M, beacons: np.ndarray = BEACONS_M) -> np.ndarray:
-    """Spots (3, 2) of seed 000's projection: all beacons at the depth of O, the camera pointed at O."""
+    """Spots (3, 2) of the projection of Cai et al. (1996): all beacons at the depth of O, the camera pointed at O."""
     dcm = look_at(p, roll_rad)
     return f / np.linalg.norm(p) * (beacons @ dcm.T)[:, :2]
 
@@ -101,7 +102,7 @@ def truth() -> SimpleNamespace:
 
 @pytest.fixture(scope="session")
 def wide_sensor() -> ThreeBeaconSensor:
-    """The sensor of seed 000 with f a = 0.015 m^2 and a detector without edges."""
+    """The sensor of Cai et al. (1996) with f a = 0.015 m^2 and a detector without edges."""
     return ThreeBeaconSensor(F_M, (10.0, 10.0), 10e-6, A_M, B_M)
 
 

@@ -20,7 +20,11 @@ class ByHand:
         self.density = model.process_noise.acceleration_noise_density_m2_s3
 
     def closed_form(self, spots):
-        """Seed 000's closed form, depth-corrected until it is exact for central projection."""
+        """A published closed form, depth-corrected until it is exact for central projection.
+
+        Cai, Zhao, Sun, Qiao, Dai (1996),
+        "Determination of target relative position and range by PSD optical sensor system".
+        """
         u = np.column_stack([spots, np.full(3, self.f)])
         u /= np.linalg.norm(u, axis=1)[:, None]
         w = u[0] + u[1]

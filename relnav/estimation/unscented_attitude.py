@@ -1,5 +1,7 @@
-"""Seed 003's filter: a reduced-order unscented Kalman filter of attitude angles and inertial rate, on filterpy.
+"""A published filter: reduced-order unscented Kalman filter of attitude angles and inertial rate, on filterpy.
 
+The paper is Liu, Xu, Xu (2013),
+"Vision-based relative navigation for autonomous rendezvous and docking of spacecraft".
 State (phi, theta, psi, w): 3-2-1 Euler angles of the body, and its inertial rate in body axes. "Reduced order" is read
 as: the target's six states alone, the chaser's attitude being known; noise additive, so that 13 sigma points do.
 

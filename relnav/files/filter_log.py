@@ -9,7 +9,7 @@ from relnav.errors import UsageError
 from relnav.files.filter_file import log_metadata
 from relnav.files.logs import check_beacons, read_log
 from relnav.files.marker_logs import filter_marker_log
-from relnav.files.models import flown, load_model
+from relnav.files.models import BeaconName, MarkerName, flown, load_model
 from relnav.files.raw_filter import filter_raw_log
 from relnav.files.raw_logs import is_raw_log
 from relnav.mission import Model, VisionMission
@@ -21,7 +21,7 @@ from relnav.navigation.record import Solution
 @overload
 def filter_log(
     path: str | os.PathLike[str],
-    model: Model,
+    model: Model | BeaconName,
     *,
     method: str = ...,
     projection: str | None = ...,
@@ -31,7 +31,9 @@ def filter_log(
 
 
 @overload
-def filter_log(path: str | os.PathLike[str], model: VisionMission) -> PoseSolution: ...
+def filter_log(
+    path: str | os.PathLike[str], model: VisionMission | MarkerName, *, smooth: bool = ...
+) -> PoseSolution: ...
 
 
 @overload  # which of the two, only the model's file tells

@@ -6,7 +6,7 @@ import os
 import typing
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 from relnav.accuracy.published import Claim, ClaimException, Published
 from relnav.errors import ModelError, UnknownModelError
@@ -15,6 +15,16 @@ from relnav.files.systems import SYSTEMS, resolve
 from relnav.files.toml_values import build, change_value, read_toml
 from relnav.mission import Model, VisionMission
 from relnav.sensors.three_beacon.calibration import Calibration
+
+if TYPE_CHECKING:  # at run time a model's class is imported when it is loaded
+    from relnav.sensors.aps_sun.sensor import ApsSunModel
+    from relnav.sensors.birefringent_sun.sensor import BirefringentSunModel
+    from relnav.sensors.dual_field.sensor import StarSensor
+
+Changes = Mapping[str, Any] | None
+BeaconName = Literal["three_beacon_psd", "three_beacon_psd_rbar"]
+MarkerName = Literal["three_marker_vision", "three_marker_vision_flat"]
+StarName = Literal["dual_field_star", "ground_camera"]
 
 
 def models_root() -> Path:
@@ -51,7 +61,31 @@ def find_model(name_or_path: str | os.PathLike[str]) -> Path:
     raise UnknownModelError(f"no model '{name}', neither shipped nor a folder or file; {hint}")
 
 
-def load_model(name_or_path: str | os.PathLike[str], changes: Mapping[str, Any] | None = None) -> Any:
+@overload
+def load_model(name_or_path: BeaconName, changes: Changes = None) -> Model: ...
+
+
+@overload
+def load_model(name_or_path: MarkerName, changes: Changes = None) -> VisionMission: ...
+
+
+@overload
+def load_model(name_or_path: StarName, changes: Changes = None) -> "StarSensor": ...
+
+
+@overload
+def load_model(name_or_path: Literal["aps_sun"], changes: Changes = None) -> "ApsSunModel": ...
+
+
+@overload
+def load_model(name_or_path: Literal["birefringent_sun"], changes: Changes = None) -> "BirefringentSunModel": ...
+
+
+@overload  # only the file tells
+def load_model(name_or_path: str | os.PathLike[str], changes: Changes = None) -> Any: ...
+
+
+def load_model(name_or_path: str | os.PathLike[str], changes: Changes = None) -> Any:
     """Load a mission model.
 
     Parameters
@@ -65,7 +99,8 @@ def load_model(name_or_path: str | os.PathLike[str], changes: Mapping[str, Any] 
     -------
     Model
         All values in SI units and radians, with their provenance; the class is that of the file's `sensor_type`
-        (`Model` for three_beacon).
+        (`Model` for three_beacon). A type checker knows it for a shipped name; for a file of yours say it:
+        `model: relnav.Model = relnav.load_model("my_model.toml")`.
 
     Raises
     ------

@@ -1,5 +1,7 @@
-"""Range, azimuth and elevation of a point in the docking frame, seed 000 eq. (13), with their Jacobian.
+"""Range, azimuth and elevation of a point in the docking frame, with their Jacobian.
 
+Eq. (13) of Cai, Zhao, Sun, Qiao, Dai (1996),
+"Determination of target relative position and range by PSD optical sensor system":
 azimuth = atan2(y, x), elevation = atan2(-z, hypot(x, y)): azimuth turns in the docking plane from the docking axis x
 toward y, and elevation is positive toward -z. They are not the (elevation toward +z) angles of a textbook.
 """

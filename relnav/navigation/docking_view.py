@@ -1,4 +1,8 @@
-"""The state as the docking sensor describes it: range, azimuth, elevation, with the covariance J P J^T."""
+"""The state as the docking sensor describes it: range, azimuth, elevation, with the covariance J P J^T.
+
+The angles are those of Cai, Zhao, Sun, Qiao, Dai (1996),
+"Determination of target relative position and range by PSD optical sensor system".
+"""
 
 import math
 
@@ -21,7 +25,7 @@ UPPER_THREE = np.triu_indices(3)
 
 @straight_line(state=(6,), packed=(21,), dock=(3, 3), port=(3,), lever=(3,), out=(VIEW_ROWS,))
 def _view(state: Vector, packed: Vector, dock: Matrix, port: Vector, lever: Vector, out: Vector) -> None:
-    """Seed 000 eq. (13) and J P J^T for one state with packed factors; no angles at the poles x = y = 0."""
+    """Cai et al. (1996) eq. (13) and J P J^T for one state with packed factors; no angles at the poles x = y = 0."""
     ld, covariance = np.zeros((6, 6)), np.zeros((6, 6))
     s, p, to_angles, j = np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
     unpack_factors(packed, ld)

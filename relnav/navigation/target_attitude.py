@@ -1,5 +1,7 @@
-"""The target's attitude and inertial rate from measured attitudes: seed 003's filter, and a cheaper default.
+"""The target's attitude and inertial rate from measured attitudes: a published filter, and a cheaper default.
 
+The paper is Liu, Xu, Xu (2013),
+"Vision-based relative navigation for autonomous rendezvous and docking of spacecraft".
 `method="multiplicative"` is an extended Kalman filter of a small rotation vector; `method="unscented"` is the paper's
 reduced-order UKF of Euler angles. In the paper's case both give the same figures; the UKF costs some ten times more.
 """

@@ -53,7 +53,9 @@ class Measurement:
     Attributes
     ----------
     range_m, azimuth_rad, elevation_rad : float
-        Seed 000 eq. (13); NaN unless `status` is OK.
+        Eq. (13) of Cai, Zhao, Sun, Qiao, Dai (1996),
+        "Determination of target relative position and range by PSD optical sensor system"; NaN unless
+        `status` is OK.
     covariance : (3, 3)
         Of (range m, azimuth rad, elevation rad); NaN unless `status` is OK.
     status : Status

@@ -240,8 +240,10 @@ def test_where_the_camera_is():
 
 @pytest.mark.parametrize("off_axis_deg", [0.0, 20.0, 45.0, 70.0, 85.0, 110.0, 150.0])
 def test_three_beacons_far_off_their_axis(off_axis_deg):
-    """Triangle of seed 000 (a = 0.3 m, equilateral) from any direction: the camera's position is among the results.
+    """Equilateral triangle, a = 0.3 m, from any direction: the camera's position is among the results.
 
+    It is that of Cai, Zhao, Sun, Qiao, Dai (1996),
+    "Determination of target relative position and range by PSD optical sensor system".
     Its plane holds the docking axis, so that on the axis all three are seen on one line.
     """
     beacons = np.array([[0.0, 0.3, 0.0], [0.0, -0.3, 0.0], [0.3 * np.sqrt(3.0), 0.0, 0.0]])

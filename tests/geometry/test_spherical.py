@@ -1,4 +1,8 @@
-"""Range, azimuth and elevation of seed 000 eq. (13), their Jacobians, and what happens at the poles."""
+"""Range, azimuth and elevation, their Jacobians, and what happens at the poles.
+
+Eq. (13) of Cai, Zhao, Sun, Qiao, Dai (1996),
+"Determination of target relative position and range by PSD optical sensor system".
+"""
 
 import math
 

@@ -92,7 +92,11 @@ def test_without_a_state_everything_is_nan(vbar):
 
 
 def test_angles_are_the_papers(vbar, drift, look):
-    """Seed 000 (13): azimuth toward +y, elevation toward -z."""
+    """Azimuth toward +y, elevation toward -z.
+
+    Eq. (13) of Cai, Zhao, Sun, Qiao, Dai (1996),
+    "Determination of target relative position and range by PSD optical sensor system".
+    """
     t = 0.1 * np.arange(60)
     spots = look(vbar, drift(vbar, t, [8.0, 0.3, -0.2, 0.0, 0.0, 0.0]), seed=1)
     solution = relnav.filter_epochs(vbar, t, spots)

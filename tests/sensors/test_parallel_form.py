@@ -1,4 +1,8 @@
-"""Seed 000's formulas, eqs (4)-(13): exact for its own projection, biased for a real lens by the amount we state."""
+"""The paper's eqs (4)-(13): exact for its own projection, biased for a real lens by the amount we state.
+
+The paper is Cai, Zhao, Sun, Qiao, Dai (1996),
+"Determination of target relative position and range by PSD optical sensor system".
+"""
 
 import math
 

@@ -1,4 +1,8 @@
-"""Seed 000's published accuracy (0.02 m, 0.176 deg, 0.182 deg) from spot noise and geometry alone."""
+"""The published accuracy (0.02 m, 0.176 deg, 0.182 deg) from spot noise and geometry alone.
+
+The paper is Cai, Zhao, Sun, Qiao, Dai (1996),
+"Determination of target relative position and range by PSD optical sensor system".
+"""
 
 import math
 

@@ -1,4 +1,7 @@
-"""APS sun sensor and its compensation (seed 002: a Mars rover's sun sensor)."""
+"""APS sun sensor: the sun's direction from the image of a pinhole, and the compensation of its errors.
+
+Source: "Error compensation method for the APS sun sensor of a Mars rover" (Chinese patent, 2021).
+"""
 
 from relnav.sensors.aps_sun.calibration import Calibration, CalibrationResult, calibrate
 from relnav.sensors.aps_sun.measure import measure

@@ -95,7 +95,8 @@ def calibrate(
     start : ApsSunModel
         Design values: start of the ray model, spot noise, field.
     method : {"auto", "rays", "patent"}
-        "auto" adds a spline to the ray model if cross-validation finds that it helps; "patent" is seed 002 as written,
+        "auto" adds a spline to the ray model if cross-validation finds that it helps; "patent" is, as
+        written, "Error compensation method for the APS sun sensor of a Mars rover" (Chinese patent, 2021),
         with the optical h.
     free : sequence of str, optional
         What the ray model fits (`PARAMETERS`).

@@ -1,5 +1,6 @@
-"""The patent's two-stage compensation as written (seed 002): a cubic radial correction, then tables by whole degree.
+"""The patent's two-stage compensation as written: a cubic radial correction, then tables by whole degree.
 
+The patent is "Error compensation method for the APS sun sensor of a Mars rover" (Chinese patent, 2021).
 The text lost its plus signs and three images; equations are numbered here as they are restored:
 
 (2) dx = x - x0,  dy = y - y0,  r = sqrt(dx^2 + dy^2)                                  [0027]-[0030]

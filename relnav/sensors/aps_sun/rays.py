@@ -1,7 +1,8 @@
 """From a sun direction to the spot and back, by exact ray tracing through dome, cover glass and tilted detector.
 
 A ray through the hole is followed both ways from there: outward through the dome, inward through the glass. Seen in
-detector axes turned by 180 deg (the spot at +h tan(angle), seed 002 eq. of [0030]), the inward ray keeps its direction.
+detector axes turned by 180 deg (the spot at +h tan(angle)), the inward ray keeps its direction. So it is in [0030] of
+"Error compensation method for the APS sun sensor of a Mars rover" (Chinese patent, 2021).
 """
 
 import numpy as np

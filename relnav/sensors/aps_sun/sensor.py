@@ -1,4 +1,7 @@
-"""What was built: hole, dome, cover glass and detector of the APS sun sensor (seed 002)."""
+"""What was built: hole, dome, cover glass and detector of the APS sun sensor.
+
+Source: "Error compensation method for the APS sun sensor of a Mars rover" (Chinese patent, 2021).
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

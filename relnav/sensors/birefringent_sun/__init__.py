@@ -1,4 +1,7 @@
-"""Birefringent sun sensor (seed 004): two spots from one crystal, and what they can and cannot say."""
+"""Birefringent sun sensor: the sun's direction from two spots of one crystal, and what they can and cannot say.
+
+Source: "Birefringent sun sensor and its measurement of three-axis attitude" (Chinese patent).
+"""
 
 from relnav.sensors.birefringent_sun.measure import measure
 from relnav.sensors.birefringent_sun.observability import Observability, observability

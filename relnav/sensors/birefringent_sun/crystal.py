@@ -1,5 +1,6 @@
-"""Refraction into a uniaxial crystal: ordinary and extraordinary waves, rays and amplitudes (seed 004 (1)-(10)).
+"""Refraction into a uniaxial crystal: ordinary and extraordinary waves, rays and amplitudes.
 
+Equations (1)-(10) of "Birefringent sun sensor and its measurement of three-axis attitude" (Chinese patent).
 Wave vectors k are in units of 2 pi / wavelength in vacuum, z into the crystal. c is the unit optic axis and
 
     eps = n_o^2 I + (n_e^2 - n_o^2) c c^T

@@ -1,5 +1,6 @@
-"""Seed 004 as written: its refraction (1)-(10), its three angles from two spots, and its product with the mounting.
+"""The patent as written: its refraction (1)-(10), its three angles from two spots, and its product with the mounting.
 
+The patent is "Birefringent sun sensor and its measurement of three-axis attitude" (Chinese patent).
 In the patent's frame x lies in the plane of incidence, so that its phi_p is the azimuth of the axis from the sun's, not
 a constant of the crystal. The three image formulas (8), (9) and the angles are restored:
 

@@ -1,4 +1,7 @@
-"""What was built: light filter, uniaxial crystal and detector of the birefringent sun sensor (seed 004)."""
+"""What was built: light filter, uniaxial crystal and detector of the birefringent sun sensor.
+
+Source: "Birefringent sun sensor and its measurement of three-axis attitude" (Chinese patent).
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,8 @@
-"""Dual-field star sensor (seed 001: You, Xing, Dong 2004, CN 1609549)."""
+"""Dual-field star sensor: attitude from the stars of two fields on one detector.
+
+Source: You, Xing, Dong (2004),
+"Dual-field star sensor and star identification with it", patent CN 1609549.
+"""
 
 from relnav.sensors.dual_field.measure import measure, track
 from relnav.sensors.dual_field.sensor import StarSensor

@@ -1,5 +1,6 @@
-"""The patent's identification (seed 001, claim 4): four brightest spots, eight field cases, two pair tables.
+"""The patent's identification (claim 4): four brightest spots, eight field cases, two pair tables.
 
+The patent is You, Xing, Dong (2004), "Dual-field star sensor and star identification with it", patent CN 1609549.
 As the patent has it, with two things it lacks: the exact angle between stars of different fields (`literal=True` takes
 its 90 deg -+ alpha instead, which a mirror does not obey), and handedness, which alone tells a solution from the one
 with its fields swapped: all six angles are the same in both.

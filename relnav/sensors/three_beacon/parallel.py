@@ -1,5 +1,6 @@
-"""Seed 000's closed form, eqs (4)-(13), for parallel projection: regular on the docking axis, and signed.
+"""The closed form of Cai et al. (1996), eqs (4)-(13), for parallel projection: regular on the docking axis, and signed.
 
+Cai, Zhao, Sun, Qiao, Dai (1996), "Determination of target relative position and range by PSD optical sensor system".
 As printed, n = b'(1 + m)/(2 h sqrt m) is 0/0 on the axis, z = n - sqrt(n^2 - 1) cancels near it, and the square roots
 lose the signs of y and z. The same solution without these: with d = A' - B', c = C' - (A' + B')/2 on the detector
 (x right, y down), D = |d|^2 and k = 2 a / b,

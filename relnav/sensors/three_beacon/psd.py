@@ -1,6 +1,7 @@
 """The two-axis lateral-effect detector as an instrument: four photocurrents to a spot, and the noise of both.
 
-Each axis has two electrodes that share the axis' current in proportion to where the spot is (seed 000 section 2):
+Each axis has two electrodes that share the axis' current in proportion to where the spot is (section 2 of
+Cai, Zhao, Sun, Qiao, Dai (1996), "Determination of target relative position and range by PSD optical sensor system"):
 
     x = (L / 2) (I2 - I1) / (I1 + I2),        the sum I1 + I2 = S carries the intensity only.
 

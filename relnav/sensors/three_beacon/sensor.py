@@ -1,4 +1,8 @@
-"""What was built: lens, detector and beacon triangle of the three-beacon sensor (seed 000)."""
+"""What was built: lens, detector and beacon triangle of the three-beacon sensor.
+
+Source: Cai, Zhao, Sun, Qiao, Dai (1996),
+"Determination of target relative position and range by PSD optical sensor system".
+"""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal

@@ -1,4 +1,8 @@
-"""Three-marker vision (seed 003: Liu, Xu, Xu 2013): relative position and attitude from the spots of one image."""
+"""Three-marker vision: relative position and attitude from the spots of one image.
+
+Source: Liu, Xu, Xu (2013),
+"Vision-based relative navigation for autonomous rendezvous and docking of spacecraft".
+"""
 
 from relnav.sensors.three_marker.as_published import closed_form_flat, closed_form_raised, depth_iteration, small_angle
 from relnav.sensors.three_marker.camera import project

@@ -1,5 +1,6 @@
-"""Seed 003 as published (Liu, Xu, Xu 2013): the depth iteration it sets out to replace, and its small-angle solution.
+"""Liu et al. (2013) as published: the depth iteration it sets out to replace, and its small-angle solution.
 
+Liu, Xu, Xu (2013), "Vision-based relative navigation for autonomous rendezvous and docking of spacecraft".
 Only the first pages of the paper survive; equations (2) and (3) are reconstructed from its text. The paper's camera
 axes are x right, y along the boresight, z up, its image coordinates a = u/f along x and beta = w/f along z. Here, in
 camera axes (x right, y down, z boresight), a = x and beta = -y of the normalised image; the closed forms keep the

@@ -201,7 +201,10 @@ def test_slope_of_the_table(model, spot, truth):
 
 
 def test_the_patent_as_a_calibration(model, points):
-    """Seed 002's tables behind the same face: its own error is in the covariance."""
+    """The patent's tables behind the same face: its own error is in the covariance.
+
+    The patent is "Error compensation method for the APS sun sensor of a Mars rover" (Chinese patent, 2021).
+    """
     result = calibrate(*points(121), model, method="patent")
     assert result.calibration.method == "patent"
     assert 0.004 < result.calibration.calibration_noise_px < 0.012

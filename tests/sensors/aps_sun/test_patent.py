@@ -1,4 +1,7 @@
-"""Seed 002 as written reaches its figures; the readings of it that do not are shown not to."""
+"""The patent as written reaches its figures; the readings of it that do not are shown not to.
+
+The patent is "Error compensation method for the APS sun sensor of a Mars rover" (Chinese patent, 2021).
+"""
 
 import numpy as np
 import pytest

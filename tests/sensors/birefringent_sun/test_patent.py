@@ -1,4 +1,7 @@
-"""Seed 004 as written: its equations hold, its roll does not."""
+"""The patent as written: its equations hold, its roll does not.
+
+The patent is "Birefringent sun sensor and its measurement of three-axis attitude" (Chinese patent).
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,8 @@
-"""Seed 003 as published: closed forms against the general solution, the error laws, and the criticised iteration."""
+"""As published: closed forms against the general solution, the error laws, and the criticised iteration.
+
+The paper is Liu, Xu, Xu (2013),
+"Vision-based relative navigation for autonomous rendezvous and docking of spacecraft".
+"""
 
 import numpy as np
 import pytest
