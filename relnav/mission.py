@@ -97,7 +97,8 @@ class Orbit:
         sqrt(mu / a^3).
     eccentricity : float
     true_anomaly_rad : float
-        At zero of the log's clock, 0 = perigee; of no effect on a circular orbit.
+        At zero of the log's clock, 0 = perigee. On a circular orbit it has no effect, but for where a simulated flight
+        begins: this far from the ascending node.
     """
 
     mean_motion_rad_s: Positive

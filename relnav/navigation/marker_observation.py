@@ -102,59 +102,79 @@ def _cross_row(a: Vector, v: Vector, out: Vector) -> None:
 
 
 @kernel
-def _linearise(m: PoseMemory, pose: Matrix, marker: int, k: int, spot: Vector) -> bool:
-    """Write group k: residual, rows and derivatives of a marker's spot; False if it cannot be seen there."""
-    camera, group, scratch = m.camera, m.groups[k], m.scratch
+def _linearise(
+    camera: Record,
+    scratch: Record,
+    s: Vector,
+    spot: Vector,
+    group: Record,
+    nearer: Vector,
+    q: Matrix,
+    turns: Matrix,
+) -> bool:
+    """Write the group of a marker at s (3,): residual, rows and derivatives; False if it cannot be seen there.
+
+    nearer (6,), q (2, 3) by the marker, turns (2, 3) by the chaser's attitude.
+    """
+    pose = scratch["pose"]
     p, expected, by_point, bend = scratch["point"], scratch["error"], scratch["projection"], scratch["bend"]
     for i in range(3):
         p[i] = pose[3, i]
         for j in range(3):
-            p[i] += pose[i, j] * m.points[marker, j]
+            p[i] += pose[i, j] * s[j]
     if not project(camera, p, expected, by_point, bend) or not on_image(camera, spot[0], spot[1]):
         return False
     cam, mount, lens, gradient = camera["cam_from_lvlh"], camera["mount"], camera["lens"], group["gradient"]
-    residual, q, turned = group["residual"], m.by_marker, scratch["turned"]
+    residual, turned = group["residual"], scratch["turned"]
     from_chaser, along = turned[0], turned[1]
     for j in range(3):
         from_chaser[j] = mount[0, j] * p[0] + mount[1, j] * p[1] + mount[2, j] * p[2] + lens[j]
-        m.nearer[k, j] = -cam[2, j] / p[2]
-    _cross_row(m.points[marker], pose[2], m.nearer[k, 3:6])  # d(p_z) by theta: s x C_z
+        nearer[j] = -cam[2, j] / p[2]
+    _cross_row(s, pose[2], nearer[3:6])  # d(p_z) by theta: s x C_z
     for j in range(3):
-        m.nearer[k, 3 + j] /= p[2]
+        nearer[3 + j] /= p[2]
     for axis in range(2):
-        row = 2 * k + axis
         residual[axis] = spot[axis] - expected[axis]
         d = by_point[axis]
         for j in range(3):
             gradient[axis, j] = -(d[0] * cam[0, j] + d[1] * cam[1, j] + d[2] * cam[2, j])
-            q[row, j] = d[0] * pose[0, j] + d[1] * pose[1, j] + d[2] * pose[2, j]
+            q[axis, j] = d[0] * pose[0, j] + d[1] * pose[1, j] + d[2] * pose[2, j]
             along[j] = d[0] * mount[0, j] + d[1] * mount[1, j] + d[2] * mount[2, j]
-        _cross_row(q[row], m.points[marker], gradient[axis, 6:9])
+        _cross_row(q[axis], s, gradient[axis, 6:9])
         for j in range(3):
             gradient[axis, 6 + j] = -gradient[axis, 6 + j]
-        _cross_row(along, from_chaser, m.turns[row])
+        _cross_row(along, from_chaser, turns[axis])
     return True
 
 
 @kernel
-def _add_second_order(m: PoseMemory, count: int, ld: Matrix) -> None:
-    """Shift the residuals by the mean of the second order, and add its covariance to the noise."""
-    P, whole, bends = m.scratch["seen_covariance"], m.scratch["noise"], m.bends
+def _add_second_order(
+    scratch: Record,
+    groups: Record,
+    points: Matrix,
+    which: Vector,
+    nearer: Matrix,
+    by_marker: Matrix,
+    bends: Matrix,
+    noise: Matrix,
+    ld: Matrix,
+) -> None:
+    """Shift the residuals of groups (k,) by the mean of the second order, and add its covariance to the noise."""
+    P, whole, B, count = scratch["seen_covariance"], scratch["noise"], scratch["six"], groups.shape[0]
     compose_into(ld, whole)
     for i in range(6):
         for j in range(6):
             P[i, j] = whole[i if i < 3 else i + 3, j if j < 3 else j + 3]
-    B = m.scratch["six"]
     for row in range(2 * count):
-        g, h, q, s = m.nearer[row // 2], m.groups[row // 2]["gradient"][row % 2], m.by_marker[row], m.points
-        marker = int(m.which[row // 2])
-        along = q[0] * s[marker, 0] + q[1] * s[marker, 1] + q[2] * s[marker, 2]
+        g, h, q = nearer[row // 2], groups[row // 2]["gradient"][row % 2], by_marker[row]
+        s = points[int(which[row // 2])]
+        along = q[0] * s[0] + q[1] * s[1] + q[2] * s[2]
         for i in range(6):
             for j in range(6):
                 B[i, j] = -(h[i if i < 3 else i + 3] * g[j] + h[j if j < 3 else j + 3] * g[i])
         for i in range(3):
             for j in range(3):
-                B[3 + i, 3 + j] += 0.5 * (q[i] * s[marker, j] + q[j] * s[marker, i])
+                B[3 + i, 3 + j] += 0.5 * (q[i] * s[j] + q[j] * s[i])
             B[3 + i, 3 + i] -= along
         mean = 0.0
         for i in range(6):
@@ -164,15 +184,15 @@ def _add_second_order(m: PoseMemory, count: int, ld: Matrix) -> None:
                     total += B[i, k] * P[k, j]
                 bends[row, 6 * i + j] = total
             mean += 0.5 * bends[row, 7 * i]
-        m.groups[row // 2]["residual"][row % 2] -= mean
+        groups[row // 2]["residual"][row % 2] -= mean
     for row in range(2 * count):
         for other in range(row + 1):
             total = 0.0
             for i in range(6):
                 for j in range(6):
                     total += bends[row, 6 * i + j] * bends[other, 6 * j + i]
-            m.noise[row, other] += 0.5 * total
-            m.noise[other, row] = m.noise[row, other]
+            noise[row, other] += 0.5 * total
+            noise[other, row] = noise[row, other]
 
 
 @kernel
@@ -187,7 +207,9 @@ def observe_markers(m: PoseMemory, track: Record, spots: Matrix, covariances: St
     for marker in range(spots.shape[0]):
         if has_spot(spots, marker):
             seen += 1
-            if _linearise(m, pose, marker, count, spots[marker]):
+            i, j = 2 * count, 2 * count + 2
+            group, nearer, q, turns = m.groups[count], m.nearer[count], m.by_marker[i:j], m.turns[i:j]
+            if _linearise(m.camera, m.scratch, m.points[marker], spots[marker], group, nearer, q, turns):
                 m.which[count] = marker
                 count += 1
     noise2, sigma2 = m.camera["noise"] * m.camera["noise"], m.camera["chaser_sigma"] * m.camera["chaser_sigma"]
@@ -201,7 +223,9 @@ def observe_markers(m: PoseMemory, track: Record, spots: Matrix, covariances: St
             elif row // 2 == other // 2:
                 total += covariances[int(m.which[row // 2]), row % 2, other % 2]
             m.noise[row, other] = total
-    _add_second_order(m, count, track["ld"])
+    _add_second_order(
+        m.scratch, m.groups[:count], m.points, m.which, m.nearer, m.by_marker, m.bends, m.noise, track["ld"]
+    )
     for k in range(count):
         group, variance = m.groups[k], m.groups[k]["variance"]
         group["rows"], group["tested"] = 2, 1

@@ -39,22 +39,22 @@ EPOCH = np.dtype(
 
 
 @kernel
-def _spans_a_plane(m: PoseMemory, t: float, limit_s: float) -> bool:
+def _spans_a_plane(s: Matrix, used_s: Vector, t: float, limit_s: float) -> bool:
     """Whether the markers used within the limit are all of them, or three or more that do not stand on one line."""
-    s, recent, first, second, longest2 = m.points, 0, 0, 0, -1.0
+    recent, first, second, longest2 = 0, 0, 0, -1.0
     n = s.shape[0]
     for i in range(n):
-        recent += 1 if t - m.used_s[i] <= limit_s else 0
+        recent += 1 if t - used_s[i] <= limit_s else 0
     if recent == n or recent < 3:
         return bool(recent == n)
     for i in range(n):
         for j in range(i):
-            if t - m.used_s[i] <= limit_s and t - m.used_s[j] <= limit_s:
+            if t - used_s[i] <= limit_s and t - used_s[j] <= limit_s:
                 d2 = (s[i, 0] - s[j, 0]) ** 2 + (s[i, 1] - s[j, 1]) ** 2 + (s[i, 2] - s[j, 2]) ** 2
                 if d2 > longest2:
                     first, second, longest2 = i, j, d2
     for i in range(n):
-        if t - m.used_s[i] <= limit_s:
+        if t - used_s[i] <= limit_s:
             a0, a1, a2 = s[i, 0] - s[first, 0], s[i, 1] - s[first, 1], s[i, 2] - s[first, 2]
             b0, b1, b2 = s[second, 0] - s[first, 0], s[second, 1] - s[first, 1], s[second, 2] - s[first, 2]
             c0, c1, c2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
@@ -102,7 +102,9 @@ def write_epoch(m: PoseMemory, out: Record) -> None:
     out["t"], out["nis"], out["dof"], out["status"] = clock["t"], result["nis"], result["dof"], result["status"]
     out["hypotheses"], out["too_late"], out["row"] = count, 0, 1
     out["ambiguity"] = m.bank[1]["score"] - lead["score"] if count > 1 else math.inf
-    out["observable"] = 1 if count > 0 and _spans_a_plane(m, clock["t"], m.fixed["few_markers_limit"]) else 0
+    out["observable"] = (
+        1 if count > 0 and _spans_a_plane(m.points, m.used_s, clock["t"], m.fixed["few_markers_limit"]) else 0
+    )
     used = 0
     for i in range(m.accepted.shape[0]):
         used += 1 if m.accepted[i] > 0.0 else 0

@@ -56,13 +56,13 @@ def turn_errors(ld: Matrix, turn: Matrix) -> None:
 
 
 @kernel
-def take_in(m: PoseMemory, track: Record) -> None:
+def take_in(scratch: Record, track: Record) -> None:
     """Fold the errors that an update has estimated into motion, attitude and rate; covariance then is about these.
 
     P <- G P G^T, G = I - [theta x] / 2 (Markley and Crassidis 2014, ch. 6).
     """
     x, motion, rate, dcm = track["state"], track["motion"], track["rate"], track["dcm"]
-    turned, g = m.scratch["turned"], m.scratch["phi"]
+    turned, g = scratch["turned"], scratch["phi"]
     for i in range(6):
         motion[i] += x[i]
     turn_by_rotation_vector(dcm, x[6:9], turned)
@@ -106,14 +106,14 @@ def spot_update(m: PoseMemory, track: Record, spots: Matrix, covariances: Stack)
     if used > 0:
         track["score"] += taken + log_determinant(image)
         copy_track(m.work, track)
-        take_in(m, track)
+        take_in(m.scratch, track)
     return seen, count, used, nis
 
 
 @kernel
-def _distance2(m: PoseMemory, one: Record, other: Record) -> float:
-    """Chi-square of twelve between two hypotheses, by the covariance of the first."""
-    e, ld = m.scratch["error"], one["ld"]
+def _distance2(e: Vector, one: Record, other: Record) -> float:
+    """Chi-square of twelve between two hypotheses, by the covariance of the first; e (12,) is scratch."""
+    ld = one["ld"]
     for i in range(6):
         e[i] = other["motion"][i] - one["motion"][i]
     rotation_vector_into(other["dcm"], one["dcm"], e[6:9])
@@ -128,27 +128,27 @@ def _distance2(m: PoseMemory, one: Record, other: Record) -> float:
 
 
 @kernel
-def order_bank(m: PoseMemory, bank: Record, count: int) -> int:
+def order_bank(scratch: Record, spare: Record, bank: Record, count: int) -> int:
     """The most credible first, those far behind and those that have become one with a better one left out."""
     if count < 2:
         return count
-    order, kept = m.scratch["order"], 0
+    order, kept = scratch["order"], 0
     for i in range(count):
         order[i] = i
-        copy_pose(bank[i], m.spare[i])
+        copy_pose(bank[i], spare[i])
     for i in range(1, count):
         k, j = order[i], i
-        while j > 0 and m.spare[order[j - 1]]["score"] > m.spare[k]["score"]:
+        while j > 0 and spare[order[j - 1]]["score"] > spare[k]["score"]:
             order[j] = order[j - 1]
             j -= 1
         order[j] = k
     for i in range(count):
-        one = m.spare[order[i]]
+        one = spare[order[i]]
         if kept > 0 and one["score"] - bank[0]["score"] > DROP:
             break
         alone = True
         for k in range(kept):
-            if _distance2(m, bank[k], one) <= JOINED:
+            if _distance2(scratch["error"], bank[k], one) <= JOINED:
                 alone = False
         if alone:
             copy_pose(one, bank[kept])
@@ -187,16 +187,15 @@ def _correct_bank(m: PoseMemory, bank: Record, count: int, spots: Matrix, covari
     if result["used"] == 0:
         for i in range(spots.shape[0]):
             m.accepted[i] = 0.0
-    return order_bank(m, bank, count), telling
+    return order_bank(m.scratch, m.spare, bank, count), telling
 
 
 @kernel
-def _clear(m: PoseMemory) -> None:
-    result = m.result
+def _clear(result: Record, accepted: Vector) -> None:
     result["nis"], result["dof"], result["seen"], result["used"] = math.nan, 0, 0, 0
     result["status"] = WAITING
-    for i in range(m.accepted.shape[0]):
-        m.accepted[i] = 0.0
+    for i in range(accepted.shape[0]):
+        accepted[i] = 0.0
 
 
 @kernel
@@ -237,14 +236,14 @@ def pose_step(block: Vector, t: float, chaser: Matrix, spots: Matrix, covariance
     """
     m = pose_views(block)
     clock, result = m.clock, m.result
-    _clear(m)
+    _clear(result, m.accepted)
     dt = t - clock["t"] if clock["t"] == clock["t"] else 0.0
     v = m.motion["delta_v"]
     if (clock["running"] > 0 or clock["trial"] > 0) and (dt > 0.0 or v[0] != 0.0 or v[1] != 0.0 or v[2] != 0.0):
         prepare_step(m.step, m.motion, m.scratch, clock["t"], dt)
-        taken = m.step["dt"]
-        clock["running"] = advance_bank(m, m.bank, clock["running"], clock["t"], taken)
-        clock["trial"] = advance_bank(m, m.trial, clock["trial"], clock["t"], taken)
+        taken, orbit = m.step["dt"], m.motion["orbit"]
+        clock["running"] = advance_bank(m.body, m.step, m.scratch, orbit, m.bank, clock["running"], clock["t"], taken)
+        clock["trial"] = advance_bank(m.body, m.step, m.scratch, orbit, m.trial, clock["trial"], clock["t"], taken)
     clock["t"] = t
     aim_camera(m.camera, chaser)
     seen = 0

@@ -13,7 +13,7 @@ from relnav.dynamics.rigid_body import MEAN_MOTION
 from relnav.dynamics.yamanaka_ankersen import PHI_PATTERN
 from relnav.estimation.factored import factorize_into, time_update_into
 from relnav.estimation.rows import copy_track
-from relnav.navigation.pose_memory import POSE, PoseMemory
+from relnav.navigation.pose_memory import POSE
 
 rotate_into = rigid_body.propagate_into
 
@@ -59,14 +59,16 @@ def copy_pose(source: Record, target: Record) -> None:
 
 
 @kernel
-def advance_pose(m: PoseMemory, track: Record, t: float, dt: float) -> bool:
+def advance_pose(
+    body: Record, step: Record, scratch: Record, orbit: Vector, track: Record, t: float, dt: float
+) -> bool:
     """Carry a hypothesis over the prepared step from t over dt s; the orbit turns as in the middle of the step.
 
     False for so many turns of the target that nothing is known of its attitude after them.
     """
-    body, step, phi, noise = m.body, m.step, m.scratch["phi"], m.scratch["noise"]
+    phi, noise = scratch["phi"], scratch["noise"]
     turn, spread_, factors, values = body["phi"], body["noise"], body["factors"], body["values"]
-    values[MEAN_MOTION, 0] = frame_rate(m.motion["orbit"], t + 0.5 * dt)
+    values[MEAN_MOTION, 0] = frame_rate(orbit, t + 0.5 * dt)
     if not rotate_into(values, dt, track["dcm"], track["rate"], body["noise_density"], turn, spread_, body["work"]):
         return False
     carry_motion(track["motion"], step["phi"], step["effect"])
@@ -108,23 +110,25 @@ def is_wide(track: Record) -> bool:
 
 
 @kernel
-def _is_forgotten(m: PoseMemory, track: Record, dt: float) -> bool:
+def _is_forgotten(body: Record, track: Record, dt: float) -> bool:
     """Whether after dt nothing is known of the attitude any more: 1-sigma of half a turn."""
-    drift = m.body["noise_density"] * dt * dt * dt / 3.0
+    drift = body["noise_density"] * dt * dt * dt / 3.0
     known = _largest_variance(track["ld"], 6) + _largest_variance(track["ld"], 9) * dt * dt + drift
     return not known <= math.pi * math.pi
 
 
 @kernel
-def advance_bank(m: PoseMemory, bank: Record, count: int, t: float, dt: float) -> int:
+def advance_bank(
+    body: Record, step: Record, scratch: Record, orbit: Vector, bank: Record, count: int, t: float, dt: float
+) -> int:
     """Carry the hypotheses over dt, those left out of which nothing would be known; returns how many remain."""
     kept = 0
     fade = math.exp(-dt / MEMORY_S)
     for k in range(count):
-        if not _is_forgotten(m, bank[k], dt):
+        if not _is_forgotten(body, bank[k], dt):
             if kept < k:
                 copy_pose(bank[k], bank[kept])
-            if advance_pose(m, bank[kept], t, dt):
+            if advance_pose(body, step, scratch, orbit, bank[kept], t, dt):
                 bank[kept]["score"] *= fade
                 kept += 1
     return kept

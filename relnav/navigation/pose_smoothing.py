@@ -107,7 +107,7 @@ def _smooth(block: Vector, epochs: Record, after: Vector) -> None:
                 acceleration[i], delta_v[i] = later["acceleration"][i], later["delta_v"][i]
             prepare_step(m.step, m.motion, m.scratch, one["t"], dt)
             copy_pose(own, ahead)
-            advance_pose(m, ahead, one["t"], m.step["dt"])
+            advance_pose(m.body, m.step, m.scratch, m.motion["orbit"], ahead, one["t"], m.step["dt"])
             dt = m.step["dt"]
             transition_into(m.motion["orbit"], one["t"] + dt, -dt, later["motion_inverse"])
             for i in range(6):

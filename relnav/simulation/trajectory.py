@@ -23,8 +23,10 @@ class Approach:
         Start in the docking frame.
     final_range_m, speed_m_s : float
         Where the reference point stops, and how fast it moves there.
-    true_anomaly_deg, inclination_deg : float
-        Of the target at the start.
+    true_anomaly_deg : float or None
+        Of the target at the start; the model's if None.
+    inclination_deg : float
+        Of its orbit.
     j2 : bool
         Whether the Earth is oblate.
     air_density_kg_m3, target_ballistic_m2_kg, chaser_ballistic_m2_kg : float

@@ -32,7 +32,7 @@ def test_the_track_is_within_its_sigmas_of_the_truth(folder, tmp_path, capsys):
     model = ["--model", "three_marker_vision"]
     assert run(["filter", str(folder / "log.csv"), *model, "--out", str(track), "--json", str(figures)]) == 0
     shown = capsys.readouterr().out
-    assert "160 epochs, model three_marker_vision, 160 with a state" in shown
+    assert "160 epochs, model three_marker_vision, 159 with a state" in shown
     assert "NIS per degree of freedom" in shown
     got, truth = table(track), table(folder / "truth.csv")
     late = got["t_s"] > 15.0

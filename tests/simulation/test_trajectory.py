@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from relnav.dynamics.clohessy_wiltshire import propagate
+from relnav.dynamics.relative_motion import orbit_vector, propagate_into
 from relnav.mission import Camera, Docking, Orbit, ProcessNoise
 from relnav.simulation.trajectory import Approach, fly
 
@@ -44,6 +45,28 @@ def test_r_bar_with_a_port_off_the_centre_of_mass(make_model) -> None:
 def test_eccentric_orbit(make_model, truth) -> None:
     t, states, _ = fly(make_model(orbit=Orbit(truth.n, 0.008)), Approach(), rng())
     np.testing.assert_allclose(states[t > 290.0, :3].mean(axis=0), [4.0, 0.0, 0.0], rtol=0.0, atol=0.015)
+
+
+def misses(model, approach, orbit) -> np.ndarray:
+    """By how much each row (n,) misses what the row before it says, m/s, with the target on an orbit (4,)."""
+    t, states, command = fly(model, approach, rng())
+    out, phi, q, effect = np.empty(len(t) - 1), np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
+    for k in range(1, len(t)):
+        dt = t[k] - t[k - 1]
+        assert propagate_into(orbit, t[k - 1], dt, command[k], np.zeros((3, 3)), phi, q, effect, np.empty((6, 6)))
+        out[k - 1] = np.linalg.norm((phi @ states[k - 1] + effect - states[k])[3:])
+    return out
+
+
+@pytest.mark.parametrize("given", [{}, {"true_anomaly_deg": 250.0}])
+def test_the_logs_clock_is_the_models(make_model, truth, given: dict) -> None:
+    """The motion is that of the model's orbit and phase, row by row over a tenth of an orbit; of no other phase."""
+    theta = 2.0 if not given else math.radians(250.0)
+    model = make_model(orbit=Orbit(truth.n, 0.1, 2.0))
+    approach = Approach(duration_s=600.0, rate_hz=1.0, **given)
+    assert misses(model, approach, orbit_vector(truth.n, 0.1, theta)).max() < 1e-8
+    assert misses(model, approach, orbit_vector(truth.n, 0.1, theta + 0.1)).max() > 1e-7
+    assert misses(model, approach, orbit_vector(truth.n)).max() > 1e-6
 
 
 @pytest.mark.parametrize("rate_hz", [1.0, 10.0])

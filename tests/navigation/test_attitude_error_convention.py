@@ -9,7 +9,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from relnav.navigation.spot_update import predict_spots
 from scipy.spatial.transform import Rotation
 
 import relnav
@@ -19,7 +18,6 @@ from relnav.estimation.attitude import attitude_update
 from relnav.estimation.unscented_attitude import body_turn_of_angles, dcm_from_euler
 from relnav.geometry.rotation_vector import attitude_error
 from relnav.geometry.wahba import solve_wahba
-from relnav.navigation.docking_port import docking_state
 from relnav.navigation.pose_state import PoseState, state_from_pose
 from relnav.navigation.target_attitude import METHODS, TargetAttitude
 from relnav.sensors.dual_field.camera_fit import _Camera
@@ -141,11 +139,11 @@ def pose_state(scene, covariance, drho=ZERO, theta=ZERO):
     return PoseState(motion, true_dcm(dcm_target, theta).T, np.array([0.01, -0.02, 0.015]), covariance)
 
 
-def test_rows_of_the_pose_filter(mission, scene, spots, truth):
+def test_rows_of_the_pose_filter(mission, scene, spots, truth, marker_image):
     state = pose_state(scene, 1e-12 * np.eye(12))
-    rows = predict_spots(state, spots().reshape(-1, 2), np.arange(3), mission, scene[0]).rows
+    rows = marker_image(state, spots().reshape(-1, 2), mission, scene[0]).rows
     assert_close(rows[:, :3], truth.derivative(spots, ZERO, EPS))
-    assert_close(rows[:, 3:], truth.derivative(lambda theta: spots(target=theta), ZERO, EPS))
+    assert_close(rows[:, 6:9], truth.derivative(lambda theta: spots(target=theta), ZERO, EPS))
 
 
 def test_errors_and_corrections_of_a_pose_state(scene):
@@ -161,14 +159,14 @@ def docking_error(estimate, true):
     return np.concatenate([*moved[:2], turned, moved[2]])
 
 
-def test_docking_covariance_by_the_attitude_of_the_target(mission, scene, truth):
+def test_docking_covariance_by_the_attitude_of_the_target(mission, scene, truth, docking_of):
     covariance = np.zeros((12, 12))
     covariance[6:9, 6:9] = np.diag([1.0, 2.0, 3.0])
     own = np.array([0.003, -0.004, 0.002])
-    estimate = docking_state(pose_state(scene, covariance), mission, scene[0], own)
+    estimate = docking_of(pose_state(scene, covariance), mission, scene[0], own)
     by_theta = truth.derivative(
         lambda theta: docking_error(
-            estimate, docking_state(pose_state(scene, covariance, theta=theta), mission, scene[0], own)
+            estimate, docking_of(pose_state(scene, covariance, theta=theta), mission, scene[0], own)
         ),
         ZERO,
         EPS,
@@ -176,12 +174,12 @@ def test_docking_covariance_by_the_attitude_of_the_target(mission, scene, truth)
     assert_close(estimate.covariance, by_theta @ covariance[6:9, 6:9] @ by_theta.T)
 
 
-def test_docking_covariance_by_the_attitude_of_the_chaser(mission, scene, truth):
+def test_docking_covariance_by_the_attitude_of_the_chaser(mission, scene, truth, docking_of):
     mission = dataclasses.replace(mission, chaser=dataclasses.replace(mission.chaser, attitude_sigma_rad=1.0))
     state, own = pose_state(scene, np.zeros((12, 12))), np.array([0.003, -0.004, 0.002])
-    estimate = docking_state(state, mission, scene[0], own)
+    estimate = docking_of(state, mission, scene[0], own)
     by_alpha = truth.derivative(
-        lambda alpha: docking_error(estimate, docking_state(state, mission, true_dcm(scene[0], alpha), own)), ZERO, EPS
+        lambda alpha: docking_error(estimate, docking_of(state, mission, true_dcm(scene[0], alpha), own)), ZERO, EPS
     )
     assert_close(estimate.covariance, by_alpha @ by_alpha.T)
 
