@@ -197,7 +197,7 @@ def main() -> int:
     print(f"  the same taken as present: NEES / 12 = {naive:.3g}")
     for gap in (10.0, 40.0, 100.0):
         value = after_a_gap(mission, runs, seed, gap)
-        figures.show(f"one image, then none for {gap:g} s, then three: NEES / 12", value, 0.0, 1.25)
+        figures.show(f"two images, then none for {gap:g} s, then three: NEES / 12", value, 0.0, 1.25)
     early, middle, late = few_for_long(mission, max(2, runs // 2), seed)
     print(f"  two markers from 10 s on: NEES / 12 = {early:.2f} to 40 s, {middle:.2f} to 100 s, {late:.2f} at 150 s")
     print(

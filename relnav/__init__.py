@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from relnav.files.models import load_model as load_model
     from relnav.files.models import load_published as load_published
     from relnav.files.sun_calibration import load_sun_calibration as load_sun_calibration
-    from relnav.files.tables import write as write
+    from relnav.files.tracks import write as write
     from relnav.mission import Model as Model
     from relnav.navigation.log import filter_epochs as filter_epochs
     from relnav.navigation.record import FilterRecord as FilterRecord

@@ -20,7 +20,8 @@ from relnav.files.models import load_mission, load_published
 from relnav.files.raw_filter import filter_raw_log
 from relnav.files.raw_logs import is_raw_log
 from relnav.files.spool import Spool
-from relnav.files.tables import COLUMNS, INTEGERS, Table, head, rows_of, write, write_table
+from relnav.files.tables import COLUMNS, INTEGERS, Table, head, rows_of, write_table
+from relnav.files.tracks import write
 from relnav.mission import Model
 from relnav.navigation.arguments import controls
 from relnav.navigation.log import Epochs, LogFilter

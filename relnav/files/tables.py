@@ -2,7 +2,6 @@
 
 import csv
 import json
-import os
 from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -14,7 +13,6 @@ from relnav.arrays import Vector
 from relnav.errors import UsageError
 from relnav.files.atomic import replacing
 from relnav.navigation.docking_view import UPPER
-from relnav.navigation.pose_record import PoseSolution
 from relnav.navigation.record import DIAGONAL, Solution
 
 STATE = ("x", "y", "z", "vx", "vy", "vz")
@@ -80,44 +78,11 @@ def rows_of(part: Solution) -> Table:
     ]
 
 
-def _parts(solution: Solution) -> Iterator[Table]:
-    """Part after part: a long solution's covariances are never all in memory."""
-    for begin in range(0, len(solution), ROWS_AT_ONCE):
-        yield rows_of(solution.part(begin, begin + ROWS_AT_ONCE))
-
-
 def _cells(row: tuple[float, ...], integers: tuple[int, ...]) -> list[str]:
     cells = ["" if value != value else repr(value) for value in row]
     for index in integers:
         cells[index] = str(int(row[index]))
     return cells
-
-
-def write(solution: Solution | PoseSolution, path: str | os.PathLike[str]) -> None:
-    """Write a solution as a table, one row an epoch; numbers are exact (read back, they are the same).
-
-    Parameters
-    ----------
-    solution : Solution or PoseSolution
-        From `filter_log`.
-    path : str or path
-        Ends in `.csv` or `.parquet` (needs pyarrow). Empty cells: no state yet. The file appears whole or not at all.
-
-    Raises
-    ------
-    UsageError
-        For another ending, or a folder that does not exist.
-    """
-    target = Path(path)
-    check_format(target)
-    if not isinstance(solution, Solution):
-        from relnav.files.marker_logs import write_track
-
-        write_track([solution], solution.model, target, {"smoothed": "yes"} if solution.smoothed else {})
-        return
-    stated = head(solution.model, solution.method, solution.smoothed)
-    stated |= {key: str(value) for key, value in solution.metadata.items()}
-    write_table(target, COLUMNS, _parts(solution), stated, INTEGERS)
 
 
 def write_table(
