@@ -31,7 +31,6 @@ COLUMNS = (
     *COVARIANCE_COLUMNS,
 )
 INTEGERS = (COLUMNS.index("dof"), COLUMNS.index("accepted"))
-ROWS_AT_ONCE = 65_536
 
 
 def relnav_version() -> str:

@@ -4,9 +4,11 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from relnav.files.tables import COLUMNS, INTEGERS, ROWS_AT_ONCE, Table, check_format, head, rows_of, write_table
+from relnav.files.tables import COLUMNS, INTEGERS, Table, check_format, head, rows_of, write_table
 from relnav.navigation.pose_record import PoseSolution
 from relnav.navigation.record import Solution
+
+ROWS_AT_ONCE = 65_536
 
 
 def write(solution: Solution | PoseSolution, path: str | os.PathLike[str]) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import relnav
-from relnav.files import tables
+from relnav.files import tracks
 from relnav.files.atomic import replacing
 from relnav.files.tables import write_json
 
@@ -22,7 +22,7 @@ def solution():
 
 def break_after(monkeypatch, parts, error):
     """Let the writing of a track fail with `error` after some parts are written."""
-    monkeypatch.setattr(tables, "ROWS_AT_ONCE", 10)
+    monkeypatch.setattr(tracks, "ROWS_AT_ONCE", 10)
     original, calls = relnav.Solution.part, []
 
     def part(self, begin, end):

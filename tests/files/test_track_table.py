@@ -116,7 +116,7 @@ def test_metadata_says_frame_units_model_and_version(solution, tmp_path):
 
 def test_a_solution_longer_than_what_is_written_at_once(solution, tmp_path, monkeypatch):
     relnav.write(solution, tmp_path / "whole.csv")
-    monkeypatch.setattr("relnav.files.tables.ROWS_AT_ONCE", 7)
+    monkeypatch.setattr("relnav.files.tracks.ROWS_AT_ONCE", 7)
     relnav.write(solution, tmp_path / "pieces.csv")
     assert (tmp_path / "whole.csv").read_bytes() == (tmp_path / "pieces.csv").read_bytes()
 
