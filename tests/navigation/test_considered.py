@@ -58,7 +58,7 @@ def images(model, truth, seen, *, focal=0.0, camera=(0.0, 0.0, 0.0), turn=(0.0, 
     beacons = model.sensor.beacons_dock_m + np.cross(turn, model.sensor.beacons_dock_m) + shift
     sight = model.port_position_m + beacons @ dock - truth[:, None, :3]
     c = sight @ mount.T - model.camera_lever_cam_m
-    c = c + np.cross(camera, c)
+    c = c - np.cross(camera, c)  # theta of the camera: exp(-[theta x]) c
     spots = model.sensor.focal_length_m * (1.0 + focal) * c[..., :2] / c[..., 2:]
     return np.where(seen, spots, np.nan)
 
