@@ -47,25 +47,35 @@ _CACHE = True
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile a scalar-loop function on its first call; without numba, return it as it is."""
+    return _compiled(function, shared=False)
+
+
+def entry(function: Callable[P, R]) -> Callable[P, R]:
+    """A kernel that both Python and other kernels call: it is finished and cached once for all of them."""
+    return _compiled(function, shared=True)
+
+
+def _compiled(function: Callable[P, R], *, shared: bool) -> Callable[P, R]:
     global _CACHE  # noqa: PLW0603  (one switch for the process: the first refusal settles it, with one warning)
     if _NJIT is None:
         return function
+    from relnav.codegen.whole_program import Outer
+
+    compiled: Any = Outer(function, _OPTIONS, shared=shared)
     if _CACHE:
         try:
-            compiled = _NJIT(cache=True, **_OPTIONS)(function)
+            compiled.enable_caching()
             compiled._cache._cache_file._source_stamp = _STAMP
-            cached: Callable[P, R] = compiled
-            return cached
         except RuntimeError as error:
             _CACHE = False
             warnings.warn(
                 f"no folder for compiled code can be written ({error}): relnav compiles anew in every process; "
                 "set NUMBA_CACHE_DIR to a writable folder",
                 RuntimeWarning,
-                stacklevel=2,
+                stacklevel=3,
             )
-    uncached: Callable[P, R] = _NJIT(**_OPTIONS)(function)
-    return uncached
+    made: Callable[P, R] = compiled
+    return made
 
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
