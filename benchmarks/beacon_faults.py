@@ -40,7 +40,7 @@ def flight(model, faults, seed):
     currents = currents_of_counts(model.detector, log.counts)
     size = model.sensor.detector_size_m
     slots = read_slots(model.detector, model.pulses, size, log.t_s, log.beacon, currents)
-    track = filter_slots(model, slots, acceleration_m_s2=log.acceleration_m_s2)
+    track = filter_slots(model, slots, acceleration_m_s2=log.acceleration_m_s2, method="spots")
     late = (log.t_s > FROM_S) & np.isfinite(track.state).all(axis=1)
     error = (track.state - log.truth)[late]
     nees = np.einsum("ni,ni->n", error, np.linalg.solve(track.covariance[late], error[..., None])[..., 0])

@@ -71,7 +71,12 @@ def close_in(drawn, seed):
         approach = Approach(start_m=(5.0, 0.02, -0.02), final_range_m=0.6, duration_s=250.0)
         log = simulate(as_built(model, seed), approach, seed=seed, by_received_power=True)
         track = relnav.filter_epochs(
-            model, log.t_s, log.spots_m, acceleration_m_s2=log.acceleration_m_s2, spot_sigma_m=log.sigma_m
+            model,
+            log.t_s,
+            log.spots_m,
+            acceleration_m_s2=log.acceleration_m_s2,
+            spot_sigma_m=log.sigma_m,
+            method="spots",
         )
         known = np.isfinite(track.state[:, 0]) & (log.t_s > 5.0)
         error = (track.state - log.truth)[known]
@@ -94,7 +99,7 @@ def chain(drawn, seed):
     for considered, smooth in ((True, False), (True, True), (False, False)):
         tolerances = dataclasses.replace(drawn.tolerances, considered=considered)
         model = dataclasses.replace(drawn, calibration=report.calibration, tolerances=tolerances)
-        track = filter_slots(model, slots, acceleration_m_s2=log.acceleration_m_s2, smooth=smooth)
+        track = filter_slots(model, slots, acceleration_m_s2=log.acceleration_m_s2, smooth=smooth, method="spots")
         error = (track.state - log.truth)[late]
         nees = np.einsum("ni,ni->n", error, np.linalg.solve(track.covariance[late], error[..., None])[..., 0])
         row.append(nees.mean())

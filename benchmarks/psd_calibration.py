@@ -122,7 +122,7 @@ def flight(model, seed):
     trusted = dataclasses.replace(report.calibration, residual_sigma_m=0.0, rim_slope=0.0)
 
     def nees(mission, log, slots):
-        track = filter_slots(mission, slots, acceleration_m_s2=log.acceleration_m_s2)
+        track = filter_slots(mission, slots, acceleration_m_s2=log.acceleration_m_s2, method="spots")
         error = (track.state - log.truth)[late]
         weighted = np.linalg.solve(track.covariance[late], error[..., None])[..., 0]
         off = np.sqrt(np.nanmean((track.docking[late] - true) ** 2, axis=0)) / published

@@ -233,7 +233,9 @@ def growth(model, log):
     for epochs in (1_000, 10_000, 100_000, 1_000_000):
         spots = np.resize(log.spots_m, (epochs, 3, 2))
         t = np.arange(epochs) * 0.1
-        times = measure({"": (epochs, lambda t=t, spots=spots: relnav.filter_epochs(model, t, spots))}, 3)[""]
+        times = measure(
+            {"": (epochs, lambda t=t, spots=spots: relnav.filter_epochs(model, t, spots, method="spots"))}, 3
+        )[""]
         rows.append({"epochs": epochs, "ns": 1000.0 * min(times)})
         print(f"  {epochs:>10} epochs {rows[-1]['ns']:>10.0f}")
     for beacons in (1, 2, 3, 4, 6, 8, 12, 16):
@@ -242,7 +244,12 @@ def growth(model, log):
         mission = dataclasses.replace(model, sensor=sensor)
         spots = image(mission, log.truth, Faults(), np.random.default_rng(3))
         spots[100:, beacons:] = np.nan
-        run = {"": (EPOCHS, lambda mission=mission, spots=spots: relnav.filter_epochs(mission, log.t_s, spots))}
+        run = {
+            "": (
+                EPOCHS,
+                lambda mission=mission, spots=spots: relnav.filter_epochs(mission, log.t_s, spots, method="spots"),
+            )
+        }
         rows.append({"beacons": beacons, "ns": 1000.0 * min(measure(run, 5)[""])})
         print(f"  {beacons:>10} beacons seen {rows[-1]['ns']:>4.0f}")
     terms = tuple(1e-9 * np.random.default_rng(4).normal(size=len(exponents(HIGHEST_ORDER))))
@@ -253,7 +260,9 @@ def growth(model, log):
         ("of a calibrated detector", calibrated),
         ("the same, tolerances considered", dataclasses.replace(calibrated, tolerances=tolerances)),
     ):
-        run = {"": (EPOCHS, lambda mission=mission: relnav.filter_epochs(mission, log.t_s, log.spots_m))}
+        run = {
+            "": (EPOCHS, lambda mission=mission: relnav.filter_epochs(mission, log.t_s, log.spots_m, method="spots"))
+        }
         rows.append({"beacons": 3, "of": name, "ns": 1000.0 * min(measure(run, 5)[""])})
         print(f"  3 beacons, {name:<32}{rows[-1]['ns']:>6.0f}")
     return rows

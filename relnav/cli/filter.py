@@ -21,10 +21,10 @@ PLAIN_BELOW_BYTES = 1_000_000
 @click.option("--model", required=True, help="A shipped model (see `relnav models`), a folder or a model.toml.")
 @click.option(
     "--method",
-    type=click.Choice(["spots", "fix"]),
-    default="spots",
-    show_default=True,
-    help="Measurement model: the spots themselves, or the closed form's range, azimuth and elevation.",
+    type=click.Choice(["fix", "spots"]),
+    show_default="fix",
+    help="Measurement model: range, azimuth and elevation of the closed form, which need three spots and no attitude; "
+    "or the spots: ten times finer angles, but an error of the camera's attitude goes straight into them.",
 )
 @click.option(
     "--projection",
@@ -38,7 +38,7 @@ PLAIN_BELOW_BYTES = 1_000_000
 def command(
     log: Path,
     model: str,
-    method: str,
+    method: str | None,
     projection: str | None,
     smooth: bool,
     out: Path | None,
@@ -73,7 +73,9 @@ def command(
     mission = load_mission(model)
     with ExitStack() as outputs:  # all files appear together at its end, or none
         track = outputs.enter_context(replacing(out)) if out is not None else None
-        figures = _filter(log, mission, track, method, projection, smooth, show_bar=not quiet and sys.stderr.isatty())
+        figures = _filter(
+            log, mission, track, method or "fix", projection, smooth, show_bar=not quiet and sys.stderr.isatty()
+        )
         if json_path is not None:
             write_json(figures.to_dict(), outputs.enter_context(replacing(json_path)))
         if not quiet:
@@ -83,9 +85,9 @@ def command(
                 click.echo(f"track: {out}")
 
 
-def _given(method: str, projection: str | None) -> str:
+def _given(method: str | None, projection: str | None) -> str:
     """An option that a marker model has no use for, if one was given."""
-    given = (method != "spots", "--method"), (projection is not None, "--projection")
+    given = (method is not None, "--method"), (projection is not None, "--projection")
     return next((name for here, name in given if here), "")
 
 

@@ -42,7 +42,7 @@ def filter_file(
     model: Model | str,
     out: str | os.PathLike[str] | None = None,
     *,
-    method: str = "spots",
+    method: str = "fix",
     projection: str | None = None,
     smooth: bool = False,
     progress: Callable[[int], None] | None = None,

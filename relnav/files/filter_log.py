@@ -23,7 +23,7 @@ def filter_log(
     path: str | os.PathLike[str],
     model: Model | BeaconName,
     *,
-    method: str = ...,
+    method: str | None = ...,
     projection: str | None = ...,
     smooth: bool = ...,
     progress: Callable[[int, int], None] | None = ...,
@@ -41,7 +41,7 @@ def filter_log(
     path: str | os.PathLike[str],
     model: str,
     *,
-    method: str = ...,
+    method: str | None = ...,
     projection: str | None = ...,
     smooth: bool = ...,
     progress: Callable[[int, int], None] | None = ...,
@@ -52,7 +52,7 @@ def filter_log(
     path: str | os.PathLike[str],
     model: Model | VisionMission | str,
     *,
-    method: str = "spots",
+    method: str | None = None,
     projection: str | None = None,
     smooth: bool = False,
     progress: Callable[[int, int], None] | None = None,
@@ -70,8 +70,8 @@ def filter_log(
         `delta_v_x_m_s`, ..., `q_cam_from_lvlh_x`, ... Or a raw log, a row a slot: `t_s`, `beacon`, four currents.
     model : Model, VisionMission or str
         A loaded model, or what `load_model` takes.
-    method : {"spots", "fix"}
-        Measurement model, as for `Navigator`.
+    method : {"fix", "spots"}, optional
+        Measurement model, as for `Navigator`; "fix" if left out.
     projection : {"perspective", "parallel"}, optional
         As for `Navigator`.
     smooth : bool
@@ -95,10 +95,11 @@ def filter_log(
     """
     mission = flown(load_model(model) if isinstance(model, str) else model)
     if isinstance(mission, VisionMission):
-        given = {"method": method != "spots", "projection": projection, "progress": progress}
+        given = {"method": method is not None, "projection": projection, "progress": progress}
         for keyword in (name for name, value in given.items() if value):
             raise UsageError(f"{keyword} is for three-beacon models; {mission.name} has one filter, on its spots")
         return filter_marker_log(path, mission, smooth=smooth)
+    method = "fix" if method is None else method
     if is_raw_log(Path(path)):
         return filter_raw_log(Path(path), mission, method=method, projection=projection, smooth=smooth)
     log = read_log(Path(path))

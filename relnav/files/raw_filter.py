@@ -50,7 +50,7 @@ def slots_of_log(raw: RawSlots, model: Model) -> Slots:
 
 
 def filter_raw_log(
-    path: Path, model: Model, *, method: str = "spots", projection: str | None = None, smooth: bool = False
+    path: Path, model: Model, *, method: str = "fix", projection: str | None = None, smooth: bool = False
 ) -> Solution:
     """Filter a raw log into a track, one entry a slot; how many slots were unusable and why is in the metadata.
 

@@ -140,7 +140,7 @@ class LogFilter:
     """A filter that is fed a log in chunks, forward; and each chunk backward, once what comes after it is known."""
 
     def __init__(
-        self, model: Model, method: str = "spots", *, projection: str | None = None, engine: str = "compiled"
+        self, model: Model, method: str = "fix", *, projection: str | None = None, engine: str = "compiled"
     ) -> None:
         """As for `Navigator`."""
         self.model, self.method = model, method
@@ -233,7 +233,7 @@ def filter_epochs(
     acceleration_m_s2: Matrix | None = None,
     delta_v_m_s: Matrix | None = None,
     q_cam_from_lvlh: Matrix | None = None,
-    method: str = "spots",
+    method: str = "fix",
     spot_sigma_m: Stack | None = None,
     projection: str | None = None,
     engine: str = "compiled",

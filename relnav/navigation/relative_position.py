@@ -26,8 +26,10 @@ class Navigator:
     ----------
     model : Model
         From `relnav.load_model`.
-    method : {"spots", "fix"}
-        Measurement model: the detector coordinates themselves, or the closed form's range, azimuth and elevation.
+    method : {"fix", "spots"}
+        Measurement model: the closed form's range, azimuth and elevation, or the detector coordinates themselves. `fix`
+        needs three spots and no attitude of the camera. `spots` uses any of them and finds the angles ten times better;
+        an error of the attitude goes straight into them, and the covariance does not know of it.
     projection : {"perspective", "parallel"}, optional
         Closed form of `fix` and of every start; the model's own if left out.
     engine : {"compiled", "filterpy"}
@@ -52,7 +54,7 @@ class Navigator:
     """
 
     def __init__(
-        self, model: Model, method: str = "spots", *, projection: str | None = None, engine: str = "compiled"
+        self, model: Model, method: str = "fix", *, projection: str | None = None, engine: str = "compiled"
     ) -> None:
         self._block = choose(model, method, projection, engine)
         self._step: Callable[[Vector, float, Matrix], int] = only_for(step, self._block, 0.0, np.zeros((1, 2)))

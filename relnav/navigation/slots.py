@@ -26,7 +26,7 @@ def filter_slots(
     acceleration_m_s2: Matrix | None = None,
     delta_v_m_s: Matrix | None = None,
     q_cam_from_lvlh: Matrix | None = None,
-    method: str = "spots",
+    method: str = "fix",
     projection: str | None = None,
     smooth: bool = False,
 ) -> Solution:

@@ -16,7 +16,7 @@ from relnav.sensors.measurement import Status
 
 
 def settled_filter(
-    model: Model, position_dock_m: Vector, rate_hz: float, method: str = "spots", beacons: str = "abc"
+    model: Model, position_dock_m: Vector, rate_hz: float, method: str = "fix", beacons: str = "abc"
 ) -> SteadyState:
     """Steady state of the filter while the camera holds a position.
 

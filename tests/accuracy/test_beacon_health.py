@@ -33,7 +33,7 @@ def fly(model):
         currents = currents_of_counts(model.detector, log.counts)
         size = model.sensor.detector_size_m
         slots = read_slots(model.detector, model.pulses, size, log.t_s, log.beacon, currents)
-        track = filter_slots(model, slots, acceleration_m_s2=log.acceleration_m_s2)
+        track = filter_slots(model, slots, acceleration_m_s2=log.acceleration_m_s2, method="spots")
         return log, slots, track, findings(beacon_health(model, slots, track))
 
     return run

@@ -141,7 +141,9 @@ def test_the_settled_filter_is_that_of_the_filters_own_rows(plain):
     for range_m in RANGES:
         p = np.array([range_m, 0.0, 0.0])
         ours = settled(plain, sensitivity(plain, p), 0.1).state.posterior
-        np.testing.assert_allclose(ours, settled_filter(plain, p, 10.0).posterior, rtol=1e-6, atol=1e-15)
+        np.testing.assert_allclose(
+            ours, settled_filter(plain, p, 10.0, method="spots").posterior, rtol=1e-6, atol=1e-15
+        )
 
 
 def test_the_closed_form_of_the_settled_filter(plain):
@@ -161,7 +163,7 @@ def test_a_calibrated_filter_at_rest_reports_what_the_budget_says(plain, truth, 
     model = dataclasses.replace(plain, calibration=calibration, attitude=attitude, pulses=None)
     spots = truth.central(np.array([4.5, 0.0, 0.0]), FACING)
     times = np.arange(4000) * 0.1
-    filtered = relnav.filter_epochs(model, times, np.tile(spots, (len(times), 1, 1)))
+    filtered = relnav.filter_epochs(model, times, np.tile(spots, (len(times), 1, 1)), method="spots")
     (place,) = budget_of(model, (4.5,)).places
     lines = {entry.name: entry.settled for entry in place.lines}
     said = np.hypot(lines["spot noise"], lines["distortion left by calibration"])
@@ -177,7 +179,7 @@ def test_lasting_errors_of_the_filter(plain, truth):
     for column in range(6):
         spots = np.tile(clean, (len(t), 1, 1))
         spots.reshape(-1, 6)[:, column] += 5e-6
-        track = relnav.filter_epochs(plain, t, spots)
+        track = relnav.filter_epochs(plain, t, spots, method="spots")
         error = track.docking[-1] - [range_m, 0.0, 0.0]
         np.testing.assert_allclose(error, said[:, column] * 5e-6, rtol=0.05, atol=5e-7)
 
@@ -205,7 +207,9 @@ def test_spot_noise_of_the_settled_filter_agrees_with_monte_carlo(plain, truth):
     for run in range(runs):
         p = states[:, run, :3]
         spots = look(p, np.tile(truth.beacons, (n, 1, 1)), np.full(n, truth.f))
-        track = relnav.filter_epochs(plain, t, spots + rng.normal(size=spots.shape) * plain.sensor.spot_noise_m)
+        track = relnav.filter_epochs(
+            plain, t, spots + rng.normal(size=spots.shape) * plain.sensor.spot_noise_m, method="spots"
+        )
         r = np.linalg.norm(p, axis=1)
         true = np.stack([r, np.arctan2(p[:, 1], p[:, 0]), -np.arcsin(p[:, 2] / r)], axis=1)
         errors.append((track.docking - true)[1000:])
@@ -310,7 +314,7 @@ def test_the_filter_reports_what_the_budget_says(model):
         state = place_state(told, np.array([place.range_m, 0.0, 0.0]))
         spots = np.repeat(project_beacons(told, state[None]), len(t), axis=0)
         sigma = np.broadcast_to(place.spot_noise_m[:, None], spots.shape)
-        solution = relnav.filter_epochs(told, t, spots, spot_sigma_m=sigma)
+        solution = relnav.filter_epochs(told, t, spots, spot_sigma_m=sigma, method="spots")
         reported, expected = solution.docking_sigma[-1], place.total("settled")
         assert reported[0] == pytest.approx(expected[0], rel=1e-3)
         np.testing.assert_allclose(reported[1:], expected[1:], rtol=0.05)

@@ -22,7 +22,7 @@ def published():
 def solution():
     t = 10.0 + 0.5 * np.arange(N)
     spots = np.tile([[-0.0015, 0.0], [0.0015, 0.0], [0.0, 0.0]], (N, 1, 1))
-    return relnav.filter_epochs(relnav.load_model("three_beacon_psd"), t, spots)
+    return relnav.filter_epochs(relnav.load_model("three_beacon_psd"), t, spots, method="spots")
 
 
 def with_sigma(solution, sigma):
@@ -69,7 +69,9 @@ def test_epochs_without_a_state_do_not_meet_anything(solution, published):
 
 def test_a_track_that_never_started(published):
     t = np.arange(5.0)
-    solution = relnav.filter_epochs(relnav.load_model("three_beacon_psd"), t, np.full((5, 3, 2), np.nan))
+    solution = relnav.filter_epochs(
+        relnav.load_model("three_beacon_psd"), t, np.full((5, 3, 2), np.nan), method="spots"
+    )
     rows = compare_with_published(solution, published)
     assert len(rows) == 3
     assert all(math.isnan(row.sigma) and math.isnan(row.met_from_s) and math.isnan(row.ratio) for row in rows)

@@ -80,4 +80,4 @@ def test_without_the_line_it_is_unknown(write):
 
 def test_a_filter_does_not_fly_it(registry, write):  # noqa: ARG001  (likewise)
     with pytest.raises(relnav.ModelError, match=r"model.toml: a relative navigation mission is expected .* a Ship"):
-        relnav.filter_log("approach.csv", str(write(TEXT)))
+        relnav.filter_log("approach.csv", str(write(TEXT)), method="spots")

@@ -66,7 +66,7 @@ def test_quiet_prints_nothing_and_still_writes(run, short_log, tmp_path):
 
 def test_the_track_is_the_solution(run, short_log, tmp_path):
     run("filter", short_log, *MODEL, "--out", tmp_path / "by_command.csv")
-    relnav.write(filter_log(short_log, "three_beacon_psd"), tmp_path / "by_call.csv")
+    relnav.write(filter_log(short_log, "three_beacon_psd", method="spots"), tmp_path / "by_call.csv")
     assert (tmp_path / "by_command.csv").read_bytes() == (tmp_path / "by_call.csv").read_bytes()
 
 
@@ -127,7 +127,11 @@ def test_restarts_and_rejections_are_counted(run, short_log, tmp_path):
     figures = json.loads((tmp_path / "a.json").read_text())
     assert figures["restarts"] == 2
     rejected = figures["epochs_by_status"]["rejected"]
-    assert rejected == (filter_log(short_log, "three_beacon_psd").status == relnav.EpochStatus.REJECTED).sum() >= 6
+    assert (
+        rejected
+        == (filter_log(short_log, "three_beacon_psd", method="spots").status == relnav.EpochStatus.REJECTED).sum()
+        >= 6
+    )
     assert "restarts 2" in out
     assert f"rejected {rejected}" in out
 

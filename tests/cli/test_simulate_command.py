@@ -66,7 +66,9 @@ def test_a_sensor_as_built_and_a_filter_that_considers_it(tmp_path):
         assert run([*made, "--start-range", "8", *SHORT]) == 0
         rows = [line for line in Path(truth).read_text().splitlines() if line[0] != "#"]
         x = np.genfromtxt(rows, delimiter=",", names=True)["x_m"][-1]
-        tracks = [relnav.filter_log(log, model) for model in ("three_beacon_psd", str(tmp_path / "told.toml"))]
+        tracks = [
+            relnav.filter_log(log, model, method="spots") for model in ("three_beacon_psd", str(tmp_path / "told.toml"))
+        ]
         errors.append(tracks[0].state[-1, 0] - x)
         sigmas.append([track.sigma[-1, 0] for track in tracks])
     ratio = np.sqrt(np.mean((np.array(errors)[:, None] / sigmas) ** 2, axis=0))

@@ -57,8 +57,8 @@ def test_it_feeds_the_navigation_filter(run, flight, short_log):
         assert 2.0 * np.linalg.norm(q - held * np.sign(q @ held)) < 2e-5
         assert float(row["sigma_attitude_z_arcsec"]) < 1.5
     model = relnav.load_model("three_beacon_psd")
-    with_it = relnav.filter_log(flight / "joined.csv", model)
-    without = relnav.filter_log(short_log, model)
+    with_it = relnav.filter_log(flight / "joined.csv", model, method="spots")
+    without = relnav.filter_log(short_log, model, method="spots")
     assert len(with_it) == len(without) == 200
     assert np.nanmax(np.abs(with_it.state - without.state)) < 1e-3
     assert np.array_equal(np.isfinite(with_it.state), np.isfinite(without.state))

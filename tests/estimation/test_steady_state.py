@@ -47,7 +47,7 @@ def test_prior_posterior_and_gain_are_one_cycle_of_the_filter():
 
 
 def test_c_alone_on_the_axis_is_undetectable(quiet_model):
-    settled = settled_filter(quiet_model, np.array([2.0, 0.0, 0.0]), 10.0, beacons="c")
+    settled = settled_filter(quiet_model, np.array([2.0, 0.0, 0.0]), 10.0, beacons="c", method="spots")
     assert not settled.detectable
     assert np.isnan(settled.posterior).all()
     assert settled.observability[-1] <= 1e-12 * settled.observability[0]

@@ -17,7 +17,7 @@ from relnav.files.tables import write_json
 def solution():
     t = 0.1 * np.arange(50)
     spots = np.tile([[-0.0015, 0.0], [0.0015, 0.0], [0.0, 0.0]], (50, 1, 1))
-    return relnav.filter_epochs(relnav.load_model("three_beacon_psd"), t, spots)
+    return relnav.filter_epochs(relnav.load_model("three_beacon_psd"), t, spots, method="spots")
 
 
 def break_after(monkeypatch, parts, error):

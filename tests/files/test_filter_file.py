@@ -43,11 +43,11 @@ def text(path):
 @pytest.mark.parametrize("smooth", [False, True], ids=["filtered", "smoothed"])
 @pytest.mark.parametrize("rows", [7, 100, 65_536])
 def test_the_same_as_in_memory(model, path, tmp_path, monkeypatch, rows, smooth):
-    whole = relnav.filter_log(path, model, smooth=smooth)
+    whole = relnav.filter_log(path, model, smooth=smooth, method="spots")
     relnav.write(whole, tmp_path / "whole.csv")
     monkeypatch.setattr(logs, "CHUNK_LINES", rows)
     monkeypatch.setattr(parquet, "BATCH_ROWS", rows)
-    summary = filter_file(path, model, tmp_path / "streamed.csv", smooth=smooth)
+    summary = filter_file(path, model, tmp_path / "streamed.csv", smooth=smooth, method="spots")
     assert text(tmp_path / "streamed.csv") == text(tmp_path / "whole.csv")
     assert summary.epochs == len(whole)
     assert summary.accepted == int(whole.accepted.sum())
@@ -69,7 +69,7 @@ def test_a_time_that_goes_back_is_found_across_chunks(model, flown, tmp_path, mo
     with pytest.raises(
         relnav.LogError, match=rf"log.csv:{head + 11}: time 0.85 s goes back from 0.9 s of the row before"
     ):
-        filter_file(tmp_path / "log.csv", model, tmp_path / "track.csv")
+        filter_file(tmp_path / "log.csv", model, tmp_path / "track.csv", method="spots")
     assert [entry.name for entry in tmp_path.iterdir()] == ["log.csv"]
 
 
@@ -77,7 +77,7 @@ def test_progress_counts_every_pass(model, path, monkeypatch):
     monkeypatch.setattr(logs, "CHUNK_LINES", 500)
     monkeypatch.setattr(parquet, "BATCH_ROWS", 500)
     calls = []
-    filter_file(path, model, smooth=True, progress=calls.append)
+    filter_file(path, model, smooth=True, progress=calls.append, method="spots")
     epochs = sum(calls[: len(calls) // 3 + 1])
     assert len(calls) > 3
     assert 2 * epochs < sum(calls) <= 3 * epochs
@@ -93,11 +93,11 @@ def test_memory_does_not_grow_with_the_log(model, tmp_path, monkeypatch):
     peaks = []
     for name in ("short.csv", "short.csv", "long.csv"):  # the first run fills caches
         tracemalloc.start()
-        filter_file(tmp_path / name, model, tmp_path / "track.csv", smooth=True)
+        filter_file(tmp_path / name, model, tmp_path / "track.csv", smooth=True, method="spots")
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[2] < 1.1 * peaks[1]
 
 
 def test_a_filter_starts_each_log_anew(model):
-    assert named(LogFilter(model).block).clock["t"] == -np.inf
+    assert named(LogFilter(model, method="spots").block).clock["t"] == -np.inf

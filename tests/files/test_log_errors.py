@@ -175,4 +175,4 @@ def test_filter_log_refuses_the_same(write_log, lines):
     lines[3] = lines[1]
     path = write_log("\n".join(lines))
     with pytest.raises(relnav.LogError, match=re.escape(f"{path}:4: time 0 s goes back from 0.5 s")):
-        filter_log(path, "three_beacon_psd")
+        filter_log(path, "three_beacon_psd", method="spots")

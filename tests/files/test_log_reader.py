@@ -67,7 +67,7 @@ def test_rows_of_nothing_but_a_time(write_log, lines):
 @pytest.mark.parametrize("value", ["inf", "-inf", "1e308", "1e999"])
 def test_absurd_spots_go_to_the_filter_which_refuses_them(write_log, lines, value):
     rows = [f"{0.1 * k!r},-1500,0,1500,0,0,0" for k in range(5)] + [f"0.5,{value},0,1500,0,0,0"]
-    solution = filter_log(write_log("\n".join([lines[0], *rows])), "three_beacon_psd")
+    solution = filter_log(write_log("\n".join([lines[0], *rows])), "three_beacon_psd", method="spots")
     assert solution.status.tolist() == [0, 5, 1, 1, 1, 2]
     assert np.isfinite(solution.state[1:]).all()
 
@@ -139,6 +139,9 @@ def test_filter_log_says_where_the_solution_is_from(write_log, lines):
 def test_progress_of_a_log(write_log, lines):
     calls = []
     filter_log(
-        write_log("\n".join(lines)), "three_beacon_psd", progress=lambda done, total: calls.append((done, total))
+        write_log("\n".join(lines)),
+        "three_beacon_psd",
+        progress=lambda done, total: calls.append((done, total)),
+        method="spots",
     )
     assert calls == [(3, 3)]

@@ -45,7 +45,9 @@ def test_down_to_sixty_centimetres_without_a_jump(layered, flown):
     assert distance[-1] < 0.65
     assert not whole[-1, :2].any()
     assert whole[-1, 6:8].all()
-    solution = relnav.filter_epochs(layered, flown.t_s, flown.spots_m, acceleration_m_s2=flown.acceleration_m_s2)
+    solution = relnav.filter_epochs(
+        layered, flown.t_s, flown.spots_m, acceleration_m_s2=flown.acceleration_m_s2, method="spots"
+    )
     assert solution.restarts == 0
     late = flown.t_s > 20.0
     error = (solution.state - flown.truth)[late]
@@ -60,21 +62,23 @@ def test_down_to_sixty_centimetres_without_a_jump(layered, flown):
 def test_through_a_file(layered, flown, tmp_path, ending):
     path = tmp_path / f"log{ending}"
     write_log(flown, path)
-    solution = relnav.filter_log(path, layered)
-    direct = relnav.filter_epochs(layered, flown.t_s, flown.spots_m, acceleration_m_s2=flown.acceleration_m_s2)
+    solution = relnav.filter_log(path, layered, method="spots")
+    direct = relnav.filter_epochs(
+        layered, flown.t_s, flown.spots_m, acceleration_m_s2=flown.acceleration_m_s2, method="spots"
+    )
     np.testing.assert_allclose(solution.state, direct.state, rtol=0.0, atol=1e-10)
     assert solution.innovation.shape == (len(flown.t_s), 18)
-    assert filter_file(path, layered, tmp_path / "track.csv", smooth=True).epochs == len(flown.t_s)
+    assert filter_file(path, layered, tmp_path / "track.csv", smooth=True, method="spots").epochs == len(flown.t_s)
 
 
 def test_a_model_of_other_beacons_is_an_error(vbar, layered, flown, tmp_path):
     write_log(flown, tmp_path / "nine.csv")
     with pytest.raises(relnav.LogError, match=r"nine.csv: spots of 9 beacons; model .* has 3: columns up to spot_c_y"):
-        relnav.filter_log(tmp_path / "nine.csv", vbar)
+        relnav.filter_log(tmp_path / "nine.csv", vbar, method="spots")
     log = simulate(vbar, Approach(duration_s=5.0), Faults(), seed=1)
     write_log(log, tmp_path / "three.csv")
     with pytest.raises(relnav.LogError, match=r"three.csv: spots of 3 beacons; model .* has 9: columns up to spot_i_y"):
-        filter_file(tmp_path / "three.csv", layered)
+        filter_file(tmp_path / "three.csv", layered, method="spots")
 
 
 def test_a_letter_left_out_is_an_error(flown, tmp_path, layered):
@@ -82,7 +86,7 @@ def test_a_letter_left_out_is_an_error(flown, tmp_path, layered):
     text = (tmp_path / "log.csv").read_text().replace("spot_e_x_um,spot_e_y_um", "note,remark")
     (tmp_path / "log.csv").write_text(text)
     with pytest.raises(relnav.LogError, match="column 'spot_e_x_um' is missing"):
-        relnav.filter_log(tmp_path / "log.csv", layered)
+        relnav.filter_log(tmp_path / "log.csv", layered, method="spots")
 
 
 @pytest.fixture(scope="module")
@@ -114,9 +118,9 @@ def test_smoothing_a_streamed_log_with_sigmas_is_the_same(vbar, uneven, tmp_path
     from relnav.files import logs
 
     write_log(uneven, tmp_path / "log.csv")
-    relnav.write(relnav.filter_log(tmp_path / "log.csv", vbar, smooth=True), tmp_path / "whole.csv")
+    relnav.write(relnav.filter_log(tmp_path / "log.csv", vbar, smooth=True, method="spots"), tmp_path / "whole.csv")
     monkeypatch.setattr(logs, "CHUNK_LINES", 50)
-    filter_file(tmp_path / "log.csv", vbar, tmp_path / "streamed.csv", smooth=True)
+    filter_file(tmp_path / "log.csv", vbar, tmp_path / "streamed.csv", smooth=True, method="spots")
     whole, streamed = ((tmp_path / name).read_text().splitlines()[10:] for name in ("whole.csv", "streamed.csv"))
     assert whole == streamed
 
@@ -127,12 +131,12 @@ def test_a_sigma_of_zero_is_an_error(vbar, uneven, tmp_path):
     lines[-1] = lines[-1].rsplit(",", 1)[0] + ",0.0"
     (tmp_path / "log.csv").write_text("\n".join(lines))
     with pytest.raises(relnav.LogError, match=rf"log.csv:{len(lines)}: column 'sigma_spot_c_y_um': a sigma above 0"):
-        relnav.filter_log(tmp_path / "log.csv", vbar)
+        relnav.filter_log(tmp_path / "log.csv", vbar, method="spots")
 
 
 def test_the_same_image_by_image(vbar, uneven):
-    navigator = relnav.Navigator(vbar)
-    whole = relnav.filter_epochs(vbar, uneven.t_s, uneven.spots_m, spot_sigma_m=uneven.sigma_m)
+    navigator = relnav.Navigator(vbar, method="spots")
+    whole = relnav.filter_epochs(vbar, uneven.t_s, uneven.spots_m, spot_sigma_m=uneven.sigma_m, method="spots")
     for k in range(400):
         told = uneven.sigma_m[k] if k in (0, 300) else None
         record = navigator.step(uneven.t_s[k], uneven.spots_m[k], spot_sigma_m=told)

@@ -40,7 +40,7 @@ def test_log_is_the_same_as_csv(simulated, tmp_path):
 
 def test_track_is_the_same_as_csv(model, simulated, tmp_path):
     write_log(simulated, tmp_path / "log.parquet")
-    solution = relnav.filter_log(tmp_path / "log.parquet", model, smooth=True)
+    solution = relnav.filter_log(tmp_path / "log.parquet", model, smooth=True, method="spots")
     relnav.write(solution, tmp_path / "track.parquet")
     relnav.write(solution, tmp_path / "track.csv")
     table = parquet.read_table(tmp_path / "track.parquet")

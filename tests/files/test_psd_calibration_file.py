@@ -45,11 +45,11 @@ def test_a_model_names_it_and_everything_uses_it(report, write_model, tmp_path):
     raw, corrected = relnav.three_beacon.measure(spots, model), model.calibration.correct(spots)
     assert raw.range_m == relnav.three_beacon.measure(corrected, plain).range_m
     assert raw.range_m != relnav.three_beacon.measure(spots, plain).range_m
-    steps = [relnav.Navigator(model), relnav.Navigator(plain)]
+    steps = [relnav.Navigator(model, method="spots"), relnav.Navigator(plain, method="spots")]
     for k in range(3):
         records = [steps[0].step(0.1 * k, spots), steps[1].step(0.1 * k, corrected)]
     np.testing.assert_allclose(records[0].state, records[1].state, rtol=1e-3)
-    many = relnav.filter_epochs(model, np.arange(3) * 0.1, np.tile(spots, (3, 1, 1)))
+    many = relnav.filter_epochs(model, np.arange(3) * 0.1, np.tile(spots, (3, 1, 1)), method="spots")
     np.testing.assert_array_equal(many.state[-1], records[0].state)
 
 

@@ -48,13 +48,13 @@ def test_counts_come_back_as_written(flown, tmp_path):
 
 def test_a_raw_log_is_filtered_into_a_track_near_the_truth(model, flown, tmp_path):
     write_raw_log(flown, tmp_path / "raw.csv")
-    track = filter_log(tmp_path / "raw.csv", model)
+    track = filter_log(tmp_path / "raw.csv", model, method="spots")
     assert len(track) == len(flown.t_s)
     assert track.metadata["slots"] == f"ok {len(flown.t_s)}"
     assert re.fullmatch(r"(8|9|1\d)(\.\d+)? um rms, from the received power", track.metadata["spot noise"])
     error = (track.state - flown.truth)[-1]
     assert np.linalg.norm(error[:3]) < 0.015
-    smoothed = filter_log(tmp_path / "raw.csv", model, smooth=True)
+    smoothed = filter_log(tmp_path / "raw.csv", model, smooth=True, method="spots")
     assert smoothed.smoothed
     assert np.isfinite(smoothed.state[-1]).all()
 
@@ -111,7 +111,7 @@ def test_a_wrong_row_is_named_by_its_line(write_log, rows, name):
     rows[2], text = WRONG[name]
     path = write_log("\n".join(rows))
     with pytest.raises(relnav.LogError, match=re.escape(f"{path}:3: {text}")):
-        filter_log(path, "three_beacon_psd")
+        filter_log(path, "three_beacon_psd", method="spots")
 
 
 HEADERS = {
@@ -148,7 +148,7 @@ def test_a_log_of_another_converter(model, write_log, rows):
     other = dataclasses.replace(model, detector=dataclasses.replace(model.detector, adc_bits=11))
     text = f"{path}: adc_x2 is 2100 at 0 s, but the model's converter of adc_bits = 11 ends at 2047"
     with pytest.raises(relnav.LogError, match=re.escape(text)):
-        filter_log(path, other)
+        filter_log(path, other, method="spots")
 
 
 def test_a_log_without_the_models_dark_slots(model, write_log, rows):
@@ -156,9 +156,9 @@ def test_a_log_without_the_models_dark_slots(model, write_log, rows):
     with pytest.raises(
         relnav.LogError, match=re.escape(f"{path}: no row is of beacon 'dark', but the model's [pulses]")
     ):
-        filter_log(path, model)
+        filter_log(path, model, method="spots")
     without = dataclasses.replace(model, pulses=dataclasses.replace(model.pulses, dark_slot=False))
-    assert filter_log(path, without).metadata["slots"] == "ok 6"
+    assert filter_log(path, without, method="spots").metadata["slots"] == "ok 6"
 
 
 def test_a_quaternion_that_is_no_rotation(write_log, rows):
@@ -169,24 +169,27 @@ def test_a_quaternion_that_is_no_rotation(write_log, rows):
     with pytest.raises(
         relnav.LogError, match=re.escape(f"{path}:4: q_cam_from_lvlh [0.5, 0.0, 0.0, 0.0] is not a unit")
     ):
-        filter_log(path, "three_beacon_psd")
+        filter_log(path, "three_beacon_psd", method="spots")
 
 
 def test_no_noise_is_stated_where_no_slot_holds_a_spot(model, write_log, rows):
     rows[1:] = [row.replace(",2000,", ",65535,") for row in rows[1:]]
-    assert filter_log(write_log("\n".join(rows)), model).metadata["spot noise"] == "not known: no slot holds a spot"
+    assert (
+        filter_log(write_log("\n".join(rows)), model, method="spots").metadata["spot noise"]
+        == "not known: no slot holds a spot"
+    )
 
 
 def test_a_model_without_a_detector(model, write_log, rows):
     path = write_log("\n".join(rows))
     with pytest.raises(relnav.ModelError, match=r"a raw log is read with the model's \[detector\] and \[pulses\]"):
-        filter_log(path, dataclasses.replace(model, detector=None))
+        filter_log(path, dataclasses.replace(model, detector=None), method="spots")
 
 
 def test_beacons_exchanged_from_the_start_are_not_called_well(model, flown, tmp_path):
     """Without a track nothing is judged; the start says SWAPPED."""
     exchanged = dataclasses.replace(flown, beacon=np.array([1, 0, 2, 3])[flown.beacon])
     write_raw_log(exchanged, tmp_path / "raw.csv")
-    track = filter_log(tmp_path / "raw.csv", model)
+    track = filter_log(tmp_path / "raw.csv", model, method="spots")
     assert track.metadata["beacons"] == "not judged: there is no track"
     assert (track.measurement_status == relnav.Status.SWAPPED).any()

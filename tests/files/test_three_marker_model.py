@@ -77,4 +77,4 @@ def test_wrong_values(changed, old, new, text):
 
 def test_a_filter_says_what_does_not_fly():
     with pytest.raises(relnav.ModelError, match=r"a relative navigation mission is expected .* a ApsSunModel"):
-        relnav.filter_log("x.csv", "aps_sun")
+        relnav.filter_log("x.csv", "aps_sun", method="spots")

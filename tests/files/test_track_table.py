@@ -37,7 +37,7 @@ def solution(write_log, vbar_log):
     lines[110] = ",".join([cells[0], "3000", "3000", "-3000", "3000", "1000", "1000", *cells[7:]])
     cells = lines[120].split(",")
     lines[120] = ",".join([cells[0], "", "", "", "", "", "", *cells[7:]])
-    solution = filter_log(write_log("# pass = 7\n" + "\n".join(lines)), "three_beacon_psd")
+    solution = filter_log(write_log("# pass = 7\n" + "\n".join(lines)), "three_beacon_psd", method="spots")
     assert {0, 1, 2, 3, 4, 5} <= set(solution.status.tolist())
     return solution
 

@@ -230,8 +230,8 @@ def test_image_by_image_and_in_pieces(models):
     model = models["vbar"]
     log, seen = flown(model, "vbar")
     spots = noisy(model, log, seen)
-    whole = relnav.filter_epochs(model, log.t_s, spots, acceleration_m_s2=log.acceleration_m_s2)
-    navigator = relnav.Navigator(model)
+    whole = relnav.filter_epochs(model, log.t_s, spots, acceleration_m_s2=log.acceleration_m_s2, method="spots")
+    navigator = relnav.Navigator(model, method="spots")
     for e in range(len(log.t_s)):
         record = navigator.step(log.t_s[e], spots[e], acceleration_m_s2=log.acceleration_m_s2[e])
         np.testing.assert_array_equal(record.state, whole.state[e])
@@ -245,9 +245,9 @@ def test_a_streamed_log_is_the_same(models, tmp_path, monkeypatch, smooth):
     model = models["vbar"]
     log, _ = flown(model, "vbar")
     write_log(log, tmp_path / "log.csv")
-    filter_file(tmp_path / "log.csv", model, tmp_path / "one.csv", smooth=smooth)
+    filter_file(tmp_path / "log.csv", model, tmp_path / "one.csv", smooth=smooth, method="spots")
     monkeypatch.setattr(logs, "CHUNK_LINES", 64)
-    filter_file(tmp_path / "log.csv", model, tmp_path / "many.csv", smooth=smooth)
+    filter_file(tmp_path / "log.csv", model, tmp_path / "many.csv", smooth=smooth, method="spots")
     assert (tmp_path / "one.csv").read_bytes() == (tmp_path / "many.csv").read_bytes()
 
 
@@ -319,6 +319,7 @@ def test_nees_of_sensors_with_lasting_errors(models, name, limit):
                 acceleration_m_s2=log.acceleration_m_s2,
                 spot_sigma_m=sigma,
                 smooth=smooth,
+                method="spots",
             )
             late = log.t_s > 30.0
             error = (solution.state - log.truth)[late]
@@ -341,7 +342,12 @@ def test_a_built_sensor_close_in_is_not_refused(models):
             approach = Approach(start_m=(5.0, 0.02, -0.02), final_range_m=0.6, duration_s=250.0)
             log = simulate(as_built(mission, seed), approach, seed=seed, by_received_power=True)
             track = relnav.filter_epochs(
-                mission, log.t_s, log.spots_m, acceleration_m_s2=log.acceleration_m_s2, spot_sigma_m=log.sigma_m
+                mission,
+                log.t_s,
+                log.spots_m,
+                acceleration_m_s2=log.acceleration_m_s2,
+                spot_sigma_m=log.sigma_m,
+                method="spots",
             )
             shares.append(track.accepted.mean())
             if considered:

@@ -69,15 +69,17 @@ def test_prediction_over_control_is_exact(vbar, drift, look):
     acceleration, impulse = 1e-3 * rng.normal(size=(2, len(t), 3))
     spots = look(model, drift(model, t, [8.5, 0.1, -0.1, 0.0, 0.0, 0.0], acceleration, impulse))
     spots[100:] = np.nan
-    solution = relnav.filter_epochs(model, t, spots, acceleration_m_s2=acceleration, delta_v_m_s=impulse)
+    solution = relnav.filter_epochs(
+        model, t, spots, acceleration_m_s2=acceleration, delta_v_m_s=impulse, method="spots"
+    )
     expected = drift(model, t[99:], solution.state[99], acceleration[99:], impulse[99:])
     np.testing.assert_allclose(solution.state[99:], expected, rtol=0.0, atol=1e-11)
 
 
 def growth(model, t, **control):
     """What the covariance gains over one step without an image, beyond the transition."""
-    navigator = relnav.Navigator(model)
-    base = relnav.Navigator(perfect(model))
+    navigator = relnav.Navigator(model, method="spots")
+    base = relnav.Navigator(perfect(model), method="spots")
     spots = np.array([[-0.0015, 0.0], [0.0015, 0.0], [0.0, 0.0]])
     for k in range(3):
         navigator.step(0.1 * k, spots)
@@ -88,7 +90,7 @@ def growth(model, t, **control):
 
 
 def navigator_without(model, t, spots, nothing):
-    other = relnav.Navigator(model)
+    other = relnav.Navigator(model, method="spots")
     for k in range(3):
         other.step(0.1 * k, spots)
     return other.step(t, nothing).covariance
@@ -115,7 +117,7 @@ def test_the_order_of_an_impulse(vbar):
     """Just before its row: the velocity of that row has it, the position not yet."""
     spots = np.array([[-0.0015, 0.0], [0.0015, 0.0], [0.0, 0.0]])
     nothing = np.full((3, 2), np.nan)
-    told, untold = relnav.Navigator(vbar), relnav.Navigator(vbar)
+    told, untold = relnav.Navigator(vbar, method="spots"), relnav.Navigator(vbar, method="spots")
     for k in range(3):
         told.step(0.1 * k, spots)
         untold.step(0.1 * k, spots)

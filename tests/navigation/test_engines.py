@@ -47,14 +47,18 @@ def test_engines_agree_on_a_restart(models):
     later = simulate(model, Approach(duration_s=20.0, start_m=(9.0, -0.2, 0.2)), seed=4)
     spots = np.concatenate([log.spots_m[:100], later.spots_m[:100]])
     t = np.arange(200) * 0.1
-    ours, theirs = (relnav.filter_epochs(model, t, spots, engine=engine) for engine in ("compiled", "filterpy"))
+    ours, theirs = (
+        relnav.filter_epochs(model, t, spots, engine=engine, method="spots") for engine in ("compiled", "filterpy")
+    )
     assert ours.restarts == theirs.restarts == 1
     assert np.array_equal(ours.status, theirs.status)
     assert np.nanmax(np.abs(ours.state - theirs.state) / ours.sigma) < 1e-9
 
 
 def test_navigator_takes_the_engine(models):
-    navigators = [relnav.Navigator(models["vbar"], engine=engine) for engine in ("compiled", "filterpy")]
+    navigators = [
+        relnav.Navigator(models["vbar"], engine=engine, method="spots") for engine in ("compiled", "filterpy")
+    ]
     log = simulate(models["vbar"], Approach(duration_s=3.0), seed=1)
     for t, spots, acceleration in zip(log.t_s, log.spots_m, log.acceleration_m_s2, strict=True):
         ours, theirs = (n.step(t, spots, acceleration_m_s2=acceleration) for n in navigators)
@@ -64,4 +68,4 @@ def test_navigator_takes_the_engine(models):
 
 def test_an_unknown_engine():
     with pytest.raises(ValueError, match='engine must be "compiled" or "filterpy"; got \'numpy\''):
-        relnav.Navigator(relnav.load_model("three_beacon_psd"), engine="numpy")
+        relnav.Navigator(relnav.load_model("three_beacon_psd"), engine="numpy", method="spots")

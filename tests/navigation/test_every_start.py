@@ -57,7 +57,7 @@ def test_the_start_uses_its_image_up(vbar, drift, look):
     """The second image confirms the trial and is then in the state; the first is not fused twice."""
     t = np.array([0.0, 0.1])
     truth = drift(vbar, t, [8.0, 0.1, -0.1, 0.0, 0.0, 0.0])
-    solution = relnav.filter_epochs(vbar, t, look(vbar, truth, seed=3))
+    solution = relnav.filter_epochs(vbar, t, look(vbar, truth, seed=3), method="spots")
     single = relnav.three_beacon.measure(look(vbar, truth, seed=3)[1], vbar)
     assert solution.status[1] == relnav.EpochStatus.STARTED
     # Two images of equal worth: between 1 / sqrt(2) of one (no motion between) and one.

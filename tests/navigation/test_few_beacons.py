@@ -86,7 +86,7 @@ def test_beacons_predicted_behind_the_camera_are_refused_and_a_new_start_follows
     late = t[50:] + 120.0
     stopped = drift(vbar, late, [8.0, 0.0, 0.05, 0.0, 0.0, 0.0])
     spots = np.concatenate([look(vbar, toward, seed=1), look(vbar, stopped, seed=2)])
-    solution = relnav.filter_epochs(vbar, np.concatenate([t[:50], late]), spots)
+    solution = relnav.filter_epochs(vbar, np.concatenate([t[:50], late]), spots, method="spots")
     assert solution.state[50, 0] < -1.0
     assert solution.status[50:54].tolist() == [REJECTED, REJECTED, REJECTED, STARTED]
     assert solution.measurement_status[50] == Status.BEHIND
@@ -102,7 +102,7 @@ def test_one_beacon_at_a_time_is_taken_at_its_own_time(vbar, drift, look, nees):
     slot = np.arange(len(t)) % 3
     for k in range(30, len(t)):
         spots[k, [i for i in range(3) if i != slot[k]]] = np.nan
-    solution = relnav.filter_epochs(vbar, t, spots)
+    solution = relnav.filter_epochs(vbar, t, spots, method="spots")
     assert np.mean(solution.status[30:] == UPDATED) > 0.99
     values = nees(solution.state[30:] - truth[30:], solution.covariance[30:])
     assert values.max() < LIMIT

@@ -91,6 +91,6 @@ def test_one_lone_beacon_after_a_long_coast_is_not_believed(vbar, hold):
     spots[50:53, 1:] = np.nan
     spots[53, 2] = np.nan
     spots[54:57, 1:] = np.nan
-    solution = relnav.filter_epochs(vbar, t, spots)
+    solution = relnav.filter_epochs(vbar, t, spots, method="spots")
     assert solution.status[50:53].tolist() == [PREDICTED] * 3
     assert solution.status[53:57].tolist() == [UPDATED] * 4

@@ -82,7 +82,9 @@ def test_each_of_them_matters(mission, flight, nees, ignored):
         model = replace(mission, camera=replace(mission.camera, position_m=(0.0, 0.0, 0.0)))
     if ignored == "port":
         model = replace(mission, docking=replace(mission.docking, port_position_m=(0.0, 0.0, 0.0)))
-    solution = relnav.filter_epochs(model, t, spots, q_cam_from_lvlh=None if ignored == "attitude" else rows)
+    solution = relnav.filter_epochs(
+        model, t, spots, q_cam_from_lvlh=None if ignored == "attitude" else rows, method="spots"
+    )
     running = np.isfinite(solution.state).all(axis=1)
     values = nees((solution.state - truth)[running], solution.covariance[running])
     assert values.size == 0 or np.median(values) > 100.0
@@ -93,7 +95,7 @@ def test_a_held_attitude_with_lever_arms(mission, drift, look, nees):
     dcm = mission.dcm_cam_from_lvlh
     start = np.array(PORT) + mission.dcm_dock_from_lvlh.T @ [8.5, 0.1, -0.1] - dcm.T @ mission.camera_lever_cam_m
     truth = drift(mission, t, np.concatenate([start, np.zeros(3)]))
-    solution = relnav.filter_epochs(mission, t, look(mission, truth, seed=4))
+    solution = relnav.filter_epochs(mission, t, look(mission, truth, seed=4), method="spots")
     assert nees((solution.state - truth)[100:], solution.covariance[100:]).max() < LIMIT
     assert abs(solution.range_m[-1] - 8.5) < 0.2
 
@@ -103,6 +105,6 @@ def test_a_quaternion_a_little_off_unit_length_is_normalised(vbar, drift, look):
     t = 0.1 * np.arange(50)
     spots = look(vbar, drift(vbar, t, [8.5, 0.1, -0.1, 0.0, 0.0, 0.0]))
     q = np.tile(vbar.attitude.q_cam_from_lvlh, (50, 1))
-    exact = relnav.filter_epochs(vbar, t, spots, q_cam_from_lvlh=q)
-    rough = relnav.filter_epochs(vbar, t, spots, q_cam_from_lvlh=1.0005 * q)
+    exact = relnav.filter_epochs(vbar, t, spots, q_cam_from_lvlh=q, method="spots")
+    rough = relnav.filter_epochs(vbar, t, spots, q_cam_from_lvlh=1.0005 * q, method="spots")
     np.testing.assert_allclose(rough.state[2:], exact.state[2:], rtol=0.0, atol=1e-11)

@@ -52,7 +52,7 @@ def test_restart_after_so_many_epochs_and_not_before(vbar, hold, look, patience)
     moved = truth.copy()
     moved[HIT:, 0] -= 1.0
     spots = np.concatenate([spots[:HIT], look(vbar, moved[HIT:], seed=5)])
-    solution = relnav.filter_epochs(model, t, spots)
+    solution = relnav.filter_epochs(model, t, spots, method="spots")
     assert solution.status[HIT - 1] == UPDATED
     assert solution.status[HIT : HIT + patience].tolist() == [REJECTED] * patience
     assert solution.status[HIT + patience] == STARTED
@@ -64,7 +64,7 @@ def test_the_record_counts_the_streak(vbar, hold):
     t, _, spots = hold
     spots = spots.copy()
     spots[HIT : HIT + 2] += 5e-4
-    navigator = relnav.Navigator(vbar)
+    navigator = relnav.Navigator(vbar, method="spots")
     streaks = [navigator.step(t[k], spots[k]).rejected_streak for k in range(HIT + 3)]
     assert streaks == [0] * HIT + [1, 2, 0]
 
@@ -75,7 +75,7 @@ def test_a_good_epoch_ends_the_streak(vbar, hold):
     spots = spots.copy()
     for k in (HIT, HIT + 1, HIT + 3, HIT + 4):
         spots[k] += 5e-4
-    solution = relnav.filter_epochs(vbar, t, spots)
+    solution = relnav.filter_epochs(vbar, t, spots, method="spots")
     expected = [REJECTED, REJECTED, UPDATED, REJECTED, REJECTED, UPDATED]
     assert solution.status[HIT : HIT + 6].tolist() == expected
     assert solution.restarts == 0
@@ -88,7 +88,7 @@ def test_an_epoch_without_an_image_ends_the_streak(vbar, hold, look):
     moved[HIT:, 0] -= 1.0
     spots = np.concatenate([spots[:HIT], look(vbar, moved[HIT:], seed=5)])
     spots[HIT + 1] = np.nan
-    solution = relnav.filter_epochs(vbar, t, spots)
+    solution = relnav.filter_epochs(vbar, t, spots, method="spots")
     names = [relnav.EpochStatus(code).name for code in solution.status[HIT : HIT + 6]]
     assert names == ["REJECTED", "PREDICTED", "REJECTED", "REJECTED", "REJECTED", "STARTED"]
 
@@ -98,7 +98,7 @@ def test_one_false_beacon_of_three_is_no_lock_out(vbar, hold):
     t, _, spots = hold
     spots = spots.copy()
     spots[HIT:, 0] = [1e-3, 1e-3]
-    solution = relnav.filter_epochs(vbar, t, spots)
+    solution = relnav.filter_epochs(vbar, t, spots, method="spots")
     assert np.all(solution.status[HIT:] == PARTIAL)
     assert solution.restarts == 0
 
@@ -111,7 +111,7 @@ def test_a_wrong_track_is_left_although_one_beacon_agrees(vbar, hold, look):
     beacon_c = np.array([b, 0.0, 0.0])
     moved[HIT:, :3] = beacon_c + 0.9 * (truth[HIT:, :3] - beacon_c)
     spots = np.concatenate([spots[:HIT], look(vbar, moved[HIT:], seed=5)])
-    solution = relnav.filter_epochs(vbar, t, spots)
+    solution = relnav.filter_epochs(vbar, t, spots, method="spots")
     assert solution.status[HIT : HIT + 4].tolist() == [PARTIAL, PARTIAL, PARTIAL, STARTED]
     assert solution.restarts == 1
     assert abs(solution.state[-1, 0] - moved[-1, 0]) < 0.02
@@ -125,7 +125,7 @@ def test_one_of_two_rejected_counts_as_half(vbar, hold, look):
     moved[HIT:, :3] = beacon_c + 0.9 * (truth[HIT:, :3] - beacon_c)
     spots = np.concatenate([spots[:HIT], look(vbar, moved[HIT:], seed=5)])
     spots[HIT : HIT + 3, 1] = np.nan
-    solution = relnav.filter_epochs(vbar, t, spots)
+    solution = relnav.filter_epochs(vbar, t, spots, method="spots")
     assert solution.dof[HIT : HIT + 3].tolist() == [4, 4, 4]
     assert solution.status[HIT : HIT + 5].tolist() == [PARTIAL, PARTIAL, PARTIAL, PARTIAL, STARTED]
 
@@ -158,7 +158,7 @@ def test_a_clock_that_jumps_is_survived(vbar, drift, look, nees, gap_s, method):
 @pytest.mark.parametrize("jump_s", [1e100, 1e200, 1e300])
 def test_an_absurd_gap_leaves_no_infinities(vbar, hold, jump_s):
     """Over 1e200 s even the covariance overflows: then there is no state rather than one that is not a number."""
-    navigator = relnav.Navigator(vbar)
+    navigator = relnav.Navigator(vbar, method="spots")
     _, _, spots = hold
     for k in range(20):
         navigator.step(0.1 * k, spots[k])

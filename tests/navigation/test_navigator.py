@@ -71,8 +71,9 @@ def test_a_turning_camera_is_the_same_by_matrix_and_by_quaternion(vbar, log):
         acceleration_m_s2=acceleration,
         delta_v_m_s=impulse,
         q_cam_from_lvlh=attitude.as_quat(),
+        method="spots",
     )
-    navigator = relnav.Navigator(vbar)
+    navigator = relnav.Navigator(vbar, method="spots")
     dcm = attitude.as_matrix()
     for k in range(N):
         record = navigator.step(
@@ -87,7 +88,7 @@ def test_a_turning_camera_is_the_same_by_matrix_and_by_quaternion(vbar, log):
 
 def test_a_control_or_attitude_once_given_does_not_linger(vbar, log):
     t, spots, _, _, attitude = log
-    one, other = relnav.Navigator(vbar), relnav.Navigator(vbar)
+    one, other = relnav.Navigator(vbar, method="spots"), relnav.Navigator(vbar, method="spots")
     for k in range(20):
         one.step(t[k], spots[k])
         other.step(t[k], spots[k])
@@ -106,7 +107,7 @@ def test_a_control_or_attitude_once_given_does_not_linger(vbar, log):
 
 def test_records_never_change(vbar, log):
     t, spots, acceleration, impulse, _ = log
-    navigator = relnav.Navigator(vbar)
+    navigator = relnav.Navigator(vbar, method="spots")
     records, kept = [], []
     for k in range(60):
         record = navigator.step(t[k], spots[k], acceleration_m_s2=acceleration[k], delta_v_m_s=impulse[k])
@@ -123,7 +124,7 @@ def test_records_never_change(vbar, log):
 
 def test_writing_into_what_a_record_gives_changes_neither_record_nor_filter(vbar, log):
     t, spots, *_ = log
-    touched, untouched = relnav.Navigator(vbar), relnav.Navigator(vbar)
+    touched, untouched = relnav.Navigator(vbar, method="spots"), relnav.Navigator(vbar, method="spots")
     for k in range(30):
         record, twin = touched.step(t[k], spots[k]), untouched.step(t[k], spots[k])
         for array in (record.state, record.covariance, record.innovation, record.docking_covariance):
@@ -136,12 +137,12 @@ def test_writing_into_what_a_record_gives_changes_neither_record_nor_filter(vbar
 def test_the_callers_spots_are_neither_kept_nor_changed(vbar, log):
     t, spots, *_ = log
     before = spots.copy()
-    navigator, twin = relnav.Navigator(vbar), relnav.Navigator(vbar)
+    navigator, twin = relnav.Navigator(vbar, method="spots"), relnav.Navigator(vbar, method="spots")
     buffer = np.empty((3, 2))
     for k in range(30):
         buffer[:] = spots[k]
         record = navigator.step(t[k], buffer)
         buffer[:] = 0.0
         np.testing.assert_array_equal(record.state, twin.step(t[k], spots[k].tolist()).state)
-    relnav.filter_epochs(vbar, t, spots)
+    relnav.filter_epochs(vbar, t, spots, method="spots")
     np.testing.assert_array_equal(spots, before)

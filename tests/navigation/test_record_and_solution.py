@@ -20,7 +20,7 @@ def flight(vbar, drift, look):
 def test_docking_covariance_is_the_covariance_of_the_docking_view(vbar, flight):
     """J P J^T against samples of the state's own Gaussian."""
     t, spots = flight
-    solution = relnav.filter_epochs(vbar, t, spots)
+    solution = relnav.filter_epochs(vbar, t, spots, method="spots")
     rng = np.random.default_rng(1)
     x = rng.multivariate_normal(solution.state[-1], solution.covariance[-1], size=20_000)
     horizontal = np.hypot(x[:, 0], x[:, 1])
@@ -44,7 +44,7 @@ def test_covariances_are_symmetric_and_positive(vbar, flight):
 
 def test_accepted_is_used_whole(vbar, flight):
     t, spots = flight
-    solution = relnav.filter_epochs(vbar, t, spots)
+    solution = relnav.filter_epochs(vbar, t, spots, method="spots")
     names = {k: relnav.EpochStatus(solution.status[k]).name for k in (0, 1, 2, 50, 60, 70)}
     assert names == {0: "WAITING", 1: "STARTED", 2: "UPDATED", 50: "PARTIAL", 60: "REJECTED", 70: "PREDICTED"}
     assert [bool(solution.accepted[k]) for k in names] == [False, True, True, False, False, False]
@@ -52,7 +52,7 @@ def test_accepted_is_used_whole(vbar, flight):
 
 def test_nis_consistency_is_of_the_epochs_used_whole(vbar, flight):
     t, spots = flight
-    solution = relnav.filter_epochs(vbar, t, spots)
+    solution = relnav.filter_epochs(vbar, t, spots, method="spots")
     consistency = solution.nis_consistency()
     used = np.isin(solution.status, (1, 5))
     assert consistency.dof == solution.dof[used].sum()
@@ -62,7 +62,7 @@ def test_nis_consistency_is_of_the_epochs_used_whole(vbar, flight):
 
 def test_a_part_is_a_solution(vbar, flight):
     t, spots = flight
-    solution = relnav.filter_epochs(vbar, t, spots)
+    solution = relnav.filter_epochs(vbar, t, spots, method="spots")
     part = solution.part(40, 80)
     assert len(part) == 40
     np.testing.assert_array_equal(part.covariance, solution.covariance[40:80])
@@ -73,7 +73,7 @@ def test_a_part_is_a_solution(vbar, flight):
 
 def test_a_record_prints_as_one_line(vbar, flight):
     t, spots = flight
-    navigator = relnav.Navigator(vbar)
+    navigator = relnav.Navigator(vbar, method="spots")
     assert repr(navigator.step(t[0], spots[0])) == "FilterRecord(t_s=0, WAITING: OK)"
     text = repr(navigator.step(t[1], spots[1]))
     assert text.startswith("FilterRecord(t_s=0.1, STARTED, range 7.")
@@ -82,7 +82,7 @@ def test_a_record_prints_as_one_line(vbar, flight):
 
 
 def test_without_a_state_everything_is_nan(vbar):
-    record = relnav.Navigator(vbar).step(0.0, np.full((3, 2), np.nan))
+    record = relnav.Navigator(vbar, method="spots").step(0.0, np.full((3, 2), np.nan))
     assert not record.has_state
     assert not record.accepted
     assert record.measurement_status == relnav.Status.NOT_SEEN
@@ -99,7 +99,7 @@ def test_angles_are_the_papers(vbar, drift, look):
     """
     t = 0.1 * np.arange(60)
     spots = look(vbar, drift(vbar, t, [8.0, 0.3, -0.2, 0.0, 0.0, 0.0]), seed=1)
-    solution = relnav.filter_epochs(vbar, t, spots)
+    solution = relnav.filter_epochs(vbar, t, spots, method="spots")
     assert np.degrees(solution.azimuth_rad[-1]) == pytest.approx(np.degrees(np.arctan2(0.3, 8.0)), abs=0.05)
     assert np.degrees(solution.elevation_rad[-1]) == pytest.approx(np.degrees(np.arctan2(0.2, 8.005)), abs=0.05)
 
@@ -107,7 +107,9 @@ def test_angles_are_the_papers(vbar, drift, look):
 def test_progress_counts_every_epoch(vbar):
     n = 150_000
     calls = []
-    relnav.filter_epochs(vbar, np.arange(n, dtype=float), np.full((n, 3, 2), np.nan), progress=calls.append)
+    relnav.filter_epochs(
+        vbar, np.arange(n, dtype=float), np.full((n, 3, 2), np.nan), progress=calls.append, method="spots"
+    )
     assert sum(calls) == n
     assert len(calls) > 1
 
@@ -118,16 +120,16 @@ def test_chunks_leave_no_seam(vbar, drift, look, monkeypatch):
 
     t = 0.1 * np.arange(100)
     spots = look(vbar, drift(vbar, t, [8.0, 0.1, -0.1, 0.0, 0.0, 0.0]), seed=1)
-    whole = relnav.filter_epochs(vbar, t, spots, acceleration_m_s2=np.zeros((100, 3)))
+    whole = relnav.filter_epochs(vbar, t, spots, acceleration_m_s2=np.zeros((100, 3)), method="spots")
     monkeypatch.setattr(whole_log, "CHUNK", 7)
-    pieces = relnav.filter_epochs(vbar, t, spots, acceleration_m_s2=np.zeros((100, 3)))
+    pieces = relnav.filter_epochs(vbar, t, spots, acceleration_m_s2=np.zeros((100, 3)), method="spots")
     for name in ("state", "factor", "nis", "dof", "status", "innovation", "docking"):
         np.testing.assert_array_equal(getattr(whole, name), getattr(pieces, name))
 
 
 def test_a_part_is_the_whole_cut(vbar, flight):
     t, spots = flight
-    whole = relnav.filter_epochs(vbar, t[:60], spots[:60])
+    whole = relnav.filter_epochs(vbar, t[:60], spots[:60], method="spots")
     part = whole.part(40, 60)
     assert len(part) == 20
     for name in ("t_s", "state", "covariance", "docking", "docking_covariance", "innovation", "nis", "accepted"):

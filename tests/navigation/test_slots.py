@@ -105,7 +105,7 @@ def approach(vbar):
 
 def test_an_approach_starts_on_images_and_goes_on_slot_by_slot(vbar, approach):
     log, slots = approach
-    track = filter_slots(vbar, slots, acceleration_m_s2=log.acceleration_m_s2)
+    track = filter_slots(vbar, slots, acceleration_m_s2=log.acceleration_m_s2, method="spots")
     status = track.status
     started = np.flatnonzero(status == relnav.EpochStatus.STARTED)
     assert started.size == 1
@@ -168,7 +168,9 @@ def test_a_lock_out_ends_in_a_new_start(vbar, approach):
     moved = slots_of(vbar, other.t_s, other.beacon, other.counts)
     late = log.t_s > 20.0
     spots = np.where(late[:, None], moved.spots_m, slots.spots_m)
-    track = filter_slots(vbar, dataclasses.replace(slots, spots_m=spots), acceleration_m_s2=log.acceleration_m_s2)
+    track = filter_slots(
+        vbar, dataclasses.replace(slots, spots_m=spots), acceleration_m_s2=log.acceleration_m_s2, method="spots"
+    )
     started = log.t_s[track.status == relnav.EpochStatus.STARTED]
     assert len(started) == 2
     assert 20.0 < started[1] < 21.0
@@ -193,7 +195,7 @@ def test_a_calibration_makes_the_filter_accurate_again(vbar, seed, docking):
     late = log.t_s > 30.0
     ratio = {}
     for name, model in (("without", vbar), ("with", calibrated)):
-        track = filter_slots(model, slots, acceleration_m_s2=log.acceleration_m_s2)
+        track = filter_slots(model, slots, acceleration_m_s2=log.acceleration_m_s2, method="spots")
         error = track.docking[late] - docking(log.truth[late, :3])
         ratio[name] = np.sqrt(np.nanmean(error**2, axis=0)) / published
     assert ratio["with"].max() < 0.3
@@ -204,7 +206,7 @@ def test_noise_by_received_power_makes_the_filter_consistent(vbar):
     """From 24 um at 10 m to 3 um at 4 m: NIS over degrees of freedom is one in both halves of the approach."""
     log = simulate_raw(vbar, Approach(duration_s=230.0), seed=11)
     slots = slots_of(vbar, log.t_s, log.beacon, log.counts)
-    track = filter_slots(vbar, slots, acceleration_m_s2=log.acceleration_m_s2)
+    track = filter_slots(vbar, slots, acceleration_m_s2=log.acceleration_m_s2, method="spots")
     for half in (log.t_s < 115.0, log.t_s >= 115.0):
         used = half & (track.dof > 0)
         assert track.nis[used].sum() / track.dof[used].sum() == pytest.approx(1.0, abs=0.06)
@@ -228,4 +230,4 @@ def test_sigma_of_each_row_is_the_filters_noise(vbar, engine):
 def test_sigma_of_another_shape_or_sign(vbar, sigma):
     t, spots = np.arange(30) * 0.1, np.zeros((30, 3, 2))
     with pytest.raises(ValueError, match=r"spot_sigma_m has shape \(30, 3, 2\) and is above zero; got"):
-        relnav.filter_epochs(vbar, t, spots, spot_sigma_m=sigma)
+        relnav.filter_epochs(vbar, t, spots, spot_sigma_m=sigma, method="spots")

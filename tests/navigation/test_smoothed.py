@@ -58,11 +58,11 @@ def test_pieces_do_not_mix(model):
     second = simulate(model, Approach(duration_s=20.0, start_m=(9.0, -0.2, 0.2)), seed=4)
     spots = np.concatenate([first.spots_m, second.spots_m])
     t = np.arange(400) * 0.1
-    whole = relnav.filter_epochs(model, t, spots, smooth=True)
+    whole = relnav.filter_epochs(model, t, spots, smooth=True, method="spots")
     restart = int(np.flatnonzero(whole.status == EpochStatus.STARTED)[1])
-    before = relnav.filter_epochs(model, t[:restart], spots[:restart], smooth=True)
+    before = relnav.filter_epochs(model, t[:restart], spots[:restart], smooth=True, method="spots")
     assert np.array_equal(whole.state[:restart], before.state, equal_nan=True)
-    after = relnav.filter_epochs(model, t[restart - 1 :], spots[restart - 1 :], smooth=True)
+    after = relnav.filter_epochs(model, t[restart - 1 :], spots[restart - 1 :], smooth=True, method="spots")
     assert np.allclose(whole.state[restart:], after.state[1:], rtol=0.0, atol=1e-12)
 
 
@@ -79,7 +79,7 @@ def test_epochs_side_by_side_are_as_one_at_a_time(model):
     control[[100, 101, 180], 3:] = 1e-3 * rng.normal(size=(3, 3))
     runs = []
     for length in (n, 1, 5):
-        run, epochs, later = LogFilter(model), Epochs.empty(n, 3), nothing_later()
+        run, epochs, later = LogFilter(model, method="spots"), Epochs.empty(n, 3), nothing_later()
         run.forward(t, log.spots_m, control, np.empty((0, 4)), epochs)
         for end in range(n, 0, -length):
             piece = slice(max(0, end - length), end)

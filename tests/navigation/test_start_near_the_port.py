@@ -76,7 +76,7 @@ def test_two_beacons_are_not_enough(layered):
     log = near(layered, 3)
     spots = log.spots_m.copy()
     spots[:, [2, 4, 5, 6, 7]] = np.nan  # D and I are left
-    solution = relnav.filter_epochs(layered, log.t_s, spots, acceleration_m_s2=log.acceleration_m_s2)
+    solution = relnav.filter_epochs(layered, log.t_s, spots, acceleration_m_s2=log.acceleration_m_s2, method="spots")
     assert np.isnan(solution.state).all()
 
 

@@ -90,7 +90,7 @@ def test_the_product_is_the_textbook_filter(request, drift, look, axis):
     spots = look(model, truth, seed=4)
     spots[rng.uniform(size=(N, 3, 2)) < 0.05] = np.nan
     spots[:5] = look(model, truth[:5], seed=4)
-    solution = relnav.filter_epochs(model, t, spots, acceleration_m_s2=acceleration)
+    solution = relnav.filter_epochs(model, t, spots, acceleration_m_s2=acceleration, method="spots")
     first = int(np.flatnonzero(solution.status == STARTED)[0])
     textbook = Textbook(model, solution.state[first].copy(), solution.covariance[first].copy())
     for k in range(first + 1, N):

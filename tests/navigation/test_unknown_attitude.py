@@ -24,7 +24,7 @@ def flight(unknown_attitude, drift, look):
 
 def test_three_beacons_give_the_position_of_a_wobbling_camera(unknown_attitude, flight, nees):
     t, truth, spots, _ = flight
-    solution = relnav.filter_epochs(unknown_attitude, t, spots)
+    solution = relnav.filter_epochs(unknown_attitude, t, spots, method="spots")
     seen = np.isfinite(spots).all(axis=(1, 2))
     assert seen.mean() > 0.9
     assert np.all(solution.dof[2:][seen[2:]] == 3)
@@ -38,7 +38,7 @@ def test_three_beacons_give_the_position_of_a_wobbling_camera(unknown_attitude, 
 
 def test_the_same_log_defeats_a_filter_that_trusts_the_held_attitude(vbar, flight):
     t, _, spots, _ = flight
-    solution = relnav.filter_epochs(vbar, t, spots)
+    solution = relnav.filter_epochs(vbar, t, spots, method="spots")
     assert np.mean(solution.status == UPDATED) < 0.5
 
 
@@ -48,12 +48,33 @@ def test_turning_the_camera_changes_nothing(unknown_attitude, drift, look):
     truth = drift(unknown_attitude, t, [7.0, 0.1, -0.1, -0.01, 0.0, 0.0])
     held = unknown_attitude.dcm_cam_from_lvlh
     turned = Rotation.from_rotvec([0.005, -0.01, 0.8]).as_matrix() @ held
-    one = relnav.filter_epochs(unknown_attitude, t, look(unknown_attitude, truth, noise_m=0.0))
+    one = relnav.filter_epochs(unknown_attitude, t, look(unknown_attitude, truth, noise_m=0.0), method="spots")
     other = relnav.filter_epochs(
-        unknown_attitude, t, look(unknown_attitude, truth, noise_m=0.0, dcm=np.broadcast_to(turned, (200, 3, 3)))
+        unknown_attitude,
+        t,
+        look(unknown_attitude, truth, noise_m=0.0, dcm=np.broadcast_to(turned, (200, 3, 3))),
+        method="spots",
     )
     # The noise model follows the turned spots (f is not infinite), hence per mille of sigma and not rounding.
     assert np.nanmax(np.abs(one.state - other.state) / one.sigma) < 5e-3
+
+
+def test_an_attitude_0_05_deg_off_turns_the_spots_track_and_leaves_the_fix_alone(vbar, drift, look, nees):
+    """What README says of the two methods, and why `fix` is the default."""
+    t, off = 0.1 * np.arange(600), np.radians(0.05)
+    truth = drift(vbar, t, [7.0, 0.0, 0.0, -0.01, 0.0, 0.0])
+    dcm = Rotation.from_rotvec([0.0, off, 0.0]).as_matrix() @ vbar.dcm_cam_from_lvlh  # about the camera's y axis
+    spots = look(vbar, truth, seed=3, dcm=np.broadcast_to(dcm, (len(t), 3, 3)))
+    spotted = relnav.filter_epochs(vbar, t, spots, method="spots")
+    reference = relnav.filter_epochs(vbar, t, look(vbar, truth, seed=3), method="spots")
+    turned = np.hypot(*(spotted.docking[-1] - reference.docking[-1])[1:])
+    assert turned == pytest.approx(off, rel=0.1)
+    assert spotted.docking_sigma[-1, 1:].max() < off / 20.0
+    fix = relnav.filter_epochs(vbar, t, spots)
+    assert fix.method == "fix"
+    late = slice(300, None)
+    assert nees(fix.state[late] - truth[late], fix.covariance[late]).mean() < 9.0
+    assert nees(spotted.state[late] - truth[late], spotted.covariance[late]).mean() > 600.0
 
 
 @pytest.mark.parametrize("lost", [0, 1, 2])
@@ -61,7 +82,7 @@ def test_two_beacons_give_one_number(unknown_attitude, flight, nees, lost):
     t, truth, spots, _ = flight
     spots = spots.copy()
     spots[500:, lost] = np.nan
-    solution = relnav.filter_epochs(unknown_attitude, t, spots)
+    solution = relnav.filter_epochs(unknown_attitude, t, spots, method="spots")
     pair = np.isfinite(spots[500:]).all(axis=2).sum(axis=1) == 2
     assert np.all(solution.dof[500:][pair] == 1)
     assert np.isfinite(solution.innovation[500:][pair]).sum(axis=1).tolist() == [1] * int(pair.sum())
@@ -73,7 +94,7 @@ def test_two_beacons_give_one_number(unknown_attitude, flight, nees, lost):
     assert low < nis.mean() < high
     blind = spots.copy()
     blind[500:] = np.nan
-    sigma_blind = relnav.filter_epochs(unknown_attitude, t, blind).sigma[-1, :3]
+    sigma_blind = relnav.filter_epochs(unknown_attitude, t, blind, method="spots").sigma[-1, :3]
     assert np.all(solution.sigma[-1, :3] <= sigma_blind)
     assert solution.sigma[-1, :3].min() < 0.9 * sigma_blind.max()
 
@@ -82,7 +103,7 @@ def test_one_beacon_says_nothing_without_attitude(unknown_attitude, flight):
     t, _, spots, _ = flight
     spots = spots.copy()
     spots[500:, :2] = np.nan
-    solution = relnav.filter_epochs(unknown_attitude, t, spots)
+    solution = relnav.filter_epochs(unknown_attitude, t, spots, method="spots")
     assert np.all(solution.dof[500:] == 0)
     assert not np.any(np.isin(solution.status[500:], (UPDATED, STARTED)))
     assert np.all(np.diff(solution.sigma[500:, 0]) > 0.0)
@@ -92,14 +113,14 @@ def test_a_missing_coordinate_of_an_unknown_attitude_does_not_spoil_the_state(un
     t, truth, spots, _ = flight
     spots = spots.copy()
     spots[400:600:7, 1, 0] = np.nan
-    solution = relnav.filter_epochs(unknown_attitude, t, spots)
+    solution = relnav.filter_epochs(unknown_attitude, t, spots, method="spots")
     assert nees(solution.state[2:] - truth[2:], solution.covariance[2:]).max() < LIMIT
 
 
 def test_a_given_attitude_is_used_where_it_is_given(unknown_attitude, flight, nees):
     """Epoch by epoch: with the true attitude the bearing is used as well, and without it no more."""
     t, truth, spots, dcm = flight
-    navigator = relnav.Navigator(unknown_attitude)
+    navigator = relnav.Navigator(unknown_attitude, method="spots")
     dofs = []
     for k in range(200):
         record = navigator.step(t[k], spots[k], dcm_cam_from_lvlh=dcm[k] if k >= 100 else None)

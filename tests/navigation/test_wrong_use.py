@@ -69,7 +69,7 @@ def test_unknown_names_are_refused_with_the_known_ones(vbar):
     with pytest.raises(ValueError, match='method must be "spots" or "fix"; got \'spot\''):
         relnav.Navigator(vbar, "spot")
     with pytest.raises(ValueError, match='projection must be "perspective" or "parallel"; got \'central\''):
-        relnav.Navigator(vbar, projection="central")
+        relnav.Navigator(vbar, projection="central", method="spots")
     with pytest.raises(ValueError, match='method must be "spots" or "fix"'):
         relnav.filter_epochs(vbar, np.arange(2.0), np.zeros((2, 3, 2)), method="Fix")
 
@@ -96,7 +96,7 @@ def test_wrong_batches_are_refused(vbar, name):
 
 
 def test_no_epochs_are_no_error(vbar):
-    solution = relnav.filter_epochs(vbar, np.empty(0), np.empty((0, 3, 2)))
+    solution = relnav.filter_epochs(vbar, np.empty(0), np.empty((0, 3, 2)), method="spots")
     assert len(solution) == 0
     assert solution.state.shape == (0, 6)
 
