@@ -78,10 +78,14 @@ class Attitude:
         Held in `lvlh_ccsds` with the quaternion below, or unknown: then only what does not depend on it is used.
     q_cam_from_lvlh : (4,)
         Rotation v_cam = R v_lvlh, scalar last.
+    sigma_rad : float
+        1-sigma about each axis of the error of this attitude, or of the one that comes with an image, between chaser
+        and target; by it `fix` tells an image that contradicts the attitude.
     """
 
     mode: Literal["lvlh_hold", "unknown"]
     q_cam_from_lvlh: Quaternion = IDENTITY
+    sigma_rad: Annotated[float, Ge(0.0)] = math.radians(0.15)
 
     def __post_init__(self) -> None:
         _check_quaternion("q_cam_from_lvlh", self.q_cam_from_lvlh)

@@ -45,6 +45,7 @@ SENSOR = np.dtype(
         ("projection", _I),
         ("method", _I),
         ("attitude_known", _I),
+        ("attitude_sigma", _F),  # of the stated attitude, each axis
         ("field_center", _F, 2),  # where what lasts in the spots was calibrated
         ("field_half_width", _F, 2),
         ("cam_from_dock", _F, (3, 3)),  # derived from the attitude, as the next (`sight.attitude_changed`)
@@ -278,6 +279,7 @@ def new_memory(model: Model, method: str, projection: str) -> Vector:
         projection=PROJECTIONS[projection],
         method=METHODS[method],
         attitude_known=model.attitude.mode == "lvlh_hold",
+        attitude_sigma=model.attitude.sigma_rad,
         field_center=(0.0, 0.0) if calibration is None else calibration.center_m,
         field_half_width=half if calibration is None else calibration.half_width_m,
     )

@@ -12,18 +12,25 @@ import numpy as np
 from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.estimation.factored import compose, factorize
 from relnav.estimation.reference import ReferenceTrack
+from relnav.geometry.linear_algebra import cross_matrix
+from relnav.geometry.pinhole import central_projection, central_projection_jacobian
 from relnav.geometry.rotation import dcm_from_quaternion
-from relnav.navigation.beacon_geometry import TIGHT_SHARE2, attitude_changed, camera_position_dock, uses_coordinates
+from relnav.navigation.beacon_geometry import (
+    TIGHT_SHARE2,
+    attitude_changed,
+    camera_position_dock,
+    uses_coordinates,
+)
 from relnav.navigation.beacon_observation import observe, observe_again
 from relnav.navigation.beacon_start import start
 from relnav.navigation.docking_view import LOWER
 from relnav.navigation.measurement_matrices import errors_in_use, rows_in_use
-from relnav.navigation.memory import FIELD_ERRORS, TOLERANCES_SHARED, fill, named
+from relnav.navigation.memory import FIELD_ERRORS, FIX, TOLERANCES_SHARED, fill, named
 from relnav.navigation.propagation import prepare_step
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
 from relnav.navigation.step import WRONG_SHAPE, WRONG_TIME
 from relnav.navigation.update import LONE_GATE_SHARE, MAX_ITERATIONS, bends
-from relnav.sensors.measurement import OK
+from relnav.sensors.measurement import MISALIGNED, OK
 
 
 class ReferenceEngine:
@@ -160,6 +167,8 @@ class ReferenceEngine:
             passed = len(set(groups[rows]))
         else:
             passed = int(m.result["nis"] <= self._limit(len(h)))
+            if passed and not self._attitude_is_credible(track.state, track.covariance, spots):
+                m.result["reason"], passed = MISALIGNED, 0
         if passed == 0:
             track.set(x, p)
             return REJECTED
@@ -178,6 +187,25 @@ class ReferenceEngine:
 
     def _limit(self, dof: int) -> float:
         return float(self.named.gate[dof - 1])
+
+    def _attitude_is_credible(self, x: Vector, p: Matrix, spots: Matrix) -> bool:
+        m = self.named
+        if m.sensor["method"] != FIX or not m.sensor["attitude_known"]:
+            return True
+        mount, f, turn = m.kept["mount"], float(m.sensor["focal_length"]), float(m.sensor["attitude_sigma"]) ** 2
+        points = (m.beacons["position"][:3] - x[:3]) @ mount[:, :3].T - mount[:, 3]
+        predicted, slopes = f * central_projection(points), f * central_projection_jacobian(points)
+        h = -np.mean(slopes @ mount[:, :3], axis=0)
+        turns = np.mean([slope @ cross_matrix(point) for slope, point in zip(slopes, points, strict=True)], axis=0)
+        own = m.beacons["spot_sigma"][:3] ** 2 + m.beacons["lasting_sigma"][:3, None] ** 2
+        s = h @ p[:3, :3] @ h.T + np.diag(np.sum(own, axis=0)) / 9.0 + turn * turns @ turns.T
+        residual = np.mean(spots[:3] - predicted, axis=0)
+        if residual @ np.linalg.solve(s, residual) > self._limit(2):
+            return False
+        (x_said, y_said), (x_seen, y_seen) = predicted[0] - predicted[1], spots[0] - spots[1]
+        length2 = x_said**2 + y_said**2
+        roll = (x_said * y_seen - y_said * x_seen) / length2
+        return bool(roll**2 <= self._limit(1) * (2.0 * np.mean(own) / length2 + turn))
 
     def _lone_beacon_is_telling(self, beacon: int, p: Matrix) -> bool:
         m = self.named

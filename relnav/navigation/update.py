@@ -10,11 +10,13 @@ from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
 from relnav.estimation.factored import innovation_variance
 from relnav.estimation.rows import Observed, copy_track, gate_groups, sweep
+from relnav.navigation.attitude_check import attitude_is_credible
 from relnav.navigation.beacon_geometry import locate, uses_coordinates
 from relnav.navigation.beacon_observation import observe, observe_again
 from relnav.navigation.considered import add_considered_noise, update_sensitivities
 from relnav.navigation.memory import Memory
 from relnav.navigation.status import LOST, PARTIAL, PREDICTED, REJECTED, UPDATED
+from relnav.sensors.measurement import MISALIGNED
 
 MAX_ITERATIONS = 10
 LONE_GATE_SHARE = 0.01
@@ -111,6 +113,8 @@ def correct(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix) -> i
     # a part's NIS is at most the whole's, and no whole beacon has fewer than two degrees of freedom
     if not coordinates or usable < 2 * seen or not nis <= m.gate[1]:
         passed = gate_groups(track, image, m.gate, work, nis, dof)
+    if passed > 0 and not coordinates and not attitude_is_credible(m, work, spots):
+        result["reason"], passed = MISALIGNED, 0
     if passed == 0:
         return REJECTED
     at, carried = m.at, work["state"]

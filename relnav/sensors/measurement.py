@@ -25,7 +25,7 @@ class Status(IntEnum):
     BEHIND = 7
     """A spot is seen of a beacon that the predicted state puts behind the camera."""
     MISALIGNED = 8
-    """The camera attitude that the fix implies is more than 10 deg off the stated one: a glint, or a wrong attitude."""
+    """The image contradicts the stated attitude of the camera: a glint, a wrong attitude, or a target that turns."""
     SATURATED = 9
     """Too many of the spot's pixels are at full scale: its centre cannot be trusted."""
     AT_EDGE = 10

@@ -1,0 +1,64 @@
+"""Whether an image looks as the stated attitude of the camera says it should, from where the filter believes to be.
+
+A fix does not depend on the attitude, so that an attitude that is wrong, or a target that turns, goes unseen: the track
+then follows a frame that turns with the target. Here the spots of A, B and C are predicted from the updated state, and
+two things are compared that the fix has not used: where the three lie in the image in the mean, and how the line from B
+to A lies.
+"""
+
+from relnav.arrays import Matrix, Record
+from relnav.codegen.kernel import kernel
+from relnav.estimation.rows import pair_covariance
+from relnav.navigation.beacon_geometry import see_beacon
+from relnav.navigation.memory import FIX, Memory
+
+
+@kernel
+def _roll_is_credible(sensor: Record, spots: Matrix, predicted: Matrix, noise: float, limit: float) -> bool:
+    """Whether the line from B to A lies in the image as predicted; noise: variance of a spot's coordinate."""
+    x, y = predicted[0, 0] - predicted[1, 0], predicted[0, 1] - predicted[1, 1]
+    across = x * (spots[0, 1] - spots[1, 1]) - y * (spots[0, 0] - spots[1, 0])
+    length2 = x * x + y * y
+    variance = 2.0 * noise / length2 + sensor["attitude_sigma"] ** 2
+    return bool(across * across <= limit * variance * length2 * length2)
+
+
+@kernel
+def attitude_is_credible(m: Memory, track: Record, spots: Matrix) -> bool:
+    """Whether the image (n, 2) m agrees with the stated attitude, at the gate's probability; True where none is stated.
+
+    The mean of the three residuals has the covariance H P H^T + R + sigma^2 E E^T, E = d(spot) / d(small turn of the
+    camera): the state's error and the spots' are nearly independent, because the spots' mean says nothing of a fix.
+    """
+    sensor = m.sensor
+    if sensor["method"] != FIX or sensor["attitude_known"] == 0:
+        return True
+    predicted, numbers, rows = m.scratch["three"], m.scratch["columns"], m.scratch["six"]
+    residual, variance, one = numbers[0], numbers[1], numbers[2]
+    gradient, own_gradient = rows[0:2], rows[2:4]
+    f, noise, u, v = sensor["focal_length"], 0.0, 0.0, 0.0
+    for k in range(2):
+        residual[k], variance[k] = 0.0, 0.0
+        for j in range(3):
+            gradient[k, j] = 0.0
+    for i in range(3):
+        beacon = m.beacons[i]
+        see_beacon(track["state"], m.kept["mount"], beacon["position"], f, spots[i], one, own_gradient)
+        for k in range(2):
+            residual[k] += one[k] / 3.0
+            predicted[i, k] = spots[i, k] - one[k]
+            own = beacon["spot_sigma"][k] ** 2 + beacon["lasting_sigma"] ** 2
+            variance[k] += own / 9.0
+            noise += own / 6.0
+            for j in range(3):
+                gradient[k, j] += own_gradient[k, j] / 3.0
+        u, v = u + predicted[i, 0] / 3.0, v + predicted[i, 1] / 3.0
+    turn = sensor["attitude_sigma"] ** 2  # E = ((-u v / f, f + u^2 / f, -v), (-f - v^2 / f, u v / f, u))
+    variance[0] += turn * ((u * v / f) ** 2 + (f + u * u / f) ** 2 + v * v)
+    variance[1] += turn * ((f + v * v / f) ** 2 + (u * v / f) ** 2 + u * u)
+    both = turn * u * v * (1.0 + (u * u + v * v) / (f * f))
+    xx, xy, yy = pair_covariance(track["ld"], gradient, variance, both)
+    x, y = residual[0], residual[1]
+    if x * x * yy - 2.0 * x * y * xy + y * y * xx > m.gate[1] * (xx * yy - xy * xy):
+        return False
+    return _roll_is_credible(sensor, spots, predicted, noise, m.gate[0])
