@@ -12,7 +12,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Flags, Matrix
+from relnav.arrays import Flags, Matrix, numbers
 from relnav.sensors.measurement import Status
 
 Positive = Annotated[float, Gt(0.0)]
@@ -208,7 +208,7 @@ def _joined(mask: Flags, row: int, column: int) -> Flags:
 
 
 def _checked(image: ArrayLike) -> Matrix:
-    g = np.asarray(image, dtype=np.float64)
+    g = numbers("image", image)
     if g.ndim != 2 or min(g.shape) < 4 or not np.all(np.isfinite(g)):
         raise ValueError(f"an image has two axes (rows, columns) of 4 px or more, finite counts; got shape {g.shape}")
     return g

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix, Vector, numbers
 from relnav.geometry.projection_angles import (
     direction_from_angles,
     direction_from_tangents,
@@ -110,7 +110,7 @@ def calibrate(
     """
     if method not in METHODS:
         raise ValueError(f"method is one of {', '.join(METHODS)}; got {method!r}")
-    xy, s = np.asarray(spots_px, dtype=np.float64), np.asarray(directions, dtype=np.float64)
+    xy, s = numbers("spots_px", spots_px), numbers("directions", directions)
     angles = np.arctan(tangents_from_direction(s))
     sensor = start.sensor
     fit, choice, loss = None, None, 0.0

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix, Vector, numbers
 from relnav.geometry.projection_angles import tangents_from_direction
 from relnav.sensors.aps_sun.calibration import MARGIN_RAD, Calibration, as_built, spot_to_direction
 from relnav.sensors.aps_sun.sensor import ApsSunModel
@@ -44,7 +44,7 @@ def measure(
         For another shape.
     """
     used = as_built(model) if calibration is None else calibration
-    array = np.asarray(seen, dtype=np.float64)
+    array = numbers("seen", seen)
     if array.shape == (2,):
         spot, noise = array, used.spot_noise_px**2 * np.eye(2)
         status = Status.OK if np.all(np.isfinite(array)) else Status.NOT_SEEN
@@ -57,7 +57,7 @@ def measure(
         )
     if status is not Status.OK:
         return no_direction(status)
-    return direction_of_spot(spot + np.asarray(corner_px, dtype=np.float64), noise, model, used)
+    return direction_of_spot(spot + numbers("corner_px", corner_px), noise, model, used)
 
 
 def direction_of_spot(spot_px: Vector, covariance_px2: Matrix, model: ApsSunModel, used: Calibration) -> SunDirection:

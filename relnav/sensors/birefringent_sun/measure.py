@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
+from relnav.arrays import numbers
 from relnav.sensors.birefringent_sun.direction import direction_covariance, fit_two_spots, label_spots
 from relnav.sensors.birefringent_sun.sensor import BirefringentSunModel
 from relnav.sensors.birefringent_sun.spots import direction_of_transverse, metres
@@ -51,8 +52,10 @@ def measure(
         For another shape.
     """
     sensor = model.sensor
-    spots = np.asarray(seen, dtype=np.float64)
-    noise = sensor.spot_noise_px**2 * np.eye(4) if covariance_px2 is None else np.asarray(covariance_px2, dtype=float)
+    spots = numbers("seen", seen)
+    noise = sensor.spot_noise_px**2 * np.eye(4)
+    if covariance_px2 is not None:
+        noise = numbers("covariance_px2", covariance_px2)
     if noise.shape != (4, 4):
         raise ValueError(f"covariance_px2 has shape (4, 4); got {noise.shape}")
     if spots.ndim != 2 or (spots.shape != (2, 2) and min(spots.shape) < 4):
@@ -67,7 +70,7 @@ def measure(
         spots = np.array([[spot.x_px, spot.y_px] for spot in found])
         noise = np.zeros((4, 4))
         noise[:2, :2], noise[2:, 2:] = (spot.covariance_px2 for spot in found)
-    spots = spots + np.asarray(corner_px, dtype=np.float64)
+    spots = spots + numbers("corner_px", corner_px)
     if not np.all(np.isfinite(spots)):
         return no_direction(Status.NOT_SEEN)
     if np.any((spots < -0.5) | (spots > np.array(sensor.detector_size_px) - 0.5)):

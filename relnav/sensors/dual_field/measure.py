@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Codes, Matrix, Vector
+from relnav.arrays import Codes, Matrix, Vector, number, numbers, one_piece
 from relnav.geometry.rotation import quaternion_from_dcm
 from relnav.geometry.star_places import LIGHT_KM_S
 from relnav.sensors.dual_field.frame_solver import (
@@ -73,7 +73,7 @@ def measure(
         For arrays of the wrong shape, both flux and magnitude, or two fields without a velocity.
     """
     spots, mag, velocity = _checked(spots_px, model, flux, magnitude, velocity_km_s)
-    n, sky, parameters = len(spots), model.sky(epoch_jyear), model.parameters
+    n, sky, parameters = len(spots), model.sky(_epoch(epoch_jyear)), model.parameters
     if velocity is not None or mag is None:
         parameters = parameters.copy()
         if velocity is not None:
@@ -147,14 +147,15 @@ def track(
     ValueError
         As `measure`, and for a prior that is no rotation or too wide.
     """
-    A = np.ascontiguousarray(dcm_prior, dtype=np.float64)
+    A = one_piece("dcm_prior", dcm_prior)
     quaternion_from_dcm(A)  # refuses what is not a rotation
+    sigma_prior_rad = number("sigma_prior_rad", sigma_prior_rad)
     if not 0.0 < sigma_prior_rad <= WIDEST_PRIOR_RAD:
         raise ValueError(f"sigma_prior_rad is above 0 and up to {WIDEST_PRIOR_RAD:g} rad; got {sigma_prior_rad}")
     ready = _prepare(spots_px, model, flux, magnitude, velocity_km_s)
     solution = track_rays(
         ready.rays,
-        model.sky(epoch_jyear),
+        model.sky(_epoch(epoch_jyear)),
         A,
         sigma_prior_rad,
         sigma_rad=ready.sigma_rad,
@@ -187,7 +188,7 @@ def _checked(
     velocity_km_s: ArrayLike | None,
 ) -> tuple[Matrix, Vector | None, Vector | None]:
     """Spots, magnitudes and velocity as arrays, or a ValueError that says what is wrong with them."""
-    spots = np.ascontiguousarray(spots_px, dtype=np.float64)
+    spots = one_piece("spots_px", spots_px)
     if spots.ndim != 2 or spots.shape[1] != 2:
         raise ValueError(f"spots_px has shape (n, 2), columns x, y in pixels; got {spots.shape}")
     if not isinstance(model, StarSensor):
@@ -217,9 +218,13 @@ def _prepare(
     return _Ready(rays(points), sigma, None if mag is None else mag[order], fold, velocity, order, len(spots))
 
 
+def _epoch(jyear: float | None) -> float | None:
+    return None if jyear is None else number("epoch_jyear", jyear)
+
+
 def observer_velocity(value: ArrayLike) -> Vector:
     """A velocity (3,) km/s that stars can be seen from, or a ValueError that says so."""
-    vector = np.asarray(value, dtype=np.float64)
+    vector = numbers("velocity_km_s", value)
     if vector.shape != (3,) or not np.all(np.isfinite(vector)):
         raise ValueError(f"velocity_km_s is three finite numbers; got {vector.tolist()}")
     if np.abs(vector).max() > FASTEST_KM_S or np.linalg.norm(vector) > FASTEST_KM_S:
@@ -236,9 +241,9 @@ def spot_magnitudes(
     given = flux if flux is not None else magnitude
     if given is None:
         return None
-    values = np.asarray(given, dtype=np.float64)
+    name = "flux" if flux is not None else "magnitude"
+    values = one_piece(name, given)
     if values.shape != (spots,):
-        name = "flux" if flux is not None else "magnitude"
         raise ValueError(f"{name} has one number a spot, shape ({spots},); got {values.shape}")
     if flux is None:
         return values
@@ -249,7 +254,7 @@ def spot_magnitudes(
 
 def usable_spots(spots: Matrix, magnitude: Vector | None, size_px: tuple[float, float]) -> Codes:
     """Indices of the spots that can be used, brightest first, at most `MOST_SPOTS`."""
-    half = 0.5 * np.asarray(size_px, dtype=np.float64)
+    half = 0.5 * np.array(size_px)
     order = np.empty(len(spots), dtype=np.int64)
     given = NO_MAGNITUDE if magnitude is None else np.ascontiguousarray(magnitude)
     count = usable_spots_into(np.ascontiguousarray(spots), given, float(half[0]), float(half[1]), order)

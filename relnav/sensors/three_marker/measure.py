@@ -5,7 +5,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix
+from relnav.arrays import Matrix, numbers
 from relnav.geometry.pose_refinement import invertible, pose_information
 from relnav.sensors.measurement import Status
 from relnav.sensors.three_marker.as_published import small_angle
@@ -148,7 +148,7 @@ def measure_image(image_dn: ArrayLike, model: HasImager, *, prior: Pose | None =
     ValueError
         If the image does not have the camera's size.
     """
-    image = np.asarray(image_dn)
+    image = numbers("image_dn", image_dn)
     width, height = model.camera.image_size_px
     if image.shape != (height, width):
         raise ValueError(f"image_dn has shape (height, width) = {(height, width)}; got {image.shape}")
@@ -165,13 +165,13 @@ def measure_image(image_dn: ArrayLike, model: HasImager, *, prior: Pose | None =
 def _checked(
     spots_px: ArrayLike, spot_covariance_px2: ArrayLike | None, markers: int | None
 ) -> tuple[Matrix, Matrix | None]:
-    spots = np.array(spots_px, dtype=np.float64)
+    spots = numbers("spots_px", spots_px)
     if spots.ndim != 2 or spots.shape[1] != 2 or (markers is not None and len(spots) != markers):
         want = "(n, 2)" if markers is None else f"({markers}, 2), one row a marker"
         raise ValueError(f"spots_px has shape {want}, columns x, y in px; got {spots.shape}")
     if spot_covariance_px2 is None:
         return spots, None
-    covariance = np.array(spot_covariance_px2, dtype=np.float64)
+    covariance = numbers("spot_covariance_px2", spot_covariance_px2)
     if covariance.shape != (len(spots), 2, 2):
         raise ValueError(f"spot_covariance_px2 has shape ({len(spots)}, 2, 2), one a spot; got {covariance.shape}")
     return spots, covariance

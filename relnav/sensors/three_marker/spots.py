@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage
 
-from relnav.arrays import Codes, Flags, Matrix, Stack, Vector
+from relnav.arrays import Codes, Flags, Matrix, Stack, Vector, numbers
 from relnav.sensors.three_marker.sensor import Imager
 
 _RIM = 0.5  # of the threshold: pixels above it that touch one above the threshold are of the same blob
@@ -81,7 +81,7 @@ def find_spots(image_dn: ArrayLike, imager: Imager) -> Spots:
     ValueError
         If the image is not two-dimensional.
     """
-    image = np.array(image_dn, dtype=np.float64)
+    image = numbers("image_dn", image_dn).copy()
     if image.ndim != 2 or image.size == 0:
         raise ValueError(f"image_dn has shape (height, width); got {image.shape}")
     background, noise = _background(image, imager)
