@@ -56,8 +56,8 @@ class PatentTables:
     rows: Stack
     limit_deg: int
 
-    def tangents_with_slope(self, x_px: float, y_px: float) -> tuple[Vector, Matrix]:
-        """(tan alpha, tan beta) (2,) at one spot and d(tangents)/d(spot px) (2, 2), the slope of the first stage.
+    def tangents_with_slope(self, x_px: float, y_px: float) -> Matrix:
+        """(2, 3) at one spot, rows alpha and beta: the tangent and its derivatives by x and y, of the first stage.
 
         The second stage changes the slope by some 2 %, and has none where its row changes.
         """
@@ -65,7 +65,7 @@ class PatentTables:
         ends = spot + SLOPE_STEP_PX * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
         at_ends = np.tan(stage_one_angles(self, ends))
         slope = np.stack([at_ends[0] - at_ends[1], at_ends[2] - at_ends[3]], axis=1) / (2.0 * SLOPE_STEP_PX)
-        return np.tan(patent_angles(self, spot[None])[0][0]), slope
+        return np.column_stack([np.tan(patent_angles(self, spot[None])[0][0]), slope])
 
 
 def paraxial(spots_px: ArrayLike, tangents: ArrayLike) -> tuple[Vector, float]:

@@ -8,7 +8,7 @@ from scipy.special import chdtri
 
 from relnav.arrays import Matrix, Vector
 from relnav.sensors.measurement import Status
-from relnav.sensors.three_marker.pose import Pose, Root, root_gap_rad
+from relnav.sensors.three_marker.pose import Pose, Root
 
 AMBIGUITY_LIMIT = 2.0 * math.log(1e4)
 """Twice the log of the odds, ten thousand to one, at which the first root is believed alone."""
@@ -68,11 +68,13 @@ class PoseMeasurement:
         return Pose(self.position_m, self.dcm_cam_from_target, self.covariance)
 
 
-def judged(roots: list[Root], labels: list[int], count: int, *, gaussian: bool, gated: bool = True) -> PoseMeasurement:
+def judged(
+    roots: list[Root], labels: list[int], count: int, gap_rad: float, *, gaussian: bool, gated: bool = True
+) -> PoseMeasurement:
     """Measurement of ranked roots: the first one's value if it can be believed.
 
-    count: spots used; gaussian: whether the first root's covariance describes its error; gated: whether a large misfit
-    is a reason not to believe it.
+    count: spots used; gap_rad: angle from the first root to the nearest other one; gaussian: whether the first root's
+    covariance describes its error; gated: whether a large misfit is a reason not to believe it.
     """
     if not roots:
         return no_measurement(Status.NO_CONVERGENCE, labels)
@@ -95,7 +97,7 @@ def judged(roots: list[Root], labels: list[int], count: int, *, gaussian: bool, 
         best.covariance,
         status,
         ambiguity,
-        root_gap_rad(roots),
+        gap_rad,
         roots[0].misfit,
         dof,
         tuple(roots),
