@@ -14,7 +14,7 @@ from relnav.sensors.birefringent_sun.spots import ordinary_scale, two_spots_into
 
 PASSES = 6
 NO_FIT = 1e300
-WORK_ROWS = 13
+WORK_ROWS = 11
 """Rows of four numbers of scratch that `fit_pair` needs."""
 _SYMMETRIC = 1e-9
 
@@ -42,7 +42,7 @@ def fit_pair(spots: Vector, covariance: Matrix, first: int, plate: Vector, work:
 
     spots (4,) m and covariance (4, 4) m^2 of (x, y, x, y); the ordinary spot is that of coordinates `first` (0 or 2)
     and `first` + 1. Writes s_x, s_y, their covariance (xx, xy, yy) and chi2 into out (6,): NaN where no direction in
-    front explains the spots. work (13, 4) is scratch. Gauss-Newton from the ordinary spot, on coordinates made
+    front explains the spots. work (11, 4) is scratch. Gauss-Newton from the ordinary spot, on coordinates made
     independent by the covariance's Cholesky factor.
     """
     factor, J, along, across, miss, x = work[0:4], work[4:6].reshape((4, 2)), work[6], work[7], work[8], work[9]

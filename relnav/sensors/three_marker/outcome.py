@@ -2,9 +2,9 @@
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
-from scipy.special import chdtri
 
 from relnav.arrays import Matrix, Vector
 from relnav.sensors.measurement import Status
@@ -68,6 +68,14 @@ class PoseMeasurement:
         return Pose(self.position_m, self.dcm_cam_from_target, self.covariance)
 
 
+@cache
+def largest_misfit(dof: int) -> float:
+    """Chi-square of so many degrees of freedom that chance exceeds once in a million times."""
+    from scipy.special import chdtri  # half a second for those who only load a model
+
+    return float(chdtri(dof, MISFIT_PROBABILITY))
+
+
 def judged(
     roots: list[Root], labels: list[int], count: int, gap_rad: float, *, gaussian: bool, gated: bool = True
 ) -> PoseMeasurement:
@@ -81,7 +89,7 @@ def judged(
     best, dof = roots[0].pose, 2 * count - 6
     ambiguity = roots[1].score - roots[0].score if len(roots) > 1 else math.inf
     status = Status.OK
-    if gated and dof > 0 and roots[0].misfit > float(chdtri(dof, MISFIT_PROBABILITY)):
+    if gated and dof > 0 and roots[0].misfit > largest_misfit(dof):
         status = Status.NO_CONVERGENCE
     elif ambiguity < AMBIGUITY_LIMIT:
         status = Status.OUTSIDE_DOMAIN

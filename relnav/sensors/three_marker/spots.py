@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import ndimage
 
 from relnav.arrays import Codes, Flags, Matrix, Stack, Vector, numbers
 from relnav.sensors.three_marker.sensor import Imager
@@ -81,6 +80,8 @@ def find_spots(image_dn: ArrayLike, imager: Imager) -> Spots:
     ValueError
         If the image is not two-dimensional.
     """
+    from scipy import ndimage  # as late as this: who only loads a model has no image
+
     image = numbers("image_dn", image_dn).copy()
     if image.ndim != 2 or image.size == 0:
         raise ValueError(f"image_dn has shape (height, width); got {image.shape}")
@@ -122,6 +123,8 @@ def _measure_blob(
     image: Matrix, signal: Matrix, labels: Codes, k: int, place: tuple[slice, ...], noise: float, imager: Imager
 ) -> _Blob | None:
     """Centroid, moments and flags of blob k; None for a hot pixel."""
+    from scipy import ndimage
+
     height, width = image.shape
     rows = slice(max(0, place[0].start - _MARGIN_PX), min(height, place[0].stop + _MARGIN_PX))
     columns = slice(max(0, place[1].start - _MARGIN_PX), min(width, place[1].stop + _MARGIN_PX))
@@ -161,6 +164,8 @@ def _measure_blob(
 
 def _has_several_peaks(signal: Matrix, core: Flags, variance: float) -> bool:
     """Whether a blob has two peaks with a dip between them that noise does not explain."""
+    from scipy import ndimage
+
     dip = _LEAST_DIP * float(np.sqrt(variance))
     top = float(signal[core].max())
     for level in np.linspace(top - dip, dip, 8):
