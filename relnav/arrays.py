@@ -1,9 +1,15 @@
-"""Names for arrays: float64 throughout, the shape said in words because the type system cannot hold it."""
+"""Names for arrays, and the one place that takes numbers from a caller.
 
+Inside, arrays are float64 throughout, the shape said in words because the type system cannot hold it. What a caller
+hands over can be anything that numpy reads; a number that is missing there is NaN here, and what is not a real number
+is refused, because numpy alone would drop masks, imaginary parts and units of time without a word.
+"""
+
+import sys
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Vector: TypeAlias = NDArray[np.float64]
 """One axis: a position (3,), a state (6,), values over epochs (n,)."""
@@ -22,3 +28,92 @@ Codes: TypeAlias = NDArray[np.int64]
 
 Record: TypeAlias = Any
 """One record of a structured type, or an array of them: fields by name (`record["state"]`)."""
+
+_FLOAT = np.dtype(np.float64)
+_REAL_KINDS = "biuf"
+_NOT_REAL = {
+    "c": "complex numbers: give their real part if that is meant",
+    "M": "dates (datetime64): give seconds, (t - t[0]) / np.timedelta64(1, 's')",
+    "m": "spans of time (timedelta64): give seconds, t / np.timedelta64(1, 's')",
+    "U": "text: convert it to numbers first",
+    "S": "text: convert it to numbers first",
+    "T": "text: convert it to numbers first",
+    "V": "records with fields: give one array of numbers",
+}
+
+
+def numbers(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    """A caller's numbers as float64, of any shape; the array itself, not a copy, where it is that already.
+
+    What is masked (`numpy.ma`), None or pandas' NA is a missing value, NaN: of a spot, one that was not seen.
+
+    Raises
+    ------
+    ValueError
+        For what is not real numbers, rows of unequal length, or an integer beyond the largest float; `name` says in
+        the sentence which argument it was.
+    """
+    if type(value) is np.ndarray and value.dtype is _FLOAT:
+        return value
+    mask: Any = None
+    try:
+        if not _is_masked(value):
+            given = np.asarray(value)
+        elif isinstance(value, np.ma.MaskedArray):
+            given, mask = np.ma.getdata(value), np.ma.getmaskarray(value)
+        else:
+            given = np.asarray([numbers(name, item) for item in value])  # type: ignore[union-attr]
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} holds numbers in rows of one length: {error}") from None
+    if given.dtype.kind == "O":
+        missing = np.zeros(given.shape, dtype=bool) if mask is None else mask
+        items = [np.nan if out else _real(name, item) for item, out in zip(given.flat, missing.flat, strict=True)]
+        return np.array(items, dtype=np.float64).reshape(given.shape)
+    if given.dtype.kind not in _REAL_KINDS:
+        raise ValueError(f"{name} holds real numbers; got {_NOT_REAL.get(given.dtype.kind, str(given.dtype))}")
+    with np.errstate(over="ignore"):  # beyond the largest float: infinite, and refused or not seen as that
+        array: NDArray[np.float64] = given.astype(np.float64, copy=mask is not None)
+    if mask is not None:
+        array[mask] = np.nan
+    return array
+
+
+def number(name: str, value: float) -> float:
+    """A caller's single number; ValueError for anything else, as `numbers`."""
+    if type(value) is float:
+        return value
+    array = numbers(name, value)
+    if array.shape != ():
+        raise ValueError(f"{name} is one number; got an array of shape {array.shape}")
+    return float(array)
+
+
+def one_piece(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    """`numbers` in one piece of memory that may be written: kernels compile anew for any other kind of array."""
+    array = numbers(name, value)
+    flags = array.flags
+    return array if flags.c_contiguous and flags.writeable else array.copy(order="C")
+
+
+def _is_masked(value: Any) -> bool:
+    """Whether there is a mask in an array, or in an array or number of a list."""
+    if "numpy.ma" not in sys.modules:  # nobody can have made one, and importing it takes time
+        return False
+    if isinstance(value, (list, tuple)):
+        return any(_is_masked(item) for item in value)
+    return isinstance(value, np.ma.MaskedArray)
+
+
+def _real(name: str, item: Any) -> float:
+    """One Python object as a float; NaN for a missing value."""
+    if item is None or type(item).__name__ == "NAType":  # pandas' NA, without importing pandas
+        return float("nan")
+    kind = item.dtype.kind if isinstance(item, np.generic) else "U" if isinstance(item, (str, bytes)) else "O"
+    if kind in _NOT_REAL:
+        raise ValueError(f"{name} holds real numbers; got {_NOT_REAL[kind]}")
+    try:
+        return float(item)
+    except OverflowError:
+        raise ValueError(f"{name} holds a number beyond the largest float, 1.8e308") from None
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} holds real numbers; got a {type(item).__name__} among them") from None

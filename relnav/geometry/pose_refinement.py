@@ -21,7 +21,7 @@ UNSETTLED = -2
 _MAX_STEPS = 60
 _SETTLED = 1e-12  # of chi-square: a step that promises less is the last, a millionth of a sigma
 _LEAST_DAMPING = 1e-6
-_PIVOT = 1e-13  # of its diagonal: a smaller Cholesky pivot is a direction that the points do not see
+PIVOT = 1e-13  # of its diagonal: a smaller Cholesky pivot is a direction that the points do not see
 
 
 @kernel
@@ -77,7 +77,7 @@ def pose_information(
 
 def invertible(information: Matrix) -> bool:
     """Whether an information matrix (6, 6) fixes all six directions of a pose beyond rounding."""
-    return bool(cholesky(information, _PIVOT, np.empty((6, 6))))
+    return bool(cholesky(information, PIVOT, np.empty((6, 6))))
 
 
 @kernel
@@ -110,7 +110,7 @@ def refine_pose(
             step[i] = gradient[i]
             for j in range(6):
                 damped[i, j] = information[i, j] * (1.0 + damping if i == j else 1.0)
-        solved = solve_positive(damped, step, _PIVOT, factor)
+        solved = solve_positive(damped, step, PIVOT, factor)
         fall, now = 0.0, math.inf
         if solved:
             for i in range(6):

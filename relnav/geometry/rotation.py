@@ -27,9 +27,15 @@ def dcm_from_quaternion(quaternion: Vector) -> Matrix:
 
 def is_rotation(dcm: Matrix) -> bool:
     """Whether a matrix is a rotation (3, 3): finite, orthonormal to 1e-6 in every entry, determinant +1."""
-    if dcm.shape != (3, 3) or not np.abs(dcm).max() < 2.0:
+    if dcm.shape != (3, 3):
         return False
-    return bool(np.abs(dcm @ dcm.T - np.eye(3)).max() < 1e-6) and bool(np.linalg.det(dcm) > 0.0)
+    (a, b, c), (d, e, f), (g, h, i) = dcm.tolist()
+    off = (
+        a * a + b * b + c * c - 1.0, d * d + e * e + f * f - 1.0, g * g + h * h + i * i - 1.0,
+        a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i,
+    )  # fmt: skip
+    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    return all(abs(value) < 1e-6 for value in off) and determinant > 0.0
 
 
 def quaternion_from_dcm(dcm: Matrix) -> Vector:

@@ -12,8 +12,9 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Flags, Matrix
-from relnav.sensors.measurement import Status
+from relnav.arrays import Codes, Matrix, Vector, numbers, one_piece
+from relnav.codegen.kernel import kernel
+from relnav.sensors.measurement import OK, Status
 
 Positive = Annotated[float, Gt(0.0)]
 NonNegative = Annotated[float, Ge(0.0)]
@@ -24,6 +25,10 @@ SEEN_SIGMAS = 6.0
 MOST_SATURATED = 0.2
 SHAPE_ERROR_PX = 0.003
 """1-sigma of what the subtracted threshold leaves, over the spot's place within a pixel (up to 0.006 px)."""
+SHAPE_VARIANCE_PX2 = SHAPE_ERROR_PX**2
+SATURATED, AT_EDGE = int(Status.SATURATED), int(Status.AT_EDGE)
+ORIGIN = (0.0, 0.0)
+"""Corner of a window that is the whole detector."""
 
 
 @dataclass(frozen=True)
@@ -156,59 +161,101 @@ def centroids(
     if not 0.0 <= threshold <= 0.9:
         raise ValueError(f"threshold is a share of the peak between 0 and 0.9; got {threshold}")
     g = _checked(image)
-    border = np.concatenate([g[0], g[-1], g[1:-1, 0], g[1:-1, -1]])
-    level = float(np.median(border)) if background is None else background
+    level = _border_level(g) if background is None else background
     signal = level - g if dark else g - level
     gain = readout.electrons_per_count
     quiet = math.sqrt(readout.read_noise_e**2 + max(level, 0.0) * gain) / gain + 1.0 / math.sqrt(12.0)
-    found = []
+    noise = np.array([gain, readout.read_noise_e, readout.response_nonuniformity, readout.full_scale])
+    queue, found = np.empty(g.size, dtype=np.int64), []
     for _ in range(count):
-        row, column = (int(k) for k in np.unravel_index(int(np.argmax(signal)), g.shape))
-        peak = float(signal[row, column])
+        brightest = int(signal.argmax())
+        peak = float(signal.flat[brightest])
         if not peak > SEEN_SIGMAS * quiet:
             found.append(_none(Status.NOT_SEEN))
             continue
-        cut = max(threshold * peak, NOISE_SIGMAS * quiet)
-        used = _joined(signal > cut, row, column)
-        found.append(_centre(g, signal, used, cut, readout))
-        signal = np.where(used, 0.0, signal)
+        cut, out = max(threshold * peak, NOISE_SIGMAS * quiet), np.empty(6)
+        status = Status(centre_of_blob(g, signal, float(level), cut, brightest, noise, queue, out))
+        found.append(_none(status) if status is not Status.OK else _spot(out))
     return tuple(found)
 
 
-def _centre(g: Matrix, signal: Matrix, used: Flags, cut: float, readout: SpotImage) -> Spot:
-    """Centre of the pixels `used`, with the threshold subtracted."""
-    rows, columns = np.indices(g.shape)
-    weight = np.where(used, signal - cut, 0.0)
-    total = float(weight.sum())
-    x, y = float(np.sum(weight * columns)) / total, float(np.sum(weight * rows)) / total
-    if np.any(used[[0, -1], :]) or np.any(used[:, [0, -1]]):
-        return _none(Status.AT_EDGE)
-    if np.mean(g[used] >= readout.full_scale) > MOST_SATURATED:
-        return _none(Status.SATURATED)
-    gain = readout.electrons_per_count
-    variance = (readout.read_noise_e**2 + np.maximum(g, 0.0) * gain) / gain**2 + 1.0 / 12.0
-    variance = np.where(used, variance + (readout.response_nonuniformity * signal) ** 2, 0.0)
-    arm = np.stack([columns - x, rows - y])
-    covariance = np.einsum("iab,jab,ab->ij", arm, arm, variance) / total**2 + SHAPE_ERROR_PX**2 * np.eye(2)
+@kernel
+def centre_of_blob(
+    g: Matrix, signal: Matrix, level: float, cut: float, brightest: int, noise: Vector, queue: Codes, out: Vector
+) -> int:
+    """Centre of the pixels with signal above the cut that hang together with the brightest; a Status code.
+
+    g (rows, columns) counts, signal |g - level| of them, set to zero where it was used; brightest: place in the image.
+    noise (4,): electrons per count, read noise e, non-uniformity, largest count. queue (rows columns,) is scratch.
+    Writes x, y, the covariance (xx, xy, yy) and the flux e into out (6,). The cut is subtracted from every pixel.
+    """
+    rows, columns = g.shape
+    gain, read, uneven, full_scale = noise[0], noise[1], noise[2], noise[3]
+    queue[0], count, done, full, edge = brightest, 1, 0, 0, False
+    signal[brightest // columns, brightest % columns] = 0.0
+    total, sum_x, sum_y = 0.0, 0.0, 0.0
+    while done < count:
+        y, x = queue[done] // columns, queue[done] % columns
+        done += 1
+        weight = abs(g[y, x] - level) - cut
+        total, sum_x, sum_y = total + weight, sum_x + weight * x, sum_y + weight * y
+        full += g[y, x] >= full_scale
+        edge = edge or x == 0 or y == 0 or x == columns - 1 or y == rows - 1
+        for side in range(4):
+            q, p = y + (0, 0, 1, -1)[side], x + (1, -1, 0, 0)[side]
+            if 0 <= q < rows and 0 <= p < columns and signal[q, p] > cut:
+                signal[q, p] = 0.0
+                queue[count] = q * columns + p
+                count += 1
+    if edge:
+        return AT_EDGE
+    if full > MOST_SATURATED * count:
+        return SATURATED
+    centre_x, centre_y = sum_x / total, sum_y / total
+    xx, xy, yy = 0.0, 0.0, 0.0
+    for k in range(count):
+        y, x = queue[k] // columns, queue[k] % columns
+        variance = (read * read + max(g[y, x], 0.0) * gain) / (gain * gain) + 1.0 / 12.0
+        variance += (uneven * (g[y, x] - level)) ** 2
+        dx, dy = x - centre_x, y - centre_y
+        xx, xy, yy = xx + dx * dx * variance, xy + dx * dy * variance, yy + dy * dy * variance
+    squared = total * total
+    out[0], out[1], out[5] = centre_x, centre_y, total * gain
+    out[2], out[3], out[4] = xx / squared + SHAPE_VARIANCE_PX2, xy / squared, yy / squared + SHAPE_VARIANCE_PX2
+    return OK
+
+
+def _border_level(g: Matrix) -> float:
+    """Median of the pixels along the window's border."""
+    border = np.concatenate([g[0], g[-1], g[1:-1, 0], g[1:-1, -1]])
+    border.sort()
+    half = len(border) // 2
+    return 0.5 * float(border[half - 1] + border[half])  # their number is even
+
+
+def _spot(found: Vector) -> Spot:
+    x, y, xx, xy, yy, flux = found.tolist()
+    covariance = np.array([[xx, xy], [xy, yy]])
     covariance.setflags(write=False)
-    return Spot(x, y, covariance, total * gain, Status.OK)
+    return Spot(x, y, covariance, flux, Status.OK)
 
 
 def _none(status: Status) -> Spot:
     return Spot(math.nan, math.nan, np.full((2, 2), math.nan), math.nan, status)
 
 
-def _joined(mask: Flags, row: int, column: int) -> Flags:
-    """The part of a mask that hangs together with one pixel."""
-    from scipy.ndimage import label
-
-    parts, _ = label(mask)
-    joined: Flags = parts == parts[row, column]
-    return joined
+def window_corner(corner_px: ArrayLike) -> tuple[float, float]:
+    """Detector coordinates (x, y) of a window's first pixel; ValueError for what is not two finite numbers."""
+    if corner_px is ORIGIN:
+        return ORIGIN
+    corner = numbers("corner_px", corner_px)
+    if corner.shape != (2,) or not np.isfinite(corner).all():
+        raise ValueError(f"corner_px is two finite numbers (x, y); got {corner.tolist()}")
+    return float(corner[0]), float(corner[1])
 
 
 def _checked(image: ArrayLike) -> Matrix:
-    g = np.asarray(image, dtype=np.float64)
+    g = one_piece("image", image)
     if g.ndim != 2 or min(g.shape) < 4 or not np.all(np.isfinite(g)):
         raise ValueError(f"an image has two axes (rows, columns) of 4 px or more, finite counts; got shape {g.shape}")
     return g

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix
+from relnav.arrays import Matrix, numbers
 from relnav.geometry.rotation import triad
 from relnav.geometry.rotation_vector import turned
 from relnav.sensors.sun_direction import SunDirection, attitude_observation
@@ -42,7 +42,7 @@ def attitude_from_sun_and_vector(
     ValueError
         If the two vectors are less than a degree apart or opposite: the roll about them is then not known.
     """
-    sun, second = np.asarray(sun_inertial, dtype=np.float64), np.asarray(second_inertial, dtype=np.float64)
+    sun, second = numbers("sun_inertial", sun_inertial), numbers("second_inertial", second_inertial)
     apart = math.atan2(float(np.linalg.norm(np.cross(sun, second))), abs(float(sun @ second)))
     if not apart >= CLOSEST_RAD:
         raise ValueError(f"the second vector lies {math.degrees(apart):.3g} deg from the sun line; 1 deg is the least")

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix, Vector, numbers
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.rotation import dcm_from_quaternion, is_rotation
 from relnav.sensors.measurement import Status
@@ -51,7 +51,7 @@ class SunDirection:
 
     def turned(self, dcm_b_from_a: ArrayLike) -> "SunDirection":
         """The same in other axes, v_b = dcm @ v_a: the body's with the mounting, inertial ones with the attitude."""
-        dcm = np.asarray(dcm_b_from_a, dtype=np.float64)
+        dcm = numbers("dcm_b_from_a", dcm_b_from_a)
         if not is_rotation(dcm):
             raise ValueError(f"a rotation matrix (3, 3) is expected; got {dcm.tolist()}")
         return replace(self, direction=_fixed(dcm @ self.direction), covariance=_fixed(dcm @ self.covariance @ dcm.T))
@@ -117,12 +117,12 @@ def attitude_observation(
     ValueError
         If the measurement is none (its status says why), or `sun_inertial` is not a unit vector.
     """
-    sun = np.asarray(sun_inertial, dtype=np.float64)
+    sun = numbers("sun_inertial", sun_inertial)
     if sun.shape != (3,) or abs(np.linalg.norm(sun) - 1.0) > 1e-6:
         raise ValueError(f"sun_inertial is a unit vector (3,); got {sun.tolist()}")
     if not measured_body.ok:
         raise ValueError(f"no observation without a measurement; its status is {measured_body.status.name}")
-    predicted = np.asarray(dcm_body_from_inertial, dtype=np.float64) @ sun
+    predicted = numbers("dcm_body_from_inertial", dcm_body_from_inertial) @ sun
     basis = tangent_basis(predicted)
     return AttitudeObservation(
         innovation=basis.T @ measured_body.direction,

@@ -1,17 +1,17 @@
 """From measured spots to a calibration: ray model, spline where the data ask for one, compiled to a table."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix, Vector, numbers
 from relnav.geometry.projection_angles import (
     direction_from_angles,
     direction_from_tangents,
-    direction_jacobian,
     tangents_from_direction,
 )
 from relnav.sensors.aps_sun.patent import PatentTables, fit_patent, patent_angles
@@ -19,12 +19,12 @@ from relnav.sensors.aps_sun.physical import PhysicalFit, fit_physical, parameter
 from relnav.sensors.aps_sun.rays import project, project_jacobian, tangents_from_spots
 from relnav.sensors.aps_sun.residual import ResidualChoice, SplineResidual, choose_spline
 from relnav.sensors.aps_sun.sensor import ApsSunModel
-from relnav.sensors.aps_sun.table import DirectionTable
+from relnav.sensors.aps_sun.table import DirectionTable, direction_into
 
 CELLS, MOST_CELLS = 16, 64
 MOST_LOSS_RAD = 1e-5
 """What compiling may cost, 0.0006 deg: cells are doubled until it is met."""
-MARGIN_RAD = np.radians(1.0)
+MARGIN_RAD = math.radians(1.0)
 """How far beyond the calibrated field a direction is still given."""
 METHODS = ("auto", "rays", "patent")
 
@@ -52,6 +52,11 @@ class Calibration:
     field_half_angle_rad: float
     spot_noise_px: float
     calibration_noise_px: float
+
+    @cached_property
+    def largest_tangent(self) -> float:
+        """Of the directions that are given."""
+        return math.tan(self.field_half_angle_rad + MARGIN_RAD)
 
 
 @dataclass(frozen=True)
@@ -110,7 +115,7 @@ def calibrate(
     """
     if method not in METHODS:
         raise ValueError(f"method is one of {', '.join(METHODS)}; got {method!r}")
-    xy, s = np.asarray(spots_px, dtype=np.float64), np.asarray(directions, dtype=np.float64)
+    xy, s = numbers("spots_px", spots_px), numbers("directions", directions)
     angles = np.arctan(tangents_from_direction(s))
     sensor = start.sensor
     fit, choice, loss = None, None, 0.0
@@ -181,8 +186,9 @@ def _compile_loss(table: DirectionTable, model: ApsSunModel, spline: SplineResid
 
 def spot_to_direction(calibration: Calibration, x_px: float, y_px: float) -> tuple[Vector, Matrix]:
     """Unit vector (3,) of a spot and its slope d(vector)/d(spot px) (3, 2); NaN outside the table."""
-    tangents, slope = calibration.form.tangents_with_slope(x_px, y_px)
-    return direction_from_tangents(tangents), direction_jacobian(tangents) @ slope
+    out = np.empty((6, 3))
+    direction_into(calibration.form.tangents_with_slope(x_px, y_px), 0.0, 0.0, 0.0, out)
+    return out[0], out[1:3].T
 
 
 def _tangents(model: ApsSunModel, spline: SplineResidual | None, x: Vector, y: Vector) -> Matrix:

@@ -1,14 +1,16 @@
 """The sensor's public call: an image of the sun spot, or its centre, in; the sun direction with covariance out."""
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Vector
-from relnav.geometry.projection_angles import tangents_from_direction
-from relnav.sensors.aps_sun.calibration import MARGIN_RAD, Calibration, as_built, spot_to_direction
+from relnav.arrays import Matrix, Vector, numbers
+from relnav.sensors.aps_sun.calibration import Calibration, as_built
 from relnav.sensors.aps_sun.sensor import ApsSunModel
+from relnav.sensors.aps_sun.table import direction_into
 from relnav.sensors.measurement import Status
-from relnav.sensors.spot_centroid import centroid
+from relnav.sensors.spot_centroid import ORIGIN, centroid, window_corner
 from relnav.sensors.sun_direction import SunDirection, direction_with_covariance, no_direction
 
 
@@ -17,7 +19,7 @@ def measure(
     model: ApsSunModel,
     *,
     calibration: Calibration | None = None,
-    corner_px: tuple[float, float] = (0.0, 0.0),
+    corner_px: tuple[float, float] = ORIGIN,
 ) -> SunDirection:
     """Direction of the sun in sensor axes, from one image or one spot.
 
@@ -41,33 +43,44 @@ def measure(
     Raises
     ------
     ValueError
-        For another shape.
+        For another shape, or what is not real numbers.
     """
-    used = as_built(model) if calibration is None else calibration
-    array = np.asarray(seen, dtype=np.float64)
+    used, (corner_x, corner_y) = as_built(model) if calibration is None else calibration, window_corner(corner_px)
+    array = numbers("seen", seen)
     if array.shape == (2,):
-        spot, noise = array, used.spot_noise_px**2 * np.eye(2)
-        status = Status.OK if np.all(np.isfinite(array)) else Status.NOT_SEEN
-    elif array.ndim == 2:
-        found = centroid(array, model.image)
-        spot, noise, status = np.array([found.x_px, found.y_px]), found.covariance_px2, found.status
-    else:
+        x, y = array.tolist()
+        if not math.isfinite(x + y):
+            return no_direction(Status.NOT_SEEN)
+        variance = used.spot_noise_px**2
+        return _direction(x + corner_x, y + corner_y, (variance, 0.0, variance), model, used)
+    if array.ndim != 2:
         raise ValueError(
             f"an image (rows, columns) of counts or a spot (2,) in px is expected; got shape {array.shape}"
         )
-    if status is not Status.OK:
-        return no_direction(status)
-    return direction_of_spot(spot + np.asarray(corner_px, dtype=np.float64), noise, model, used)
+    found = centroid(array, model.image)
+    if not found.ok:
+        return no_direction(found.status)
+    return direction_of_spot((found.x_px + corner_x, found.y_px + corner_y), found.covariance_px2, model, used)
 
 
-def direction_of_spot(spot_px: Vector, covariance_px2: Matrix, model: ApsSunModel, used: Calibration) -> SunDirection:
+def direction_of_spot(
+    spot_px: Vector | tuple[float, float], covariance_px2: Matrix, model: ApsSunModel, used: Calibration
+) -> SunDirection:
     """Direction of a spot (2,) with covariance (2, 2): P = D (R + c^2 I) D^T, D = d(direction)/d(spot), c of `used`."""
+    (xx, xy), (_, yy) = covariance_px2.tolist()
+    return _direction(float(spot_px[0]), float(spot_px[1]), (xx, xy, yy), model, used)
+
+
+def _direction(
+    x: float, y: float, covariance: tuple[float, float, float], model: ApsSunModel, used: Calibration
+) -> SunDirection:
     width, height = model.sensor.detector_size_px
-    if not (-0.5 <= spot_px[0] <= width - 0.5 and -0.5 <= spot_px[1] <= height - 0.5):
+    if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
         return no_direction(Status.OFF_DETECTOR)
-    s, slope = spot_to_direction(used, float(spot_px[0]), float(spot_px[1]))
-    limit = np.tan(used.field_half_angle_rad + MARGIN_RAD)
-    if not (s[2] > 0.0 and np.all(np.abs(tangents_from_direction(s)) <= limit)):
+    tangents, out = used.form.tangents_with_slope(x, y), np.empty((6, 3))
+    (alpha, _, _), (beta, _, _) = tangents.tolist()
+    if not (abs(alpha) <= used.largest_tangent and abs(beta) <= used.largest_tangent):
         return no_direction(Status.OUTSIDE_FIELD)
-    noise = covariance_px2 + used.calibration_noise_px**2 * np.eye(2)
-    return direction_with_covariance(s, slope @ noise @ slope.T)
+    (xx, xy, yy), more = covariance, used.calibration_noise_px**2
+    direction_into(tangents, xx + more, xy, yy + more, out)
+    return direction_with_covariance(out[0], out[3:])

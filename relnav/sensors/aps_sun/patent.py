@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Codes, Matrix, Stack, Vector
+from relnav.arrays import Codes, Matrix, Stack, Vector, numbers
 from relnav.codegen.kernel import kernel
 
 DEGREE = 7
@@ -56,8 +56,8 @@ class PatentTables:
     rows: Stack
     limit_deg: int
 
-    def tangents_with_slope(self, x_px: float, y_px: float) -> tuple[Vector, Matrix]:
-        """(tan alpha, tan beta) (2,) at one spot and d(tangents)/d(spot px) (2, 2), the slope of the first stage.
+    def tangents_with_slope(self, x_px: float, y_px: float) -> Matrix:
+        """(2, 3) at one spot, rows alpha and beta: the tangent and its derivatives by x and y, of the first stage.
 
         The second stage changes the slope by some 2 %, and has none where its row changes.
         """
@@ -65,7 +65,7 @@ class PatentTables:
         ends = spot + SLOPE_STEP_PX * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
         at_ends = np.tan(stage_one_angles(self, ends))
         slope = np.stack([at_ends[0] - at_ends[1], at_ends[2] - at_ends[3]], axis=1) / (2.0 * SLOPE_STEP_PX)
-        return np.tan(patent_angles(self, spot[None])[0][0]), slope
+        return np.column_stack([np.tan(patent_angles(self, spot[None])[0][0]), slope])
 
 
 def paraxial(spots_px: ArrayLike, tangents: ArrayLike) -> tuple[Vector, float]:
@@ -76,7 +76,7 @@ def paraxial(spots_px: ArrayLike, tangents: ArrayLike) -> tuple[Vector, float]:
     ValueError
         With fewer than three points there.
     """
-    spots, t = np.asarray(spots_px, dtype=np.float64), np.asarray(tangents, dtype=np.float64)
+    spots, t = numbers("spots_px", spots_px), numbers("tangents", tangents)
     near = np.all(np.abs(t) <= NEAR_AXIS_TAN * (1.0 + 1e-9), axis=-1)
     if near.sum() < 3:
         raise ValueError("the optical h needs three points or more within 2 deg of the axis")
@@ -115,15 +115,15 @@ def fit_patent(
     ValueError
         If the points are not each whole degree from -limit to limit on both axes, once; missing ones are named.
     """
-    alpha, beta = DEG * np.asarray(alpha_rad, dtype=np.float64), DEG * np.asarray(beta_rad, dtype=np.float64)
-    spots = np.asarray(spots_px, dtype=np.float64)
+    alpha, beta = DEG * numbers("alpha_rad", alpha_rad), DEG * numbers("beta_rad", beta_rad)
+    spots = numbers("spots_px", spots_px)
     order, limit = _whole_grid(alpha, beta)
     n = 2 * limit + 1
     xy, angles = spots[order], np.stack([alpha[order], beta[order]], axis=1)
     tangents = np.tan(angles / DEG)
     seen_zero, seen_h = paraxial(xy, tangents)
     h = seen_h if h_px is None else float(h_px)
-    zero = seen_zero if zero_spot_px is None else np.asarray(zero_spot_px, dtype=np.float64)
+    zero = seen_zero if zero_spot_px is None else numbers("zero_spot_px", zero_spot_px)
     d = xy - zero
     r = np.hypot(d[:, 0], d[:, 1])
     radial = np.empty((2, 3))
@@ -143,7 +143,7 @@ def fit_patent(
 
 def stage_one_angles(tables: PatentTables, spots_px: ArrayLike) -> Matrix:
     """(alpha, beta) after the first stage alone, eqs (4) and (7), (..., 2) rad."""
-    d = np.asarray(spots_px, dtype=np.float64) - np.array([tables.x0_px, tables.y0_px])
+    d = numbers("spots_px", spots_px) - np.array([tables.x0_px, tables.y0_px])
     return _stage_one(d, np.hypot(d[..., 0], d[..., 1]), tables.radial, tables.h_px) / DEG
 
 
@@ -155,7 +155,7 @@ def patent_angles(tables: PatentTables, spots_px: ArrayLike, *, rows: str = "rou
     """
     if rows not in ("round", "interpolate"):
         raise ValueError(f'rows must be "round" or "interpolate"; got {rows!r}')
-    spots = np.ascontiguousarray(spots_px, dtype=np.float64)
+    spots = numbers("spots_px", spots_px)
     if spots.ndim != 2 or spots.shape[1] != 2:
         raise ValueError(f"spots_px has shape (N, 2); got {spots.shape}")
     out = np.empty_like(spots)

@@ -8,7 +8,7 @@ detector axes turned by 180 deg (the spot at +h tan(angle)), the inward ray keep
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Flags, Matrix, Vector
+from relnav.arrays import Flags, Matrix, Vector, numbers
 from relnav.geometry.projection_angles import direction_from_tangents
 from relnav.geometry.refraction import leave_sphere, refract
 from relnav.sensors.aps_sun.sensor import ApsSunModel, Dome
@@ -30,7 +30,7 @@ def project(model: ApsSunModel, s: ArrayLike) -> Matrix:
     ValueError
         For another last axis, or vectors that are not of unit length within 1e-6.
     """
-    s = np.asarray(s, dtype=np.float64)
+    s = numbers("s", s)
     if s.shape[-1:] != (3,):
         raise ValueError(f"a direction has 3 components in its last axis; got shape {s.shape}")
     if np.any(np.abs(np.linalg.norm(s, axis=-1) - 1.0) > 1e-6):
@@ -63,7 +63,7 @@ def on_detector(model: ApsSunModel, spots_px: Matrix) -> Flags:
 
 def pinhole_angles(model: ApsSunModel, spots_px: ArrayLike) -> Matrix:
     """(alpha, beta) (..., 2) rad of spots by a plain hole at the optical height: what is to be compensated."""
-    offset = np.asarray(spots_px, dtype=np.float64) - np.array(model.sensor.zero_spot_px)
+    offset = numbers("spots_px", spots_px) - np.array(model.sensor.zero_spot_px)
     angles: Matrix = np.arctan(offset * (model.sensor.pixel_pitch_m / model.sensor.paraxial_height_m))
     return angles
 
@@ -81,7 +81,7 @@ def project_jacobian(model: ApsSunModel, tangents: Matrix) -> Matrix:
 
 def tangents_from_spots(model: ApsSunModel, spots_px: ArrayLike) -> Matrix:
     """(tan alpha, tan beta), (..., 2), that make the spots (..., 2) px: Newton on the trace; NaN where it fails."""
-    spots = np.asarray(spots_px, dtype=np.float64)
+    spots = numbers("spots_px", spots_px)
     if spots.shape[-1:] != (2,):
         raise ValueError(f"a spot has 2 coordinates (x, y px) in its last axis; got shape {spots.shape}")
     sensor = model.sensor

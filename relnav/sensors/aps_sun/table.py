@@ -63,31 +63,75 @@ class DirectionTable:
         spots = np.ascontiguousarray(spots_px, dtype=np.float64)
         out = np.empty((len(spots), 3))
         nx, ny = self.cells.shape[:2]
-        direction_batch(spots, self.grid, self.cells.reshape(nx * ny, 32), nx, ny, out)
+        direction_batch(spots, self.grid, self._rows, nx, ny, out)
         return out
 
-    def tangents_with_slope(self, x_px: float, y_px: float) -> tuple[Vector, Matrix]:
-        """(tan alpha, tan beta) (2,) at one spot and d(tangents)/d(spot px) (2, 2); NaN outside the grid."""
-        u = (np.array([x_px, y_px]) - self.grid[[0, 2]]) * self.grid[[1, 3]]
-        size = np.array(self.cells.shape[:2])
-        if not np.all((u >= 0.0) & (u <= size)):
-            return np.full(2, np.nan), np.full((2, 2), np.nan)
-        cell = np.minimum(u.astype(np.int64), size - 1)
-        powers = (u - cell)[:, None] ** np.arange(4)
-        slopes = np.concatenate([np.zeros((2, 1)), powers[:, :3] * np.arange(1, 4)], axis=1) * self.grid[[1, 3], None]
-        c = self.cells[cell[0], cell[1]]
-        value = np.einsum("aij,i,j->a", c, powers[0], powers[1])
-        along_x = np.einsum("aij,i,j->a", c, slopes[0], powers[1])
-        along_y = np.einsum("aij,i,j->a", c, powers[0], slopes[1])
-        return value, np.stack([along_x, along_y], axis=1)
+    def tangents_with_slope(self, x_px: float, y_px: float) -> Matrix:
+        """(2, 3) at one spot, rows alpha and beta: the tangent and its derivatives by x and y, 1/px; NaN outside."""
+        out = np.empty((2, 3))
+        nx, ny = self.cells.shape[:2]
+        tangents_into(x_px, y_px, self.grid, self._rows, nx, ny, out)
+        return out
+
+    @cached_property
+    def _rows(self) -> Matrix:
+        """The cells as the kernels read them, (nx ny, 32)."""
+        return self.cells.reshape(-1, 32)
+
+
+@kernel
+def bicubic(c: Vector, first: int, u: float, v: float) -> tuple[float, float, float]:
+    """Value of sum c_ij u^i v^j, 16 coefficients from `first` on, and its derivatives by u and v: Horner's scheme."""
+    value, along_u, along_v = 0.0, 0.0, 0.0
+    for step in range(4):
+        k = first + 12 - 4 * step
+        along_u = along_u * u + value
+        value = value * u + ((c[k + 3] * v + c[k + 2]) * v + c[k + 1]) * v + c[k]
+        along_v = along_v * u + (3.0 * c[k + 3] * v + 2.0 * c[k + 2]) * v + c[k + 1]
+    return value, along_u, along_v
+
+
+@kernel
+def tangents_into(x: float, y: float, grid: Vector, cells: Matrix, nx: int, ny: int, out: Matrix) -> None:
+    """Write (tan alpha, tan beta) of a spot and their derivatives into out (2, 3); NaN outside the grid."""
+    u, v = (x - grid[0]) * grid[1], (y - grid[2]) * grid[3]
+    if not (u >= 0.0 and u <= nx and v >= 0.0 and v <= ny):
+        for axis in range(2):
+            out[axis, 0] = out[axis, 1] = out[axis, 2] = math.nan
+        return
+    i, j = min(int(u), nx - 1), min(int(v), ny - 1)
+    for axis in range(2):
+        value, along_u, along_v = bicubic(cells[i * ny + j], 16 * axis, u - i, v - j)
+        out[axis, 0], out[axis, 1], out[axis, 2] = value, along_u * grid[1], along_v * grid[3]
+
+
+@kernel
+def direction_into(tangents: Matrix, xx: float, xy: float, yy: float, out: Matrix) -> None:
+    """Write a direction, its derivatives and its covariance into out (6, 3).
+
+    tangents (2, 3) as of `tangents_into`; xx, xy, yy px^2 of the spot. Row 0 is the unit vector s = (t, 1) / |(t, 1)|,
+    rows 1 and 2 D = ds/d(x, y) = (I - s s^T) dt / |(t, 1)|, rows 3 to 5 the covariance D R D^T.
+    """
+    a, b = tangents[0, 0], tangents[1, 0]
+    z = 1.0 / math.sqrt(1.0 + a * a + b * b)
+    out[0, 0], out[0, 1], out[0, 2] = a * z, b * z, z
+    for axis in range(2):
+        da, db = tangents[0, 1 + axis], tangents[1, 1 + axis]
+        along = z * (a * da + b * db)
+        out[1 + axis, 0] = z * (da - a * z * along)
+        out[1 + axis, 1] = z * (db - b * z * along)
+        out[1 + axis, 2] = -z * z * along
+    for i in range(3):
+        p, q = xx * out[1, i] + xy * out[2, i], xy * out[1, i] + yy * out[2, i]
+        for j in range(3):
+            out[3 + i, j] = p * out[1, j] + q * out[2, j]
 
 
 @kernel
 def direction_batch(spots: Matrix, grid: Vector, cells: Matrix, nx: int, ny: int, out: Matrix) -> None:
     """Write the unit vector of every spot (n, 2) px into out (n, 3); NaN outside the grid.
 
-    cells (nx ny, 32) are those of `DirectionTable` in one row a cell; written out, because literal places in a row are
-    what the compiler reads without looking at their sign.
+    cells (nx ny, 32) are those of `DirectionTable` in one row a cell.
     """
     x0, per_x, y0, per_y = grid[0], grid[1], grid[2], grid[3]
     for k in range(spots.shape[0]):
@@ -98,15 +142,8 @@ def direction_batch(spots: Matrix, grid: Vector, cells: Matrix, nx: int, ny: int
         i, j = min(int(u), nx - 1), min(int(v), ny - 1)
         u -= i
         v -= j
-        c = cells[i * ny + j]
-        tx = ((c[15] * v + c[14]) * v + c[13]) * v + c[12]
-        ty = ((c[31] * v + c[30]) * v + c[29]) * v + c[28]
-        tx = tx * u + ((c[11] * v + c[10]) * v + c[9]) * v + c[8]
-        ty = ty * u + ((c[27] * v + c[26]) * v + c[25]) * v + c[24]
-        tx = tx * u + ((c[7] * v + c[6]) * v + c[5]) * v + c[4]
-        ty = ty * u + ((c[23] * v + c[22]) * v + c[21]) * v + c[20]
-        tx = tx * u + ((c[3] * v + c[2]) * v + c[1]) * v + c[0]
-        ty = ty * u + ((c[19] * v + c[18]) * v + c[17]) * v + c[16]
+        tx = bicubic(cells[i * ny + j], 0, u, v)[0]
+        ty = bicubic(cells[i * ny + j], 16, u, v)[0]
         z = 1.0 / math.sqrt(1.0 + tx * tx + ty * ty)
         out[k, 0] = tx * z
         out[k, 1] = ty * z

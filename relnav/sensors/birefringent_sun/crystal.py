@@ -10,10 +10,13 @@ k1 . r = k2 . r for every r of the face is meant.) References: Yeh, Optical Wave
 Avendano-Alejo, Opt. Express 13, 2549 (2005); Lekner, J. Phys.: Condens. Matter 3, 6121 (1991). Arrays are (..., n).
 """
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix, Vector, numbers
+from relnav.codegen.kernel import kernel
 
 SHORTEST_UM, LONGEST_UM = 0.204, 2.172
 
@@ -42,25 +45,32 @@ def optic_axis(polar_rad: float, azimuth_rad: float) -> Vector:
 
 def ordinary_wave(k_t: ArrayLike, n_o: float) -> Matrix:
     """Ordinary wave vector (..., 3) of transverse parts (..., 2); its ray goes along it. Eq. (1)."""
-    k_t = np.asarray(k_t, dtype=np.float64)
+    k_t = numbers("k_t", k_t)
     q = np.sqrt(n_o**2 - np.sum(k_t**2, axis=-1, keepdims=True))
     return np.concatenate([k_t, q], axis=-1)
 
 
-def extraordinary_wave(k_t: ArrayLike, axis: Vector, n_o: float, n_e: float) -> Matrix:
-    """Extraordinary wave vector (..., 3): k^T eps k = n_o^2 n_e^2 solved for k_z > 0; what (2) and (3) say implicitly.
+@kernel
+def extraordinary_root(k_x: float, k_y: float, c_x: float, c_y: float, c_z: float, n_o: float, n_e: float) -> float:
+    """k_z > 0 of the extraordinary wave: k^T eps k = n_o^2 n_e^2; what (2) and (3) say implicitly.
 
     With k = (k_t, q): a q^2 + 2 b q + g = 0, D = n_e^2 - n_o^2,
     a = n_o^2 + D c_z^2, b = D (k_t . c_t) c_z, g = n_o^2 |k_t|^2 + D (k_t . c_t)^2 - n_o^2 n_e^2.
     """
-    k_t = np.asarray(k_t, dtype=np.float64)
-    D = n_e**2 - n_o**2
-    along = k_t @ axis[:2]
-    a = n_o**2 + D * axis[2] ** 2
-    b = D * along * axis[2]
-    g = n_o**2 * np.sum(k_t**2, axis=-1) + D * along**2 - n_o**2 * n_e**2
-    q = (-b + np.sqrt(b * b - a * g)) / a
-    return np.concatenate([k_t, q[..., None]], axis=-1)
+    D = n_e * n_e - n_o * n_o
+    along = k_x * c_x + k_y * c_y
+    a = n_o * n_o + D * c_z * c_z
+    b = D * along * c_z
+    g = n_o * n_o * (k_x * k_x + k_y * k_y) + D * along * along - n_o * n_o * n_e * n_e
+    return (-b + math.sqrt(b * b - a * g)) / a
+
+
+def extraordinary_wave(k_t: ArrayLike, axis: Vector, n_o: float, n_e: float) -> Matrix:
+    """Extraordinary wave vector (..., 3) of transverse parts (..., 2)."""
+    k_t = numbers("k_t", k_t)
+    c_x, c_y, c_z = axis.tolist()
+    roots = [extraordinary_root(k_x, k_y, c_x, c_y, c_z, n_o, n_e) for k_x, k_y in k_t.reshape(-1, 2).tolist()]
+    return np.concatenate([k_t, np.array(roots).reshape(*k_t.shape[:-1], 1)], axis=-1)
 
 
 def extraordinary_ray(k: Matrix, axis: Vector, n_o: float, n_e: float) -> Matrix:
@@ -74,7 +84,7 @@ def extraordinary_ray(k: Matrix, axis: Vector, n_o: float, n_e: float) -> Matrix
 
 def walk_off(theta_kp_rad: ArrayLike, n_o: float, n_e: float) -> Vector:
     """Angle (rad) from extraordinary wave to ray, away from calcite's axis: tan(th_rp) = (n_o/n_e)^2 tan(th_kp)."""
-    theta = np.asarray(theta_kp_rad, dtype=np.float64)
+    theta = numbers("theta_kp_rad", theta_kp_rad)
     angle: Vector = np.arctan2(n_o**2 * np.sin(theta), n_e**2 * np.cos(theta)) - theta
     return angle
 

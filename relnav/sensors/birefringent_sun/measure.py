@@ -1,13 +1,15 @@
 """The sensor's public call: the two spots of one image in, the sun direction with covariance out."""
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.sensors.birefringent_sun.direction import direction_covariance, fit_two_spots, label_spots
-from relnav.sensors.birefringent_sun.sensor import BirefringentSunModel
-from relnav.sensors.birefringent_sun.spots import direction_of_transverse, metres
+from relnav.arrays import Matrix, numbers, one_piece
+from relnav.sensors.birefringent_sun.direction import WORK_ROWS, fit_pair
+from relnav.sensors.birefringent_sun.sensor import BirefringentSunModel, BirefringentSunSensor
 from relnav.sensors.measurement import Status
-from relnav.sensors.spot_centroid import centroids
+from relnav.sensors.spot_centroid import ORIGIN, centroids, window_corner
 from relnav.sensors.sun_direction import SunDirection, direction_with_covariance, no_direction
 
 CHI2_LIMIT = 18.42
@@ -19,7 +21,7 @@ def measure(
     model: BirefringentSunModel,
     *,
     covariance_px2: ArrayLike | None = None,
-    corner_px: tuple[float, float] = (0.0, 0.0),
+    corner_px: tuple[float, float] = ORIGIN,
 ) -> SunDirection:
     """Direction of the sun in sensor axes, from the ordinary and the extraordinary spot of one image.
 
@@ -48,40 +50,71 @@ def measure(
     Raises
     ------
     ValueError
-        For another shape.
+        For another shape, what is not real numbers, or a covariance that is not symmetric and positive definite.
     """
-    sensor = model.sensor
-    spots = np.asarray(seen, dtype=np.float64)
-    noise = sensor.spot_noise_px**2 * np.eye(4) if covariance_px2 is None else np.asarray(covariance_px2, dtype=float)
-    if noise.shape != (4, 4):
-        raise ValueError(f"covariance_px2 has shape (4, 4); got {noise.shape}")
-    if spots.ndim != 2 or (spots.shape != (2, 2) and min(spots.shape) < 4):
-        raise ValueError(
-            f"two spots (2, 2) in px or an image (rows, columns) of counts are expected; got {spots.shape}"
-        )
-    if spots.shape != (2, 2):
-        found = centroids(spots, model.image, 2, dark=sensor.light_filter == "dot")
+    sensor, (corner_x, corner_y) = model.sensor, window_corner(corner_px)
+    image = numbers("seen", seen)
+    if image.shape == (2, 2):
+        x, y, p, q = image.ravel().tolist()
+        noise = sensor.noise_m2
+        if covariance_px2 is not None:
+            noise = sensor.pixel_pitch_m**2 * _covariance(covariance_px2)
+    elif image.ndim == 2 and min(image.shape) >= 4:
+        found = centroids(image, model.image, 2, dark=sensor.light_filter == "dot")
         unusable = [spot.status for spot in found if not spot.ok]
         if unusable:
             return no_direction(unusable[0])
-        spots = np.array([[spot.x_px, spot.y_px] for spot in found])
+        (x, y), (p, q) = ((spot.x_px, spot.y_px) for spot in found)
         noise = np.zeros((4, 4))
-        noise[:2, :2], noise[2:, 2:] = (spot.covariance_px2 for spot in found)
-    spots = spots + np.asarray(corner_px, dtype=np.float64)
-    if not np.all(np.isfinite(spots)):
+        noise[:2, :2], noise[2:, 2:] = (sensor.pixel_pitch_m**2 * spot.covariance_px2 for spot in found)
+    else:
+        raise ValueError(
+            f"two spots (2, 2) in px or an image (rows, columns) of counts are expected; got {image.shape}"
+        )
+    return _direction(sensor, (x + corner_x, y + corner_y, p + corner_x, q + corner_y), noise)
+
+
+def _covariance(covariance_px2: ArrayLike) -> Matrix:
+    noise = one_piece("covariance_px2", covariance_px2)
+    if noise.shape != (4, 4):
+        raise ValueError(f"covariance_px2 has shape (4, 4); got {noise.shape}")
+    return noise
+
+
+def _direction(sensor: BirefringentSunSensor, spots: tuple[float, float, float, float], noise: Matrix) -> SunDirection:
+    """Direction of two spots (x, y, x, y) px in any order, with covariance (4, 4) m^2."""
+    x, y, p, q = spots
+    if not all(map(math.isfinite, spots)):
         return no_direction(Status.NOT_SEEN)
-    if np.any((spots < -0.5) | (spots > np.array(sensor.detector_size_px) - 0.5)):
+    width, height = sensor.detector_size_px
+    right, low = width - 0.5, height - 0.5
+    if not (-0.5 <= x <= right and -0.5 <= y <= low and -0.5 <= p <= right and -0.5 <= q <= low):
         return no_direction(Status.OFF_DETECTOR)
-    if np.linalg.norm(spots[1] - spots[0]) < sensor.separation_px:
+    if math.hypot(p - x, q - y) < sensor.separation_px:
         return no_direction(Status.DEGENERATE)
-    spots_m, noise_m2 = metres(sensor, spots), sensor.pixel_pitch_m**2 * noise
-    if label_spots(sensor, spots_m, noise_m2)[0]:
-        order = [2, 3, 0, 1]
-        spots_m, noise_m2 = spots_m[::-1], noise_m2[np.ix_(order, order)]
-    fit = fit_two_spots(sensor, spots_m, noise_m2)
-    if not fit.chi2 < CHI2_LIMIT:
+    pitch, (zero_x, zero_y) = sensor.pixel_pitch_m, sensor.zero_spot_px
+    spots_m = np.array([pitch * (x - zero_x), pitch * (y - zero_y), pitch * (p - zero_x), pitch * (q - zero_y)])
+    work, fits = np.empty((WORK_ROWS, 4)), np.empty((2, 6))
+    for order in range(2):  # the ordinary spot is the first, or the second
+        if not fit_pair(spots_m, noise, 2 * order, sensor.plate, work, fits[order]):
+            return _without_covariance(noise / pitch**2)
+    given, exchanged = fits.tolist()
+    u, v, p_uu, p_uv, p_vv, chi2 = exchanged if exchanged[5] < given[5] or math.isnan(given[5]) else given
+    if not chi2 < CHI2_LIMIT:
         return no_direction(Status.NO_CONVERGENCE)
-    s = direction_of_transverse(fit.u)
-    if s[2] < np.cos(sensor.field_half_angle_rad):
+    s_z = math.sqrt(1.0 - u * u - v * v)
+    if s_z < math.cos(sensor.field_half_angle_rad):
         return no_direction(Status.OUTSIDE_FIELD)
-    return direction_with_covariance(s, direction_covariance(fit.u, fit.covariance))
+    # D P D^T with D = (I; -u^T / s_z): the covariance of the unit vector, rank 2
+    p_uz, p_vz = -(p_uu * u + p_uv * v) / s_z, -(p_uv * u + p_vv * v) / s_z
+    p_zz = -(p_uz * u + p_vz * v) / s_z
+    return direction_with_covariance(
+        np.array([u, v, s_z]), np.array([[p_uu, p_uv, p_uz], [p_uv, p_vv, p_vz], [p_uz, p_vz, p_zz]])
+    )
+
+
+def _without_covariance(noise: Matrix) -> SunDirection:
+    """No direction where a spot's covariance is not finite; ValueError for one that is none."""
+    if np.isfinite(noise).all():
+        raise ValueError(f"covariance_px2 is symmetric and positive definite; got {noise.round(12).tolist()}")
+    return no_direction(Status.NO_CONVERGENCE)

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix, Vector, numbers
 from relnav.sensors.birefringent_sun.sensor import BirefringentSunSensor
 from relnav.sensors.birefringent_sun.spots import metres, transverse_from_ordinary
 
@@ -90,7 +90,7 @@ def patent_angles(sensor: BirefringentSunSensor, spots_px: ArrayLike) -> PatentA
     ValueError
         For another shape.
     """
-    spots = np.asarray(spots_px, dtype=np.float64)
+    spots = numbers("spots_px", spots_px)
     if spots.shape != (2, 2):
         raise ValueError(f"spots_px has shape (2, 2), rows o, e; got {spots.shape}")
     (x_o, y_o), (x_e, y_e) = metres(sensor, spots)
@@ -110,5 +110,5 @@ def patent_angles(sensor: BirefringentSunSensor, spots_px: ArrayLike) -> PatentA
 
 def patent_body_angles(angles: PatentAngles, mounting: Matrix) -> Vector:
     """(13) literally: T_bm (3, 3) times the angle triple, rad. Right only for a mounting of identity."""
-    body: Vector = np.asarray(mounting, dtype=np.float64) @ angles.triple_rad
+    body: Vector = numbers("mounting", mounting) @ angles.triple_rad
     return body

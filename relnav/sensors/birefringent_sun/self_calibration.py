@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Stack, Vector
+from relnav.arrays import Matrix, Stack, Vector, numbers
 from relnav.sensors.birefringent_sun.direction import fit_two_spots
 from relnav.sensors.birefringent_sun.sensor import BirefringentSunSensor
 from relnav.sensors.birefringent_sun.spots import spots_jacobian, spots_of_transverse
@@ -64,7 +64,7 @@ def self_calibrate(
         For another shape, unknown names, too few frames, spots without a direction, or frames that do not determine
         the constants.
     """
-    spots, names = np.asarray(spots_px, dtype=np.float64), tuple(free)
+    spots, names = numbers("spots_px", spots_px), tuple(free)
     unknown = [name for name in names if name not in PARAMETERS]
     if unknown:
         raise ValueError(f"unknown parameter {unknown[0]!r}; known are {', '.join(PARAMETERS)}")
@@ -88,7 +88,7 @@ def self_calibrate(
 
 def self_calibration_bound(sensor: BirefringentSunSensor, u: ArrayLike, free: Sequence[str]) -> Matrix:
     """Cramer-Rao bound (p, p) of the constants from frames of directions u (N, 2), without having made any image."""
-    u = np.asarray(u, dtype=np.float64)
+    u = numbers("u", u)
     normal, _, _ = _reduced(sensor, tuple(free), u, np.zeros((len(u), 4)))
     return np.asarray(sensor.spot_noise_px**2 * np.linalg.inv(normal), dtype=np.float64)
 

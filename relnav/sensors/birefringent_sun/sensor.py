@@ -5,12 +5,13 @@ Source: "Birefringent sun sensor and its measurement of three-axis attitude" (Ch
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 
-from relnav.arrays import Vector
+from relnav.arrays import Matrix, Vector
 from relnav.sensors.birefringent_sun.crystal import optic_axis
 from relnav.sensors.spot_centroid import SpotImage
 from relnav.sensors.sun_direction import Mounting
@@ -70,6 +71,17 @@ class BirefringentSunSensor:
     def axis(self) -> Vector:
         """c, unit optic axis (3,)."""
         return optic_axis(self.axis_polar_rad, self.axis_azimuth_rad)
+
+    @cached_property
+    def plate(self) -> Vector:
+        """What the compiled code reads: L, d, n_o, n_e and c, (7,); no one else may write to it."""
+        lengths = [self.air_path_m, self.crystal_thickness_m, self.ordinary_index, self.extraordinary_index]
+        return np.array([*lengths, *self.axis])
+
+    @cached_property
+    def noise_m2(self) -> Matrix:
+        """Covariance of two spots with the sensor's own noise, (4, 4) m^2; no one else may write to it."""
+        return np.eye(4) * (self.pixel_pitch_m * self.spot_noise_px) ** 2
 
     @property
     def patent_f_m(self) -> float:

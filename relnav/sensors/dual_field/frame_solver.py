@@ -46,6 +46,20 @@ def usable_spots_into(spots: Matrix, magnitude: Vector, half_width: float, half_
 
 
 @kernel
+def fill_frame(frame: Frame, spots: Matrix, magnitude: Vector, p: Vector, order: Codes) -> None:
+    """Write rays, variances and magnitudes of the spots of a frame, in the order of `usable_spots_into`."""
+    W, M, n = frame.W, frame.fold, frame.sigma2.shape[0]
+    for q in range(n):
+        s = order[q]
+        x, y = plane_point(spots[s, 0], spots[s, 1], p[FOCAL], p[CX], p[CY], p[K1], p[K2])
+        W[q, 0], W[q, 1], W[q, 2], frame.sigma2[q] = ray_and_variance(x, y, p[SPOT_SIGMA] / p[FOCAL])
+        frame.magnitude[q] = magnitude[s] if magnitude.shape[0] > 0 else 0.0
+        if frame.fields == 2:
+            for r in range(3):
+                W[n + q, r] = M[r, 0] * W[q, 0] + M[r, 1] * W[q, 1] + M[r, 2] * W[q, 2]
+
+
+@kernel
 def solve_spots(
     spots: Matrix,
     magnitude: Vector,
@@ -81,27 +95,18 @@ def solve_spots(
     if n < LEAST_SPOTS:
         solution[6, 2] = n
         return TOO_FEW
-    fields = int(p[FIELDS])
     work = scratch[9 * n : 9 * n + 3 * WORK_ROWS].reshape((WORK_ROWS, 3))
     frame = Frame(
-        scratch[: 3 * fields * n].reshape((fields * n, 3)),
+        scratch[: 3 * int(p[FIELDS]) * n].reshape((int(p[FIELDS]) * n, 3)),
         scratch[6 * n : 7 * n],
         scratch[7 * n : 8 * n],
         scratch[8 * n : 9 * n],
         p[BETA : BETA + 3],
         p[FOLD : FOLD + 9].reshape((3, 3)),
         p[GATE],
-        fields,
+        int(p[FIELDS]),
     )
-    W, M = frame.W, frame.fold
-    for q in range(n):
-        s = order[q]
-        x, y = plane_point(spots[s, 0], spots[s, 1], p[FOCAL], p[CX], p[CY], p[K1], p[K2])
-        W[q, 0], W[q, 1], W[q, 2], frame.sigma2[q] = ray_and_variance(x, y, p[SPOT_SIGMA] / p[FOCAL])
-        frame.magnitude[q] = magnitude[s] if magnitude.shape[0] > 0 else 0.0
-        if fields == 2:
-            for r in range(3):
-                W[n + q, r] = M[r, 0] * W[q, 0] + M[r, 1] * W[q, 1] + M[r, 2] * W[q, 2]
+    fill_frame(frame, spots, magnitude, p, order)
     verdict = search_pairs(
         frame, sky, p[SETTINGS : SETTINGS + 4], match[:n], solution[0:3], solution[3:6], work, solution[6]
     )

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relnav.arrays import Matrix
+from relnav.arrays import Matrix, numbers
 from relnav.sensors.three_beacon.calibration import Calibration, exponents, powers
 from relnav.sensors.three_beacon.smooth_figure import (
     LENGTHS,
@@ -170,7 +170,7 @@ def calibrate(
         For arrays of other shapes, fewer than twelve usable points, points on one line or measured off the detector,
         or measured positions that are the known ones, or have nothing to do with them.
     """
-    true_m, measured_m = np.asarray(true_m, dtype=np.float64), np.asarray(measured_m, dtype=np.float64)
+    true_m, measured_m = numbers("true_m", true_m), numbers("measured_m", measured_m)
     if true_m.ndim != 2 or true_m.shape[1] != 2 or true_m.shape != measured_m.shape:
         raise ValueError(f"true_m and measured_m have one shape (n, 2); got {true_m.shape} and {measured_m.shape}")
     known = np.isfinite(true_m).all(axis=1) & np.isfinite(measured_m).all(axis=1)

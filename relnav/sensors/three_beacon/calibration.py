@@ -15,7 +15,7 @@ import numpy as np
 from annotated_types import Ge, Gt
 from numpy.typing import ArrayLike, NDArray
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix, Vector, numbers
 from relnav.codegen.kernel import kernel
 
 Positive = Annotated[float, Gt(0.0)]
@@ -136,7 +136,7 @@ class Calibration:
         (...)
             1-sigma of what is left of each coordinate, m: the residual inside the box, more outside.
         """
-        spots = np.asarray(spots_m, dtype=np.float64)
+        spots = numbers("spots_m", spots_m)
         out = np.array(spots, order="C")
         sigma = np.empty(spots.shape[:-1])
         if spots.shape[-1:] == (2,):
@@ -149,7 +149,7 @@ class Calibration:
 
     def distorted(self, true_m: ArrayLike) -> Matrix:
         """Where spots that are at (..., 2) m are measured: what `correct` takes there."""
-        true = np.asarray(true_m, dtype=np.float64)
+        true = numbers("true_m", true_m)
         measured: Matrix = true.copy()
         for _ in range(MOST_STEPS):
             moved = true - self.correct(measured)

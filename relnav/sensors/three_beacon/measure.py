@@ -5,6 +5,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from relnav.arrays import one_piece
 from relnav.sensors.measurement import Measurement, Status
 from relnav.sensors.three_beacon.fix import MEASURE_ROWS, PARALLEL, PERSPECTIVE, measure_into
 from relnav.sensors.three_beacon.sensor import ThreeBeaconSensor
@@ -47,7 +48,7 @@ def measure(spots_m: ArrayLike, model: HasSensor | ThreeBeaconSensor, *, project
         For spots of another shape or an unknown projection.
     """
     sensor = model if isinstance(model, ThreeBeaconSensor) else model.sensor
-    spots = np.ascontiguousarray(spots_m, dtype=np.float64)
+    spots = one_piece("spots_m", spots_m)
     if spots.shape != (3, 2):
         raise ValueError(f"spots_m has shape (3, 2), rows A, B, C, columns x, y in metres; got {spots.shape}")
     calibration = getattr(model, "calibration", None)

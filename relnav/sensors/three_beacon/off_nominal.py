@@ -7,7 +7,7 @@ Far off the docking axis, or close in, up to four poses show the same three spot
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix, Vector, numbers
 from relnav.geometry.p3p import camera_in_target, p3p
 from relnav.sensors.three_beacon.fix import image_rays
 from relnav.sensors.three_beacon.measure import HasSensor
@@ -35,7 +35,7 @@ def positions(spots_m: ArrayLike, model: HasSensor | ThreeBeaconSensor) -> Matri
         For spots of another shape.
     """
     sensor = model if isinstance(model, ThreeBeaconSensor) else model.sensor
-    spots = np.ascontiguousarray(spots_m, dtype=np.float64)
+    spots = numbers("spots_m", spots_m)
     if spots.shape != (3, 2):
         raise ValueError(f"spots_m has shape (3, 2), rows A, B, C, columns x, y in metres; got {spots.shape}")
     rays, found = np.empty((3, 3)), list[Vector]()

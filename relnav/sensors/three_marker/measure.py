@@ -5,18 +5,30 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix
+from relnav.arrays import Matrix, numbers, one_piece
 from relnav.geometry.pose_refinement import invertible, pose_information
 from relnav.sensors.measurement import Status
 from relnav.sensors.three_marker.as_published import small_angle
-from relnav.sensors.three_marker.camera import normalise, on_image, usable_covariance
+from relnav.sensors.three_marker.camera import on_image, usable_into
 from relnav.sensors.three_marker.labels import labelled_roots
 from relnav.sensors.three_marker.outcome import PoseMeasurement, judged, no_measurement
-from relnav.sensors.three_marker.pose import Pose, Root, explaining_poses, is_gaussian, rank_roots
+from relnav.sensors.three_marker.pose import (
+    Pose,
+    Root,
+    belief_of,
+    is_gaussian,
+    rank_roots,
+    ranked_rows,
+    root_gap_rad,
+    roots_of,
+    scratch,
+)
+from relnav.sensors.three_marker.roots import explain_into, explains_its_error
 from relnav.sensors.three_marker.sensor import Imager, MarkerCamera, Markers, View
 from relnav.sensors.three_marker.spots import find_spots
 
 METHODS = ("exact", "small_angle")
+NO_COVARIANCES = np.empty((0, 2, 2))
 
 
 class HasMarkers(Protocol):
@@ -94,36 +106,46 @@ def measure(
         raise ValueError('method "small_angle" needs labelled spots: use "exact" for spots in any order')
     if prior is not None and not all(np.isfinite(part).all() for part in vars(prior).values()):
         raise ValueError("prior is a finite pose; a measurement whose status is not OK has none: leave the prior out")
-    finite = np.isfinite(spots).all(axis=-1)
-    inside = on_image(spots, model.camera)
-    if covariance is not None:
-        finite &= usable_covariance(covariance)
-    usable = np.flatnonzero(inside & finite)
-    xy, weights = normalise(spots[usable], model.camera, None if covariance is None else covariance[usable])
-    real = np.isfinite(weights).all(axis=-1) & np.isfinite(xy).all(axis=-1)
-    usable, xy, weights = usable[real], xy[real], weights[real]
-    labels = [-1] * len(spots)
-    if len(usable) < 3:
-        off = bool((~inside & ~np.isnan(spots).any(axis=-1)).any())
+    n = len(spots)
+    xy, weights, which, labels = np.empty((n, 2)), np.empty((n, 3)), np.empty(n, dtype=np.int64), [-1] * n
+    own = NO_COVARIANCES if covariance is None else covariance
+    count = usable_into(spots, own, model.camera.lens, xy, weights, which)
+    if count < 3:
+        off = bool((~on_image(spots, model.camera) & ~np.isnan(spots).any(axis=-1)).any())
         return no_measurement(Status.OFF_DETECTOR if off else Status.NOT_SEEN, labels)
-    belief = model.view if prior is None else prior
-    points = model.markers.points_m
-    if labelled:
-        for k in usable:
-            labels[k] = int(k)
-        roots = _roots(xy, weights, points[usable], belief, method)
-        exact = method == "exact"
-        gaussian = not exact or not roots or is_gaussian(roots[0], xy, weights, points[usable])
-        return judged(roots, labels, len(usable), gaussian=gaussian, gated=exact)
+    xy, weights, usable = xy[:count], weights[:count], which[:count]
+    belief, points = model.view if prior is None else prior, model.markers.points_m
+    if not labelled:
+        return _without_labels(xy, weights, points, belief, usable.tolist(), labels)
+    for k in usable.tolist():
+        labels[k] = k
+    seen = points[usable]
+    if method == "small_angle":
+        roots = _small_angle_roots(xy, weights, seen, belief)
+        return judged(roots, labels, count, root_gap_rad(roots), gaussian=True, gated=False)
+    poses, information, misfit, work = scratch()
+    found = explain_into(xy, weights, seen, poses, information, misfit, work)
+    if found == 0:
+        return no_measurement(Status.NO_CONVERGENCE, labels)
+    rows, gap = ranked_rows(poses, information, misfit, found, belief_of(belief), work)
+    gaussian = explains_its_error(rows[0], xy, weights, seen, work)
+    return judged(roots_of(rows), labels, count, gap, gaussian=gaussian)
+
+
+def _without_labels(
+    xy: Matrix, weights: Matrix, points: Matrix, belief: Pose | View, usable: list[int], labels: list[int]
+) -> PoseMeasurement:
+    """Measurement of spots in any order; writes which marker made which into labels."""
     entries = labelled_roots(xy, weights, points, belief)
     if not entries:
         return no_measurement(Status.NO_CONVERGENCE, labels)
-    used = np.flatnonzero(np.array(entries[0].labels) >= 0)
-    markers = np.array(entries[0].labels)[used]
-    for k, label in zip(usable[used], markers, strict=True):
-        labels[k] = int(label)
-    gaussian = is_gaussian(entries[0].root, xy[used], weights[used], points[markers])
-    return judged([entry.root for entry in entries], labels, len(used), gaussian=gaussian)
+    used = [k for k, label in enumerate(entries[0].labels) if label >= 0]
+    markers = [entries[0].labels[k] for k in used]
+    for k, label in zip(used, markers, strict=True):
+        labels[usable[k]] = label
+    roots = [entry.root for entry in entries]
+    gaussian = is_gaussian(roots[0], xy[used], weights[used], points[markers])
+    return judged(roots, labels, len(used), root_gap_rad(roots), gaussian=gaussian)
 
 
 def measure_image(image_dn: ArrayLike, model: HasImager, *, prior: Pose | None = None) -> PoseMeasurement:
@@ -148,7 +170,7 @@ def measure_image(image_dn: ArrayLike, model: HasImager, *, prior: Pose | None =
     ValueError
         If the image does not have the camera's size.
     """
-    image = np.asarray(image_dn)
+    image = numbers("image_dn", image_dn)
     width, height = model.camera.image_size_px
     if image.shape != (height, width):
         raise ValueError(f"image_dn has shape (height, width) = {(height, width)}; got {image.shape}")
@@ -165,21 +187,19 @@ def measure_image(image_dn: ArrayLike, model: HasImager, *, prior: Pose | None =
 def _checked(
     spots_px: ArrayLike, spot_covariance_px2: ArrayLike | None, markers: int | None
 ) -> tuple[Matrix, Matrix | None]:
-    spots = np.array(spots_px, dtype=np.float64)
+    spots = one_piece("spots_px", spots_px)
     if spots.ndim != 2 or spots.shape[1] != 2 or (markers is not None and len(spots) != markers):
         want = "(n, 2)" if markers is None else f"({markers}, 2), one row a marker"
         raise ValueError(f"spots_px has shape {want}, columns x, y in px; got {spots.shape}")
     if spot_covariance_px2 is None:
         return spots, None
-    covariance = np.array(spot_covariance_px2, dtype=np.float64)
+    covariance = one_piece("spot_covariance_px2", spot_covariance_px2)
     if covariance.shape != (len(spots), 2, 2):
         raise ValueError(f"spot_covariance_px2 has shape ({len(spots)}, 2, 2), one a spot; got {covariance.shape}")
     return spots, covariance
 
 
-def _roots(xy: Matrix, weights: Matrix, points: Matrix, belief: Pose | View, method: str) -> list[Root]:
-    if method == "exact":
-        return rank_roots(explaining_poses(xy, weights, points), belief)
+def _small_angle_roots(xy: Matrix, weights: Matrix, points: Matrix, belief: Pose | View) -> list[Root]:
     start = small_angle(xy, points, belief.dcm_cam_from_target)
     if not np.isfinite(start).all():
         return []

@@ -2,13 +2,13 @@
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
-from scipy.special import chdtri
 
 from relnav.arrays import Matrix, Vector
 from relnav.sensors.measurement import Status
-from relnav.sensors.three_marker.pose import Pose, Root, root_gap_rad
+from relnav.sensors.three_marker.pose import Pose, Root
 
 AMBIGUITY_LIMIT = 2.0 * math.log(1e4)
 """Twice the log of the odds, ten thousand to one, at which the first root is believed alone."""
@@ -68,18 +68,28 @@ class PoseMeasurement:
         return Pose(self.position_m, self.dcm_cam_from_target, self.covariance)
 
 
-def judged(roots: list[Root], labels: list[int], count: int, *, gaussian: bool, gated: bool = True) -> PoseMeasurement:
+@cache
+def largest_misfit(dof: int) -> float:
+    """Chi-square of so many degrees of freedom that chance exceeds once in a million times."""
+    from scipy.special import chdtri  # half a second for those who only load a model
+
+    return float(chdtri(dof, MISFIT_PROBABILITY))
+
+
+def judged(
+    roots: list[Root], labels: list[int], count: int, gap_rad: float, *, gaussian: bool, gated: bool = True
+) -> PoseMeasurement:
     """Measurement of ranked roots: the first one's value if it can be believed.
 
-    count: spots used; gaussian: whether the first root's covariance describes its error; gated: whether a large misfit
-    is a reason not to believe it.
+    count: spots used; gap_rad: angle from the first root to the nearest other one; gaussian: whether the first root's
+    covariance describes its error; gated: whether a large misfit is a reason not to believe it.
     """
     if not roots:
         return no_measurement(Status.NO_CONVERGENCE, labels)
     best, dof = roots[0].pose, 2 * count - 6
     ambiguity = roots[1].score - roots[0].score if len(roots) > 1 else math.inf
     status = Status.OK
-    if gated and dof > 0 and roots[0].misfit > float(chdtri(dof, MISFIT_PROBABILITY)):
+    if gated and dof > 0 and roots[0].misfit > largest_misfit(dof):
         status = Status.NO_CONVERGENCE
     elif ambiguity < AMBIGUITY_LIMIT:
         status = Status.OUTSIDE_DOMAIN
@@ -95,7 +105,7 @@ def judged(roots: list[Root], labels: list[int], count: int, *, gaussian: bool, 
         best.covariance,
         status,
         ambiguity,
-        root_gap_rad(roots),
+        gap_rad,
         roots[0].misfit,
         dof,
         tuple(roots),

@@ -1,21 +1,23 @@
 """Every pose that explains the spots of labelled markers, each with its covariance, and which one the prior means."""
 
-import itertools
 import math
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
-from relnav.arrays import Matrix, Vector
-from relnav.geometry.p3p import p3p
-from relnav.geometry.pose_refinement import BEHIND, WORK_ROWS, invertible, pose_information, refine_pose
-from relnav.geometry.rotation_vector import rotation_vector_between, turn_by_rotation_vector
-from relnav.sensors.three_marker.camera import unit_rays
+from relnav.arrays import Matrix, Stack, Vector, one_piece
+from relnav.geometry.rotation_vector import rotation_vector_between
+from relnav.sensors.three_marker.roots import (
+    MISFIT,
+    MOST_ROOTS,
+    ROOT,
+    WORK,
+    explain_into,
+    explains_its_error,
+    rank_into,
+)
 from relnav.sensors.three_marker.sensor import MarkerCamera, View
-
-_MOST_TRIPLES = 4
-_TRIED_SIGMA = 3.0
-_SAME_POSE = 1e-3  # in units of chi-square: two results of Gauss-Newton this near are one
 
 
 @dataclass(frozen=True)
@@ -85,46 +87,19 @@ class Root:
     score: float
 
 
-def triples(points_m: Matrix) -> list[tuple[int, int, int]]:
-    """Up to four triples of points, those that span the largest triangles first."""
-    chosen = list(itertools.combinations(range(len(points_m)), 3))
-
-    def area(triple: tuple[int, int, int]) -> float:
-        first, second, third = (points_m[i] for i in triple)
-        return float(np.linalg.norm(np.cross(second - first, third - first)))
-
-    return sorted(chosen, key=area, reverse=True)[:_MOST_TRIPLES]
+Explained: TypeAlias = tuple[Matrix, Matrix, float]
+"""A pose (4, 3) that explains an image, its information (6, 6) and its misfit."""
 
 
-def refined(xy: Matrix, weights: Matrix, points_m: Matrix, start: Matrix) -> tuple[Matrix, Matrix, float] | None:
-    """Pose (4, 3), information (6, 6) and misfit after Gauss-Newton from a start (4, 3); None if a marker is behind.
-
-    Where two solutions merge, a direction is not seen to first order: it is given the information of knowing nothing.
-    """
-    pose, information = np.array(start), np.empty((6, 6))
-    steps, misfit = refine_pose(points_m, xy, weights, pose, information, np.empty((WORK_ROWS, 6, 6)))
-    if steps == BEHIND:
-        return None
-    if not invertible(information):
-        information[3:, 3:] += np.eye(3) / math.pi**2
-    return (pose, information, float(misfit)) if invertible(information) else None
-
-
-def explaining_poses(xy: Matrix, weights: Matrix, points_m: Matrix) -> list[tuple[Matrix, Matrix, float]]:
+def explaining_poses(xy: Matrix, weights: Matrix, points_m: Matrix) -> list[Explained]:
     """Every pose (4, 3) that explains the normalised image (n, 2) of n >= 3 markers, its information and its misfit.
 
     P3P of the widest triples, real solutions and pairs that noise may have made complex, each refined on all spots.
     """
-    rays = unit_rays(xy)
-    starts = [
-        pose for triple in triples(points_m) for pose in p3p(rays[list(triple)], points_m[list(triple)], near=True)
-    ]
-    found: list[tuple[Matrix, Matrix, float]] = []
-    for candidate in starts:
-        result = refined(xy, weights, points_m, candidate)
-        if result is not None and not any(_same(result, other) for other in found):
-            found.append(result)
-    return found
+    poses, information, misfit, work = scratch()
+    image, information_of_spots, points = whole(xy, weights, points_m)
+    count = explain_into(image, information_of_spots, points, poses, information, misfit, work)
+    return [(poses[k], information[k], float(misfit[k])) for k in range(count)]
 
 
 def pose_error(pose: Matrix, reference: Matrix) -> Vector:
@@ -132,57 +107,57 @@ def pose_error(pose: Matrix, reference: Matrix) -> Vector:
     return np.concatenate([pose[3] - reference[3], rotation_vector_between(pose[:3], reference[:3])])
 
 
-def _same(one: tuple[Matrix, Matrix, float], other: tuple[Matrix, Matrix, float]) -> bool:
-    difference = pose_error(one[0], other[0])
-    return bool(difference @ other[1] @ difference < _SAME_POSE) and bool(np.abs(difference[3:]).max() < 0.1)
-
-
-def score(pose: Pose, misfit: float, prior: Pose | View) -> float:
-    """Minus twice the log-probability of a root under spots and prior, up to a constant.
-
-    The integral of likelihood times prior about the root, both Gaussian: misfit + d^T S^-1 d + ln |S| - ln |R| with R
-    the root's own covariance, S = R + P, d its distance from the prior. A root with a wide covariance of its own is
-    thereby not ruled out, and the determinants are the share of the prior that leads to such spots. A View says nothing
-    of the position: S and d are then those of the attitude alone.
-    """
-    turn = rotation_vector_between(pose.dcm_cam_from_target, prior.dcm_cam_from_target)
+def belief_of(prior: Pose | View) -> Vector:
+    """A prior as the compiled code reads it (`roots.BELIEF`)."""
     if isinstance(prior, View):
-        difference = turn
-        covariance = pose.covariance[3:, 3:] + prior.attitude_sigma_rad**2 * np.eye(3)
-    else:
-        difference = np.concatenate([pose.position_m - prior.position_m, turn])
-        covariance = pose.covariance + prior.covariance
-    distance = float(difference @ np.linalg.solve(covariance, difference))
-    own = float(np.linalg.slogdet(pose.covariance)[1])
-    return misfit + distance + float(np.linalg.slogdet(covariance)[1]) - own
+        return prior.belief
+    parts = (prior.dcm_cam_from_target, prior.position_m, prior.covariance, np.ones(1))
+    return np.concatenate([np.ravel(part) for part in parts])
 
 
-def rank_roots(found: list[tuple[Matrix, Matrix, float]], prior: Pose | View) -> list[Root]:
+def rank_roots(found: list[Explained], prior: Pose | View) -> list[Root]:
     """The roots in the order in which spots and prior together believe in them."""
-    roots = []
-    for pose, information, misfit in found:
-        value = Pose(pose[3].copy(), pose[:3].copy(), np.asarray(np.linalg.inv(information), dtype=np.float64))
-        roots.append(Root(value, misfit, score(value, misfit, prior)))
-    return sorted(roots, key=lambda root: root.score)
+    if not found:
+        return []
+    poses, information, misfit = (np.array(part, dtype=np.float64) for part in zip(*found, strict=True))
+    return roots_of(ranked_rows(poses, information, misfit, len(found), belief_of(prior), np.empty((WORK, 6, 6)))[0])
+
+
+def ranked_rows(
+    poses: Stack, information: Stack, misfit: Vector, count: int, belief: Vector, work: Stack
+) -> tuple[Matrix, float]:
+    """The first `count` poses as rows (count, 50), the most credible first, and the gap of `rank_into`."""
+    rows = np.empty((count, ROOT))
+    gap = rank_into(poses, information, misfit, count, belief, work, rows)
+    return rows, gap
+
+
+def roots_of(rows: Matrix) -> list[Root]:
+    """Rows as roots, which share their memory: it is read-only from here on."""
+    rows.setflags(write=False)
+    return [
+        Root(Pose(row[9:12], row[:9].reshape(3, 3), row[12:MISFIT].reshape(6, 6)), *row[MISFIT:].tolist())
+        for row in rows
+    ]
 
 
 def is_gaussian(root: Root, xy: Matrix, weights: Matrix, points_m: Matrix) -> bool:
-    """Whether the spots' misfit about a root is what its covariance says: k^2 within a factor of 2, k sigma away.
-
-    Tried along the least certain attitude, both ways. Near a danger cylinder or a second root it is not, and the
-    covariance then describes nothing.
-    """
+    """Whether the spots' misfit about a root is what its covariance says (`roots.explains_its_error`)."""
     pose = root.pose
-    variances, axes = np.linalg.eigh(pose.covariance[3:, 3:])
-    step = _TRIED_SIGMA * pose.covariance[:, 3:] @ axes[:, -1] / math.sqrt(float(variances[-1]))
-    moved, spare = np.empty((4, 3)), np.empty((6, 6))
-    for sign in (1.0, -1.0):
-        turn_by_rotation_vector(pose.dcm_cam_from_target, sign * step[3:], moved)
-        moved[3] = pose.position_m + sign * step[:3]
-        rise = pose_information(points_m, xy, weights, moved, spare, np.empty(6)) - root.misfit
-        if not 0.5 * _TRIED_SIGMA**2 < rise < 2.0 * _TRIED_SIGMA**2:
-            return False
-    return True
+    parts = (pose.dcm_cam_from_target.ravel(), pose.position_m, pose.covariance.ravel(), [root.misfit, root.score])
+    image, information, points = whole(xy, weights, points_m)
+    return bool(explains_its_error(np.concatenate(parts), image, information, points, np.empty((WORK, 6, 6))))
+
+
+def scratch() -> tuple[Stack, Stack, Vector, Stack]:
+    """Poses, information, misfits and work of `roots.explain_into`."""
+    most = MOST_ROOTS + 1
+    return np.empty((most, 4, 3)), np.empty((most, 6, 6)), np.empty(most), np.empty((WORK, 6, 6))
+
+
+def whole(xy: Matrix, weights: Matrix, points_m: Matrix) -> tuple[Matrix, Matrix, Matrix]:
+    """Image, information and points as compiled code takes them."""
+    return one_piece("xy", xy), one_piece("weights", weights), one_piece("points_m", points_m)
 
 
 def root_gap_rad(roots: list[Root]) -> float:

@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge, Gt, Le
 
-from relnav.arrays import Matrix
+from relnav.arrays import Matrix, Vector
 from relnav.geometry.rotation import dcm_from_quaternion
 
 Positive = Annotated[float, Gt(0.0)]
@@ -54,6 +54,12 @@ class MarkerCamera:
 
     def __post_init__(self) -> None:
         dcm_from_quaternion(np.array(self.q_cam_from_chaser))
+
+    @cached_property
+    def lens(self) -> Vector:
+        """What the compiled code reads, (12,): focal length, principal point, size, spot noise and distortion."""
+        plane = [*self.focal_length_px, *self.principal_point_px, *self.image_size_px]
+        return np.array([*plane, self.spot_noise_px, *self.distortion], dtype=np.float64)
 
     @cached_property
     def dcm_cam_from_chaser(self) -> Matrix:
@@ -114,6 +120,12 @@ class View:
     def dcm_cam_from_target(self) -> Matrix:
         """Nominal attitude, v_cam = dcm @ v_target, (3, 3)."""
         return dcm_from_quaternion(np.array(self.q_cam_from_target))
+
+    @cached_property
+    def belief(self) -> Vector:
+        """The expected view as the compiled code reads it (`roots.BELIEF`): of the attitude alone."""
+        covariance = np.diag([0.0] * 3 + [self.attitude_sigma_rad**2] * 3)
+        return np.concatenate([self.dcm_cam_from_target.ravel(), np.zeros(3), covariance.ravel(), [0.0]])
 
 
 @dataclass(frozen=True)

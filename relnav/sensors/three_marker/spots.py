@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import ndimage
 
-from relnav.arrays import Codes, Flags, Matrix, Stack, Vector
+from relnav.arrays import Codes, Flags, Matrix, Stack, Vector, numbers
 from relnav.sensors.three_marker.sensor import Imager
 
 _RIM = 0.5  # of the threshold: pixels above it that touch one above the threshold are of the same blob
@@ -81,7 +80,9 @@ def find_spots(image_dn: ArrayLike, imager: Imager) -> Spots:
     ValueError
         If the image is not two-dimensional.
     """
-    image = np.array(image_dn, dtype=np.float64)
+    from scipy import ndimage  # as late as this: who only loads a model has no image
+
+    image = numbers("image_dn", image_dn).copy()
     if image.ndim != 2 or image.size == 0:
         raise ValueError(f"image_dn has shape (height, width); got {image.shape}")
     background, noise = _background(image, imager)
@@ -122,6 +123,8 @@ def _measure_blob(
     image: Matrix, signal: Matrix, labels: Codes, k: int, place: tuple[slice, ...], noise: float, imager: Imager
 ) -> _Blob | None:
     """Centroid, moments and flags of blob k; None for a hot pixel."""
+    from scipy import ndimage
+
     height, width = image.shape
     rows = slice(max(0, place[0].start - _MARGIN_PX), min(height, place[0].stop + _MARGIN_PX))
     columns = slice(max(0, place[1].start - _MARGIN_PX), min(width, place[1].stop + _MARGIN_PX))
@@ -161,6 +164,8 @@ def _measure_blob(
 
 def _has_several_peaks(signal: Matrix, core: Flags, variance: float) -> bool:
     """Whether a blob has two peaks with a dip between them that noise does not explain."""
+    from scipy import ndimage
+
     dip = _LEAST_DIP * float(np.sqrt(variance))
     top = float(signal[core].max())
     for level in np.linspace(top - dip, dip, 8):

@@ -143,6 +143,8 @@ def test_statuses(model):
     outside = project(wide.sensor, directions(np.radians(62.0), 1.0))
     assert measure(outside, wide).status is Status.OUTSIDE_FIELD
     assert np.isnan(measure(outside, wide).direction).all()
+    unknown = np.full((4, 4), np.nan)
+    assert measure(spots, model, covariance_px2=unknown).status is Status.NO_CONVERGENCE
     assert np.isnan(project(sensor, [0.6, 0.0, -0.8])).all()
 
 
@@ -155,6 +157,13 @@ def test_statuses(model):
         ),
         (lambda m: relnav.birefringent_sun.measure(np.zeros((3, 2)), m), r"got \(3, 2\)"),
         (lambda m: relnav.birefringent_sun.measure(np.eye(2), m, covariance_px2=np.eye(2)), r"shape \(4, 4\)"),
+        (
+            lambda m: relnav.birefringent_sun.measure(
+                project(m.sensor, directions(0.4, 1.0)), m, covariance_px2=np.diag([1.0, 1.0, 1.0, -1.0])
+            ),
+            "covariance_px2 is symmetric and positive definite; got",
+        ),
+        (lambda m: relnav.birefringent_sun.measure(np.eye(2), m, corner_px=(1.0, np.nan)), "corner_px is two finite"),
         (lambda m: project(m.sensor, [1.0, 0.0]), "3 components"),
         (lambda m: project(m.sensor, [1.0, 0.0, 1.0]), "unit vectors"),
         (lambda m: replace(m.sensor, light_filter="lens"), "air_path must be above zero"),
