@@ -194,13 +194,15 @@ def correct_errors(
 
 
 @kernel
-def compare_attitude(track: Record, measured: Matrix, noise: Matrix, by_lasting: Matrix, out: Record) -> None:
+def compare_attitude(
+    track: Record, measured: Matrix, noise: Matrix, by_lasting: Matrix, out: Record, work: Matrix
+) -> None:
     """Compare a track with a measured attitude (3, 3), and correct a copy of it; into out, of type COMPARED.
 
-    noise R (3, 3), positive definite; by_lasting B (3, LASTING).
+    noise R (3, 3), positive definite; by_lasting B (3, LASTING); work (4, 3) scratch.
     """
-    y, correction, after, rate = out["innovation"], out["correction"], out["track"], track["rate"]
-    rotation_vector_into(measured, track["dcm"], y)
+    y, correction, after, dcm = out["innovation"], out["correction"], out["track"], track["dcm"][:]
+    rotation_vector_into(measured, dcm, y[:])
     out["nis"] = correct_errors(
         track["ld"],
         track["lasting"],
@@ -212,9 +214,14 @@ def compare_attitude(track: Record, measured: Matrix, noise: Matrix, by_lasting:
         after["ld"],
         after["lasting"],
     )
-    turn_by_rotation_vector(track["dcm"], correction[:3], after["dcm"])
+    turned, turn, rate = work[0:3], work[3], track["rate"]
     for i in range(3):
+        turn[i] = correction[i]
         after["rate"][i] = rate[i] + correction[3 + i]
+    turn_by_rotation_vector(dcm, turn, turned)
+    for i in range(3):
+        for j in range(3):
+            after["dcm"][i, j] = turned[i, j]
 
 
 def settled_sigmas(sigma_rad: float, dt_s: float, density_rad2_s3: float) -> tuple[float, float]:

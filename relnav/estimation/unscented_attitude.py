@@ -39,20 +39,23 @@ SIGMA_POINTS = np.dtype(
 
 
 @kernel
-def spread_points(track: Record, points: Record) -> None:
-    """Write the sigma points of a track: attitudes (12, 3, 3) and rates (12, 3)."""
-    ld, rate, turn, rates = track["ld"], track["rate"], points["mean"], points["rate"]
+def spread_points(track: Record, points: Record, work: Matrix) -> None:
+    """Write the sigma points of a track: attitudes (12, 3, 3) and rates (12, 3); work (4, 3) scratch."""
+    ld, rate, attitudes, rates, dcm = track["ld"], track["rate"], points["dcm"], points["rate"], track["dcm"][:]
+    turned, turn = work[0:3], work[3]
     for k in range(POINTS):
         j = k // 2
         size = math.sqrt(6.0 * ld[j, j])
         if k % 2 == 1:
             size = -size
-        for i in range(6):
-            turn[i] = size * ld[i, j] if i > j else 0.0
-        turn[j] = size
-        turn_by_rotation_vector(track["dcm"], turn[:3], points["dcm"][k])
         for i in range(3):
-            rates[k, i] = rate[i] + turn[3 + i]
+            turn[i] = size * ld[i, j] if i > j else (size if i == j else 0.0)
+            n = 3 + i
+            rates[k, i] = rate[i] + (size * ld[n, j] if n > j else (size if n == j else 0.0))
+        turn_by_rotation_vector(dcm, turn, turned)
+        for i in range(3):
+            for n in range(3):
+                attitudes[k, i, n] = turned[i, n]
 
 
 @straight_line(columns=(6, POINTS), noise=(6, 6), mean=(6,), ld=(6, 6))
@@ -74,19 +77,22 @@ def gather_columns(columns: Matrix, noise: Matrix, mean: Vector, ld: Matrix) -> 
 
 
 @kernel
-def gather_points(track: Record, points: Record, noise: Matrix, turned: Matrix) -> None:
-    """Give a track the mean and the covariance of its points after a step, and noise Q (6, 6); turned (3, 3) scratch.
+def gather_points(track: Record, points: Record, noise: Matrix, work: Matrix) -> None:
+    """Give a track the mean and the covariance of its points after a step, and noise Q (6, 6); work (4, 3) scratch.
 
     The track is at the mean's own propagated attitude and rate, about which the points are told.
     """
-    dcm, rate, mean, columns, rates = track["dcm"], track["rate"], points["mean"], points["columns"], points["rate"]
+    dcm, rate, mean, columns, rates = track["dcm"][:], track["rate"], points["mean"], points["columns"], points["rate"]
+    turned, turn = work[0:3], work[3]
     for k in range(POINTS):
         rotation_vector_into(points["dcm"][k], dcm, mean[:3])
         for i in range(3):
             columns[i, k], columns[3 + i, k] = mean[i], rates[k, i] - rate[i]
     gather_columns(columns, noise, mean, track["ld"])
-    turn_by_rotation_vector(dcm, mean[:3], turned)
     for i in range(3):
+        turn[i] = mean[i]
         rate[i] += mean[3 + i]
+    turn_by_rotation_vector(dcm, turn, turned)
+    for i in range(3):
         for j in range(3):
             dcm[i, j] = turned[i, j]

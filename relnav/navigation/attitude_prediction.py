@@ -26,9 +26,15 @@ from relnav.estimation.attitude import (
     compare_attitude,
 )
 from relnav.estimation.unscented_attitude import POINTS, SIGMA_POINTS, gather_points, spread_points
+from relnav.navigation.status import PREDICTED, REJECTED, WAITING
 
 STEPS_A_PIECE = 4
 """Runge-Kutta steps after which sigma points are drawn anew, and what lasts is carried: a turn of 0.2 rad."""
+
+LARGEST_SIGMA_RAD = 0.1
+"""Of a track's attitude, up to which errors count as small; at 0.2 rad NEES after a gap is three times too large."""
+LARGEST_TRIAL_SIGMA_RAD = 1.2
+"""Of a trial's: a turn of 2.6 sigma is half a turn, beyond which it would be told from the other side."""
 
 _F, _I = np.float64, np.int64
 
@@ -68,18 +74,20 @@ MEMORY = np.dtype(
 
 
 @kernel
-def _largest_sigma(track: Record, first: int) -> float:
-    """The largest 1-sigma of three errors, the attitude's (first 0) or the rate's (3), what lasts included."""
-    ld, lasting, largest = track["ld"], track["lasting"], 0.0
-    for i in range(first, first + 3):
+def _largest_sigmas(track: Record) -> tuple[float, float]:
+    """The largest 1-sigma of the attitude's errors and of the rate's, what lasts included."""
+    ld, lasting, turn, speed = track["ld"], track["lasting"], 0.0, 0.0
+    for i in range(6):
         total = ld[i, i]
         for k in range(i):
             total += ld[i, k] * ld[i, k] * ld[k, k]
         for k in range(LASTING):
             total += lasting[i, k] * lasting[i, k]
-        if not total <= largest:  # NaN counts as large
-            largest = total
-    return math.sqrt(largest)
+        if i < 3 and not total <= turn:  # NaN counts as large
+            turn = total
+        elif i >= 3 and not total <= speed:
+            speed = total
+    return math.sqrt(turn), math.sqrt(speed)
 
 
 @kernel
@@ -97,53 +105,89 @@ def _turn_points(body: Matrix, points: Record, dt: float, work: Matrix) -> bool:
 
 
 @kernel
-def predict_attitude(memory: Record, of_trial: bool, dt: float, limit: float) -> bool:
-    """Carry the track or the trial of memory (1,), of type MEMORY, over dt s > 0; False when its attitude is lost.
+def advance(memory: Record, t: float) -> int:
+    """Carry the track and the trial of memory (1,), of type MEMORY, to t s; returns the status if nothing is measured.
 
-    It is when its 1-sigma exceeds a limit, rad, or by kinematics alone is going to: nothing long is then computed.
+    One whose attitude is lost is dropped: its 1-sigma exceeds a limit, or by kinematics alone is going to, and then
+    nothing long is computed.
     """
     m = memory[0]
-    track = m["trial"] if of_trial else m["track"]
-    body, points, phi, noise, before, after = m["body"], m["points"], m["phi"], m["noise"], m["before"], m["after"]
-    dcm, rate, lasting, sigma, density = track["dcm"], track["rate"], track["lasting"], m["inertia_sigma"], m["density"]
-    coming = _largest_sigma(track, 0) + _largest_sigma(track, 3) * dt
-    if not coming * coming + density * dt * dt * dt / 3.0 <= limit * limit:
-        return False
-    steps = step_count(rate, body[MEAN_MOTION, 0], dt)
-    if steps == 0:
-        return False
-    pieces = (steps + STEPS_A_PIECE - 1) // STEPS_A_PIECE
-    h, unscented = dt / pieces, m["unscented"] > 0
-    for _ in range(pieces):
-        if unscented:
-            spread_points(track, points)
-            if not _turn_points(body, points, h, m["work"][0:14, 0:3]):
-                return False
-        inertia_effect_into(body, sigma, dcm, rate, before)
-        if not propagate_into(body, h, dcm, rate, density, phi, noise, m["work"]):
-            return False
-        inertia_effect_into(body, sigma, dcm, rate, after)
-        carry_lasting(lasting, phi, before, after, h)
-        if unscented:
-            gather_points(track, points, noise, m["work"][0:3, 0:3])
-        else:
-            carry_errors(track["ld"], phi, noise)
-        if not _largest_sigma(track, 0) <= limit:
-            return False
-    return True
+    # [:] makes all arrays of one kind: a kernel is compiled once for each kind that it is given
+    body, points, phi, noise, before, after = (
+        m["body"],
+        m["points"],
+        m["phi"][:],
+        m["noise"][:],
+        m["before"],
+        m["after"],
+    )
+    sigma, density, unscented, work = m["inertia_sigma"], m["density"], m["unscented"] > 0, m["work"][:]
+    narrow, dt, m["t"] = work[0:14, 0:3], t - m["t"], t
+    for which in range(2):
+        if not dt > 0.0 or (which == 0 and m["running"] == 0) or (which == 1 and m["has_trial"] == 0):
+            continue
+        track, limit = m["track"], LARGEST_SIGMA_RAD
+        if which == 1:
+            track, limit = m["trial"], LARGEST_TRIAL_SIGMA_RAD
+        dcm, rate, lasting = track["dcm"][:], track["rate"][:], track["lasting"]
+        turn, speed = _largest_sigmas(track)
+        coming = turn + speed * dt
+        steps = step_count(rate, body[MEAN_MOTION, 0], dt)
+        known = steps > 0 and coming * coming + density * dt * dt * dt / 3.0 <= limit * limit
+        pieces = (steps + STEPS_A_PIECE - 1) // STEPS_A_PIECE
+        for _ in range(pieces):
+            if not known:
+                break
+            h = dt / pieces
+            if unscented:
+                spread_points(track, points, narrow)
+                known = _turn_points(body, points, h, narrow)
+            inertia_effect_into(body, sigma, dcm, rate, before)
+            known = known and propagate_into(body, h, dcm, rate, density, phi, noise, work)
+            inertia_effect_into(body, sigma, dcm, rate, after)
+            carry_lasting(lasting, phi, before, after, h)
+            if unscented:
+                gather_points(track, points, noise, narrow)
+            else:
+                carry_errors(track["ld"], phi, noise)
+            turn, speed = _largest_sigmas(track)
+            known = known and turn <= limit
+        if not known and which == 0:
+            m["running"], m["rejections"] = 0, 0
+        elif not known:
+            m["has_trial"] = 0
+    if m["running"] == 0:
+        return WAITING
+    return REJECTED if m["rejections"] > 0 else PREDICTED
 
 
 @kernel
-def compare(memory: Record, of_trial: bool, measured: Matrix, noise: Matrix, chaser: Matrix) -> None:
+def take_if_near(memory: Record, of_trial: bool, measured: Matrix, noise: Matrix, chaser: Matrix, limit: float) -> bool:
     """Compare the track or the trial with a measured attitude (3, 3) of covariance noise (3, 3), into `compared`.
 
-    chaser (3, 3): dcm_chaser_from_lvlh; its error alpha turns the measured attitude by -C_TB alpha.
+    Correct it if NIS is within a limit, and say whether. chaser (3, 3): dcm_chaser_from_lvlh; its error alpha turns the
+    measured attitude by -C_TB alpha.
     """
     m = memory[0]
-    track = m["trial"] if of_trial else m["track"]
-    by, dcm, sigma = m["by_lasting"], track["dcm"], m["chaser_sigma"]
+    track = m["track"]
+    if of_trial:
+        track = m["trial"]
+    by, dcm, sigma, compared = m["by_lasting"], track["dcm"], m["chaser_sigma"], m["compared"]
     for i in range(3):
         for j in range(3):
             turned = dcm[0, i] * chaser[j, 0] + dcm[1, i] * chaser[j, 1] + dcm[2, i] * chaser[j, 2]
             by[i, LASTING - 3 + j] = -sigma * turned
-    compare_attitude(track, measured, noise, by, m["compared"])
+    compare_attitude(track, measured, noise, by, compared, m["work"][0:14, 0:3])
+    if not compared["nis"] <= limit:
+        return False
+    corrected = compared["track"]
+    for i in range(3):
+        track["rate"][i] = corrected["rate"][i]
+        for j in range(3):
+            dcm[i, j] = corrected["dcm"][i, j]
+    for i in range(6):
+        for j in range(i + 1):
+            track["ld"][i, j] = corrected["ld"][i, j]
+        for j in range(LASTING):
+            track["lasting"][i, j] = corrected["lasting"][i, j]
+    return True

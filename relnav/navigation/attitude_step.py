@@ -20,13 +20,9 @@ from relnav.arrays import Matrix, Record
 from relnav.dynamics.rigid_body import MEAN_MOTION, lvlh_rate
 from relnav.estimation.attitude import CHASER
 from relnav.estimation.factored import compose, factorize
-from relnav.navigation.attitude_prediction import compare, predict_attitude
-from relnav.navigation.status import PREDICTED, REJECTED, STARTED, UPDATED, WAITING
+from relnav.navigation.attitude_prediction import LARGEST_SIGMA_RAD, take_if_near
+from relnav.navigation.status import REJECTED, STARTED, UPDATED, WAITING
 
-LARGEST_SIGMA_RAD = 0.1
-"""Of a track's attitude, up to which errors count as small; at 0.2 rad NEES after a gap is three times too large."""
-LARGEST_TRIAL_SIGMA_RAD = 1.2
-"""Of a trial's: a turn of 2.6 sigma is half a turn, beyond which it would be told from the other side."""
 UNKNOWN_TURN_RAD = 0.5
 """1-sigma of the turn from one measured attitude to the next, where nothing is known of the rate."""
 LARGEST_RATE_SIGMA_RAD_S = 1.0
@@ -36,39 +32,19 @@ MOST_CONTRADICTED = 3
 """Trials in a row, after which what was told of the rate is not believed."""
 
 
-def advance(memory: Record, t_s: float) -> int:
-    """Carry the filter's tracks to t_s; returns the status of an epoch where nothing is measured.
-
-    memory (1,) of type `attitude_prediction.MEMORY`, here and below.
-    """
-    m = memory[0]
-    dt = t_s - float(m["t"])
-    m["t"] = t_s
-    running = bool(m["running"])
-    if dt > 0.0:
-        if running and not predict_attitude(memory, False, dt, LARGEST_SIGMA_RAD):
-            running = False
-            m["running"], m["rejections"] = 0, 0
-        if m["has_trial"] > 0 and not predict_attitude(memory, True, dt, LARGEST_TRIAL_SIGMA_RAD):
-            m["has_trial"] = 0
-    if not running:
-        return WAITING
-    return REJECTED if m["rejections"] > 0 else PREDICTED
-
-
 def use(memory: Record, measured: Matrix, noise: Matrix, chaser: Matrix) -> tuple[int, bool]:
     """Use an attitude measured now, with its covariance (3, 3); returns the status, and whether a track was compared.
 
-    What was found stands in `compared`. chaser (3, 3) is dcm_chaser_from_lvlh.
+    What was found stands in `compared`. memory (1,) of type `attitude_prediction.MEMORY`, here and below; chaser (3, 3)
+    is dcm_chaser_from_lvlh.
     """
     m = memory[0]
     interval, m["measured_t"] = float(m["t"] - m["measured_t"]), m["t"]
     running = bool(m["running"])
     if running:
-        compare(memory, False, measured, noise, chaser)
-        if m["compared"]["nis"] <= m["gate"]:
-            m["track"] = m["compared"]["track"]
-            m["rejections"], m["has_trial"], m["contradicted"] = 0, 0, 0
+        if take_if_near(memory, False, measured, noise, chaser, m["gate"]):
+            if m["rejections"] > 0:
+                m["rejections"], m["has_trial"], m["contradicted"] = 0, 0, 0
             return UPDATED, True
         m["rejections"] += 1
         rejected = m["compared"].copy()
@@ -87,17 +63,17 @@ def use(memory: Record, measured: Matrix, noise: Matrix, chaser: Matrix) -> tupl
 def _agrees(memory: Record, measured: Matrix, noise: Matrix, chaser: Matrix) -> bool:
     """Whether a measured attitude agrees with the trial, which then has learnt from it."""
     m = memory[0]
-    compare(memory, True, measured, noise, chaser)
-    compared = m["compared"]
-    if not compared["nis"] <= m["trial_gate"]:
+    if not take_if_near(memory, True, measured, noise, chaser, m["trial_gate"]):
         m["contradicted"] += 1
         if m["contradicted"] >= MOST_CONTRADICTED:
             m["rate_unknown"] = 1
         return False
     # an attitude taken at random would pass by the gate's share of all rotations, whose volume is 8 pi^2
-    volume = 4.0 / 3.0 * math.pi * m["trial_gate"] ** 1.5 * math.sqrt(np.linalg.det(compared["innovation_covariance"]))
+    volume = (
+        4.0 / 3.0 * math.pi * m["trial_gate"] ** 1.5 * math.sqrt(np.linalg.det(m["compared"]["innovation_covariance"]))
+    )
     m["chance"] *= min(1.0, volume / (8.0 * math.pi**2))
-    m["agreed"], m["contradicted"], m["trial"] = m["agreed"] + 1, 0, compared["track"]
+    m["agreed"], m["contradicted"] = m["agreed"] + 1, 0
     return True
 
 

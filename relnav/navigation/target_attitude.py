@@ -18,9 +18,9 @@ from relnav.estimation.gating import chi_square_limit
 from relnav.geometry.linear_algebra import cholesky
 from relnav.geometry.rotation import is_rotation
 from relnav.navigation.arguments import vector
-from relnav.navigation.attitude_prediction import MEMORY
+from relnav.navigation.attitude_prediction import MEMORY, advance
 from relnav.navigation.attitude_record import NOT_COMPARED, NOT_KNOWN, AttitudeRecord
-from relnav.navigation.attitude_step import advance, use
+from relnav.navigation.attitude_step import use
 from relnav.navigation.status import STARTED, UPDATED
 
 METHODS = ("multiplicative", "unscented")

@@ -18,7 +18,7 @@ from relnav.estimation.attitude import ATTITUDE_TRACK, CHASER, COMPARED, LASTING
 from relnav.estimation.factored import factorize
 from relnav.geometry.rotation_vector import attitude_error
 from relnav.geometry.wahba import solve_wahba
-from relnav.navigation.attitude_prediction import compare
+from relnav.navigation.attitude_prediction import take_if_near
 from relnav.navigation.pose_state import PoseState, state_from_pose
 from relnav.navigation.target_attitude import METHODS, TargetAttitude
 from relnav.sensors.dual_field.camera_fit import _Camera
@@ -237,7 +237,7 @@ def test_what_lasts_turns_a_measured_attitude(truth):
     settings = {"rate_noise_density_rad2_s3": 0.0, "initial_rate_sigma_rad_s": 1e-3, "chaser_attitude_sigma_rad": 1.0}
     target = TargetAttitude(np.diag([3.0, 4.0, 5.0]), 1e-3, **settings)
     target.memory["track"]["dcm"] = dcm
-    compare(target.memory, False, dcm, np.eye(3), chaser)
+    take_if_near(target.memory, False, dcm, np.eye(3), chaser, 0.0)
     assert_close(target.memory[0]["by_lasting"][:, CHASER], truth.derivative(measured_error, ZERO, EPS))
 
 
@@ -247,7 +247,7 @@ def test_rate_learnt_from_a_turned_measurement():
     covariance[:3, 3:] = covariance[3:, :3] = 0.5 * np.eye(3)
     track, out = np.zeros(1, ATTITUDE_TRACK)[0], np.zeros(1, COMPARED)[0]
     track["dcm"], track["ld"] = dcm, factorize(covariance)
-    compare_attitude(track, true_dcm(dcm, THETA).T, np.eye(3), np.zeros((3, LASTING)), out)
+    compare_attitude(track, true_dcm(dcm, THETA).T, np.eye(3), np.zeros((3, LASTING)), out, np.zeros((14, 6))[:, :3])
     np.testing.assert_allclose(out["track"]["rate"], 0.25 * THETA, atol=1e-12)
 
 
