@@ -1,64 +1,45 @@
-"""The target's attitude and inertial rate from measured attitudes: a published filter, and a cheaper default.
+"""The target's attitude and inertial rate from measured attitudes: a published filter, and its linearised form.
 
 The paper is Liu, Xu, Xu (2013),
 "Vision-based relative navigation for autonomous rendezvous and docking of spacecraft".
-`method="multiplicative"` is an extended Kalman filter of a small rotation vector; `method="unscented"` is the paper's
-reduced-order UKF of Euler angles. In the paper's case both give the same figures; the UKF costs some ten times more.
+`method="unscented"` is the paper's reduced-order UKF (`estimation/unscented_attitude.py`); `method="multiplicative"` is
+an extended Kalman filter of a small rotation vector. They differ in the prediction alone, and in the paper's case give
+the same figures. Start, gate, restart and what lasts are one: `attitude_step.py`.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Vector
-from relnav.dynamics.rigid_body import RigidBody, lvlh_rate
-from relnav.estimation.attitude import attitude_update
+from relnav.arrays import Matrix
+from relnav.dynamics.rigid_body import RigidBody
 from relnav.estimation.gating import chi_square_limit
-from relnav.estimation.unscented_attitude import UnscentedAttitude
+from relnav.geometry.linear_algebra import cholesky
 from relnav.geometry.rotation import is_rotation
-from relnav.geometry.rotation_vector import rotation_vector_between
+from relnav.navigation.arguments import vector
+from relnav.navigation.attitude_prediction import MEMORY, advance
+from relnav.navigation.attitude_record import NOT_COMPARED, NOT_KNOWN, AttitudeRecord
+from relnav.navigation.attitude_step import use
+from relnav.navigation.status import STARTED, UPDATED
 
 METHODS = ("multiplicative", "unscented")
-
-
-@dataclass(frozen=True)
-class AttitudeRecord:
-    """The target's rotation after one epoch.
-
-    Attributes
-    ----------
-    t_s : float
-    dcm_lvlh_from_target : (3, 3)
-    rate_rad_s : (3,)
-        Inertial, target axes.
-    covariance : (6, 6)
-        Of (attitude error in target axes, rad; rate, rad/s): the true attitude is dcm exp([error x]). NaN with the rest
-        before the first measurement.
-    innovation_rad, innovation_covariance : (3,), (3, 3)
-        Of a measured attitude before its use; NaN where nothing was measured.
-    nis : float
-        Of the innovation, before the gate; NaN where there is none.
-    dof : int
-        3, or 0 where nothing was measured.
-    accepted : bool
-        Whether it was used.
-    """
-
-    t_s: float
-    dcm_lvlh_from_target: Matrix
-    rate_rad_s: Vector
-    covariance: Matrix
-    innovation_rad: Vector
-    innovation_covariance: Matrix
-    nis: float
-    dof: int
-    accepted: bool
+TRIAL_PROBABILITY = 0.99
+"""With which a good measured attitude agrees with a trial: a start is refused sooner than a measurement."""
+_NOTHING = np.eye(3)
 
 
 class TargetAttitude:
-    """Attitude and inertial rate of the target, an epoch at a time."""
+    """Attitude and inertial rate of the target, an epoch at a time.
+
+    Two measured attitudes that agree start it. `copy.deepcopy` and `pickle` give a filter that goes on from the same
+    state, bit for bit; so does writing a kept copy of `memory` back into it.
+
+    Attributes
+    ----------
+    memory : (1,)
+        All that the filter was told and has learnt, of type `attitude_prediction.MEMORY`.
+    """
 
     def __init__(
         self,
@@ -69,6 +50,9 @@ class TargetAttitude:
         initial_rate_sigma_rad_s: float,
         gate_probability: float = 0.9999,
         method: str = "multiplicative",
+        inertia_sigma_kg_m2: ArrayLike | None = None,
+        chaser_attitude_sigma_rad: float = 0.0,
+        restart_after: int = 8,
     ) -> None:
         """Describe the body and what is not known of its motion.
 
@@ -81,11 +65,19 @@ class TargetAttitude:
         rate_noise_density_rad2_s3 : float
             Density of white angular acceleration, each axis, >= 0.
         initial_rate_sigma_rad_s : float
-            1-sigma of the rate about that of a target held in `lvlh_ccsds`, each axis, > 0.
+            1-sigma of the rate about that of a target held in `lvlh_ccsds`, each axis, > 0. A start does not believe it
+            any more once attitudes contradict it.
         gate_probability : float
             With which a good measurement is used.
         method : {"multiplicative", "unscented"}
             Which filter.
+        inertia_sigma_kg_m2 : (3, 3), optional
+            1-sigma of each entry of the inertia, symmetric, >= 0: errors that last, considered in the covariance.
+        chaser_attitude_sigma_rad : float
+            1-sigma of what lasts in the chaser's attitude, each of its axes, >= 0: it turns all measured attitudes
+            alike, so that no number of them averages it out.
+        restart_after : int
+            Measured attitudes rejected in a row after which others that agree may replace the track, >= 1.
 
         Raises
         ------
@@ -94,20 +86,46 @@ class TargetAttitude:
         """
         if method not in METHODS:
             raise ValueError(f'method must be "multiplicative" or "unscented"; got {method!r}')
-        if not (math.isfinite(rate_noise_density_rad2_s3) and rate_noise_density_rad2_s3 >= 0.0):
-            raise ValueError(f"rate_noise_density_rad2_s3 must be >= 0 and finite; got {rate_noise_density_rad2_s3!r}")
         if not (math.isfinite(initial_rate_sigma_rad_s) and initial_rate_sigma_rad_s > 0.0):
             raise ValueError(f"initial_rate_sigma_rad_s must be > 0 and finite; got {initial_rate_sigma_rad_s!r}")
-        self.body = RigidBody(np.asarray(inertia_kg_m2), mean_motion_rad_s)
-        self.method = method
-        self._density, self._rate_sigma = rate_noise_density_rad2_s3, initial_rate_sigma_rad_s
-        self._limit = chi_square_limit(gate_probability, 3)
-        self._t = math.nan
-        self._dcm, self._rate, self._covariance = np.full((3, 3), np.nan), np.full(3, np.nan), np.full((6, 6), np.nan)
-        self._unscented: UnscentedAttitude | None = None
+        for name, value in (
+            ("rate_noise_density_rad2_s3", rate_noise_density_rad2_s3),
+            ("chaser_attitude_sigma_rad", chaser_attitude_sigma_rad),
+        ):
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ValueError(f"{name} must be >= 0 and finite; got {value!r}")
+        if not restart_after >= 1:
+            raise ValueError(f"restart_after must be 1 or more; got {restart_after!r}")
+        self.body, self.method = RigidBody(np.asarray(inertia_kg_m2), mean_motion_rad_s), method
+        self.memory, self._chaser_sigma = np.zeros(1, MEMORY), float(chaser_attitude_sigma_rad)
+        m = self.memory[0]
+        m["body"], m["density"], m["rate_sigma"] = (
+            self.body.matrix,
+            rate_noise_density_rad2_s3,
+            initial_rate_sigma_rad_s,
+        )
+        m["gate"], m["trial_gate"] = chi_square_limit(gate_probability, 3), chi_square_limit(TRIAL_PROBABILITY, 3)
+        m["chaser_sigma"], m["restart_after"] = chaser_attitude_sigma_rad, restart_after
+        m["unscented"] = method == "unscented"
+        if inertia_sigma_kg_m2 is not None:
+            sigma = vector("inertia_sigma_kg_m2", inertia_sigma_kg_m2, (3, 3))
+            if not ((sigma >= 0.0).all() and np.array_equal(sigma, sigma.T)):
+                raise ValueError(f"inertia_sigma_kg_m2 is symmetric and nowhere below zero; got {sigma.tolist()}")
+            m["inertia_sigma"] = sigma
+        m["t"] = m["measured_t"] = math.nan
+
+    @property
+    def last_t_s(self) -> float:
+        """Time of the last epoch; NaN before the first."""
+        return float(self.memory[0]["t"])
 
     def step(
-        self, t_s: float, dcm_lvlh_from_target: ArrayLike | None = None, covariance_rad2: ArrayLike | None = None
+        self,
+        t_s: float,
+        dcm_lvlh_from_target: ArrayLike | None = None,
+        covariance_rad2: ArrayLike | None = None,
+        *,
+        dcm_chaser_from_lvlh: ArrayLike | None = None,
     ) -> AttitudeRecord:
         """Go on to t_s and use the attitude measured there, if one was.
 
@@ -118,86 +136,76 @@ class TargetAttitude:
         dcm_lvlh_from_target : (3, 3), optional
             Measured attitude: chaser attitude times camera mounting times measured relative attitude. NaN = none.
         covariance_rad2 : (3, 3)
-            Of its rotation vector, target axes: of the vision and of the chaser's own attitude together.
+            Of its rotation vector, target axes: of the noise of the vision and of the chaser's own attitude together,
+            without what lasts.
+        dcm_chaser_from_lvlh : (3, 3), optional
+            The chaser's attitude that was used; needed where `chaser_attitude_sigma_rad` is not zero.
 
         Raises
         ------
         ValueError
-            For a time that goes back, or a measurement that is no rotation or has no covariance.
+            For a time that goes back, a measurement that is no rotation or has no covariance, or a chaser's attitude
+            that is missing or no rotation. The filter is then unchanged.
         """
-        if not math.isfinite(t_s) or t_s < self._t:
-            raise ValueError(f"t_s must be finite and not before the last epoch, {self._t!r}; got {t_s!r}")
-        measured, noise = _checked(dcm_lvlh_from_target, covariance_rad2)
-        started = math.isfinite(self._t)
-        if started and t_s > self._t:
-            self._predict(t_s - self._t)
-        if started or measured is not None:
-            self._t = t_s
-        innovation, spread, nis, accepted = np.full(3, np.nan), np.full((3, 3), np.nan), math.nan, False
-        if measured is not None and noise is not None:
-            if not started:
-                accepted = True
-                self._start(measured, noise)
-            else:
-                innovation = rotation_vector_between(measured, self._dcm)
-                spread = self._covariance[:3, :3] + noise
-                nis = float(innovation @ np.linalg.solve(spread, innovation))
-                accepted = nis <= self._limit
-                if accepted:
-                    self._update(measured, noise)
+        t, m = float(t_s), self.memory[0]
+        if not math.isfinite(t) or t < m["t"]:
+            raise ValueError(f"t_s must be finite and not before the last epoch, {self.last_t_s!r}; got {t_s!r}")
+        measured = None if dcm_lvlh_from_target is None else _attitude(dcm_lvlh_from_target)
+        compared = False
+        if measured is None:
+            status = advance(self.memory, t)
+        else:
+            noise, chaser = _covariance(covariance_rad2), self._chaser(dcm_chaser_from_lvlh)
+            advance(self.memory, t)
+            status, compared = use(self.memory, measured, noise, chaser)
         return AttitudeRecord(
-            t_s,
-            self._dcm.copy(),
-            self._rate.copy(),
-            self._covariance.copy(),
-            innovation,
-            spread,
-            nis,
-            3 if math.isfinite(nis) else 0,
-            accepted,
+            t,
+            status,
+            status in (UPDATED, STARTED),
+            int(m["rejections"]),
+            m["track"].copy() if m["running"] else NOT_KNOWN,
+            m["compared"].copy() if compared else NOT_COMPARED,
+            self.body.mean_motion_rad_s,
+            self._chaser_sigma,
         )
 
-    def _start(self, measured: Matrix, noise: Matrix) -> None:
-        self._dcm, self._rate = measured, lvlh_rate(measured, self.body.mean_motion_rad_s)
-        self._covariance = np.zeros((6, 6))
-        self._covariance[:3, :3] = noise
-        self._covariance[3:, 3:] = self._rate_sigma**2 * np.eye(3)
-        if self.method == "unscented":
-            self._unscented = UnscentedAttitude(self._dcm, self._rate, self._covariance, self.body.propagate)
-
-    def _predict(self, dt_s: float) -> None:
-        dcm, rate, phi, noise = self.body.propagate_with_errors(self._dcm, self._rate, dt_s, self._density)
-        if self._unscented is None:
-            self._dcm, self._rate, self._covariance = dcm, rate, phi @ self._covariance @ phi.T + noise
-        else:
-            self._unscented.time_update(dt_s, noise)
-            self._read(self._unscented)
-
-    def _update(self, measured: Matrix, noise: Matrix) -> None:
-        if self._unscented is None:
-            self._dcm, self._rate, self._covariance = attitude_update(
-                self._dcm, self._rate, self._covariance, measured, noise
-            )
-        else:
-            self._unscented.measurement_update(measured, noise)
-            self._read(self._unscented)
-
-    def _read(self, unscented: UnscentedAttitude) -> None:
-        self._dcm, self._rate, self._covariance = unscented.dcm, unscented.rate, unscented.covariance
+    def _chaser(self, dcm: ArrayLike | None) -> Matrix:
+        if dcm is None:
+            if self._chaser_sigma > 0.0:
+                raise ValueError(
+                    "with chaser_attitude_sigma_rad above zero a measured attitude comes with dcm_chaser_from_lvlh"
+                )
+            return _NOTHING
+        chaser = np.array(dcm, dtype=np.float64, order="C")
+        if not is_rotation(chaser):
+            raise ValueError(f"dcm_chaser_from_lvlh must be a rotation matrix (3, 3); got {chaser.tolist()}")
+        return chaser
 
 
-def _checked(dcm: ArrayLike | None, covariance: ArrayLike | None) -> tuple[Matrix | None, Matrix | None]:
-    """The measurement as arrays; None where there is none."""
-    if dcm is None:
-        return None, None
-    measured = np.array(dcm, dtype=np.float64)
+def _attitude(dcm: ArrayLike) -> Matrix | None:
+    """A measured attitude; None where it is NaN: nothing was measured."""
+    measured = np.array(dcm, dtype=np.float64, order="C")
     if measured.shape != (3, 3):
         raise ValueError(f"dcm_lvlh_from_target has shape (3, 3); got {measured.shape}")
-    if not np.isfinite(measured).all():
-        return None, None
     if not is_rotation(measured):
-        raise ValueError("dcm_lvlh_from_target must be a rotation matrix")
-    noise = np.full((3, 3), np.nan) if covariance is None else np.array(covariance, dtype=np.float64)
-    if noise.shape != (3, 3) or not np.isfinite(noise).all() or not np.linalg.eigvalsh(noise)[0] > 0.0:
-        raise ValueError("covariance_rad2 is the positive definite covariance (3, 3) of the measured attitude, rad^2")
-    return measured, noise
+        if not np.isfinite(measured).all():
+            return None
+        raise ValueError(f"dcm_lvlh_from_target must be a rotation matrix; got {measured.tolist()}")
+    return measured
+
+
+def _covariance(covariance: ArrayLike | None) -> Matrix:
+    """The covariance of a measured attitude, symmetric to the last bit."""
+    if covariance is None:
+        raise ValueError(
+            "covariance_rad2 is missing: the positive definite covariance (3, 3) of the measurement, rad^2"
+        )
+    noise = np.array(covariance, dtype=np.float64, order="C")
+    if noise.shape != (3, 3):
+        raise ValueError(f"covariance_rad2 has shape (3, 3), rad^2; got {noise.shape}")
+    symmetric = 0.5 * (noise + noise.T)
+    if not (np.abs(noise - noise.T) <= 1e-9 * np.abs(symmetric).max()).all():
+        raise ValueError(f"covariance_rad2 must be finite and symmetric, to 1e-9; got {noise.tolist()}")
+    if not cholesky(symmetric, 1e-12, noise):
+        raise ValueError(f"covariance_rad2 must be a positive definite covariance, to 1e-12; got {symmetric.tolist()}")
+    return symmetric

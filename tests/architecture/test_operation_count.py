@@ -11,7 +11,7 @@ import pytest
 
 from relnav.codegen.kernel import STRAIGHT_LINES, shapes_of, sizes_of
 from relnav.codegen.trace import INPUTS, Trace
-from relnav.navigation import log, pose_log  # noqa: F401  (registers the filters' functions)
+from relnav.navigation import log, pose_log, target_attitude  # noqa: F401  (registers the filters' functions)
 
 COUNTS = tomllib.loads((Path(__file__).parent / "operation_counts.toml").read_text())["operations"]
 FUNCTIONS = {

@@ -20,7 +20,7 @@ from relnav.codegen.kernel import (
     vector,
 )
 from relnav.codegen.trace import LANES, Trace
-from relnav.navigation import log, pose_log  # noqa: F401  (registers the filters' functions)
+from relnav.navigation import log, pose_log, target_attitude  # noqa: F401  (registers the filters' functions)
 
 NAMES = {
     f"{function.__module__}.{function.__name__}" + (f" of {n}" if n else ""): (function, n)

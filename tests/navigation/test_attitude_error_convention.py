@@ -14,10 +14,11 @@ from scipy.spatial.transform import Rotation
 import relnav
 from relnav.accuracy.sensitivity import sensitivity
 from relnav.dynamics.rigid_body import RigidBody
-from relnav.estimation.attitude import attitude_update
-from relnav.estimation.unscented_attitude import body_turn_of_angles, dcm_from_euler
+from relnav.estimation.attitude import ATTITUDE_TRACK, CHASER, COMPARED, LASTING, compare_attitude
+from relnav.estimation.factored import factorize
 from relnav.geometry.rotation_vector import attitude_error
 from relnav.geometry.wahba import solve_wahba
+from relnav.navigation.attitude_prediction import take_if_near
 from relnav.navigation.pose_state import PoseState, state_from_pose
 from relnav.navigation.target_attitude import METHODS, TargetAttitude
 from relnav.sensors.dual_field.camera_fit import _Camera
@@ -212,23 +213,42 @@ def test_a_start_by_the_attitudes_of_target_and_chaser(mission, scene, seen, tru
 
 @pytest.mark.parametrize("method", METHODS)
 def test_innovation_and_correction_of_the_target_attitude(method):
-    """A measurement that is off by theta is the innovation theta, and equal covariances meet in the middle."""
+    """A measurement that is off by theta is the innovation theta; it counts as much as each of the start's two."""
     dcm = Rotation.from_rotvec([0.2, -0.1, 0.3]).as_matrix()
     measured = true_dcm(dcm.T, THETA).T
     settings = {"rate_noise_density_rad2_s3": 0.0, "initial_rate_sigma_rad_s": 1e-3, "method": method}
     target, noise = TargetAttitude(np.diag([3.0, 4.0, 5.0]), 1e-3, **settings), 1e-4 * np.eye(3)
-    target.step(0.0, dcm, noise)
+    for _ in range(2):
+        target.step(0.0, dcm, noise)
     record = target.step(0.0, measured, noise)
     np.testing.assert_allclose(record.innovation_rad, THETA, atol=1e-12)
-    np.testing.assert_allclose(error_of(dcm.T, record.dcm_lvlh_from_target.T), 0.5 * THETA, atol=1e-6)
+    np.testing.assert_allclose(error_of(dcm.T, record.dcm_lvlh_from_target.T), THETA / 3.0, atol=1e-6)
+
+
+def test_what_lasts_turns_a_measured_attitude(truth):
+    """A true chaser attitude off by alpha turns the measured attitude by what the filter's B says: -C_TB alpha."""
+    chaser = Rotation.from_rotvec([0.4, -0.7, 0.2]).as_matrix()
+    dcm = Rotation.from_rotvec([0.2, -0.1, 0.3]).as_matrix()
+
+    def measured_error(alpha):
+        seen = true_dcm(chaser, alpha) @ dcm  # what the vision sees of the true target, dcm
+        return error_of(dcm.T, (chaser.T @ seen).T)
+
+    settings = {"rate_noise_density_rad2_s3": 0.0, "initial_rate_sigma_rad_s": 1e-3, "chaser_attitude_sigma_rad": 1.0}
+    target = TargetAttitude(np.diag([3.0, 4.0, 5.0]), 1e-3, **settings)
+    target.memory["track"]["dcm"] = dcm
+    take_if_near(target.memory, False, dcm, np.eye(3), chaser, 0.0)
+    assert_close(target.memory[0]["by_lasting"][:, CHASER], truth.derivative(measured_error, ZERO, EPS))
 
 
 def test_rate_learnt_from_a_turned_measurement():
     """With theta' = dw a target found turned forward by theta after dt turns faster, not slower."""
     dcm, covariance = np.eye(3), np.eye(6)
     covariance[:3, 3:] = covariance[3:, :3] = 0.5 * np.eye(3)
-    _, rate, _ = attitude_update(dcm, ZERO, covariance, true_dcm(dcm, THETA).T, np.eye(3))
-    np.testing.assert_allclose(rate, 0.25 * THETA, atol=1e-12)
+    track, out = np.zeros(1, ATTITUDE_TRACK)[0], np.zeros(1, COMPARED)[0]
+    track["dcm"], track["ld"] = dcm, factorize(covariance)
+    compare_attitude(track, true_dcm(dcm, THETA).T, np.eye(3), np.zeros((3, LASTING)), out, np.zeros((14, 6))[:, :3])
+    np.testing.assert_allclose(out["track"]["rate"], 0.25 * THETA, atol=1e-12)
 
 
 def test_transition_of_the_rigid_body(truth):
@@ -239,13 +259,6 @@ def test_transition_of_the_rigid_body(truth):
     )
     np.testing.assert_allclose(phi[:3, :3], expected, atol=1e-4)
     assert np.abs(expected - expected.T).max() > 0.1
-
-
-def test_euler_angles_of_the_unscented_filter(truth):
-    angles = np.array([0.3, -0.2, 0.5])
-    dcm = dcm_from_euler(angles)
-    expected = truth.derivative(lambda d: error_of(dcm.T, dcm_from_euler(angles + d).T), ZERO, EPS)
-    assert_close(body_turn_of_angles(angles), expected)
 
 
 # --- sun, stars, directions -------------------------------------------------------------------------------------------

@@ -1,19 +1,16 @@
-"""The target's attitude and rate: gain over the raw attitude, honesty, steady state, traps of a UKF on angles."""
+"""The target's attitude and rate: gain over the raw attitude, honesty, steady state, what becomes of each epoch."""
 
+import copy
 import math
+import pickle
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import relnav
 from relnav.accuracy.target_attitude import attitude_trials
 from relnav.estimation.attitude import settled_sigmas
-from relnav.estimation.unscented_attitude import (
-    UnscentedAttitude,
-    body_turn_of_angles,
-    dcm_from_euler,
-    euler_from_dcm,
-)
 from relnav.geometry.rotation_vector import rotation_vector_between
 from relnav.mission import Orbit
 from relnav.navigation.target_attitude import METHODS, TargetAttitude
@@ -102,62 +99,144 @@ def test_both_filters_agree():
     np.testing.assert_allclose(np.diag(one.covariance), np.diag(other.covariance), rtol=0.02)
 
 
-def test_two_updates_without_a_step_between():
-    """In filterpy an update keeps the sigma points of the last prediction; used twice they make a variance negative."""
-    P = np.diag([0.01] * 3 + [1e-6] * 3)
-    track = UnscentedAttitude(np.eye(3), np.zeros(3), P, lambda dcm, rate, _: (dcm, rate))
-    for _ in range(2):
-        track.measurement_update(np.eye(3), 0.01 * np.eye(3))
-    np.testing.assert_allclose(np.diag(track.covariance)[:3], 0.01 / 3.0, rtol=1e-9)
+def names(records):
+    return [record.status.name for record in records]
 
 
-def test_before_the_first_prediction_an_update_counts():
-    track = UnscentedAttitude(np.eye(3), np.zeros(3), np.diag([0.01] * 3 + [1e-6] * 3), lambda d, w, _: (d, w))
-    track.measurement_update(Rotation.from_rotvec([0.02, 0.0, 0.0]).as_matrix(), 0.01 * np.eye(3))
-    assert rotation_vector_between(track.dcm, np.eye(3))[0] == pytest.approx(0.01, rel=1e-6)
+def still(method="multiplicative", **other):
+    """A filter of a target at rest."""
+    settings = {"rate_noise_density_rad2_s3": DENSITY, "initial_rate_sigma_rad_s": 1e-3, "method": method}
+    return TargetAttitude(INERTIA, N, **settings | other)
 
 
-def test_euler_angles():
-    rng = np.random.default_rng(8)
-    for turn in Rotation.random(20, rng=rng):
-        angles = euler_from_dcm(turn.as_matrix())
-        np.testing.assert_allclose(angles[::-1], turn.as_euler("ZYX"), atol=1e-9)
-        np.testing.assert_allclose(dcm_from_euler(angles), turn.as_matrix(), atol=1e-12)
-        for i in range(3):
-            step = np.zeros(3)
-            step[i] = 1e-6
-            moved = rotation_vector_between(dcm_from_euler(angles + step), dcm_from_euler(angles - step)) / 2e-6
-            np.testing.assert_allclose(moved, body_turn_of_angles(angles)[:, i], atol=1e-8)
+NOISE = SIGMA**2 * np.eye(3)
+WRONG = Rotation.from_rotvec([0.5, 0.0, 0.0]).as_matrix()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_start_needs_two_attitudes_that_agree(method):
+    nav = still(method)
+    records = [nav.step(0.0), nav.step(1.0, WRONG, NOISE), nav.step(2.0, np.eye(3), NOISE), nav.step(3.0)]
+    assert names(records) == ["WAITING"] * 4
+    assert not any(record.accepted for record in records)
+    for record in records:
+        assert np.isnan(record.covariance).all()
+        assert np.isnan(record.dcm_lvlh_from_target).all()
+        assert record.dof == 0
+    started = nav.step(4.0, np.eye(3), NOISE)
+    assert started.status == relnav.EpochStatus.STARTED
+    assert started.accepted
+    assert started.dof == 3
+    np.testing.assert_allclose(started.dcm_lvlh_from_target, np.eye(3), atol=0.01)
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_gaps_and_outliers(method):
-    nav = TargetAttitude(INERTIA, N, rate_noise_density_rad2_s3=DENSITY, initial_rate_sigma_rad_s=1e-3, method=method)
-    empty = nav.step(0.0)
-    assert np.isnan(empty.covariance).all()
-    assert not empty.accepted
-    noise = SIGMA**2 * np.eye(3)
-    assert nav.step(1.0, np.eye(3), noise).accepted
-    gap = nav.step(3.0, np.full((3, 3), np.nan), noise)
-    assert not gap.accepted
-    assert gap.dof == 0
-    wrong = nav.step(4.0, Rotation.from_rotvec([0.5, 0.0, 0.0]).as_matrix(), noise)
-    assert not wrong.accepted
+    nav = still(method)
+    for k in range(2):
+        nav.step(0.1 * k, np.eye(3), NOISE)
+    gap = nav.step(3.0, np.full((3, 3), np.nan), NOISE)
+    assert (gap.status.name, gap.accepted, gap.dof, gap.rejections) == ("PREDICTED", False, 0, 0)
+    wrong = nav.step(4.0, WRONG, NOISE)
+    assert (wrong.status.name, wrong.accepted, wrong.dof, wrong.rejections) == ("REJECTED", False, 3, 1)
     assert wrong.nis > 100.0
-    assert np.linalg.eigvalsh(nav.step(5.0, np.eye(3), noise).covariance)[0] > 0.0
+    later = nav.step(4.5)
+    assert (later.status.name, later.accepted, later.dof, later.rejections) == ("REJECTED", False, 0, 1)
+    good = nav.step(5.0, np.eye(3), NOISE)
+    assert (good.status.name, good.accepted, good.rejections) == ("UPDATED", True, 0)
+    assert np.linalg.eigvalsh(good.covariance)[0] > 0.0
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_track_that_is_contradicted_is_replaced(method):
+    """By the eighth attitude that disagrees with it and agrees with the others; seven do not."""
+    nav = still(method)
+    for k in range(20):
+        nav.step(0.1 * k, np.eye(3), NOISE)
+    records = [nav.step(2.0 + 0.1 * k, WRONG, NOISE) for k in range(7)]
+    assert names(records) == ["REJECTED"] * 7
+    kept = copy.deepcopy(nav)
+    assert kept.step(2.8, np.eye(3), NOISE).status == relnav.EpochStatus.UPDATED
+    record = nav.step(2.8, WRONG, NOISE)
+    assert (record.status.name, record.rejections) == ("STARTED", 0)
+    np.testing.assert_allclose(record.dcm_lvlh_from_target, WRONG, atol=0.01)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_filter_is_copied_pickled_and_restored(method):
+    rng, nav = np.random.default_rng(7), still(method, inertia_sigma_kg_m2=0.05 * INERTIA)
+    seen = Rotation.from_rotvec(SIGMA * rng.normal(size=(60, 3))).as_matrix()
+    seen[25:30] = WRONG
+    for k in range(28):
+        nav.step(0.1 * k, seen[k], NOISE)
+    kept, others = nav.memory.copy(), [copy.deepcopy(nav), copy.copy(pickle.loads(pickle.dumps(nav)))]
+    expected = [nav.step(0.1 * k, seen[k], NOISE) for k in range(28, 60)]
+    nav.memory[:] = kept
+    for again in (nav, *others):
+        for k, record in zip(range(28, 60), expected, strict=True):
+            other = again.step(0.1 * k, seen[k], NOISE)
+            np.testing.assert_array_equal(other.covariance, record.covariance)
+            np.testing.assert_array_equal(other.dcm_lvlh_from_target, record.dcm_lvlh_from_target)
+            assert other.status == record.status
+    loaded = pickle.loads(pickle.dumps(expected[-1]))
+    np.testing.assert_array_equal(loaded.covariance, expected[-1].covariance)
+    with pytest.raises(ValueError, match="read-only"):
+        expected[-1].covariance[0, 0] = 0.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ((0.5,), "not before the last epoch"),
+        ((math.nan,), "t_s must be finite"),
+        ((2.0, np.eye(2), NOISE), r"shape \(3, 3\); got \(2, 2\)"),
+        ((2.0, 2.0 * np.eye(3), NOISE), "must be a rotation matrix"),
+        ((2.0, np.eye(3)), "covariance_rad2 is missing"),
+        ((2.0, np.eye(3), np.eye(2)), r"covariance_rad2 has shape"),
+        ((2.0, np.eye(3), np.full((3, 3), np.nan)), "finite and symmetric"),
+        ((2.0, np.eye(3), NOISE + np.triu(NOISE[0, 0] * np.ones((3, 3)), 1)), "finite and symmetric"),
+        ((2.0, np.eye(3), np.diag([1.0, 1.0, -1e-9])), "positive definite"),
+        ((2.0, np.eye(3), np.ones((3, 3))), "positive definite"),
+    ],
+)
+def test_a_refused_call_leaves_the_filter_as_it_was(arguments, text):
+    nav = still()
+    for k in range(3):
+        nav.step(0.5 * k, np.eye(3), NOISE)
+    before = nav.memory.copy()
+    with pytest.raises(ValueError, match=text):
+        nav.step(*arguments)
+    assert nav.memory.tobytes() == before.tobytes()
 
 
 def test_wrong_use():
-    make = {"rate_noise_density_rad2_s3": DENSITY, "initial_rate_sigma_rad_s": 1e-3}
-    with pytest.raises(ValueError, match='method must be "multiplicative" or "unscented"'):
-        TargetAttitude(INERTIA, N, **make, method="ukf")
-    with pytest.raises(ValueError, match="initial_rate_sigma_rad_s"):
-        TargetAttitude(INERTIA, N, **make | {"initial_rate_sigma_rad_s": 0.0})
-    nav = TargetAttitude(INERTIA, N, **make)
-    nav.step(1.0, np.eye(3), np.eye(3))
-    with pytest.raises(ValueError, match="not before the last epoch"):
-        nav.step(0.5)
-    with pytest.raises(ValueError, match="must be a rotation matrix"):
-        nav.step(2.0, 2.0 * np.eye(3), np.eye(3))
-    with pytest.raises(ValueError, match="positive definite covariance"):
-        nav.step(2.0, np.eye(3))
+    for wrong, text in [
+        ({"method": "ukf"}, 'method must be "multiplicative" or "unscented"'),
+        ({"initial_rate_sigma_rad_s": 0.0}, "initial_rate_sigma_rad_s"),
+        ({"rate_noise_density_rad2_s3": -1.0}, "rate_noise_density_rad2_s3"),
+        ({"chaser_attitude_sigma_rad": math.nan}, "chaser_attitude_sigma_rad"),
+        ({"restart_after": 0}, "restart_after must be 1 or more"),
+        ({"inertia_sigma_kg_m2": np.ones(3)}, "inertia_sigma_kg_m2 has shape"),
+        ({"inertia_sigma_kg_m2": np.triu(np.ones((3, 3)))}, "symmetric and nowhere below zero"),
+    ]:
+        with pytest.raises(ValueError, match=text):
+            still(**wrong)
+    nav = still(chaser_attitude_sigma_rad=1e-3)
+    with pytest.raises(ValueError, match="comes with dcm_chaser_from_lvlh"):
+        nav.step(0.0, np.eye(3), NOISE)
+    with pytest.raises(ValueError, match="dcm_chaser_from_lvlh must be a rotation"):
+        nav.step(0.0, np.eye(3), NOISE, dcm_chaser_from_lvlh=np.ones((3, 3)))
+
+
+def test_arrays_of_any_layout_give_the_same_bits_and_are_not_kept():
+    """Fortran order, read-only, lists: no second copy is compiled, and the caller's arrays stay the caller's."""
+    plain, other = still(), still()
+    turn = Rotation.from_rotvec([0.001, 0.002, 0.003]).as_matrix()
+    for k in range(6):
+        fortran = np.asfortranarray(turn)
+        fortran.setflags(write=False)
+        record = plain.step(0.1 * k, turn, NOISE)
+        again = other.step(0.1 * k, fortran if k % 2 else turn.tolist(), np.asfortranarray(NOISE))
+        np.testing.assert_array_equal(record.covariance, again.covariance)
+        np.testing.assert_array_equal(record.dcm_lvlh_from_target, again.dcm_lvlh_from_target)
+    np.testing.assert_array_equal(NOISE, SIGMA**2 * np.eye(3))

@@ -1,0 +1,115 @@
+"""The target-attitude filter: a thousand starts and bursts of outliers, and what a call costs.
+
+    python benchmarks/target_attitude.py faults --runs 1000
+    python benchmarks/target_attitude.py speed
+
+`faults` flies what the tests fly a tenth of, with bounds; exit code 1 if one is missed. `speed` is for information: the
+fastest of many batches, and the processor time of the first calls with nothing compiled.
+"""
+
+import argparse
+import importlib.util
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+import relnav
+from relnav.navigation.target_attitude import METHODS
+
+TESTS = Path(__file__).parents[1] / "tests" / "navigation" / "test_target_attitude_honesty.py"
+INERTIA, N = np.diag([3000.0, 4200.0, 4700.0]), 1.1313666536110223e-3
+NOISE = math.radians(0.5) ** 2 * np.eye(3)
+COLD = """
+import time
+from benchmark import new_filter, np, NOISE
+nav = new_filter({method!r})
+begin = time.process_time()
+for k in range(3):
+    nav.step(0.1 * k, np.eye(3), NOISE)
+print(time.process_time() - begin)
+"""
+
+
+def new_filter(method):
+    return relnav.TargetAttitude(
+        INERTIA, N, rate_noise_density_rad2_s3=1e-14, initial_rate_sigma_rad_s=2e-3, method=method
+    )
+
+
+def faults(runs: int) -> bool:
+    """Starts among outliers and bursts of them."""
+    spec = importlib.util.spec_from_file_location("honesty", TESTS)
+    tests = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(tests)
+    good = True
+    for method in METHODS:
+        for rate_hz in (10.0, 1.0):
+            worst, waits = tests.fly_through_faults(method, runs, seed=11, rate_hz=rate_hz)
+            met = worst.max() <= 3 and waits.max() <= 10
+            good &= bool(met)
+            print(
+                f"{method:<15} {rate_hz:g} Hz, {runs} runs: relied on beyond 5 sigma at most {worst.max()} epochs "
+                f"[0, 3]; after a fault at most {waits.max()} attitudes to a state [0, 10] "
+                f"{'met' if met else 'NOT MET'}",
+                flush=True,
+            )
+    return good
+
+
+def fastest_us(call, batches=200, calls=10):
+    """Time of one call in the fastest batch."""
+    best = math.inf
+    for _ in range(batches):
+        begin = time.perf_counter()
+        for _ in range(calls):
+            call()
+        best = min(best, (time.perf_counter() - begin) / calls)
+    return 1e6 * best
+
+
+def speed() -> None:
+    """A time step, a measured attitude, and the first calls of a fresh installation."""
+    for method in METHODS:
+        nav = new_filter(method)
+        clock = [0.0]
+
+        def measure(nav=nav, clock=clock):
+            clock[0] += 0.01
+            nav.step(clock[0], np.eye(3), NOISE)
+
+        def predict(nav=nav, clock=clock):
+            clock[0] += 0.001
+            nav.step(clock[0])
+
+        with_measurement, alone = fastest_us(measure), fastest_us(predict)
+        with tempfile.TemporaryDirectory() as cache:
+            code = COLD.format(method=method).replace("benchmark import", f"{Path(__file__).stem} import")
+            here = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+            environment = os.environ | {"NUMBA_CACHE_DIR": cache, "PYTHONPATH": here}
+            done = subprocess.run([sys.executable, "-c", code], env=environment, check=True, capture_output=True)
+        print(
+            f"{method:<15} time step {alone:.1f} us, measured attitude {with_measurement:.1f} us, "
+            f"first calls, nothing compiled: {float(done.stdout):.1f} s of processor time"
+        )
+
+
+def main() -> int:
+    """Fly or time."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("faults", "speed"))
+    parser.add_argument("--runs", type=int, default=1000)
+    options = parser.parse_args()
+    if options.what == "speed":
+        speed()
+        return 0
+    return 0 if faults(options.runs) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

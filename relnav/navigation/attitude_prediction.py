@@ -1,0 +1,193 @@
+"""The target-attitude filter's memory by names, and what of it runs compiled: a track predicted, and compared."""
+
+import math
+
+import numpy as np
+
+from relnav.arrays import Matrix, Record
+from relnav.codegen.kernel import kernel
+from relnav.dynamics.inertia_error import inertia_effect_into
+from relnav.dynamics.rigid_body import (
+    BODY_ROWS,
+    INERTIA,
+    INVERSE,
+    MEAN_MOTION,
+    TORQUE,
+    propagate_into,
+    step_count,
+    turn_body,
+)
+from relnav.estimation.attitude import (
+    ATTITUDE_TRACK,
+    COMPARED,
+    LASTING,
+    carry_errors,
+    carry_lasting,
+    compare_attitude,
+)
+from relnav.estimation.unscented_attitude import POINTS, SIGMA_POINTS, gather_points, spread_points
+from relnav.navigation.status import PREDICTED, REJECTED, WAITING
+
+STEPS_A_PIECE = 4
+"""Runge-Kutta steps after which sigma points are drawn anew, and what lasts is carried: a turn of 0.2 rad."""
+
+LARGEST_SIGMA_RAD = 0.1
+"""Of a track's attitude, up to which errors count as small; at 0.2 rad NEES after a gap is three times too large."""
+LARGEST_TRIAL_SIGMA_RAD = 1.2
+"""Of a trial's: a turn of 2.6 sigma is half a turn, beyond which it would be told from the other side."""
+
+_F, _I = np.float64, np.int64
+
+MEMORY = np.dtype(
+    [
+        ("body", _F, (BODY_ROWS, 3)),  # as `dynamics.rigid_body` describes it
+        ("inertia_sigma", _F, (3, 3)),
+        ("density", _F),
+        ("rate_sigma", _F),
+        ("chaser_sigma", _F),
+        ("gate", _F),
+        ("trial_gate", _F),
+        ("restart_after", _I),
+        ("unscented", _I),
+        ("t", _F),
+        ("measured_t", _F),  # of the latest measured attitude
+        ("running", _I),
+        ("rejections", _I),
+        ("has_trial", _I),
+        ("agreed", _I),  # attitudes that have confirmed the trial
+        ("chance", _F),  # that attitudes without relation would have
+        ("contradicted", _I),  # trials in a row
+        ("rate_unknown", _I),
+        ("track", ATTITUDE_TRACK),
+        ("trial", ATTITUDE_TRACK),
+        ("compared", COMPARED),
+        ("points", SIGMA_POINTS),
+        ("phi", _F, (6, 6)),
+        ("noise", _F, (6, 6)),
+        ("before", _F, (3, 6)),
+        ("after", _F, (3, 6)),
+        ("by_lasting", _F, (3, LASTING)),
+        ("work", _F, (50, 6)),
+    ]
+)
+"""All of a filter: what it was told, its clock, its tracks, and what a step works with."""
+
+
+@kernel
+def _largest_sigmas(track: Record) -> tuple[float, float]:
+    """The largest 1-sigma of the attitude's errors and of the rate's, what lasts included."""
+    ld, lasting, turn, speed = track["ld"], track["lasting"], 0.0, 0.0
+    for i in range(6):
+        total = ld[i, i]
+        for k in range(i):
+            total += ld[i, k] * ld[i, k] * ld[k, k]
+        for k in range(LASTING):
+            total += lasting[i, k] * lasting[i, k]
+        if i < 3 and not total <= turn:  # NaN counts as large
+            turn = total
+        elif i >= 3 and not total <= speed:
+            speed = total
+    return math.sqrt(turn), math.sqrt(speed)
+
+
+@kernel
+def _turn_points(body: Matrix, points: Record, dt: float, work: Matrix) -> bool:
+    """Carry the sigma points over dt."""
+    inertia, inverse, n = body[INERTIA : INERTIA + 3], body[INVERSE : INVERSE + 3], body[MEAN_MOTION, 0]
+    for k in range(POINTS):
+        rate = points["rate"][k]
+        count = step_count(rate, n, dt)
+        for _ in range(count):
+            turn_body(points["dcm"][k], rate, inertia, inverse, n, body[TORQUE], dt / count, work)
+        if count == 0:
+            return False
+    return True
+
+
+@kernel
+def advance(memory: Record, t: float) -> int:
+    """Carry the track and the trial of memory (1,), of type MEMORY, to t s; returns the status if nothing is measured.
+
+    One whose attitude is lost is dropped: its 1-sigma exceeds a limit, or by kinematics alone is going to, and then
+    nothing long is computed.
+    """
+    m = memory[0]
+    # [:] makes all arrays of one kind: a kernel is compiled once for each kind that it is given
+    body, points, phi, noise, before, after = (
+        m["body"],
+        m["points"],
+        m["phi"][:],
+        m["noise"][:],
+        m["before"],
+        m["after"],
+    )
+    sigma, density, unscented, work = m["inertia_sigma"], m["density"], m["unscented"] > 0, m["work"][:]
+    narrow, dt, m["t"] = work[0:14, 0:3], t - m["t"], t
+    for which in range(2):
+        if not dt > 0.0 or (which == 0 and m["running"] == 0) or (which == 1 and m["has_trial"] == 0):
+            continue
+        track, limit = m["track"], LARGEST_SIGMA_RAD
+        if which == 1:
+            track, limit = m["trial"], LARGEST_TRIAL_SIGMA_RAD
+        dcm, rate, lasting = track["dcm"][:], track["rate"][:], track["lasting"]
+        turn, speed = _largest_sigmas(track)
+        coming = turn + speed * dt
+        steps = step_count(rate, body[MEAN_MOTION, 0], dt)
+        known = steps > 0 and coming * coming + density * dt * dt * dt / 3.0 <= limit * limit
+        pieces = (steps + STEPS_A_PIECE - 1) // STEPS_A_PIECE
+        for _ in range(pieces):
+            if not known:
+                break
+            h = dt / pieces
+            if unscented:
+                spread_points(track, points, narrow)
+                known = _turn_points(body, points, h, narrow)
+            inertia_effect_into(body, sigma, dcm, rate, before)
+            known = known and propagate_into(body, h, dcm, rate, density, phi, noise, work)
+            inertia_effect_into(body, sigma, dcm, rate, after)
+            carry_lasting(lasting, phi, before, after, h)
+            if unscented:
+                gather_points(track, points, noise, narrow)
+            else:
+                carry_errors(track["ld"], phi, noise)
+            turn, speed = _largest_sigmas(track)
+            known = known and turn <= limit
+        if not known and which == 0:
+            m["running"], m["rejections"] = 0, 0
+        elif not known:
+            m["has_trial"] = 0
+    if m["running"] == 0:
+        return WAITING
+    return REJECTED if m["rejections"] > 0 else PREDICTED
+
+
+@kernel
+def take_if_near(memory: Record, of_trial: bool, measured: Matrix, noise: Matrix, chaser: Matrix, limit: float) -> bool:
+    """Compare the track or the trial with a measured attitude (3, 3) of covariance noise (3, 3), into `compared`.
+
+    Correct it if NIS is within a limit, and say whether. chaser (3, 3): dcm_chaser_from_lvlh; its error alpha turns the
+    measured attitude by -C_TB alpha.
+    """
+    m = memory[0]
+    track = m["track"]
+    if of_trial:
+        track = m["trial"]
+    by, dcm, sigma, compared = m["by_lasting"], track["dcm"], m["chaser_sigma"], m["compared"]
+    for i in range(3):
+        for j in range(3):
+            turned = dcm[0, i] * chaser[j, 0] + dcm[1, i] * chaser[j, 1] + dcm[2, i] * chaser[j, 2]
+            by[i, LASTING - 3 + j] = -sigma * turned
+    compare_attitude(track, measured, noise, by, compared, m["work"][0:14, 0:3])
+    if not compared["nis"] <= limit:
+        return False
+    corrected = compared["track"]
+    for i in range(3):
+        track["rate"][i] = corrected["rate"][i]
+        for j in range(3):
+            dcm[i, j] = corrected["dcm"][i, j]
+    for i in range(6):
+        for j in range(i + 1):
+            track["ld"][i, j] = corrected["ld"][i, j]
+        for j in range(LASTING):
+            track["lasting"][i, j] = corrected["lasting"][i, j]
+    return True
