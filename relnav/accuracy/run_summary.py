@@ -79,6 +79,11 @@ class RunSummary:
         self._trend.take(part)
 
     @property
+    def started(self) -> bool:
+        """Whether any epoch has a state."""
+        return not math.isnan(self.started_s)
+
+    @property
     def accepted(self) -> int:
         """Epochs of which everything that was seen was used."""
         return self.counts[EpochStatus.UPDATED] + self.counts[EpochStatus.STARTED]
@@ -119,7 +124,7 @@ class RunSummary:
             "epochs": self.epochs,
             "t_first_s": self.t_first_s,
             "t_last_s": self.t_last_s,
-            "started_s": None if math.isnan(self.started_s) else self.started_s,
+            "started_s": self.started_s if self.started else None,
             "restarts": self.restarts,
             "epochs_by_status": {status.name.lower(): self.counts[status] for status in EpochStatus},
             "accepted": self.accepted,
@@ -152,7 +157,7 @@ class RunSummary:
         if self.considered:
             lines.append(f"lasting errors in the covariance: {self.considered}")
         lines.extend(self.notes)
-        if math.isnan(self.started_s):
+        if not self.started:
             names = [f"{Status(code).name} {count}" for code, count in sorted(self.reasons.items())]
             lines.append(
                 f"NOT STARTED: no epoch was confirmed by the next; measurements by outcome: {', '.join(names)}"

@@ -15,12 +15,13 @@ import numpy as np
 
 from relnav.accuracy.run_summary import RunSummary
 from relnav.arrays import Matrix, Stack, Vector
-from relnav.files.logs import Log, LogFile, check_beacons
+from relnav.files.logs import Log, LogFile, check_beacons, opened
 from relnav.files.models import load_mission, load_published
 from relnav.files.raw_filter import filter_raw_log
 from relnav.files.raw_logs import is_raw_log
 from relnav.files.spool import Spool
 from relnav.files.tables import COLUMNS, INTEGERS, Table, head, rows_of, write_table
+from relnav.files.text_table import TextTable
 from relnav.files.tracks import write
 from relnav.mission import Model
 from relnav.navigation.arguments import controls
@@ -71,9 +72,10 @@ def filter_file(
         As `filter_log` and `write`.
     """
     mission = load_mission(model) if isinstance(model, str) else model
-    if is_raw_log(Path(path)):
-        return _filter_raw_file(Path(path), mission, out, method, projection, smooth)
-    log = LogFile(Path(path))
+    source = opened(Path(path))
+    if is_raw_log(source):
+        return _filter_raw_file(source, mission, out, method, projection, smooth)
+    log = LogFile(source)
     check_beacons(log.path, log.columns.beacons, mission.name, len(mission.beacons_lvlh_m))
     run = _Run(log, LogFilter(mission, method, projection=projection), progress)
     summary = RunSummary(load_published(mission), mission.filter.gate_probability)
@@ -96,10 +98,15 @@ def filter_file(
 
 
 def _filter_raw_file(
-    path: Path, model: Model, out: str | os.PathLike[str] | None, method: str, projection: str | None, smooth: bool
+    source: Path | TextTable,
+    model: Model,
+    out: str | os.PathLike[str] | None,
+    method: str,
+    projection: str | None,
+    smooth: bool,
 ) -> RunSummary:
     """A raw log is filtered in memory: a start may have to be looked for in the rest of it."""
-    solution = filter_raw_log(path, model, method=method, projection=projection, smooth=smooth)
+    solution = filter_raw_log(source, model, method=method, projection=projection, smooth=smooth)
     summary = RunSummary(load_published(model), model.filter.gate_probability)
     said = solution.metadata
     summary.ignored = said.get("ignored columns", "")

@@ -109,7 +109,7 @@ def test_a_grid_in_mixed_units(write_log):
         (0, "true_x_um,true_y_um,spot_x_deg,spot_y_um", ":1: column 'spot_x_deg': unit 'deg' does not fit"),
         (1, "0,0,0.01", ":2: 4 cells are expected as in the header; got 3"),
         (3, "1000,0,x,-4", ":4: column 'spot_x_mm': 'x' is not a number"),
-        (3, ",0,1,-4", ":4: column 'true_x_um' is ''; only a spot may be missing"),
+        (3, ",0,1,-4", ":4: column 'true_x_um' is empty or no finite number; only a spot may be missing"),
     ],
 )
 def test_a_wrong_grid(write_log, line, text, message):
@@ -121,5 +121,5 @@ def test_a_wrong_grid(write_log, line, text, message):
 
 
 def test_an_empty_grid(write_log):
-    with pytest.raises(relnav.LogError, match="the file is empty; a header line and one row a point"):
+    with pytest.raises(relnav.LogError, match="the file is empty; a header line and one row"):
         read_grid(write_log("# nothing\n"))

@@ -4,17 +4,19 @@ from pathlib import Path
 
 import click
 
+from relnav.cli.printing import InputPath, OutputPath, say
+
 
 @click.command(
     epilog="Example: relnav stars attitude frames.csv --model dual_field_star --orbit orbit.csv --epoch 2026.5 "
     "--earth-velocity-km-s -10.2 25.3 11.0 --out attitude.csv --log approach.csv --joined approach_with_attitude.csv"
 )
-@click.argument("frames", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("frames", type=InputPath())
 @click.option("--model", required=True, help="Star sensor: a shipped name, a folder or a file.")
 @click.option(
     "--orbit",
     required=True,
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    type=InputPath(),
     help="Target's inertial states (ICRS axes), CSV: t_s, x_km, y_km, z_km, vx_km_s, vy_km_s, vz_km_s.",
 )
 @click.option("--epoch", help="Julian year or ISO date (UTC); the model's own if left out.")
@@ -32,9 +34,9 @@ import click
     show_default=True,
     help="Mounting of the camera, x y z w.",
 )
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Attitudes, .csv or .parquet.")
-@click.option("--log", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="Navigation log, .csv.")
-@click.option("--joined", type=click.Path(path_type=Path), help="That log with the attitude added to every row.")
+@click.option("--out", required=True, type=OutputPath(), help="Attitudes, .csv or .parquet.")
+@click.option("--log", type=InputPath(), help="Navigation log, .csv.")
+@click.option("--joined", type=OutputPath(), help="That log with the attitude added to every row.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
     frames: Path,
@@ -56,7 +58,7 @@ def command(
     import numpy as np
 
     from relnav.errors import InputError, UsageError
-    from relnav.files.atomic import check_distinct, check_folder
+    from relnav.files.atomic import Outputs, check_distinct, check_folder
     from relnav.files.attitude_log import (
         join_attitude,
         quaternions_in_lvlh,
@@ -107,9 +109,12 @@ def command(
     except ValueError as error:
         raise UsageError(f"--q-cam-from-star: {error}") from error
     q = quaternions_in_lvlh(np.array([s.dcm_cam_from_icrs for s in solutions]), at[solved], mounting)
-    write_attitude_log(out, t_s, q, np.array([s.sigma_rad for s in solutions]))
-    rows = join_attitude(log, t_s, q, joined) if log is not None and joined is not None else 0
+    with Outputs() as outputs:
+        sigma = np.array([s.sigma_rad for s in solutions])
+        write_attitude_log(outputs.path(out, ".csv"), t_s, q, sigma)
+        rows = 0
+        if log is not None and joined is not None:
+            rows = join_attitude(log, t_s, q, outputs.path(joined, ".csv"))
     if not quiet:
-        click.echo(f"attitude: {out} ({len(solved)} of {len(images)} frames)")
-        if joined is not None:
-            click.echo(f"log: {joined} ({rows} rows)")
+        also = [f"log: {joined} ({rows} rows)"] if joined is not None else []
+        say([f"attitude: {out} ({len(solved)} of {len(images)} frames)", *also], out, joined)
