@@ -15,6 +15,8 @@ import numpy as np
 
 from relnav.accuracy.run_summary import RunSummary
 from relnav.arrays import Matrix, Stack, Vector
+from relnav.files.attitude_reading import ROWS_TRIED, reading_that_starts
+from relnav.files.log_columns import ACCELERATION, DELTA_V
 from relnav.files.logs import Log, LogFile, check_beacons, opened
 from relnav.files.models import load_mission, load_published
 from relnav.files.raw_filter import filter_raw_log
@@ -23,6 +25,7 @@ from relnav.files.spool import Spool
 from relnav.files.tables import COLUMNS, INTEGERS, Table, head, rows_of, write_table
 from relnav.files.text_table import TextTable
 from relnav.files.tracks import write
+from relnav.files.wording import listed
 from relnav.mission import Model
 from relnav.navigation.arguments import controls
 from relnav.navigation.log import Epochs, LogFilter
@@ -79,7 +82,7 @@ def filter_file(
     check_beacons(log.path, log.columns.beacons, mission.name, len(mission.beacons_lvlh_m))
     run = _Run(log, LogFilter(mission, method, projection=projection), progress)
     summary = RunSummary(load_published(mission), mission.filter.gate_probability)
-    summary.ignored = ", ".join(log.columns.ignored)
+    summary.ignored = listed(log.columns.ignored)
 
     def parts() -> Iterator[Table]:
         for solution in run.smoothed() if smooth else run.filtered():
@@ -94,6 +97,7 @@ def filter_file(
         stated |= {"considered": mission.considered} if mission.considered else {}
         stated |= log_metadata(log.path, log.metadata, log.columns.ignored)
         write_table(Path(out), COLUMNS, parts(), stated, INTEGERS)
+    summary.hint = run.hint(summary.started)
     return summary
 
 
@@ -120,7 +124,7 @@ def _filter_raw_file(
 def log_metadata(path: Path, metadata: dict[str, str], ignored: tuple[str, ...]) -> dict[str, str]:
     """What a track says of the log it came from."""
     said = {"log": path.name} | {f"log.{key}": value for key, value in metadata.items()}
-    return said | ({"ignored columns": ", ".join(ignored)} if ignored else {})
+    return said | ({"ignored columns": listed(ignored)} if ignored else {})
 
 
 class _Run:
@@ -128,10 +132,23 @@ class _Run:
 
     def __init__(self, log: LogFile, log_filter: LogFilter, progress: Callable[[int], None] | None):
         self.log, self.filter, self.progress = log, log_filter, progress
+        self._first: _Chunk | None = None
+
+    def hint(self, started: bool) -> str:
+        """Why the filter did not start or rejects much, as far as the log's columns tell."""
+        columns = self.log.columns
+        if started or self._first is None:
+            controlled = columns.has(ACCELERATION) or columns.has(DELTA_V)
+            hint = "the log has no control columns (accel_x_m_s2, ...): if the chaser thrusts, add them"
+            return "" if controlled else hint
+        return reading_that_starts(self.filter, self._first.t, self._first.spots, self._first.quaternion)
 
     def _chunks(self) -> Iterator[_Chunk]:
         for piece in self.log.chunks():
-            yield _chunk(piece)
+            chunk = _chunk(piece)
+            if self._first is None:
+                self._first = _Chunk(*(array[:ROWS_TRIED] for array in vars(chunk).values()))
+            yield chunk
 
     def _forward(self, chunk: _Chunk, *, smooth: bool) -> Epochs:
         epochs = self.filter.room(len(chunk.t), smooth=smooth)

@@ -33,9 +33,9 @@ def test_it_comes_back_as_written(report, tmp_path):
     np.testing.assert_allclose(got.corrected(spots)[1], c.corrected(spots)[1], rtol=1e-12)
 
 
-def test_a_model_names_it_and_everything_uses_it(report, write_model, tmp_path):
-    path = write_model(named('file = "../c.toml"'))
-    write_calibration(report, tmp_path / "c.toml", "grid.csv")
+def test_a_model_names_it_and_everything_uses_it(report, write_model):
+    path = write_model(named('file = "c.toml"'))
+    write_calibration(report, path.with_name("c.toml"), "grid.csv")
     model = relnav.load_model(path)
     assert model.calibration.order == report.calibration.order
     assert model.provenance["calibration.file"] == "unstated"
@@ -53,9 +53,9 @@ def test_a_model_names_it_and_everything_uses_it(report, write_model, tmp_path):
     np.testing.assert_array_equal(many.state[-1], records[0].state)
 
 
-def test_with_a_source(report, write_model, tmp_path):
-    path = write_model(named('file = { value = "../c.toml", source = "derived", why = "bench of May" }'))
-    write_calibration(report, tmp_path / "c.toml", "grid.csv")
+def test_with_a_source(report, write_model):
+    path = write_model(named('file = { value = "c.toml", source = "derived", why = "bench of May" }'))
+    write_calibration(report, path.with_name("c.toml"), "grid.csv")
     assert relnav.load_model(path).provenance["calibration.file"] == "derived: bench of May"
 
 
