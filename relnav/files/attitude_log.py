@@ -18,6 +18,8 @@ from relnav.geometry.orbital_attitude import dcm_cam_from_lvlh
 from relnav.geometry.rotation import quaternion_from_dcm
 
 ORBIT_COLUMNS = ("t_s", "x_km", "y_km", "z_km", "vx_km_s", "vy_km_s", "vz_km_s")
+LEAST_RADIUS_KM, MOST_RADIUS_KM, MOST_SPEED_KM_S = 6000.0, 1e6, 15.0
+"""Of a state about the Earth: inside it nothing flies, at its surface one escapes with 11.2 km/s."""
 SIGMA_COLUMNS = ("sigma_attitude_x_arcsec", "sigma_attitude_y_arcsec", "sigma_attitude_z_arcsec")
 SPOT_COLUMNS = ("t_s", "x_px", "y_px")
 
@@ -30,7 +32,15 @@ def read_orbit(path: Path) -> Matrix:
     InputError
         Naming file, line and column of what cannot be read; for times that do not increase.
     """
-    table, _ = read_star_table(path, ORBIT_COLUMNS, ())
+    table, _, lines = read_star_table(path, ORBIT_COLUMNS, ())
+    radius, speed = np.linalg.norm(table[:, 1:4], axis=1), np.linalg.norm(table[:, 4:], axis=1)
+    wrong = np.flatnonzero(~((radius > LEAST_RADIUS_KM) & (radius < MOST_RADIUS_KM) & (speed < MOST_SPEED_KM_S)))
+    if wrong.size:
+        row = wrong[0]
+        raise InputError(
+            f"{path}:{int(lines[row])}: a speed of {speed[row]:.6g} km/s at {radius[row]:.6g} km from the Earth's "
+            "centre is no orbit; km and km/s are expected"
+        )
     if len(table) == 0 or np.any(np.diff(table[:, 0]) <= 0.0):
         raise InputError(f"{path}: one row or more with times that increase are expected")
     return table
@@ -65,7 +75,7 @@ def read_star_log(path: Path) -> list[tuple[float, StarFrame]]:
     InputError
         As `read_star_frame`; for times that go back.
     """
-    table, brightness = read_star_table(path, SPOT_COLUMNS, ("flux", "magnitude"))
+    table, brightness, _ = read_star_table(path, SPOT_COLUMNS, ("flux", "magnitude"))
     if np.any(np.diff(table[:, 0]) < 0.0):
         raise InputError(f"{path}: t_s goes back; sort the rows by time")
     frames = []

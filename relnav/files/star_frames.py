@@ -56,7 +56,7 @@ def read_star_frame(path: Path, centre_px: tuple[float, float] = (0.0, 0.0)) -> 
     InputError
         Naming file, line and column of what cannot be read; if the coordinates evidently count from a corner.
     """
-    values, given = read_star_table(path, PLACES, BRIGHTNESS, MOST_SPOTS)
+    values, given, _ = read_star_table(path, PLACES, BRIGHTNESS, MOST_SPOTS)
     spots = values[:, :2] - np.asarray(centre_px)
     if centre_px == (0.0, 0.0):
         _refuse_corner_coordinates(spots, path)
@@ -66,8 +66,8 @@ def read_star_frame(path: Path, centre_px: tuple[float, float] = (0.0, 0.0)) -> 
 
 def read_star_table(
     path: Path, columns: tuple[str, ...], choices: tuple[str, ...], most_rows: int = MOST_ROWS
-) -> tuple[Matrix, str]:
-    """Columns of a CSV as numbers (n, m), with one of the `choices` as last column if it is there; its name or "".
+) -> tuple[Matrix, str, Vector]:
+    """Columns of a CSV as numbers (n, m), and one of the `choices`, if it is there; its name or ""; lines.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def read_star_table(
         raise InputError(
             f"{path}:{int(lines[bad[0][0]])}: column '{name}' is {came}; leave a spot that was not measured out"
         )
-    return values, next((name for name in choices if name in found.index), "")
+    return values, next((name for name in choices if name in found.index), ""), lines
 
 
 def _parse(names: list[str], where: str, columns: tuple[str, ...], choices: tuple[str, ...]) -> Columns:
