@@ -35,34 +35,13 @@ def page(fuzzed: list[dict[str, Any]], ended: list[dict[str, Any]], day: str) ->
         f"Made by `python benchmarks/reliability.py` on {day}, Python {platform.python_version()}, {sys.platform}. "
         f"{cases} files made to break it, {runs} interrupted runs, **{len(faults)} faults**.",
         "",
-        "## Files made to break it",
-        "",
-        "`python benchmarks/fuzzing.py --cases N`. Good files with names, cells, lines, keys, types, numbers and bytes "
-        "exchanged (hypothesis; the strategies are in the script). A fault is: an exception that is not documented, a "
-        "warning, a message with control characters or without the file's name, 5 s of processor time for one file, "
-        "1 GiB of memory, a number of a track that is not finite, a covariance that is not positive definite. The test "
-        "suite runs a part of them (`tests/files/test_fuzzing.py`).",
-        "",
-        "| target | files | read | refused in a sentence | faults | memory so far, MiB |",
-        "| --- | ---: | ---: | ---: | ---: | ---: |",
+        FUZZED,
     ]
     for entry in fuzzed:
         read = entry["outcomes"].get("read", 0)
         refused, wrong = entry["cases"] - read, len(entry["faults"])
         lines.append(f"| {entry['target']} | {entry['cases']} | {read} | {refused} | {wrong} | {entry['memory_mib']} |")
-    lines += [
-        "",
-        "## Interrupted runs",
-        "",
-        "`python benchmarks/interruption.py --runs N`. Each command is sent SIGINT, SIGTERM and SIGKILL in turn at times "
-        "drawn evenly over its run (plain Python). A fault is: an output that is neither the old file nor the new one "
-        "byte by byte; new and old outputs of one command side by side after SIGINT or SIGTERM; anything hidden that is "
-        "left behind, but for one folder after SIGKILL, which the next run has to remove. Codes: 130 and 143 are "
-        "relnav's own; -2 and -15 mean that Python itself was still starting.",
-        "",
-        "| command | runs | had finished | folder left by SIGKILL | exit codes | faults |",
-        "| --- | ---: | ---: | ---: | --- | ---: |",
-    ]
+    lines += ["", ENDED]
     for entry in ended:
         codes = ", ".join(f"{name}: {count}" for name, count in entry["codes"].items())
         lines.append(
@@ -74,6 +53,26 @@ def page(fuzzed: list[dict[str, Any]], ended: list[dict[str, Any]], day: str) ->
     return "\n".join([*lines, "", LIMITS])
 
 
+FUZZED = """## Files made to break it
+
+`python benchmarks/fuzzing.py --cases N`. Good files with names, cells, lines, keys, types, numbers and bytes exchanged
+(hypothesis; the strategies are in the script). A fault is: an exception that is not documented, a warning, a message
+with control characters or without the file's name, 5 s of processor time for one file, 1 GiB of memory, a number of a
+track that is not finite, a covariance that is not positive definite. The test suite runs a part of them
+(`tests/files/test_fuzzing.py`).
+
+| target | files | read | refused in a sentence | faults | memory so far, MiB |
+| --- | ---: | ---: | ---: | ---: | ---: |"""
+ENDED = """## Interrupted runs
+
+`python benchmarks/interruption.py --runs N`. Each command is sent SIGINT, SIGTERM and SIGKILL in turn at times drawn
+evenly over its run (plain Python). A fault is: an output that is neither the old file nor the new one byte by byte; new
+and old outputs of one command side by side after SIGINT or SIGTERM; anything hidden that is left behind, but for one
+folder after SIGKILL, which the next run has to remove. Codes: 130 and 143 are relnav's own; -2 and -15 mean that Python
+itself was still starting.
+
+| command | runs | had finished | folder left by SIGKILL | exit codes | faults |
+| --- | ---: | ---: | ---: | --- | ---: |"""
 LIMITS = """## Limits
 
 | what | is refused beyond | why |
@@ -81,10 +80,11 @@ LIMITS = """## Limits
 | a line | 1,000,000 characters | a row of cells is shorter; endless input ends here |
 | columns of a table | 2,000 | |
 | lines before the header; empty lines in a row | 10,000; 100,000 | |
-| rows of a grid, star log or orbit; spots of a star frame; slots of a raw log | 1,000,000; 20,000; 5,000,000 | they are held in memory; logs of spots and markers are streamed |
+| rows of a grid, sun table, star log or orbit | 1,000,000 | held in memory; logs of spots and markers are streamed |
+| spots of a star frame; slots of a raw log | 20,000; 5,000,000 | held in memory |
 | a column of Parquet | 100 MB unpacked from less than a 200th | no measured log is so repetitive |
 | a model or calibration | 200,000 characters, 12 levels | |
-| times, accelerations, impulses of a log | 1e11 s, 1e4 m/s^2, 1e5 m/s | milliseconds or nanoseconds under t_s; a slip of unit |
+| times, accelerations, impulses of a log | 1e11 s, 1e4 m/s^2, 1e5 m/s | a slip of unit, as nanoseconds under t_s |
 
 A log comes from a file, a named pipe, `<(...)`, `/dev/stdin` or `-`; a pipe is read once, as it comes. Outputs may be
 pipes or `-`: they are given the whole file at the end. What `relnav` prints beside a file on standard output goes to

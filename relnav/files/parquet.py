@@ -44,15 +44,14 @@ def open_parquet(path: Path) -> tuple[Any, list[str], dict[str, str]]:
 
     try:
         file = parquet.ParquetFile(path, pre_buffer=False)
-    except (pyarrow.ArrowException, OSError) as error:
+        stored, names = file.schema_arrow.metadata or {}, [printable(name) for name in file.schema_arrow.names]
+    except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
         raise LogError(f"{path}: not a readable Parquet file: {shown(error)}") from error
-    stored = file.schema_arrow.metadata or {}
     metadata = {
         shown(key.decode(errors="replace")): shown(value.decode(errors="replace"))
         for key, value in stored.items()
         if key not in (b"ARROW:schema", b"pandas")
     }
-    names = [printable(name) for name in file.schema_arrow.names]
     if len(names) > MOST_COLUMNS:
         raise LogError(f"{path}: {len(names)} columns; up to {MOST_COLUMNS} are read: leave out what is not needed")
     return file, names, metadata
@@ -83,7 +82,7 @@ def read_batches(file: Any, path: Path, columns: list[int]) -> Iterator[Matrix]:
                 out[position] = column.cast(pyarrow.float64()).to_numpy(zero_copy_only=False)
             row += len(batch)
             yield out.T
-    except (pyarrow.ArrowException, OSError) as error:
+    except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
         raise LogError(f"{path}: damaged after row {row}: {shown(error)}") from error
 
 

@@ -1,6 +1,5 @@
 """Other people's words in our sentences: nothing that a terminal obeys, no line that passes for ours, not too long."""
 
-import unicodedata
 from collections.abc import Iterable
 
 LONGEST = 200
@@ -9,10 +8,7 @@ MOST_LISTED = 20
 
 def printable(text: object) -> str:
     """The text in one line: what is no visible character (controls, line ends, direction marks) as an escape."""
-    words = str(text)
-    if words.isascii() and words.isprintable():
-        return words
-    return "".join(_escape(c) if unicodedata.category(c)[0] == "C" or c in "\u2028\u2029" else c for c in words)
+    return "".join(c if c.isprintable() else _escape(c) for c in str(text))
 
 
 def _escape(character: str) -> str:

@@ -1,10 +1,14 @@
 """`relnav stars attitude`: a star sensor's log of frames as the camera attitudes that `relnav filter` reads."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from relnav.cli.printing import InputPath, OutputPath, say
+
+if TYPE_CHECKING:
+    from relnav.arrays import Matrix
 
 
 @click.command(
@@ -70,7 +74,6 @@ def command(
     from relnav.files.epochs import julian_year
     from relnav.files.star_solving import load_star_sensor, velocity_option
     from relnav.files.tables import check_format
-    from relnav.geometry.rotation import dcm_from_quaternion
     from relnav.sensors.dual_field import measure
 
     check_format(out)
@@ -84,7 +87,7 @@ def command(
     if sensor.fold.kind != "none" and earth_velocity_km_s is None:
         raise UsageError("two fields need --earth-velocity-km-s: aberration changes the angle between them")
     earth = None if earth_velocity_km_s is None else velocity_option("--earth-velocity-km-s", earth_velocity_km_s)
-    year = None if epoch is None else julian_year(epoch)
+    year, mounting = None if epoch is None else julian_year(epoch), _mounting(q_cam_from_star)
     images, states = read_star_log(frames), read_orbit(orbit)
     at = states_at(states, np.array([t for t, _ in images]), orbit)
     solved, solutions = [], []
@@ -104,10 +107,6 @@ def command(
     if not solved:
         raise InputError(f"{frames}: no frame of {len(images)} has a credible attitude; `relnav stars solve` tells why")
     t_s = np.array([images[k][0] for k in solved])
-    try:
-        mounting = dcm_from_quaternion(np.array(q_cam_from_star))
-    except ValueError as error:
-        raise UsageError(f"--q-cam-from-star: {error}") from error
     q = quaternions_in_lvlh(np.array([s.dcm_cam_from_icrs for s in solutions]), at[solved], mounting)
     with Outputs() as outputs:
         sigma = np.array([s.sigma_rad for s in solutions])
@@ -118,3 +117,15 @@ def command(
     if not quiet:
         also = [f"log: {joined} ({rows} rows)"] if joined is not None else []
         say([f"attitude: {out} ({len(solved)} of {len(images)} frames)", *also], out, joined)
+
+
+def _mounting(q_cam_from_star: tuple[float, float, float, float]) -> "Matrix":
+    import numpy as np
+
+    from relnav.errors import UsageError
+    from relnav.geometry.rotation import dcm_from_quaternion
+
+    try:
+        return dcm_from_quaternion(np.array(q_cam_from_star))
+    except ValueError as error:
+        raise UsageError(f"--q-cam-from-star: {error}") from error
