@@ -31,6 +31,9 @@ from relnav.navigation.arguments import controls
 from relnav.navigation.log import Epochs, LogFilter
 from relnav.navigation.record import Solution
 
+FAR_APART_S = 10.0
+"""Images of a docking approach come faster."""
+
 
 @dataclass(frozen=True)
 class _Chunk:
@@ -97,7 +100,7 @@ def filter_file(
         stated |= {"considered": mission.considered} if mission.considered else {}
         stated |= log_metadata(log.path, log.metadata, log.columns.ignored)
         write_table(Path(out), COLUMNS, parts(), stated, INTEGERS)
-    summary.hint = run.hint(summary.started)
+    summary.hint, summary.notes = run.hint(summary.started), run.spacing()
     return summary
 
 
@@ -133,6 +136,14 @@ class _Run:
     def __init__(self, log: LogFile, log_filter: LogFilter, progress: Callable[[int], None] | None):
         self.log, self.filter, self.progress = log, log_filter, progress
         self._first: _Chunk | None = None
+
+    def spacing(self) -> tuple[str, ...]:
+        """A note where rows are so far apart, in whole numbers, that the unit of time is in doubt."""
+        t = np.zeros(0) if self._first is None else self._first.t
+        apart = float(np.median(np.diff(t))) if len(t) > 2 else 0.0
+        if apart < FAR_APART_S or not bool((t == np.rint(t)).all()):
+            return ()
+        return (f"rows are {apart:g} s apart: if the times are milliseconds, name the column t_ms",)
 
     def hint(self, started: bool) -> str:
         """Why the filter did not start or rejects much, as far as the log's columns tell."""
