@@ -25,7 +25,7 @@ def made(script: str, option: str, number: int, folder: Path) -> Path:
     return out
 
 
-def page(fuzzed: list[dict[str, Any]], ended: list[dict[str, Any]], day: str) -> str:
+def page(fuzzed: list[dict[str, Any]], ended: list[dict[str, Any]], note: str, day: str) -> str:
     """The page, in Markdown."""
     faults = [fault for entry in (*fuzzed, *ended) for fault in entry["faults"]]
     cases, runs = sum(entry["cases"] for entry in fuzzed), sum(entry["runs"] for entry in ended)
@@ -34,6 +34,7 @@ def page(fuzzed: list[dict[str, Any]], ended: list[dict[str, Any]], day: str) ->
         "",
         f"Made by `python benchmarks/reliability.py` on {day}, Python {platform.python_version()}, {sys.platform}. "
         f"{cases} files made to break it, {runs} interrupted runs, **{len(faults)} faults**.",
+        *(["", note] if note else []),
         "",
         FUZZED,
     ]
@@ -102,13 +103,14 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=200)
     parser.add_argument("--fuzzed", type=Path)
     parser.add_argument("--interrupted", type=Path)
+    parser.add_argument("--note", default="", help="What a reader must know of how these runs were made.")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "reliability.md")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         fuzzed = options.fuzzed or made("fuzzing", "--cases", options.cases, Path(name))
         ended = options.interrupted or made("interruption", "--runs", options.runs, Path(name))
         figures = [json.loads(path.read_text()) for path in (fuzzed, ended)]
-    options.out.write_text(page(*figures, datetime.now(UTC).date().isoformat()), encoding="utf-8")
+    options.out.write_text(page(*figures, options.note, datetime.now(UTC).date().isoformat()), encoding="utf-8")
 
 
 if __name__ == "__main__":
