@@ -34,6 +34,10 @@ class RunSummary:
         Columns of the log that nobody used.
     considered : str
         Lasting errors that the covariance includes.
+    hint : str
+        The likely reason, should the filter not start or reject much.
+    longest_gap_s : float
+        Longest time between rows.
     notes : tuple of str
         What else there is to say of the log, for a reader.
     """
@@ -49,6 +53,8 @@ class RunSummary:
         self.ignored, self.considered = "", ""
         self.notes: tuple[str, ...] = ()
         self._trend = PublishedTrend(published)
+        self.longest_gap_s, self.hint, self._t_before = 0.0, "", math.nan
+        self._sigma: tuple[float, ...] = (math.nan,) * 3
         self._used, self._used_dof, self._seen, self._seen_dof, self._seen_epochs = 0.0, 0, 0.0, 0, 0
 
     def take(self, part: Solution) -> None:
@@ -77,6 +83,16 @@ class RunSummary:
         self._seen_dof += int(part.dof[seen].sum())
         self._seen_epochs += int(seen.sum())
         self._trend.take(part)
+        if len(known):
+            self._sigma = tuple(part.docking_sigma[part.status != EpochStatus.WAITING][-1].tolist())
+        times = np.concatenate([part.t_s[:1] if math.isnan(self._t_before) else [self._t_before], part.t_s])
+        self.longest_gap_s = max(self.longest_gap_s, float(np.diff(times).max()))
+        self._t_before = float(part.t_s[-1])
+
+    @property
+    def started(self) -> bool:
+        """Whether any epoch has a state."""
+        return not math.isnan(self.started_s)
 
     @property
     def accepted(self) -> int:
@@ -119,7 +135,7 @@ class RunSummary:
             "epochs": self.epochs,
             "t_first_s": self.t_first_s,
             "t_last_s": self.t_last_s,
-            "started_s": None if math.isnan(self.started_s) else self.started_s,
+            "started_s": self.started_s if self.started else None,
             "restarts": self.restarts,
             "epochs_by_status": {status.name.lower(): self.counts[status] for status in EpochStatus},
             "accepted": self.accepted,
@@ -152,13 +168,15 @@ class RunSummary:
         if self.considered:
             lines.append(f"lasting errors in the covariance: {self.considered}")
         lines.extend(self.notes)
-        if math.isnan(self.started_s):
+        if not self.started:
             names = [f"{Status(code).name} {count}" for code, count in sorted(self.reasons.items())]
             lines.append(
                 f"NOT STARTED: no epoch was confirmed by the next; measurements by outcome: {', '.join(names)}"
             )
             if self.reasons[Status.SWAPPED]:
                 lines.append("  SWAPPED: the image is upside down for the stated attitude; A and B exchanged?")
+            if self.hint:
+                lines.append(f"  {self.hint}")
             return lines
         counts = self.counts
         lines.append(
@@ -170,13 +188,22 @@ class RunSummary:
             lines.append(f"NIS per degree of freedom {self.nis.ratio:.3f} (epochs used whole), lasting errors included")
         else:
             lines.append(f"{self.nis} (epochs used whole)")
-        if self.refused_unexplained:
+        if self.restarts and not self.refused:
+            lines.append(f"  the track was started anew {self.restarts} times; longest gap {self.longest_gap_s:.6g} s")
+        elif self.refused_unexplained:
             lines.append(
                 f"  BUT {self.refused} epochs had spots rejected, more than the gate alone explains, and restarts are "
                 f"{self.restarts}; NIS of all that was seen: {self.nis_all_per_dof:.3g} per degree of freedom"
             )
+            if self.hint:
+                lines.append(f"  {self.hint}")
         if self.last == EpochStatus.WAITING:
             lines.append("  THE TRACK IS LOST at the end of the log: its uncertainty outgrew the range")
+        if not self.comparisons:
+            quantities = ("range", "azimuth", "elevation")
+            values = (self._sigma[0], *(math.degrees(sigma) for sigma in self._sigma[1:]))
+            sigmas = (f"{n} {v:.5f} {u}" for n, v, u in zip(quantities, values, ("m", "deg", "deg"), strict=True))
+            lines.append(f"1-sigma at {self.known_s:.12g} s: {', '.join(sigmas)}")
         if self.comparisons:
             lines.append(f"1-sigma at {self.known_s:.12g} s   reported    published   ratio   within it from")
             for row in self.comparisons:

@@ -32,7 +32,7 @@ def pointed_camera(p: Vector) -> Matrix:
 
 
 def true_spots(model: Model, p: Vector, optics: str) -> Matrix:
-    """Noise-free spots (3, 2) m of a camera at p (docking frame) that looks at O.
+    """Noise-free spots (beacons, 2) m of a camera at p (docking frame) that looks at O.
 
     optics: "real" is central projection; "parallel" puts every beacon at O's depth, as the paper's formulas assume.
     """
@@ -58,7 +58,7 @@ def single_shots(
     truth = np.array([range_m, azimuth_rad, elevation_rad])
     cos_el = math.cos(elevation_rad)
     p = range_m * np.array([cos_el * math.cos(azimuth_rad), cos_el * math.sin(azimuth_rad), -math.sin(elevation_rad)])
-    spots = true_spots(model, p, optics) + rng.normal(size=(draws, 3, 2)) * sensor.spot_noise_m
+    spots = true_spots(model, p, optics)[:3] + rng.normal(size=(draws, 3, 2)) * sensor.spot_noise_m
     rae, covariance, status = np.empty((draws, 3)), np.empty((draws, 3, 3)), np.empty(draws, dtype=np.int64)
     measure_batch(
         spots,

@@ -1,9 +1,20 @@
 """The command line: `relnav COMMAND`. Commands load what they need when they run, so `--help` is instant.
 
-Exit codes: 0 done, 1 accuracy not met, 2 wrong use, 3 bad input, 4 internal error, 130 interrupted.
+Exit codes:
+
+    0    done; also if whoever reads standard output leaves before the end
+    1    `accuracy` alone: a figure did not come out as its model expects, or there was nothing to compare
+    2    wrong use: an option, a name, an output that cannot be
+    3    bad input, or a file or standard output that cannot be written
+    4    internal error
+    5    `filter` alone: the filter never started, the track holds no state
+    130  interrupted (SIGINT), 143 terminated (SIGTERM)
+
+Files of a command appear together when its work is done, or not at all: before anything is printed.
 """
 
 import os
+import signal
 import sys
 from importlib import import_module
 from typing import Any
@@ -57,50 +68,98 @@ def root() -> None:
     """Optical relative navigation: from detector spots to a relative state and a covariance one can trust."""
 
 
+NOT_MET, WRONG_USE, BAD_INPUT, INTERNAL, NOT_STARTED, INTERRUPTED, TERMINATED = 1, 2, 3, 4, 5, 130, 143
+
+
+class Terminated(KeyboardInterrupt):
+    """The program was asked to end by SIGTERM."""
+
+
 def fail(message: str, code: int) -> int:
     """Say what went wrong on standard error; returns the exit code."""
-    click.echo(f"relnav: {message}", err=True)
+    from relnav.cli.printing import leave_unprinted, visible
+
+    if sys.stderr is not None:
+        try:
+            sys.stderr.write(visible(f"relnav: {message}\n", sys.stderr))
+            sys.stderr.flush()
+        except (OSError, ValueError):
+            leave_unprinted(sys.stderr)
     return code
-
-
-def _give_up_output() -> None:
-    """Leave what cannot be printed unprinted: Python would try again at exit, and complain."""
-    try:
-        sys.stdout.flush()
-    except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def run(arguments: list[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
-    from relnav.errors import InputError, UsageError
+    from relnav.files.atomic import IN_PLACE
 
+    written: list[str] = []
+    token = IN_PLACE.set(written)
     try:
         result = root.main(args=arguments, prog_name="relnav", standalone_mode=False)
         return result if isinstance(result, int) else 0
+    except SystemExit:
+        return 0  # click's way of ending when whoever reads the help has left
     except click.ClickException as error:
         error.show()
-        return 2
-    except (KeyboardInterrupt, click.Abort):
-        return fail("interrupted; nothing was written", 130)
-    except UsageError as error:
-        return fail(str(error), 2)
-    except InputError as error:
-        return fail(str(error), 3)
-    except SystemExit:
-        return 0  # click's way of ending when whoever reads the output has left
-    except OSError as error:
-        named = f"{error.filename}: " if error.filename else ""
-        _give_up_output()
-        return fail(f"{named}{error.strerror or error}; nothing was written", 3)
-    except Exception as error:
-        if os.environ.get("RELNAV_DEBUG"):
+        return WRONG_USE
+    except BaseException as error:
+        if os.environ.get("RELNAV_DEBUG") and _code(error) == INTERNAL:
             raise
-        return fail(
-            f"internal error, please report it: {type(error).__name__}: {error} (RELNAV_DEBUG=1 shows where)", 4
-        )
+        done = f"written: {', '.join(written)}" if written else "nothing was written"
+        return fail(_sentence(error, done), _code(error))
+    finally:
+        IN_PLACE.reset(token)
+
+
+def _code(error: BaseException) -> int:
+    """Exit code of what ended a command."""
+    from relnav.cli.printing import PrintError
+    from relnav.errors import InputError, UsageError
+
+    if isinstance(error, KeyboardInterrupt | click.Abort):
+        return TERMINATED if isinstance(error.__cause__ or error, Terminated) else INTERRUPTED
+    if isinstance(error, UsageError):
+        return WRONG_USE
+    return BAD_INPUT if isinstance(error, InputError | OSError | PrintError) else INTERNAL
+
+
+def _sentence(error: BaseException, done: str) -> str:
+    """What to say of it; `done` is what became of the files."""
+    from relnav.cli.printing import PrintError
+    from relnav.errors import InputError, UsageError
+
+    if isinstance(error, KeyboardInterrupt | click.Abort):
+        return f"{'terminated' if _code(error) == TERMINATED else 'interrupted'}; {done}"
+    if isinstance(error, UsageError | InputError):
+        return str(error)
+    if isinstance(error, PrintError):
+        return f"{error}; {done}"
+    if isinstance(error, OSError):
+        named = f"{error.filename}: " if error.filename else ""
+        return f"{named}{error.strerror or error}; {done}"
+    if isinstance(error, MemoryError):
+        return f"internal error: not enough memory; {done}"
+    said = f"{type(error).__name__}: {error}"
+    return f"internal error, please report it: {said} (RELNAV_DEBUG=1 shows where)"
 
 
 def main() -> None:
     """Entry point of the `relnav` command."""
+    _open_streams()
+    signal.signal(signal.SIGTERM, _terminate)
     sys.exit(run())
+
+
+def _terminate(number: int, frame: object) -> None:  # noqa: ARG001  (the signature of a signal's handler)
+    raise Terminated
+
+
+def _open_streams() -> None:
+    """A stream that was closed gets the null device: else the next file opened would take its number."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115  (for as long as the program runs)
+    sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115

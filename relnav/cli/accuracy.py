@@ -2,11 +2,13 @@
 
 import math
 import sys
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+
+from relnav.cli.approach_report import closing_line, compared, report_lines
+from relnav.cli.printing import OutputPath, say
 
 if TYPE_CHECKING:
     from relnav.accuracy.claims import ClaimsReport
@@ -18,20 +20,20 @@ if TYPE_CHECKING:
 @click.option(
     "--seed", default=7, show_default=True, type=click.IntRange(min=0), help="The same seed, the same report."
 )
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Write the report as one JSON object.")
-@click.option("--plot", type=click.Path(path_type=Path), help="Draw errors and 1-sigma over range, .png.")
+@click.option("--json", "json_path", type=OutputPath(), help="Write the report as one JSON object.")
+@click.option("--plot", type=OutputPath(), help="Draw errors and 1-sigma over range, .png.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(model: str, runs: int | None, seed: int, json_path: Path | None, plot: Path | None, quiet: bool) -> int:
     """Measure MODEL against truth and against its paper: single shots, filters and smoothers of a mission.
 
     Truth is integrated on two-body orbits with the white acceleration that the filter assumes. Exit code 0: every row
-    came out as the model's published.toml expects; 1: some did not.
+    came out as the model's published.toml expects; 1: some did not, or there is no published.toml to compare with.
     """
     from relnav.accuracy.claims import ClaimsReport
-    from relnav.cli.approach_report import report_lines
+    from relnav.cli import NOT_MET
     from relnav.errors import UsageError
     from relnav.files.accuracy import measure_accuracy
-    from relnav.files.atomic import check_distinct, check_folder, check_png, replacing
+    from relnav.files.atomic import Outputs, check_distinct, check_folder, check_png
     from relnav.files.models import load_model
     from relnav.files.systems import system_of
     from relnav.files.tables import write_json
@@ -54,17 +56,16 @@ def command(model: str, runs: int | None, seed: int, json_path: Path | None, plo
         hidden=quiet or not sys.stderr.isatty(),
     ) as bar:
         report = measure_accuracy(mission, runs=count, seed=seed, progress=bar.update)
-    with ExitStack() as outputs:
+    with Outputs() as outputs:
         if json_path is not None:
-            write_json(report.to_dict(), outputs.enter_context(replacing(json_path)))
+            write_json(report.to_dict(), outputs.path(json_path))
         if plot is not None:
             from relnav.files.pictures import draw_accuracy
 
-            draw_accuracy(report, outputs.enter_context(replacing(plot)))
-        if not quiet:
-            for line in claim_lines(report) if isinstance(report, ClaimsReport) else report_lines(report):
-                click.echo(line)
-    return 0 if report.ok else 1
+            draw_accuracy(report, outputs.path(plot, ".png"))
+    if not quiet:
+        say(claim_lines(report) if isinstance(report, ClaimsReport) else report_lines(report), json_path, plot)
+    return 0 if report.ok and compared(report) else NOT_MET
 
 
 def claim_lines(report: "ClaimsReport") -> list[str]:
@@ -86,7 +87,5 @@ def claim_lines(report: "ClaimsReport") -> list[str]:
         if not row.met:
             lines.append(f"      {row.reason}")
     lines.extend(f"note: {note}" for note in report.notes)
-    if not report.rows:
-        lines.append("no published.toml stands beside this model: nothing to compare with")
-    lines.append("every row came out as expected" if report.ok else "SOME ROWS DID NOT COME OUT AS EXPECTED")
+    lines.append(closing_line(report))
     return lines

@@ -4,6 +4,7 @@ import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from relnav.accuracy.claims import ClaimsReport
     from relnav.accuracy.report import AccuracyReport
 
 
@@ -49,7 +50,19 @@ def report_lines(report: "AccuracyReport") -> list[str]:
             f"  {place.method:<6} {place.range_m:5.2f} m   range {pairs[0]} m, azimuth {pairs[1]} deg, "
             f"elevation {pairs[2]} deg; observability {worst:.1e}"
         )
-    if not report.rows:
-        lines.append("no published.toml stands beside this model: nothing to compare with")
-    lines.append("every row came out as expected" if report.ok else "SOME ROWS DID NOT COME OUT AS EXPECTED")
+    lines.append(closing_line(report))
     return lines
+
+
+def compared(report: "AccuracyReport | ClaimsReport") -> bool:
+    """Whether any figure stands beside a published one."""
+    return any(not math.isnan(row.published) for row in report.rows)
+
+
+def closing_line(report: "AccuracyReport | ClaimsReport") -> str:
+    """The last line: whether the figures came out as expected."""
+    if not report.ok:
+        return "SOME ROWS DID NOT COME OUT AS EXPECTED"
+    if not compared(report):
+        return "NOTHING TO COMPARE WITH: no published.toml stands beside this model, or it claims nothing of this"
+    return "every row came out as expected"

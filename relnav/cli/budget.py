@@ -1,10 +1,11 @@
 """`relnav budget`: what accuracy a design will reach, what limits it, and what a change buys."""
 
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import click
+
+from relnav.cli.printing import OutputPath, say
 
 
 @click.command(epilog="Example: relnav budget three_beacon_psd --set focal_length_mm=80 --plot budget.png")
@@ -16,8 +17,8 @@ import click
     metavar="KEY=VALUE",
     help="Replace a value of MODEL; as often as you like.",
 )
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Write the budget as one JSON object.")
-@click.option("--plot", type=click.Path(path_type=Path), help="Draw the budget by range, .png.")
+@click.option("--json", "json_path", type=OutputPath(), help="Write the budget as one JSON object.")
+@click.option("--plot", type=OutputPath(), help="Draw the budget by range, .png.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(model: str, settings: tuple[str, ...], json_path: Path | None, plot: Path | None, quiet: bool) -> None:
     """Error budget of MODEL: every imperfection's share by analysis, before anything is built.
@@ -25,7 +26,7 @@ def command(model: str, settings: tuple[str, ...], json_path: Path | None, plot:
     Keys of --set are those of the model's file, in any fitting unit: focal_length_mm=80, or sensor.focal_length_mm=80.
     """
     from relnav.errors import UsageError
-    from relnav.files.atomic import check_distinct, check_folder, check_png, replacing
+    from relnav.files.atomic import Outputs, check_distinct, check_folder, check_png
     from relnav.files.models import load_model
     from relnav.files.systems import resolve, system_of
     from relnav.files.tables import write_json
@@ -51,17 +52,17 @@ def command(model: str, settings: tuple[str, ...], json_path: Path | None, plot:
         raise UsageError(
             f"{mission.name}: a value is too large or too small for a budget: {change or model}"
         ) from error
-    with ExitStack() as outputs:
+    with Outputs() as outputs:
         if json_path is not None:
             figures = report.to_dict() | {"change": change, "before": None if before is None else before.to_dict()}
-            write_json(figures, outputs.enter_context(replacing(json_path)))
+            write_json(figures, outputs.path(json_path))
         if plot is not None:
             from relnav.files.budget_picture import draw_budget
 
-            draw_budget(report, outputs.enter_context(replacing(plot)), before, change)
-        if not quiet:
-            for line in report.lines() if before is None else [*report.lines(), *_change_lines(report, before, change)]:
-                click.echo(line)
+            draw_budget(report, outputs.path(plot, ".png"), before, change)
+    if not quiet:
+        changed = [] if before is None else _change_lines(report, before, change)
+        say([*report.lines(), *changed], json_path, plot)
 
 
 def _change_lines(report: Any, before: Any, change: str) -> list[str]:

@@ -2,11 +2,12 @@
 
 import os
 import sys
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+
+from relnav.cli.printing import InputPath, OutputPath, say
 
 if TYPE_CHECKING:
     from relnav.accuracy.run_summary import RunSummary
@@ -17,7 +18,7 @@ PLAIN_BELOW_BYTES = 1_000_000
 
 
 @click.command(epilog="Example: relnav filter approach.csv --model three_beacon_psd --out track.csv")
-@click.argument("log", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("log", type=InputPath())
 @click.option("--model", required=True, help="A shipped model (see `relnav models`), a folder or a model.toml.")
 @click.option(
     "--method",
@@ -32,8 +33,8 @@ PLAIN_BELOW_BYTES = 1_000_000
     help="Closed form: exact for real optics, or as printed in the paper. Default: the model's.",
 )
 @click.option("--smooth", is_flag=True, help="Run backward too: every state then rests on all measurements.")
-@click.option("--out", type=click.Path(path_type=Path), help="Track to write, .csv or .parquet.")
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Write the summary as one JSON object.")
+@click.option("--out", type=OutputPath(), help="Track to write, .csv or .parquet; - is standard output, CSV.")
+@click.option("--json", "json_path", type=OutputPath(), help="Write the summary as one JSON object.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
     log: Path,
@@ -44,18 +45,23 @@ def command(
     out: Path | None,
     json_path: Path | None,
     quiet: bool,
-) -> None:
+) -> int:
     """Filter the spots of LOG (CSV or Parquet, one row an epoch) into range, azimuth, elevation and a relative state.
+
+    LOG may be a pipe, and - is standard input (CSV).
 
     Columns of LOG: t_s; spot_a_x_um, spot_a_y_um, spot_b_..., spot_c_... (any length unit; empty = not seen);
     optionally accel_{x,y,z}_m_s2, delta_v_{x,y,z}_m_s (lvlh_ccsds), q_cam_from_lvlh_{x,y,z,w}. A raw log of a detector
     (CSV, one row a slot) has t_s, beacon (a, b, c or dark), and adc_{x1,x2,y1,y2} or current_{x1,x2,y1,y2}_na instead
     of spots; every spot then enters the filter at its own time. Of a marker model: spot_a_x_px, spot_a_y_px, ... and
     q_chaser_from_lvlh_{x,y,z,w}, image_t_s; the track then holds attitude and rate, and port from port.
+
+    Exit code 5: the filter never started, and the track holds no state.
     """
     _choose_engine(log)
+    from relnav.cli import NOT_STARTED
     from relnav.cli.marker_filter import filter_markers
-    from relnav.files.atomic import check_distinct, check_folder, replacing
+    from relnav.files.atomic import Outputs, check_distinct, check_folder
     from relnav.files.models import load_mission, load_model
     from relnav.files.tables import check_format, write_json
     from relnav.mission import VisionMission
@@ -68,21 +74,20 @@ def command(
     check_distinct(log, out, json_path)
     mission = load_model(model)
     if isinstance(mission, VisionMission):
-        filter_markers(log, mission, out, json_path, quiet=quiet, smooth=smooth, refused=_given(method, projection))
-        return
+        return filter_markers(
+            log, mission, out, json_path, quiet=quiet, smooth=smooth, refused=_given(method, projection)
+        )
     mission = load_mission(model)
-    with ExitStack() as outputs:  # all files appear together at its end, or none
-        track = outputs.enter_context(replacing(out)) if out is not None else None
+    with Outputs() as outputs:
+        track = outputs.path(out, ".csv") if out is not None else None
         figures = _filter(
             log, mission, track, method or "fix", projection, smooth, show_bar=not quiet and sys.stderr.isatty()
         )
         if json_path is not None:
-            write_json(figures.to_dict(), outputs.enter_context(replacing(json_path)))
-        if not quiet:
-            for line in figures.lines(log.name):
-                click.echo(line)
-            if out is not None:
-                click.echo(f"track: {out}")
+            write_json(figures.to_dict(), outputs.path(json_path))
+    if not quiet:
+        say([*figures.lines(log.name), *([f"track: {out}"] if out is not None else [])], out, json_path)
+    return 0 if figures.started else NOT_STARTED
 
 
 def _given(method: str | None, projection: str | None) -> str:
@@ -93,7 +98,9 @@ def _given(method: str | None, projection: str | None) -> str:
 
 def _choose_engine(log: Path) -> None:
     """Run a short log as plain Python where nothing is compiled yet: 2 s instead of 20 s, and the same track."""
-    if "RELNAV_JIT" in os.environ or "relnav.codegen.kernel" in sys.modules or log.stat().st_size >= PLAIN_BELOW_BYTES:
+    if "RELNAV_JIT" in os.environ or "relnav.codegen.kernel" in sys.modules or not log.is_file():
+        return
+    if log.stat().st_size >= PLAIN_BELOW_BYTES:
         return
     from relnav.codegen.cache import compiled_code_at_hand
 

@@ -2,12 +2,10 @@
 
 import math
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
+from relnav.cli.printing import say
 from relnav.errors import UsageError
 
 if TYPE_CHECKING:
@@ -25,9 +23,10 @@ def filter_markers(
     quiet: bool,
     smooth: bool,
     refused: str,
-) -> None:
+) -> int:
     """Filter LOG, write what was asked for, print a summary; refused: an option that only beacon models have."""
-    from relnav.files.atomic import replacing
+    from relnav.cli import NOT_STARTED
+    from relnav.files.atomic import Outputs
     from relnav.files.marker_logs import marker_solutions, write_track
     from relnav.files.tables import write_json
 
@@ -35,20 +34,18 @@ def filter_markers(
         raise UsageError(f"{refused} is for three-beacon models; {mission.name} has one filter, on its spots")
     summary = Summary(mission.name)
     parts = summary.passing(marker_solutions(log, mission, smooth=smooth))
-    with ExitStack() as outputs:
+    with Outputs() as outputs:
         if out is not None:
             stated = {"log": log.name} | ({"smoothed": "yes"} if smooth else {})
-            write_track(parts, mission.name, outputs.enter_context(replacing(out)), stated)
+            write_track(parts, mission.name, outputs.path(out, ".csv"), stated)
         for _ in parts:
             pass
         figures = summary.figures()
         if json_path is not None:
-            write_json(figures, outputs.enter_context(replacing(json_path)))
-        if not quiet:
-            for line in lines(figures, log.name):
-                click.echo(line)
-            if out is not None:
-                click.echo(f"track: {out}")
+            write_json(figures, outputs.path(json_path))
+    if not quiet:
+        say([*lines(figures, log.name), *([f"track: {out}"] if out is not None else [])], out, json_path)
+    return 0 if figures["epochs_with_state"] else NOT_STARTED
 
 
 class Summary:

@@ -5,6 +5,8 @@ from typing import Any
 
 import click
 
+from relnav.cli.printing import OutputPath, say
+
 
 def _show(name: str) -> dict[str, Any]:
     from relnav.files.models import find_model, load_model, load_published
@@ -28,33 +30,51 @@ def _show(name: str) -> dict[str, Any]:
     }
 
 
-@click.command(epilog="Example: relnav models three_beacon_psd")
+@click.command(epilog="Example: relnav models three_beacon_psd, or relnav models three_beacon_psd --copy my.toml")
 @click.argument("name", required=False)
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Write the same as one JSON object.")
+@click.option("--copy", type=OutputPath(), help="Write the model's file, .toml, as a start for one of your own.")
+@click.option("--json", "json_path", type=OutputPath(), help="Write the same as one JSON object.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
-def command(name: str | None, json_path: Path | None, quiet: bool) -> None:
+def command(name: str | None, copy: Path | None, json_path: Path | None, quiet: bool) -> None:
     """List the shipped models, or show the model NAME (a shipped name, a folder or a file) with its sources."""
-    from relnav.files.models import list_models, load_model
+    from relnav.errors import UsageError
+    from relnav.files.atomic import Outputs, check_distinct, check_folder
+    from relnav.files.models import find_model, list_models, load_model
     from relnav.files.tables import write_json
 
+    for path in (copy, json_path):
+        if path is not None:
+            check_folder(path)
+    check_distinct(copy, json_path, None if name is None else find_model(name))
+    if copy is not None and name is None:
+        raise UsageError("--copy needs the NAME of a model; `relnav models` lists them")
     if name is None:
         result: dict[str, Any] = {"models": {entry: load_model(entry).title for entry in list_models()}}
-        if not quiet:
-            width = max(map(len, result["models"]))
-            for entry, title in result["models"].items():
-                click.echo(f"{entry:<{width}}  {title}")
+        width = max(map(len, result["models"]))
+        lines = [f"{entry:<{width}}  {title}" for entry, title in result["models"].items()]
     else:
         result = _show(name)
-        if not quiet:
-            click.echo(f"{result['name']}: {result['title']}")
-            width = max(map(len, result["values"]))
-            for key, entry in result["values"].items():
-                click.echo(f"  {key:<{width}} = {entry['value']}\n  {'':<{width}}   {entry['source']}")
-            for claim in result["published"]:
-                click.echo(
-                    f"  published {claim['quantity']}: {claim['value']} {claim['unit']} "
-                    f"({claim['statistic']} statistic, {claim['condition']}; {claim['page']}); "
-                    f"expected {claim['expected']}: {claim['reason']}"
-                )
-    if json_path is not None:
-        write_json(result, json_path)
+        lines = _lines(result)
+    with Outputs() as outputs:
+        if json_path is not None:
+            write_json(result, outputs.path(json_path))
+        if copy is not None and name is not None:
+            outputs.path(copy).write_bytes(find_model(name).read_bytes())
+            lines = [f"model: {copy} (a copy of {result['name']}; use it as --model {copy})"]
+    if not quiet:
+        say(lines, copy, json_path)
+
+
+def _lines(model: dict[str, Any]) -> list[str]:
+    """A model for a reader."""
+    lines = [f"{model['name']}: {model['title']}"]
+    width = max(map(len, model["values"]), default=0)
+    for key, entry in model["values"].items():
+        lines += [f"  {key:<{width}} = {entry['value']}", f"  {'':<{width}}   {entry['source']}"]
+    lines += [
+        f"  published {claim['quantity']}: {claim['value']} {claim['unit']} "
+        f"({claim['statistic']} statistic, {claim['condition']}; {claim['page']}); "
+        f"expected {claim['expected']}: {claim['reason']}"
+        for claim in model["published"]
+    ]
+    return lines

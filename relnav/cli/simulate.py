@@ -1,19 +1,16 @@
 """`relnav simulate`: an approach flown on integrated orbits, as a log to filter and its truth."""
 
-from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-if TYPE_CHECKING:
-    pass
+from relnav.cli.printing import OutputPath, say
 
 
 @click.command(epilog="Example: relnav simulate three_beacon_psd --out log.csv --truth truth.csv --seed 7")
 @click.argument("model")
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Log to write, .csv or .parquet.")
-@click.option("--truth", type=click.Path(path_type=Path), help="True states to write, .csv or .parquet.")
+@click.option("--out", required=True, type=OutputPath(), help="Log to write, .csv or .parquet.")
+@click.option("--truth", type=OutputPath(), help="True states to write, .csv or .parquet.")
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0), help="The same seed, the same log.")
 @click.option("--duration", "duration_s", default=300.0, show_default=True, help="Length, s.")
 @click.option("--rate", "rate_hz", default=10.0, show_default=True, help="Images a second.")
@@ -68,7 +65,7 @@ def command(
     """Simulate an approach of MODEL: two-body truth under closed-loop guidance, imaged with noise and faults."""
     from relnav.cli.simulators import Options, simulator_of
     from relnav.errors import UsageError
-    from relnav.files.atomic import check_distinct, check_folder, replacing
+    from relnav.files.atomic import Outputs, check_distinct, check_folder
     from relnav.files.models import load_model
     from relnav.files.tables import check_format
     from relnav.simulation.trajectory import Approach
@@ -94,11 +91,10 @@ def command(
     except ValueError as error:
         raise UsageError(str(error)) from error
     metadata = {"model": mission.name, "seed": str(seed)}
-    with ExitStack() as outputs:
-        simulated.write_log(outputs.enter_context(replacing(out)), metadata)
+    with Outputs() as outputs:
+        simulated.write_log(outputs.path(out, ".csv"), metadata)
         if truth is not None:
-            simulated.write_truth(outputs.enter_context(replacing(truth)), metadata)
-        if not quiet:
-            click.echo(f"log: {out} ({simulated.epochs} {simulated.rows}, model {mission.name}, seed {seed})")
-            if truth is not None:
-                click.echo(f"truth: {truth}")
+            simulated.write_truth(outputs.path(truth, ".csv"), metadata)
+    if not quiet:
+        log = f"log: {out} ({simulated.epochs} {simulated.rows}, model {mission.name}, seed {seed})"
+        say([log, *([f"truth: {truth}"] if truth is not None else [])], out, truth)

@@ -1,6 +1,6 @@
 """A star sensor's log of frames as attitudes in the columns that the navigation filter's log has: q_cam_from_lvlh."""
 
-import csv
+import math
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +11,15 @@ from relnav.files.atomic import replacing
 from relnav.files.log_columns import QUATERNION
 from relnav.files.star_frames import StarFrame, read_star_table
 from relnav.files.tables import check_format, relnav_version, write_table
+from relnav.files.text_table import TextTable
+from relnav.files.units import UNITS, split_unit, to_si
+from relnav.files.wording import listed
 from relnav.geometry.orbital_attitude import dcm_cam_from_lvlh
 from relnav.geometry.rotation import quaternion_from_dcm
 
 ORBIT_COLUMNS = ("t_s", "x_km", "y_km", "z_km", "vx_km_s", "vy_km_s", "vz_km_s")
+LEAST_RADIUS_KM, MOST_RADIUS_KM, MOST_SPEED_KM_S = 6000.0, 1e6, 15.0
+"""Of a state about the Earth: inside it nothing flies, at its surface one escapes with 11.2 km/s."""
 SIGMA_COLUMNS = ("sigma_attitude_x_arcsec", "sigma_attitude_y_arcsec", "sigma_attitude_z_arcsec")
 SPOT_COLUMNS = ("t_s", "x_px", "y_px")
 
@@ -27,7 +32,15 @@ def read_orbit(path: Path) -> Matrix:
     InputError
         Naming file, line and column of what cannot be read; for times that do not increase.
     """
-    table, _ = read_star_table(path, ORBIT_COLUMNS, ())
+    table, _, lines = read_star_table(path, ORBIT_COLUMNS, ())
+    radius, speed = np.linalg.norm(table[:, 1:4], axis=1), np.linalg.norm(table[:, 4:], axis=1)
+    wrong = np.flatnonzero(~((radius > LEAST_RADIUS_KM) & (radius < MOST_RADIUS_KM) & (speed < MOST_SPEED_KM_S)))
+    if wrong.size:
+        row = wrong[0]
+        raise InputError(
+            f"{path}:{int(lines[row])}: a speed of {speed[row]:.6g} km/s at {radius[row]:.6g} km from the Earth's "
+            "centre is no orbit; km and km/s are expected"
+        )
     if len(table) == 0 or np.any(np.diff(table[:, 0]) <= 0.0):
         raise InputError(f"{path}: one row or more with times that increase are expected")
     return table
@@ -62,7 +75,7 @@ def read_star_log(path: Path) -> list[tuple[float, StarFrame]]:
     InputError
         As `read_star_frame`; for times that go back.
     """
-    table, brightness = read_star_table(path, SPOT_COLUMNS, ("flux", "magnitude"))
+    table, brightness, _ = read_star_table(path, SPOT_COLUMNS, ("flux", "magnitude"))
     if np.any(np.diff(table[:, 0]) < 0.0):
         raise InputError(f"{path}: t_s goes back; sort the rows by time")
     frames = []
@@ -111,32 +124,40 @@ def join_attitude(log: Path, t_s: Vector, q_cam_from_lvlh: Matrix, out: Path) ->
     Raises
     ------
     InputError
-        If the log has the columns already, no t_s, or rows outside the star sensor's times.
+        If the log cannot be read, has the columns already, no time, or a row outside the star sensor's times.
     """
     from scipy.spatial.transform import Rotation, Slerp
 
     if len(t_s) < 2:
         raise InputError(f"{log}: two or more solved star frames are needed to lie on both sides of its rows")
     turn = Slerp(t_s, Rotation.from_quat(q_cam_from_lvlh))
-    text = log.read_text(encoding="utf-8").splitlines()
-    head = next((k for k, line in enumerate(text) if line.strip() and not line.lstrip().startswith("#")), None)
-    names = [] if head is None else [name.strip() for name in next(csv.reader([text[head]]))]
-    if head is None or "t_s" not in names or QUATERNION[0] in names:
-        raise InputError(f"{log}: a log with a column t_s and without q_cam_from_lvlh is expected")
-    rows = [line for line in text[head + 1 :] if line.strip()]
-    try:
-        times = np.array([float(next(csv.reader([line]))[names.index("t_s")]) for line in rows])
-    except (ValueError, IndexError) as error:
-        raise InputError(f"{log}: column 't_s' cannot be read: {error}") from None
-    if len(times) and (times.min() < t_s[0] or times.max() > t_s[-1]):
-        raise InputError(
-            f"{log}: its rows reach from {times.min():g} to {times.max():g} s, the star sensor's attitudes from "
-            f"{t_s[0]:g} to {t_s[-1]:g} s"
-        )
-    q = turn(times).as_quat(canonical=True) if len(times) else np.empty((0, 4))
+    table = TextTable(log)
+    place, factor = _time_column(table)
+    count, before = 0, -math.inf
     with replacing(out) as temporary, temporary.open("w", encoding="utf-8") as file:
-        file.writelines(f"{line}\n" for line in text[:head])
-        file.write(",".join([text[head].rstrip(), *QUATERNION]) + "\n")
-        for line, quaternion in zip(rows, q.tolist(), strict=True):
-            file.write(",".join([line.rstrip(), *(repr(value) for value in quaternion)]) + "\n")
-    return len(rows)
+        file.writelines(f"{line}\n" for line in table.head[:-1])
+        file.write(",".join([table.head[-1].rstrip(), *QUATERNION]) + "\n")
+        for number, line in table.rows():
+            t = to_si(table.number(table.cells(number, line)[place], number, table.names[place]), factor)
+            if not before < t < math.inf:
+                raise InputError(f"{log}:{number}: time {t:.15g} s is not after {before:.15g} s of the row before")
+            if not t_s[0] <= t <= t_s[-1]:
+                raise InputError(
+                    f"{log}:{number}: time {t:.15g} s lies outside the star sensor's attitudes, {t_s[0]:g} to "
+                    f"{t_s[-1]:g} s"
+                )
+            quaternion = turn(t).as_quat(canonical=True).tolist()
+            file.write(",".join([line.rstrip(), *map(repr, quaternion)]) + "\n")
+            count, before = count + 1, t
+    return count
+
+
+def _time_column(table: TextTable) -> tuple[int, float]:
+    """Where the time stands in a row, and its factor to seconds."""
+    where = f"{table.path}:{table.line}"
+    found = [(k, split_unit(name)[1]) for k, name in enumerate(table.names) if split_unit(name)[0] == "t"]
+    if len(found) != 1 or UNITS.get(found[0][1], ("",))[0] != "s":
+        raise InputError(f"{where}: a column t_s (or t_ms, t_us) is expected; the columns are {listed(table.names)}")
+    if QUATERNION[0] in table.names:
+        raise InputError(f"{where}: column '{QUATERNION[0]}' is there already; a log without attitudes is expected")
+    return found[0][0], UNITS[found[0][1]][1]

@@ -15,17 +15,24 @@ import numpy as np
 
 from relnav.accuracy.run_summary import RunSummary
 from relnav.arrays import Matrix, Stack, Vector
-from relnav.files.logs import Log, LogFile, check_beacons
+from relnav.files.attitude_reading import ROWS_TRIED, reading_that_starts
+from relnav.files.log_columns import ACCELERATION, DELTA_V
+from relnav.files.logs import Log, LogFile, check_beacons, opened
 from relnav.files.models import load_mission, load_published
 from relnav.files.raw_filter import filter_raw_log
 from relnav.files.raw_logs import is_raw_log
 from relnav.files.spool import Spool
 from relnav.files.tables import COLUMNS, INTEGERS, Table, head, rows_of, write_table
+from relnav.files.text_table import TextTable
 from relnav.files.tracks import write
+from relnav.files.wording import listed
 from relnav.mission import Model
 from relnav.navigation.arguments import controls
 from relnav.navigation.log import Epochs, LogFilter
 from relnav.navigation.record import Solution
+
+FAR_APART_S = 10.0
+"""Images of a docking approach come faster."""
 
 
 @dataclass(frozen=True)
@@ -71,13 +78,14 @@ def filter_file(
         As `filter_log` and `write`.
     """
     mission = load_mission(model) if isinstance(model, str) else model
-    if is_raw_log(Path(path)):
-        return _filter_raw_file(Path(path), mission, out, method, projection, smooth)
-    log = LogFile(Path(path))
+    source = opened(Path(path))
+    if is_raw_log(source):
+        return _filter_raw_file(source, mission, out, method, projection, smooth)
+    log = LogFile(source)
     check_beacons(log.path, log.columns.beacons, mission.name, len(mission.beacons_lvlh_m))
     run = _Run(log, LogFilter(mission, method, projection=projection), progress)
     summary = RunSummary(load_published(mission), mission.filter.gate_probability)
-    summary.ignored = ", ".join(log.columns.ignored)
+    summary.ignored = listed(log.columns.ignored)
 
     def parts() -> Iterator[Table]:
         for solution in run.smoothed() if smooth else run.filtered():
@@ -92,14 +100,20 @@ def filter_file(
         stated |= {"considered": mission.considered} if mission.considered else {}
         stated |= log_metadata(log.path, log.metadata, log.columns.ignored)
         write_table(Path(out), COLUMNS, parts(), stated, INTEGERS)
+    summary.hint, summary.notes = run.hint(summary.started), run.spacing()
     return summary
 
 
 def _filter_raw_file(
-    path: Path, model: Model, out: str | os.PathLike[str] | None, method: str, projection: str | None, smooth: bool
+    source: Path | TextTable,
+    model: Model,
+    out: str | os.PathLike[str] | None,
+    method: str,
+    projection: str | None,
+    smooth: bool,
 ) -> RunSummary:
     """A raw log is filtered in memory: a start may have to be looked for in the rest of it."""
-    solution = filter_raw_log(path, model, method=method, projection=projection, smooth=smooth)
+    solution = filter_raw_log(source, model, method=method, projection=projection, smooth=smooth)
     summary = RunSummary(load_published(model), model.filter.gate_probability)
     said = solution.metadata
     summary.ignored = said.get("ignored columns", "")
@@ -113,7 +127,7 @@ def _filter_raw_file(
 def log_metadata(path: Path, metadata: dict[str, str], ignored: tuple[str, ...]) -> dict[str, str]:
     """What a track says of the log it came from."""
     said = {"log": path.name} | {f"log.{key}": value for key, value in metadata.items()}
-    return said | ({"ignored columns": ", ".join(ignored)} if ignored else {})
+    return said | ({"ignored columns": listed(ignored)} if ignored else {})
 
 
 class _Run:
@@ -121,10 +135,31 @@ class _Run:
 
     def __init__(self, log: LogFile, log_filter: LogFilter, progress: Callable[[int], None] | None):
         self.log, self.filter, self.progress = log, log_filter, progress
+        self._first: _Chunk | None = None
+
+    def spacing(self) -> tuple[str, ...]:
+        """A note where rows are so far apart, in whole numbers, that the unit of time is in doubt."""
+        t = np.zeros(0) if self._first is None else self._first.t
+        apart = float(np.median(np.diff(t))) if len(t) > 2 else 0.0
+        if apart < FAR_APART_S or not bool((t == np.rint(t)).all()):
+            return ()
+        return (f"rows are {apart:g} s apart: if the times are milliseconds, name the column t_ms",)
+
+    def hint(self, started: bool) -> str:
+        """Why the filter did not start or rejects much, as far as the log's columns tell."""
+        columns = self.log.columns
+        if started or self._first is None:
+            controlled = columns.has(ACCELERATION) or columns.has(DELTA_V)
+            hint = "the log has no control columns (accel_x_m_s2, ...): if the chaser thrusts, add them"
+            return "" if controlled else hint
+        return reading_that_starts(self.filter, self._first.t, self._first.spots, self._first.quaternion)
 
     def _chunks(self) -> Iterator[_Chunk]:
         for piece in self.log.chunks():
-            yield _chunk(piece)
+            chunk = _chunk(piece)
+            if self._first is None:
+                self._first = _Chunk(*(array[:ROWS_TRIED] for array in vars(chunk).values()))
+            yield chunk
 
     def _forward(self, chunk: _Chunk, *, smooth: bool) -> Epochs:
         epochs = self.filter.room(len(chunk.t), smooth=smooth)

@@ -7,7 +7,7 @@ from typing import Any, overload
 
 from relnav.errors import UsageError
 from relnav.files.filter_file import log_metadata
-from relnav.files.logs import check_beacons, read_log
+from relnav.files.logs import check_beacons, opened, read_log
 from relnav.files.marker_logs import filter_marker_log
 from relnav.files.models import BeaconName, MarkerName, flown, load_model
 from relnav.files.raw_filter import filter_raw_log
@@ -100,9 +100,10 @@ def filter_log(
             raise UsageError(f"{keyword} is for three-beacon models; {mission.name} has one filter, on its spots")
         return filter_marker_log(path, mission, smooth=smooth)
     method = "fix" if method is None else method
-    if is_raw_log(Path(path)):
-        return filter_raw_log(Path(path), mission, method=method, projection=projection, smooth=smooth)
-    log = read_log(Path(path))
+    source = opened(Path(path))
+    if is_raw_log(source):
+        return filter_raw_log(source, mission, method=method, projection=projection, smooth=smooth)
+    log = read_log(source)
     check_beacons(log.path, log.spots_m.shape[1], mission.name, len(mission.beacons_lvlh_m))
     total = len(log.t_s)
     solution = filter_epochs(

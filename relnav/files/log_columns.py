@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from relnav.errors import LogError
 from relnav.files.units import UNITS, same_kind, split_unit
+from relnav.files.wording import listed
 
 AXES = ("x", "y", "z")
 LETTERS = "abcdefghijklmnopqrstuvwxyz"
@@ -119,7 +120,7 @@ def parse_header(names: list[str], where: str, layout: Layout = BEACONS) -> Colu
     for required in ("t", *spots):
         if required not in index:
             raise LogError(
-                f"{where}: column '{_example(required, layout)}' is missing; the columns are {', '.join(names)}"
+                f"{where}: column '{_example(required, layout)}' is missing; the columns are {listed(names)}"
             )
     for group in (ACCELERATION, DELTA_V, layout.quaternion, sigmas):
         missing = [base for base in group if base not in index]

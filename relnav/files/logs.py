@@ -4,14 +4,11 @@ Missing data is defined here, not by a library: an empty or NaN cell of a spot c
 it is an error. Infinities in spot columns go to the filter, which rejects them as off the detector.
 """
 
-import csv
 import math
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from itertools import islice
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 
@@ -27,9 +24,13 @@ from relnav.files.log_columns import (
     sigma_columns,
     spot_columns,
 )
-from relnav.files.units import to_si
+from relnav.files.text_table import MOST_ROWS, TextTable, table_of
+from relnav.files.units import split_unit, to_si
 
 CHUNK_LINES = 65_536
+CHUNK_CHARACTERS = 16_000_000
+MOST = {"t": 1e11} | dict.fromkeys(ACCELERATION, 1e4) | dict.fromkeys(DELTA_V, 1e5)
+"""Sizes beyond which a number is a mistake: 3,000 years; a thousand g; a third of a thousandth of light's speed."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class Log:
 
 
 class LogFile:
-    """An opened log, to be read in chunks, as often as one likes.
+    """An opened log, to be read in chunks, as often as one likes; from a pipe once.
 
     Attributes
     ----------
@@ -77,19 +78,19 @@ class LogFile:
         For a file that cannot be read, and for a header that is not one of a log.
     """
 
-    def __init__(self, path: Path, parse: Callable[[list[str], str], Columns] = parse_header) -> None:
+    def __init__(self, path: Path | TextTable, parse: Callable[[list[str], str], Columns] = parse_header) -> None:
         """Read the head; `parse` finds the columns in a header, as `parse_header` does."""
-        self.path = path
-        self._parquet = path.suffix.lower() == ".parquet"
+        self.path = path if isinstance(path, Path) else path.path
+        self._parquet = self.path.suffix.lower() == ".parquet"
         if self._parquet:
             from relnav.files.parquet import open_parquet
 
-            self._file, self._names, self.metadata = open_parquet(path)
-            self.columns = parse(self._names, f"{path}:1")
+            self._file, self._names, self.metadata = open_parquet(self.path)
+            self.columns = parse(self._names, f"{self.path}:1")
         else:
-            with self._open() as file:
-                self.metadata, header, line = _read_head(file, path)
-                self.columns = parse(header, f"{path}:{line}")
+            self._table = table_of(path)
+            self.metadata = self._table.metadata
+            self.columns = parse(self._table.names, f"{self.path}:{self._table.line}")
 
     def chunks(self) -> Iterator[Log]:
         """The log, piece after piece in SI units; at least one, none of them empty. Errors as for `tables`."""
@@ -142,34 +143,18 @@ class LogFile:
         order = _order(self.columns)
         return np.stack([values[:, order[base]] for base in bases], axis=1)
 
-    @contextmanager
-    def _open(self) -> Iterator[TextIO]:
-        try:
-            with self.path.open(encoding="utf-8-sig", newline="") as file:
-                yield file
-        except UnicodeDecodeError as error:
-            raise LogError(f"{self.path}: not a text file in UTF-8; a CSV log is expected") from error
-        except OSError as error:
-            raise LogError(f"{self.path}: cannot be read: {error.strerror}") from error
-
     def _csv_rows(self) -> Iterator[tuple[Matrix, Vector]]:
         """Rows as they stand in the file."""
-        with self._open() as file:
-            _, _, line = _read_head(file, self.path)
-            while chunk := list(islice(file, CHUNK_LINES)):
-                kept = [(line + k, text) for k, text in enumerate(chunk, start=1) if text.strip()]
-                line += len(chunk)
-                if kept:
-                    fast = _parse_fast([text for _, text in kept], self.columns)
-                    values = fast if fast is not None else _parse_slowly(kept, self.path, self.columns)
-                    yield values, np.array([number for number, _ in kept], dtype=np.float64)
+        for kept in pieces(self._table.rows()):
+            fast = _parse_fast([text for _, text in kept], self.columns)
+            values = fast if fast is not None else _parse_slowly(kept, self._table, self.columns)
+            yield values, np.array([number for number, _ in kept], dtype=np.float64)
 
     def _parquet_rows(self) -> Iterator[tuple[Matrix, Vector]]:
         from relnav.files.parquet import read_batches
 
         row = 1
-        names = [self._names[i] for i in self.columns.index.values()]
-        for values in read_batches(self._file, self.path, names):
+        for values in read_batches(self._file, self.path, list(self.columns.index.values())):
             if len(values):
                 yield values, np.arange(row, row + len(values), dtype=np.float64)
                 row += len(values)
@@ -190,7 +175,12 @@ def check_beacons(path: Path, beacons: int, model: str, expected: int) -> None:
         )
 
 
-def read_log(path: Path) -> Log:
+def opened(path: Path) -> Path | TextTable:
+    """A log's table, its head read, to be handed on: a pipe can be opened once. Parquet stays a path."""
+    return path if path.suffix.lower() == ".parquet" else TextTable(path)
+
+
+def read_log(path: Path | TextTable) -> Log:
     """Read a log whole: Parquet if the file's name ends so, else CSV. Errors as for `LogFile`."""
     pieces = list(LogFile(path).chunks())
     if len(pieces) == 1:
@@ -208,7 +198,7 @@ def read_log(path: Path) -> Log:
 
 
 def read_csv(
-    path: Path, parse: Callable[[list[str], str], Columns] = parse_header
+    path: Path, parse: Callable[[list[str], str], Columns] = parse_header, *, most_rows: int = MOST_ROWS
 ) -> tuple[dict[str, str], Columns, Matrix, Vector]:
     """Metadata, columns, values in SI (n, columns in header order) and line numbers (n,) of a CSV table.
 
@@ -220,7 +210,12 @@ def read_csv(
         Naming file, line and column.
     """
     file = LogFile(path, parse)
-    pieces = list(file.rows())
+    pieces, count = [], 0
+    for piece in file.rows():
+        pieces.append(piece)
+        count += len(piece[0])
+        if count > most_rows:
+            raise LogError(f"{path}: more than {most_rows} rows; a table of this kind is read whole: cut it in parts")
     if not pieces:
         return file.metadata, file.columns, np.empty((0, len(file.columns.index))), np.empty(0)
     values, lines = zip(*pieces, strict=True)
@@ -232,23 +227,18 @@ def _order(columns: Columns) -> dict[str, int]:
     return {base: position for position, base in enumerate(columns.index)}
 
 
-def _read_head(file: TextIO, path: Path) -> tuple[dict[str, str], list[str], int]:
-    metadata: dict[str, str] = {}
-    for number, line in enumerate(file, start=1):
-        text = line.strip()
-        if text.startswith("#"):
-            key, equals, value = text.lstrip("# ").partition("=")
-            if equals:
-                metadata[key.strip()] = value.strip()
-        elif text:
-            if "," not in text:
-                seen = "';'" if ";" in text else "tabs" if "\t" in text else "no comma"
-                raise LogError(f"{path}:{number}: cells separated by commas are expected in the header; got {seen}")
-            try:
-                return metadata, [name.strip() for name in next(csv.reader([text]))], number
-            except csv.Error as error:
-                raise LogError(f"{path}:{number}: not a header of cells: {error}") from None
-    raise LogError(f"{path}: the file is empty; a header line and one row an epoch are expected")
+def pieces(rows: Iterator[tuple[int, str]]) -> Iterator[list[tuple[int, str]]]:
+    """Numbered lines in lists of bounded size."""
+    piece: list[tuple[int, str]] = []
+    characters = 0
+    for number, text in rows:
+        piece.append((number, text))
+        characters += len(text)
+        if len(piece) >= CHUNK_LINES or characters >= CHUNK_CHARACTERS:
+            yield piece
+            piece, characters = [], 0
+    if piece:
+        yield piece
 
 
 def _to_si(values: Matrix, columns: Columns) -> None:
@@ -264,40 +254,24 @@ def _parse_fast(texts: list[str], columns: Columns) -> Matrix | None:
     commas = len(columns.names) - 1
     if any(text.count(",") != commas for text in texts):
         return None
-    body = "\n" + "".join(texts).replace("\r\n", "\n")
-    if not body.endswith("\n"):
-        body += "\n"
+    body = "\n" + "\n".join(texts) + "\n"
     for pattern, filled in ((",,", ",nan,"), (",,", ",nan,"), (",\n", ",nan\n"), ("\n,", "\nnan,")):
         body = body.replace(pattern, filled)
     try:
         return np.loadtxt(
-            body.splitlines()[1:], delimiter=",", usecols=list(columns.index.values()), ndmin=2, comments=None
+            body.split("\n")[1:-1], delimiter=",", usecols=list(columns.index.values()), ndmin=2, comments=None
         )
     except ValueError:
         return None
 
 
-def _parse_slowly(kept: list[tuple[int, str]], path: Path, columns: Columns) -> Matrix:
+def _parse_slowly(kept: list[tuple[int, str]], table: TextTable, columns: Columns) -> Matrix:
     """Cell by cell: reads what the fast way could not, or names the cell that cannot be read."""
     out = np.empty((len(kept), len(columns.index)))
     for row, (number, text) in enumerate(kept):
-        try:
-            cells = next(csv.reader([text]))
-        except csv.Error as error:
-            raise LogError(f"{path}:{number}: not a row of cells: {error}") from None
-        if len(cells) != len(columns.names):
-            raise LogError(
-                f"{path}:{number}: {len(columns.names)} cells are expected as in the header; got {len(cells)}"
-            )
-        for position, (base, index) in enumerate(columns.index.items()):
-            cell = cells[index].strip()
-            try:
-                if not cell.isascii() or "_" in cell:  # float() would take 1_5 for 15
-                    raise ValueError
-                out[row, position] = float(cell) if cell else math.nan
-            except ValueError:
-                name = columns.names[columns.index[base]]
-                raise LogError(f"{path}:{number}: column '{name}': {cell!r} is not a number") from None
+        found = table.cells(number, text)
+        for position, index in enumerate(columns.index.values()):
+            out[row, position] = table.number(found[index], number, columns.names[index])
     return out
 
 
@@ -315,6 +289,8 @@ def _check_values(values: Matrix, lines: Vector, path: Path, columns: Columns, t
             came = "empty or NaN" if np.isnan(values[bad[0], position]) else "infinite"
             name = columns.names[columns.index[base]]
             raise LogError(f"{path}:{int(lines[bad[0]])}: column '{name}' is {came}; only a spot may be missing")
+        if base in MOST:
+            check_size(values[:, position], MOST[base], lines, path, columns.names[columns.index[base]])
     t = values[:, _order(columns)["t"]]
     before = np.concatenate([[t_before], t[:-1]])
     late = np.flatnonzero(t <= before)
@@ -334,3 +310,20 @@ def _check_values(values: Matrix, lines: Vector, path: Path, columns: Columns, t
                 f"{path}:{int(lines[wrong[0]])}: {quaternion[0][:-2]} {q[wrong[0]].tolist()} is not a unit quaternion "
                 "(x, y, z, w)"
             )
+
+
+def check_size(values: Vector, most: float, lines: Vector, path: Path, name: str) -> None:
+    """Refuse values (SI) larger than `most`.
+
+    Raises
+    ------
+    LogError
+        Naming file, line and column.
+    """
+    beyond = np.flatnonzero(np.abs(values) > most)
+    if beyond.size:
+        hint = "; milliseconds or nanoseconds? then name it t_ms, or divide" if split_unit(name)[0] == "t" else ""
+        raise LogError(
+            f"{path}:{int(lines[beyond[0]])}: column '{name}' is {values[beyond[0]]:.6g} in SI units; up to {most:g} "
+            f"is credible{hint}"
+        )

@@ -10,9 +10,12 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 
 from relnav.accuracy.published import Claim, ClaimException, Published
 from relnav.errors import ModelError, UnknownModelError
+from relnav.files.orbit_altitude import mean_motion_of_altitude
+from relnav.files.plausibility import implausible
 from relnav.files.psd_calibration import named_calibration
 from relnav.files.systems import SYSTEMS, resolve
 from relnav.files.toml_values import build, change_value, read_toml
+from relnav.files.wording import shown
 from relnav.mission import Model, VisionMission
 from relnav.sensors.three_beacon.calibration import Calibration
 
@@ -110,15 +113,17 @@ def load_model(name_or_path: str | os.PathLike[str], changes: Changes = None) ->
     path = find_model(name_or_path)
     table, problems = read_toml(path)
     kind, title = table.pop("sensor_type", None), table.pop("title", path.parent.name)
-    if kind not in SYSTEMS:
-        problems.add("sensor_type", f"one of {', '.join(SYSTEMS)} is expected; got {kind!r}")
+    if not isinstance(kind, str) or kind not in SYSTEMS:
+        problems.add("sensor_type", f"one of {', '.join(SYSTEMS)} is expected; got {shown(repr(kind), 80)}")
         problems.raise_if_any()
-    cls = resolve(SYSTEMS[str(kind)].mission)
-    extras = resolve(SYSTEMS[str(kind)].extras)() if SYSTEMS[str(kind)].extras else {}
+    system = SYSTEMS[str(kind)]
+    cls = resolve(system.mission)
+    extras = resolve(system.extras)() if system.extras else {}
     sections, optional = _sections(cls)
     sections = {name: section for name, section in sections.items() if name not in extras}
     for key, value in (changes or {}).items():
         change_value(table, sections, key, value)
+    mean_motion_of_altitude(table, problems)
     provenance: dict[str, str] = {}
     values: dict[str, Any] = {}
     for name in table:
@@ -136,9 +141,14 @@ def load_model(name_or_path: str | os.PathLike[str], changes: Changes = None) ->
     problems.raise_if_any()
     label = path.parent.name if path.name == "model.toml" else path.stem
     try:
-        return cls(name=label, title=str(title), provenance=provenance, path=str(path), **values, **extras)
-    except ValueError as error:
-        raise ModelError(f"{path}: {error}") from error
+        mission = cls(name=label, title=shown(title), provenance=provenance, path=str(path), **values, **extras)
+        wrong = implausible(mission)
+    except (ValueError, OverflowError, ZeroDivisionError) as error:
+        raise ModelError(f"{path}: {shown(error)}") from error
+    for key, reason in wrong:
+        problems.add(key, reason)
+    problems.raise_if_any()
+    return mission
 
 
 def _sections(cls: Any) -> tuple[dict[str, Any], set[str]]:

@@ -8,9 +8,12 @@ import numpy as np
 
 from relnav.arrays import Matrix, Vector
 from relnav.errors import LogError, UsageError
+from relnav.files.text_table import MOST_COLUMNS
 from relnav.files.units import split_unit
+from relnav.files.wording import printable, shown
 
 BATCH_ROWS = 65_536
+BOMB_BYTES, BOMB_RATIO = 100_000_000, 200
 
 
 def require_pyarrow() -> Any:
@@ -41,15 +44,21 @@ def open_parquet(path: Path) -> tuple[Any, list[str], dict[str, str]]:
 
     try:
         file = parquet.ParquetFile(path, pre_buffer=False)
-    except (pyarrow.ArrowException, OSError) as error:
-        raise LogError(f"{path}: not a readable Parquet file: {error}") from error
-    stored = file.schema_arrow.metadata or {}
-    metadata = {key.decode(): value.decode(errors="replace") for key, value in stored.items() if key != b"ARROW:schema"}
-    return file, list(file.schema_arrow.names), metadata
+        stored, names = file.schema_arrow.metadata or {}, [printable(name) for name in file.schema_arrow.names]
+    except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
+        raise LogError(f"{path}: not a readable Parquet file: {shown(error)}") from error
+    metadata = {
+        shown(key.decode(errors="replace")): shown(value.decode(errors="replace"))
+        for key, value in stored.items()
+        if key not in (b"ARROW:schema", b"pandas")
+    }
+    if len(names) > MOST_COLUMNS:
+        raise LogError(f"{path}: {len(names)} columns; up to {MOST_COLUMNS} are read: leave out what is not needed")
+    return file, names, metadata
 
 
-def read_batches(file: Any, path: Path, names: list[str]) -> Iterator[Matrix]:
-    """The named columns as float64 (m, len(names)), batch after batch; null becomes NaN.
+def read_batches(file: Any, path: Path, columns: list[int]) -> Iterator[Matrix]:
+    """Columns, by number, as float64 (m, len(columns)), batch after batch; null becomes NaN.
 
     Raises
     ------
@@ -57,6 +66,11 @@ def read_batches(file: Any, path: Path, names: list[str]) -> Iterator[Matrix]:
         For a column that does not hold numbers.
     """
     pyarrow = require_pyarrow()
+    schema = file.schema_arrow
+    names = [schema.names[index] for index in columns]
+    for name in (name for name in names if schema.names.count(name) > 1):
+        raise LogError(f"{path}: column '{shown(name)}' is there twice; keep one")
+    _refuse_bombs(file, path)
     row = 0
     try:
         for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=names):
@@ -64,12 +78,25 @@ def read_batches(file: Any, path: Path, names: list[str]) -> Iterator[Matrix]:
             for position, name in enumerate(names):
                 column = batch.column(name)
                 if not (pyarrow.types.is_floating(column.type) or pyarrow.types.is_integer(column.type)):
-                    raise LogError(f"{path}: column '{name}' holds {column.type}; numbers are expected")
+                    raise LogError(f"{path}: column '{shown(name)}' holds {column.type}; numbers are expected")
                 out[position] = column.cast(pyarrow.float64()).to_numpy(zero_copy_only=False)
             row += len(batch)
             yield out.T
-    except (pyarrow.ArrowException, OSError) as error:
-        raise LogError(f"{path}: damaged after row {row}: {error}") from error
+    except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
+        raise LogError(f"{path}: damaged after row {row}: {shown(error)}") from error
+
+
+def _refuse_bombs(file: Any, path: Path) -> None:
+    """A few kilobytes that unpack to gigabytes: pages are unpacked whole, so they are not tried."""
+    for group in range(file.metadata.num_row_groups):
+        for index in range(file.metadata.num_columns):
+            column = file.metadata.row_group(group).column(index)
+            unpacked, packed = column.total_uncompressed_size, max(1, column.total_compressed_size)
+            if unpacked > BOMB_BYTES and unpacked > BOMB_RATIO * packed:
+                raise LogError(
+                    f"{path}: column {index + 1} of row group {group + 1} unpacks from {packed} to {unpacked} bytes; "
+                    "no measured log does"
+                )
 
 
 def write_parquet(

@@ -1,12 +1,17 @@
 """A detector's calibration as a file: written by `relnav calibrate psd`, named by a model file's [calibration]."""
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from relnav.errors import ModelError
 from relnav.files.atomic import replacing
 from relnav.files.toml_values import Problems, build, read_toml
+from relnav.files.wording import shown
 from relnav.sensors.three_beacon.calibration import Calibration, exponents
+
+ANYWHERE = "RELNAV_CALIBRATION_ANYWHERE"
+"""Environment variable: 1 lets a model name a calibration outside its own folder."""
 
 if TYPE_CHECKING:
     from relnav.sensors.three_beacon.calibrate import CalibrationReport
@@ -63,17 +68,33 @@ def read_calibration(path: Path) -> Calibration:
 
 
 def named_calibration(section: Any, model: Path, problems: Problems, provenance: dict[str, str]) -> Calibration | None:
-    """The calibration that a model's section `[calibration]` names by `file`, relative to the model's folder."""
+    """The calibration that a section `[calibration]` names by `file`, in the model's folder unless ANYWHERE allows."""
     entry = section.get("file") if isinstance(section, dict) else None
     if isinstance(entry, dict):
         provenance["calibration.file"] = f"{entry.get('source')}: {entry.get('why')}"
         entry = entry.get("value")
     if not isinstance(section, dict) or set(section) != {"file"} or not isinstance(entry, str):
         problems.add(
-            "calibration", f'file = "..." is expected (from `relnav calibrate psd`), and no other key; got {section!r}'
+            "calibration",
+            f'file = "..." is expected (from `relnav calibrate psd`), and no other key; got {shown(repr(section), 80)}',
         )
         return None
     provenance.setdefault("calibration.file", "unstated")
+    folder = model.parent.resolve()
+    try:
+        path = (folder / entry).resolve()
+    except (RuntimeError, ValueError, OSError):  # links in a circle, a null character
+        path = folder
+    if not path.is_relative_to(folder) and os.environ.get(ANYWHERE) != "1":
+        problems.add(
+            "calibration.file",
+            f"'{entry}' lies outside the model's folder; put it beside the model, or allow it with {ANYWHERE}=1 in the "
+            "environment if you trust the model",
+        )
+        return None
+    if path.exists() and not path.is_file():
+        problems.add("calibration.file", f"'{entry}' is no regular file")
+        return None
     try:
         return read_calibration(model.parent / entry)
     except ModelError as error:

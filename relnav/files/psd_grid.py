@@ -1,14 +1,15 @@
-"""Grids of known spots for a detector's calibration: CSV with true and measured positions, a row a point."""
+"""Grids of known spots for a detector's calibration: a table with true and measured positions, a row a point."""
 
-import csv
-import math
 from pathlib import Path
 
 import numpy as np
 
 from relnav.arrays import Matrix
 from relnav.errors import LogError
-from relnav.files.units import UNITS, split_unit, to_si
+from relnav.files.log_columns import Columns
+from relnav.files.logs import read_csv
+from relnav.files.units import UNITS, split_unit
+from relnav.files.wording import listed
 
 COLUMNS = ("true_x", "true_y", "spot_x", "spot_y")
 
@@ -25,49 +26,29 @@ def read_grid(path: Path) -> tuple[Matrix, Matrix]:
     LogError
         Naming file, line and column.
     """
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            lines = [(number, line) for number, line in enumerate(file, start=1) if line.strip()[:1] not in ("", "#")]
-    except UnicodeDecodeError as error:
-        raise LogError(f"{path}: not a text file in UTF-8; a CSV grid is expected") from error
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror}") from error
-    if not lines:
-        raise LogError(f"{path}: the file is empty; a header line and one row a point are expected")
-    number, header = lines[0]
-    names = [name.strip() for name in next(csv.reader([header]))]
-    places = _places(names, f"{path}:{number}")
-    values = np.empty((len(lines) - 1, 4))
-    for row, (number, line) in enumerate(lines[1:]):
-        cells = next(csv.reader([line]))
-        if len(cells) != len(names):
-            raise LogError(f"{path}:{number}: {len(names)} cells are expected as in the header; got {len(cells)}")
-        for column, (place, factor) in enumerate(places):
-            cell = cells[place].strip()
-            try:
-                if "_" in cell:  # float() would take 1_5 for 15
-                    raise ValueError
-                value = float(cell) if cell else math.nan
-            except ValueError:
-                raise LogError(f"{path}:{number}: column '{names[place]}': {cell!r} is not a number") from None
-            if column < 2 and not math.isfinite(value):
-                raise LogError(f"{path}:{number}: column '{names[place]}' is {cell!r}; only a spot may be missing")
-            values[row, column] = to_si(value, factor)
+    _, columns, values, lines = read_csv(path, _parse)
+    wrong = ~np.isfinite(values)
+    wrong[:, 2:] = np.isinf(values[:, 2:])
+    if wrong.any():
+        row, column = np.argwhere(wrong)[0]
+        name = columns.names[columns.index[COLUMNS[column]]]
+        raise LogError(
+            f"{path}:{int(lines[row])}: column '{name}' is empty or no finite number; only a spot may be missing"
+        )
     return values[:, :2], values[:, 2:]
 
 
-def _places(names: list[str], where: str) -> list[tuple[int, float]]:
-    """Position in a row and factor to metres of each of COLUMNS."""
-    out = []
+def _parse(names: list[str], where: str) -> Columns:
+    """Where each of COLUMNS stands, and its factor to metres."""
+    index: dict[str, int] = {}
+    factor: dict[str, float] = {}
     for base in COLUMNS:
-        found = [(k, split_unit(name)) for k, name in enumerate(names) if split_unit(name)[0] == base]
-        if len(found) != 1 or not found[0][1][1]:
-            raise LogError(
-                f"{where}: one column '{base}_um' (or another length unit) is expected; got {', '.join(names)}"
-            )
-        place, (_, unit) = found[0]
-        si, factor = UNITS[unit]
+        found = [(k, split_unit(name)[1]) for k, name in enumerate(names) if split_unit(name)[0] == base]
+        if len(found) != 1 or not found[0][1]:
+            raise LogError(f"{where}: one column '{base}_um' (or another length unit) is expected; got {listed(names)}")
+        index[base], unit = found[0]
+        si, factor[base] = UNITS[unit]
         if si != "m":
-            raise LogError(f"{where}: column '{names[place]}': unit '{unit}' does not fit; a length is expected")
-        out.append((place, factor))
-    return out
+            raise LogError(f"{where}: column '{names[index[base]]}': unit '{unit}' does not fit; a length is expected")
+    ignored = tuple(name for k, name in enumerate(names) if k not in index.values())
+    return Columns(tuple(names), index, factor, ignored)

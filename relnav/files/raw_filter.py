@@ -7,6 +7,7 @@ import numpy as np
 from relnav.accuracy.beacon_health import beacon_health, findings
 from relnav.errors import LogError, ModelError
 from relnav.files.raw_logs import COUNTS, RawSlots, read_raw_log
+from relnav.files.text_table import TextTable
 from relnav.mission import Model
 from relnav.navigation.record import Solution
 from relnav.navigation.slots import filter_slots
@@ -50,7 +51,12 @@ def slots_of_log(raw: RawSlots, model: Model) -> Slots:
 
 
 def filter_raw_log(
-    path: Path, model: Model, *, method: str = "fix", projection: str | None = None, smooth: bool = False
+    source: Path | TextTable,
+    model: Model,
+    *,
+    method: str = "fix",
+    projection: str | None = None,
+    smooth: bool = False,
 ) -> Solution:
     """Filter a raw log into a track, one entry a slot; how many slots were unusable and why is in the metadata.
 
@@ -61,7 +67,7 @@ def filter_raw_log(
     ModelError
         If the model does not describe the detector.
     """
-    raw = read_raw_log(path)
+    raw = read_raw_log(source)
     slots = slots_of_log(raw, model)
     solution = filter_slots(
         model,
@@ -73,7 +79,7 @@ def filter_raw_log(
         projection=projection,
         smooth=smooth,
     )
-    solution.metadata["log"] = path.name
+    solution.metadata["log"] = raw.path.name
     solution.metadata.update({f"log.{key}": value for key, value in raw.metadata.items()})
     counts = {status.name.lower(): int((slots.status == status).sum()) for status in SlotStatus}
     solution.metadata["slots"] = ", ".join(f"{name} {count}" for name, count in counts.items() if count)

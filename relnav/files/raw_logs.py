@@ -5,7 +5,6 @@ of current) or `adc_x1, adc_x2, adc_y1, adc_y2` (converter counts); optionally c
 spots. An empty current is missing; one at the converter's end is saturated.
 """
 
-import csv
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +14,10 @@ import numpy as np
 from relnav.arrays import Codes, Matrix, Vector
 from relnav.errors import LogError
 from relnav.files.log_columns import ACCELERATION, DELTA_V, QUATERNION
+from relnav.files.logs import MOST, check_size, pieces
+from relnav.files.text_table import TextTable, table_of
 from relnav.files.units import UNITS, split_unit, to_si
+from relnav.files.wording import listed, shown
 from relnav.sensors.three_beacon.pulses import NAMES
 
 ELECTRODES = ("x1", "x2", "y1", "y2")
@@ -24,6 +26,7 @@ COUNTS = tuple(f"adc_{name}" for name in ELECTRODES)
 KIND = {"t": "s"} | dict.fromkeys(CURRENTS, "a") | dict.fromkeys(ACCELERATION, "m_s2") | dict.fromkeys(DELTA_V, "m_s")
 KIND |= dict.fromkeys((*COUNTS, *QUATERNION, "beacon"), "")
 MAY_BE_EMPTY = (*CURRENTS, *COUNTS)
+MOST_SLOTS = 5_000_000
 
 
 @dataclass(frozen=True)
@@ -42,21 +45,17 @@ class RawSlots:
     ignored: tuple[str, ...]
 
 
-def is_raw_log(path: Path) -> bool:
+def is_raw_log(source: Path | TextTable) -> bool:
     """Whether a log's header names a column `beacon`: a row a slot, not a row an epoch."""
-    if path.suffix.lower() == ".parquet":
+    if isinstance(source, Path) and source.suffix.lower() == ".parquet":
         return False
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            for line in file:
-                if line.strip() and not line.lstrip().startswith("#"):
-                    return "beacon" in [name.strip() for name in line.split(",")]
-    except (OSError, UnicodeDecodeError):
+        return "beacon" in table_of(source).names
+    except LogError:
         return False  # the reader of logs says what is wrong
-    return False
 
 
-def read_raw_log(path: Path) -> RawSlots:
+def read_raw_log(source: Path | TextTable) -> RawSlots:
     """Read a raw log.
 
     Raises
@@ -66,25 +65,21 @@ def read_raw_log(path: Path) -> RawSlots:
         another name, text in a number, an empty cell that is not a current, a count below zero, a time that repeats
         or goes back, a quaternion that is not a rotation.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise LogError(f"{path}: not a text file in UTF-8; a CSV log is expected") from error
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror}") from error
-    lines = list(enumerate(text.splitlines(), start=1))
-    comments = [line.strip("# \t") for _, line in lines if line.lstrip().startswith("#")]
-    metadata = {
-        key.strip(): value.strip() for key, equals, value in (line.partition("=") for line in comments) if equals
-    }
-    rows = [(number, line) for number, line in lines if line.strip() and not line.lstrip().startswith("#")]
-    if len(rows) < 2:
-        raise LogError(f"{path}: a header line and one row a slot are expected; got {len(rows)} lines")
-    number, header = rows[0]
-    names = [name.strip() for name in next(csv.reader([header]))]
-    places, ignored = _places(names, f"{path}:{number}")
-    values = _values(rows[1:], names, places, path)
-    _check(values, rows[1:], path, places, names)
+    table = table_of(source)
+    path, metadata = table.path, table.metadata
+    places, ignored = _places(table.names, f"{path}:{table.line}")
+    parts: list[Matrix] = []
+    count, t_before = 0, -math.inf
+    for piece in pieces(table.rows()):
+        part = _values(piece, table, places)
+        _check(part, [number for number, _ in piece], path, places, table.names, t_before)
+        t_before, count = float(part[-1, list(places).index("t")]), count + len(part)
+        if count > MOST_SLOTS:
+            raise LogError(f"{path}: more than {MOST_SLOTS} slots; a raw log is held in memory: cut it in parts")
+        parts.append(part)
+    if not parts:
+        raise LogError(f"{path}: no rows after the header; one row a slot is expected")
+    values = np.concatenate(parts)
 
     def group(bases: tuple[str, ...]) -> Matrix | None:
         if bases[0] not in places:
@@ -133,7 +128,7 @@ def _places(names: list[str], where: str) -> tuple[dict[str, tuple[int, float]],
     for base in ("t", "beacon", *needed):
         if base not in places:
             example = base + {"s": "_s", "a": "_na", "": ""}[KIND[base]]
-            raise LogError(f"{where}: column '{example}' is missing; the columns are {', '.join(names)}")
+            raise LogError(f"{where}: column '{example}' is missing; the columns are {listed(names)}")
     for bases in (CURRENTS, COUNTS, ACCELERATION, DELTA_V, QUATERNION):
         missing = [base for base in bases if base not in places]
         if missing and len(missing) < len(bases):
@@ -141,54 +136,59 @@ def _places(names: list[str], where: str) -> tuple[dict[str, tuple[int, float]],
     return places, tuple(ignored)
 
 
-def _values(rows: list[tuple[int, str]], names: list[str], places: dict[str, tuple[int, float]], path: Path) -> Matrix:
-    """Numbers (n, len(places)) of all rows, beacons by number, empty cells NaN."""
+def _values(rows: list[tuple[int, str]], table: TextTable, places: dict[str, tuple[int, float]]) -> Matrix:
+    """Numbers (n, len(places)) of rows, beacons by number, empty cells NaN."""
     out = np.empty((len(rows), len(places)))
     codes = {name: float(k) for k, name in enumerate(NAMES)}
     order = [(base, place) for base, (place, _) in places.items()]
     for row, (number, line) in enumerate(rows):
-        cells = line.split(",") if '"' not in line else next(csv.reader([line]))
-        if len(cells) != len(names):
-            raise LogError(f"{path}:{number}: {len(names)} cells are expected as in the header; got {len(cells)}")
+        cells = table.cells(number, line)
         for column, (base, place) in enumerate(order):
-            cell = cells[place].strip()
-            if base == "beacon":
-                if cell.lower() not in codes:
-                    raise LogError(f"{path}:{number}: column 'beacon': one of a, b, c, dark is expected; got {cell!r}")
-                out[row, column] = codes[cell.lower()]
+            if base != "beacon":
+                out[row, column] = table.number(cells[place], number, table.names[place])
                 continue
-            try:
-                if "_" in cell:  # float() would take 1_5 for 15
-                    raise ValueError
-                out[row, column] = float(cell) if cell else math.nan
-            except ValueError:
-                raise LogError(f"{path}:{number}: column '{names[place]}': {cell!r} is not a number") from None
+            name = cells[place].strip().lower()
+            if name not in codes:
+                raise LogError(
+                    f"{table.path}:{number}: column 'beacon': one of a, b, c, dark is expected; got "
+                    f"{shown(repr(cells[place].strip()), 80)}"
+                )
+            out[row, column] = codes[name]
     return out
 
 
 def _check(
-    values: Matrix, rows: list[tuple[int, str]], path: Path, places: dict[str, tuple[int, float]], names: list[str]
+    values: Matrix,
+    numbers: list[int],
+    path: Path,
+    places: dict[str, tuple[int, float]],
+    names: list[str],
+    t_before: float,
 ) -> None:
     for column, (base, (place, _)) in enumerate(places.items()):
         bad = np.flatnonzero(~np.isfinite(values[:, column]))
         if bad.size and base not in MAY_BE_EMPTY:
             raise LogError(
-                f"{path}:{rows[int(bad[0])][0]}: column '{names[place]}' is empty or not finite; only a current may be"
+                f"{path}:{numbers[int(bad[0])]}: column '{names[place]}' is empty or not finite; only a current may be"
             )
+        if base in MOST:
+            si = to_si(values[:, column], places[base][1])
+            check_size(si, MOST[base], np.array(numbers, dtype=np.float64), path, names[place])
         bad = np.flatnonzero((values[:, column] < 0.0) | np.isposinf(values[:, column]))
         if bad.size and base in COUNTS:
             row = int(bad[0])
             raise LogError(
-                f"{path}:{rows[row][0]}: column '{names[place]}': {values[row, column]:g} is no count of a converter; "
+                f"{path}:{numbers[row]}: column '{names[place]}': {values[row, column]:g} is no count of a converter; "
                 "counts are from 0 up, and a missing one is left empty"
             )
     t = values[:, list(places).index("t")]
-    late = np.flatnonzero(np.diff(t) <= 0.0)
+    before = np.concatenate([[t_before], t[:-1]])
+    late = np.flatnonzero(t <= before)
     if late.size:
-        row = int(late[0]) + 1
+        row = int(late[0])
         raise LogError(
-            f"{path}:{rows[row][0]}: time {t[row]:.15g} s is not after {t[row - 1]:.15g} s of the row before; sort the "
-            "log by time and keep one row a slot"
+            f"{path}:{numbers[row]}: time {t[row]:.15g} s is not after {before[row]:.15g} s of the row before; sort "
+            "the log by time and keep one row a slot"
         )
     if QUATERNION[0] in places:
         q = np.stack([values[:, list(places).index(base)] for base in QUATERNION], axis=1)
@@ -196,5 +196,5 @@ def _check(
         if wrong.size:
             row = int(wrong[0])
             raise LogError(
-                f"{path}:{rows[row][0]}: {QUATERNION[0][:-2]} {q[row].tolist()} is not a unit quaternion (x, y, z, w)"
+                f"{path}:{numbers[row]}: {QUATERNION[0][:-2]} {q[row].tolist()} is not a unit quaternion (x, y, z, w)"
             )

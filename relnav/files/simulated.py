@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from relnav.errors import UsageError
-from relnav.files.atomic import replacing
+from relnav.files.atomic import is_stream, replacing
 from relnav.files.log_columns import ACCELERATION, sigma_columns, spot_columns
 from relnav.files.raw_logs import COUNTS
 from relnav.files.tables import STATE_COLUMNS, Table, check_format, relnav_version, write_table
+from relnav.files.wording import printable
 from relnav.sensors.three_beacon.pulses import NAMES
 from relnav.simulation.raw import RawLog
 from relnav.simulation.scenario import SimulatedLog
@@ -41,12 +42,12 @@ def write_raw_log(log: RawLog, path: str | os.PathLike[str], metadata: dict[str,
         For another ending: a raw log names its beacons in words.
     """
     target = Path(path)
-    if target.suffix.lower() != ".csv":
+    if target.suffix.lower() != ".csv" and not (target.suffix == "" and is_stream(target)):
         raise UsageError(f"{target}: a raw log ends in .csv; got '{target.suffix}'")
     head = {"relnav": relnav_version(), "frame": "lvlh_ccsds"} | (metadata or {})
     rows = np.column_stack([log.counts, log.acceleration_m_s2]).tolist()
-    with replacing(target) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        file.writelines(f"# {key} = {value}\n" for key, value in head.items())
+    with replacing(target, ".csv") as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        file.writelines(f"# {printable(key)} = {printable(value)}\n" for key, value in head.items())
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(("t_s", "beacon", *COUNTS, *(f"{base}_m_s2" for base in ACCELERATION)))
         for t, beacon, row in zip(log.t_s.tolist(), log.beacon.tolist(), rows, strict=True):

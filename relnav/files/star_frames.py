@@ -1,19 +1,24 @@
 """Frames of star spots as CSV: one row a spot, `x_px, y_px` from the image's centre, and `flux` or `magnitude`."""
 
-import csv
 import difflib
-import math
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
 from relnav.errors import InputError
+from relnav.files.log_columns import Columns
+from relnav.files.logs import read_csv
+from relnav.files.text_table import MOST_ROWS
+from relnav.files.wording import listed
 
 PLACES = ("x_px", "y_px")
 BRIGHTNESS = ("flux", "magnitude")
 ENOUGH_TO_TELL = 8
+MOST_SPOTS = 20_000
+"""In one frame: a picture has no more stars than that."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +56,7 @@ def read_star_frame(path: Path, centre_px: tuple[float, float] = (0.0, 0.0)) -> 
     InputError
         Naming file, line and column of what cannot be read; if the coordinates evidently count from a corner.
     """
-    values, given = read_star_table(path, PLACES, BRIGHTNESS)
+    values, given, _ = read_star_table(path, PLACES, BRIGHTNESS, MOST_SPOTS)
     spots = values[:, :2] - np.asarray(centre_px)
     if centre_px == (0.0, 0.0):
         _refuse_corner_coordinates(spots, path)
@@ -59,70 +64,43 @@ def read_star_frame(path: Path, centre_px: tuple[float, float] = (0.0, 0.0)) -> 
     return StarFrame(path, spots, brightness if given == "flux" else None, brightness if given == "magnitude" else None)
 
 
-def read_star_table(path: Path, columns: tuple[str, ...], choices: tuple[str, ...]) -> tuple[Matrix, str]:
-    """Columns of a CSV as numbers (n, m), with one of the `choices` as last column if it is there; its name or "".
+def read_star_table(
+    path: Path, columns: tuple[str, ...], choices: tuple[str, ...], most_rows: int = MOST_ROWS
+) -> tuple[Matrix, str, Vector]:
+    """Columns of a CSV as numbers (n, m), and one of the `choices`, if it is there; its name or ""; lines.
 
     Raises
     ------
     InputError
         Naming file, line and column of what cannot be read.
     """
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            lines = [(number, text) for number, text in enumerate(file, start=1)]
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not a text file in UTF-8") from error
-    lines = [(number, text.strip()) for number, text in lines if text.strip() and not text.lstrip().startswith("#")]
-    if not lines:
-        header = ",".join([*columns, *choices[:1]])
-        raise InputError(f"{path}: the file is empty; a header {header} and rows of numbers are expected")
-    names = _header(lines[0][1], f"{path}:{lines[0][0]}", columns, choices)
-    wanted = [name for name in (*columns, *choices) if name in names]
-    values = np.empty((len(lines) - 1, len(wanted)))
-    for row, (number, text) in enumerate(lines[1:]):
-        values[row] = _numbers(text, names, wanted, f"{path}:{number}")
-    return values, wanted[-1] if len(wanted) > len(columns) else ""
+    _, found, values, lines = read_csv(path, partial(_parse, columns=columns, choices=choices), most_rows=most_rows)
+    bad = np.argwhere(~np.isfinite(values))
+    if bad.size:
+        name = found.names[list(found.index.values())[bad[0][1]]]
+        came = "empty or NaN" if np.isnan(values[tuple(bad[0])]) else "infinite"
+        raise InputError(
+            f"{path}:{int(lines[bad[0][0]])}: column '{name}' is {came}; leave a spot that was not measured out"
+        )
+    return values, next((name for name in choices if name in found.index), ""), lines
 
 
-def _header(text: str, where: str, columns: tuple[str, ...], choices: tuple[str, ...]) -> list[str]:
-    if "," not in text:
-        seen = "';'" if ";" in text else "tabs" if "\t" in text else "no comma"
-        raise InputError(f"{where}: cells separated by commas are expected in the header; got {seen}")
-    names = [name.strip() for name in next(csv.reader([text]))]
+def _parse(names: list[str], where: str, columns: tuple[str, ...], choices: tuple[str, ...]) -> Columns:
+    """Where the wanted columns stand: those needed, and the one of the choices that is there."""
     for name in columns:
         if name not in names:
             others = [other for other in names if other not in columns and other[:1].lower() == name[0]]
-            near = difflib.get_close_matches(name, others, n=1, cutoff=0.3)
+            near = difflib.get_close_matches(name, others[:100], n=1, cutoff=0.3)
             hint = f"; is it '{near[0]}'? rename it" if near else ""
-            raise InputError(f"{where}: column '{name}' is missing; the columns are {', '.join(names)}{hint}")
+            raise InputError(f"{where}: column '{name}' is missing; the columns are {listed(names)}{hint}")
     for name in (*columns, *choices):
         if names.count(name) > 1:
             raise InputError(f"{where}: column '{name}' stands twice; keep one")
     if choices and all(name in names for name in choices):
         raise InputError(f"{where}: columns 'flux' and 'magnitude' say the same; keep one")
-    return names
-
-
-def _numbers(text: str, names: list[str], wanted: list[str], where: str) -> list[float]:
-    try:
-        cells = next(csv.reader([text]))
-    except csv.Error as error:
-        raise InputError(f"{where}: not a row of cells: {error}") from None
-    if len(cells) != len(names):
-        raise InputError(f"{where}: {len(names)} cells are expected as in the header; got {len(cells)}")
-    out = []
-    for name in wanted:
-        cell = cells[names.index(name)].strip()
-        try:
-            if not cell.isascii() or "_" in cell:
-                raise ValueError
-            number = float(cell)
-        except ValueError:
-            raise InputError(f"{where}: column '{name}': {cell!r} is not a number") from None
-        if not math.isfinite(number):
-            raise InputError(f"{where}: column '{name}' is {cell}; leave a spot that was not measured out")
-        out.append(number)
-    return out
+    wanted = [name for name in (*columns, *choices) if name in names]
+    index = {name: names.index(name) for name in wanted}
+    return Columns(tuple(names), index, dict.fromkeys(wanted, 1.0), tuple(name for name in names if name not in wanted))
 
 
 def _refuse_corner_coordinates(spots: Matrix, path: Path) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from relnav.arrays import Matrix
 from relnav.files.atomic import check_png, replacing
+from relnav.files.wording import printable
 from relnav.geometry.rotation import quaternion_from_dcm
 from relnav.sensors.dual_field.solution import StarSolution
 
@@ -71,7 +72,8 @@ def draw_solution(solution: StarSolution, spots_px: Matrix, title: str, path: Pa
             axis.annotate(
                 f"HIP {solution.hip[k]}", spots_px[k], (6, 5), textcoords="offset points", fontsize=7, color=f"C{field}"
             )
-    axis.set(xlabel="x_px (right)", ylabel="y_px (down)", aspect="equal", title=title)
+    axis.set(xlabel="x_px (right)", ylabel="y_px (down)", aspect="equal")
+    axis.set_title(printable(title), parse_math=False)  # a $ in a file's name is no formula
     axis.invert_yaxis()
     axis.grid(alpha=0.3)
     figure.legend(loc="outside lower center", ncols=3, fontsize=9)

@@ -11,6 +11,7 @@ from relnav.errors import InputError, LogError
 from relnav.files.log_columns import Columns
 from relnav.files.logs import read_csv
 from relnav.files.units import UNITS, same_kind, split_unit
+from relnav.files.wording import listed
 from relnav.geometry.projection_angles import direction_from_angles, direction_from_gimbal, tangents_from_direction
 from relnav.sensors.aps_sun.sensor import ApsSunModel
 
@@ -132,7 +133,7 @@ def _parse(names: list[str], where: str) -> Columns:
     for base in (*(pairs[0] if pairs else PROJECTION), *SPOT):
         if base not in index:
             example = base if base in SPOT else f"{base}_deg"
-            raise LogError(f"{where}: column '{example}' is missing; the columns are {', '.join(names)}")
+            raise LogError(f"{where}: column '{example}' is missing; the columns are {listed(names)}")
     return Columns(tuple(names), index, factor, tuple(ignored))
 
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from relnav.arrays import Vector
 from relnav.errors import UsageError
-from relnav.files.atomic import replacing
+from relnav.files.atomic import is_stream, replacing
+from relnav.files.wording import printable
 from relnav.navigation.docking_view import UPPER
 from relnav.navigation.record import DIAGONAL, Solution
 
@@ -88,7 +89,7 @@ def write_table(
     path: Path, columns: tuple[str, ...], parts: Iterator[Table], stated: dict[str, str], integers: tuple[int, ...]
 ) -> None:
     """Write rows, part after part, as CSV or Parquet by the file's ending; whole or not at all."""
-    with replacing(path) as temporary:
+    with replacing(path, ".csv") as temporary:
         if path.suffix.lower() == ".parquet":
             from relnav.files.parquet import write_parquet
 
@@ -96,7 +97,7 @@ def write_table(
             return
         with temporary.open("w", newline="", encoding="utf-8") as file:
             for key, value in stated.items():
-                file.write(f"# {key} = {value}\n")
+                file.write(f"# {printable(key)} = {printable(value)}\n")
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(columns)
             for part in parts:
@@ -105,14 +106,14 @@ def write_table(
 
 
 def check_format(path: Path) -> None:
-    """Refuse a table of a kind that cannot be written.
+    """Refuse a table of a kind that cannot be written; a pipe without an ending is given CSV.
 
     Raises
     ------
     UsageError
         Naming the endings that can.
     """
-    if path.suffix.lower() not in (".csv", ".parquet"):
+    if path.suffix.lower() not in (".csv", ".parquet") and not (path.suffix == "" and is_stream(path)):
         raise UsageError(f"{path}: a table ends in .csv or .parquet; got '{path.suffix}'")
     if path.suffix.lower() == ".parquet":
         from relnav.files.parquet import require_pyarrow

@@ -3,6 +3,7 @@
 import dataclasses
 import difflib
 import math
+import re
 import tomllib
 import typing
 from pathlib import Path
@@ -12,8 +13,13 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from relnav.errors import ModelError, UsageError
 from relnav.files.units import UNITS, same_kind, split_unit, to_si
+from relnav.files.wording import printable, shown
 
 SOURCES = ("paper", "assumed", "derived")
+MOST_CHARACTERS, DEEPEST, MOST_PROBLEMS = 200_000, 12, 20
+"""Of a file; of its nesting; of the lines of a message."""
+LONG_CHAIN = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){20}""")
+"""A dotted key of twenty parts, over which a TOML reader takes the square of its length."""
 
 
 class Problems:
@@ -25,8 +31,11 @@ class Problems:
         self._text = text.splitlines()
 
     def add(self, key_path: str, message: str) -> None:
-        """Note one problem of the value at `section.key`."""
-        self.lines.append(f"{self.path}:{self._line(key_path)}: {key_path}: {message}")
+        """Note one problem of the value at `section.key`; ModelError with all so far where they become too many."""
+        self.lines.append(shown(f"{self.path}:{self._line(key_path)}: {shown(key_path, 80)}: {message}", 1000))
+        if len(self.lines) == MOST_PROBLEMS:
+            self.lines.append(f"{self.path}: and perhaps more; only the first {MOST_PROBLEMS} are told")
+            self.raise_if_any()
 
     def raise_if_any(self) -> None:
         """Raise ModelError with every problem, a line each."""
@@ -56,14 +65,32 @@ def read_toml(path: Path) -> tuple[dict[str, Any], Problems]:
         If the file cannot be read or is not TOML.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-        return tomllib.loads(text), Problems(path, text)
+        with path.open(encoding="utf-8-sig") as file:
+            text = file.read(MOST_CHARACTERS + 1)
+        if len(text) > MOST_CHARACTERS:
+            raise ModelError(f"{path}: longer than {MOST_CHARACTERS} characters; a model or calibration is expected")
+        if LONG_CHAIN.search(text):
+            raise ModelError(f"{path}: a key of twenty parts or more; keys are written [section] and key")
+        table = tomllib.loads(text)
+        if _deeper(table, DEEPEST):
+            raise ModelError(f"{path}: nested deeper than {DEEPEST} levels; sections of keys and values are expected")
+        return table, Problems(path, text)
     except OSError as error:
         raise ModelError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise ModelError(f"{path}: not a text file in UTF-8") from error
     except tomllib.TOMLDecodeError as error:
-        raise ModelError(f"{path}: not valid TOML: {error}") from error
+        raise ModelError(f"{path}: not valid TOML: {shown(error)}") from error
+    except RecursionError as error:
+        raise ModelError(f"{path}: nested deeper than {DEEPEST} levels; a model is expected") from error
+    except ValueError as error:  # a whole number of thousands of digits
+        raise ModelError(f"{path}: not valid TOML: a number is too long: {shown(error)}") from error
+
+
+def _deeper(value: Any, levels: int) -> bool:
+    """Whether tables and arrays are nested in more than so many levels."""
+    held = list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else []
+    return bool(held) and (levels == 0 or any(_deeper(item, levels - 1) for item in held))
 
 
 def _find_field(key: str, names: list[str]) -> tuple[str, float, str]:
@@ -108,8 +135,11 @@ def _numbers_finite(value: Any) -> bool:
 
 def _shown(value: Any) -> str:
     """A value for a message: the beginning, if it is long."""
-    text = repr(value)
-    return text if len(text) <= 80 else text[:76] + " ..."
+    try:
+        text = repr(value)
+        return printable(text if len(text) <= 80 else text[:76] + " ...")
+    except ValueError:  # a whole number of thousands of digits, written in another base
+        return "a number of thousands of digits"
 
 
 def _validated(hint: Any, value: Any) -> Any:
@@ -124,7 +154,7 @@ def build(cls: Any, table: Any, where: str, problems: Problems, provenance: dict
     {value, source, why}, and where it comes from is written there.
     """
     if not isinstance(table, dict):
-        problems.add(where, f"a table is expected, written [{where}]; got {table!r}")
+        problems.add(where, f"a table is expected, written [{where}]; got {_shown(table)}")
         return None
     hints = typing.get_type_hints(cls, include_extras=True)
     fields = {field.name: field for field in dataclasses.fields(cls)}
@@ -145,14 +175,14 @@ def build(cls: Any, table: Any, where: str, problems: Problems, provenance: dict
         value, origin = raw, "unstated"
         if provenance is not None and isinstance(raw, dict):
             unknown = set(raw) - {"value", "source", "why"}
-            if "value" not in raw or unknown or raw.get("source") not in SOURCES or not raw.get("why"):
+            if "value" not in raw or unknown or str(raw.get("source")) not in SOURCES or not raw.get("why"):
                 problems.add(
                     key_path,
                     'a value with its source is written { value = ..., source = "paper|assumed|derived", '
-                    f'why = "..." }}; got {raw!r}',
+                    f'why = "..." }}; got {_shown(raw)}',
                 )
                 continue
-            value, origin = raw["value"], f"{raw['source']}: {raw['why']}"
+            value, origin = raw["value"], printable(f"{raw['source']}: {raw['why']}")
         if not _numbers_finite(value):
             problems.add(key_path, f"a finite number is expected; got {_shown(value)}")
             continue

@@ -1,6 +1,7 @@
 """What `relnav filter` says: the figures of the run beside the published ones, in the terminal and as JSON."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -93,7 +94,7 @@ def test_swapped_beacons_are_told(run, short_log):
     text = short_log.read_text().replace("spot_a", "spot_z").replace("spot_b", "spot_a").replace("spot_z", "spot_b")
     short_log.write_text(text)
     code, out, _ = run("filter", short_log, *MODEL)
-    assert code == 0
+    assert code == 5
     assert "NOT STARTED: no epoch was confirmed by the next" in out
     assert "SWAPPED" in out
     assert "A and B exchanged?" in out
@@ -102,7 +103,7 @@ def test_swapped_beacons_are_told(run, short_log):
 def test_a_log_of_one_row(run, short_log, tmp_path):
     short_log.write_text("".join(short_log.read_text().splitlines(keepends=True)[:2]))
     code, out, _ = run("filter", short_log, *MODEL, "--out", tmp_path / "track.csv", "--json", tmp_path / "a.json")
-    assert code == 0
+    assert code == 5
     assert "NOT STARTED" in out
     figures = json.loads((tmp_path / "a.json").read_text())
     assert figures["started_s"] is None
@@ -144,3 +145,47 @@ def test_a_model_without_published_figures(run, short_log, tmp_path):
     assert code == 0
     assert "NIS per degree of freedom" in out
     assert "0.02 m" not in out
+
+
+QUATERNIONS = {"scalar first (w, x, y, z)": "-0.5,0.5,-0.5,-0.5", "the inverse rotation": "-0.5,0.5,0.5,-0.5"}
+
+
+@pytest.mark.parametrize("name", QUATERNIONS)
+def test_quaternions_read_another_way(run, tmp_path, name):
+    """The camera looks along -x; written another way it looks elsewhere, and no image fits."""
+    log = tmp_path / "log.csv"
+    head = "t_s,spot_a_x_um,spot_a_y_um,spot_b_x_um,spot_b_y_um,spot_c_x_um,spot_c_y_um"
+    head += "".join(f",q_cam_from_lvlh_{axis}" for axis in "xyzw")
+    log.write_text("\n".join([head, *(f"{0.1 * k:.1f},-1500,0,1500,0,0,0,{QUATERNIONS[name]}" for k in range(20))]))
+    code, out, _ = run("filter", log, *MODEL)
+    assert code == 5
+    assert f"read as {name}" in out
+    assert "q_cam_from_lvlh does start the filter; x, y, z, w of v_cam = R v_lvlh is expected" in out
+
+
+def test_milliseconds_under_the_name_of_seconds(run, tmp_path):
+    log = tmp_path / "log.csv"
+    head = "t_s,spot_a_x_um,spot_a_y_um,spot_b_x_um,spot_b_y_um,spot_c_x_um,spot_c_y_um"
+    log.write_text("\n".join([head, *(f"{100 * k},-1500,0,1500,0,0,0" for k in range(20))]))
+    assert "rows are 100 s apart: if the times are milliseconds, name the column t_ms" in run("filter", log, *MODEL)[1]
+    log.write_text(log.read_text().replace("t_s", "t_ms"))
+    assert "apart" not in run("filter", log, *MODEL)[1]
+
+
+def test_a_gap_is_not_told_as_rejections(run, tmp_path):
+    log = tmp_path / "log.csv"
+    head = "t_s,spot_a_x_um,spot_a_y_um,spot_b_x_um,spot_b_y_um,spot_c_x_um,spot_c_y_um"
+    times = [*(0.1 * k for k in range(10)), *(86_400.0 + 0.1 * k for k in range(10))]
+    log.write_text("\n".join([head, *(f"{t!r},-1500,0,1500,0,0,0" for t in times)]))
+    out = run("filter", log, *MODEL)[1]
+    assert "rejected, more than" not in out
+    assert "the track was started anew 1 times; longest gap 86399.1 s" in out
+
+
+def test_sigmas_of_a_model_of_ones_own(run, short_log, tmp_path):
+    """Without published figures there is nothing to set them beside, but they are told."""
+    copy = tmp_path / "mine.toml"
+    assert run("models", "three_beacon_psd", "--copy", copy)[0] == 0
+    code, out, _ = run("filter", short_log, "--model", copy)
+    assert code == 0
+    assert re.search(r"1-sigma at 19.9 s: range 0\.\d+ m, azimuth 0\.\d+ deg, elevation 0\.\d+ deg", out)

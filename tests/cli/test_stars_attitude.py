@@ -105,5 +105,5 @@ def test_a_log_outside_the_star_frames(run, flight, vbar_log):
         *("--out", flight / "a.csv", "--log", vbar_log, "--joined", flight / "b.csv"),
     )
     assert code == 3
-    assert "its rows reach from" in err
+    assert "lies outside the star sensor's attitudes" in err
     assert not (flight / "b.csv").exists()

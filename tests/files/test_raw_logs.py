@@ -139,7 +139,7 @@ def test_a_wrong_header(write_log, rows, name):
 
 def test_a_header_alone(write_log, rows):
     path = write_log(rows[0])
-    with pytest.raises(relnav.LogError, match="a header line and one row a slot are expected; got 1 lines"):
+    with pytest.raises(relnav.LogError, match="no rows after the header; one row a slot is expected"):
         read_raw_log(path)
 
 

@@ -43,7 +43,7 @@ def test_the_centre_can_be_named(write):
 
 
 BAD = {
-    "empty": ("", ": the file is empty; a header x_px,y_px,flux and rows of numbers are expected"),
+    "empty": ("", ": the file is empty; a header line and one row"),
     "binary": (b"\xff\xfe\x00", ": not a text file in UTF-8"),
     "semicolons": ("x_px;y_px\n1;2\n", ":1: cells separated by commas are expected in the header; got ';'"),
     "no x": ("x,y_px,flux\n1,2,3\n", ":1: column 'x_px' is missing; the columns are x, y_px, flux; is it 'x'?"),
@@ -52,8 +52,11 @@ BAD = {
     "short": ("x_px,y_px,flux\n1,2\n", ":2: 3 cells are expected as in the header; got 2"),
     "text": ("x_px,y_px,flux\n1,two,3\n", ":2: column 'y_px': 'two' is not a number"),
     "underscore": ("x_px,y_px\n1_0,2\n", ":2: column 'x_px': '1_0' is not a number"),
-    "nan": ("x_px,y_px,flux\n1,2,3\n1,nan,3\n", ":3: column 'y_px' is nan; leave a spot that was not measured out"),
-    "infinite": ("x_px,y_px,flux\n1,2,inf\n", ":2: column 'flux' is inf; leave a spot"),
+    "nan": (
+        "x_px,y_px,flux\n1,2,3\n1,nan,3\n",
+        ":3: column 'y_px' is empty or NaN; leave a spot that was not measured out",
+    ),
+    "infinite": ("x_px,y_px,flux\n1,2,inf\n", ":2: column 'flux' is infinite; leave a spot"),
 }
 
 

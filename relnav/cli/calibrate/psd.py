@@ -1,23 +1,22 @@
 """`relnav calibrate psd`: a grid of known spots in, the correction of the detector's distortion out."""
 
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+
+from relnav.cli.printing import InputPath, OutputPath, say
 
 if TYPE_CHECKING:
     from relnav.sensors.three_beacon.calibrate import CalibrationReport
 
 
 @click.command(epilog="Example: relnav calibrate psd grid.csv --out calibration.toml --model three_beacon_psd")
-@click.argument("grid", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.option(
-    "--out", type=click.Path(path_type=Path), help="Calibration to write, .toml; a model's [calibration] names it."
-)
+@click.argument("grid", type=InputPath())
+@click.option("--out", type=OutputPath(), help="Calibration to write, .toml; a model's [calibration] names it.")
 @click.option("--model", help="A model whose detector this is: for the share of its area that the grid covers.")
 @click.option("--target", "target_um", default=10.0, show_default=True, help="Wanted 3-sigma of what is left, um.")
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Write the figures as one JSON object.")
+@click.option("--json", "json_path", type=OutputPath(), help="Write the figures as one JSON object.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
     grid: Path, out: Path | None, model: str | None, target_um: float, json_path: Path | None, quiet: bool
@@ -28,7 +27,7 @@ def command(
     of the correction is chosen by cross-validation. Sizes are those of one axis; what is left is 3 x rms over the grid.
     """
     from relnav.errors import LogError, UsageError
-    from relnav.files.atomic import check_distinct, check_folder, replacing
+    from relnav.files.atomic import Outputs, check_distinct, check_folder
     from relnav.files.models import load_mission
     from relnav.files.psd_calibration import write_calibration
     from relnav.files.psd_grid import read_grid
@@ -47,16 +46,14 @@ def command(
         report = calibrate(true_m, measured_m, detector_size_m=size, target_m=target_um * 1e-6)
     except ValueError as error:
         raise LogError(f"{grid}: {error}") from error
-    with ExitStack() as outputs:
+    with Outputs() as outputs:
         if out is not None:
-            write_calibration(report, outputs.enter_context(replacing(out)), grid.name)
+            write_calibration(report, outputs.path(out), grid.name)
         if json_path is not None:
-            write_json(summary(report), outputs.enter_context(replacing(json_path)))
-        if not quiet:
-            for line in lines(report):
-                click.echo(line)
-            if out is not None:
-                click.echo(f'calibration: {out} (name it in a model: [calibration] file = "{out.name}")')
+            write_json(summary(report), outputs.path(json_path))
+    if not quiet:
+        name = [] if out is None else [f'calibration: {out} (name it in a model: [calibration] file = "{out.name}")']
+        say([*lines(report), *name], out, json_path)
 
 
 def summary(report: "CalibrationReport") -> dict[str, Any]:

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from relnav.cli.printing import InputPath, OutputPath, say
+
 if TYPE_CHECKING:
     from relnav.files.sun_calibration import SunCalibrationReport
 
@@ -12,8 +14,8 @@ MAP_SIDE = 7
 
 
 @click.command(epilog="Example: relnav calibrate sun turntable.csv --out sun.json --plot residuals.png")
-@click.argument("measurements", type=click.Path(path_type=Path))
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Calibration file to write, .json.")
+@click.argument("measurements", type=InputPath())
+@click.option("--out", required=True, type=OutputPath(), help="Calibration file to write, .json.")
 @click.option("--model", default="aps_sun", show_default=True, help="Sensor with its design values.")
 @click.option(
     "--method",
@@ -31,8 +33,8 @@ MAP_SIDE = 7
 )
 @click.option("--incomplete", is_flag=True, help="Take a grid that lacks nodes.")
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0), help="Of the cross-validation.")
-@click.option("--plot", type=click.Path(path_type=Path), help="Draw residual maps, .png.")
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Write the report as one JSON object.")
+@click.option("--plot", type=OutputPath(), help="Draw residual maps, .png.")
+@click.option("--json", "json_path", type=OutputPath(), help="Write the report as one JSON object.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
     measurements: Path,
@@ -51,10 +53,8 @@ def command(
     Columns: alpha_deg, beta_deg (projection angles) or outer_deg, inner_deg (gimbal angles), in any angle unit;
     spot_x_px, spot_y_px, empty where no spot was seen.
     """
-    from contextlib import ExitStack
-
     from relnav.errors import ModelError
-    from relnav.files.atomic import check_distinct, check_folder, check_png, replacing
+    from relnav.files.atomic import Outputs, check_distinct, check_folder, check_png
     from relnav.files.models import load_model
     from relnav.files.sun_calibration import calibrate_sun, write_sun_calibration
     from relnav.files.sun_pictures import draw_residual_maps
@@ -71,15 +71,14 @@ def command(
     if not isinstance(sensor, ApsSunModel):
         raise ModelError(f"{sensor.path}: an APS sun sensor is expected (sensor_type aps_sun)")
     report = calibrate_sun(measurements, sensor, method=method, outer_axis=outer_axis, incomplete=incomplete, seed=seed)
-    with ExitStack() as outputs:
-        write_sun_calibration(report, outputs.enter_context(replacing(out)))
+    with Outputs() as outputs:
+        write_sun_calibration(report, outputs.path(out))
         if plot is not None:
-            draw_residual_maps(report, outputs.enter_context(replacing(plot)))
+            draw_residual_maps(report, outputs.path(plot, ".png"))
         if json_path is not None:
-            write_json(report.to_dict(), outputs.enter_context(replacing(json_path)))
-        if not quiet:
-            for line in report_lines(report):
-                click.echo(line)
+            write_json(report.to_dict(), outputs.path(json_path))
+    if not quiet:
+        say(report_lines(report), out, plot, json_path)
 
 
 def report_lines(report: "SunCalibrationReport") -> list[str]:

@@ -1,20 +1,26 @@
 """`relnav stars attitude`: a star sensor's log of frames as the camera attitudes that `relnav filter` reads."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
+
+from relnav.cli.printing import InputPath, OutputPath, say
+
+if TYPE_CHECKING:
+    from relnav.arrays import Matrix
 
 
 @click.command(
     epilog="Example: relnav stars attitude frames.csv --model dual_field_star --orbit orbit.csv --epoch 2026.5 "
     "--earth-velocity-km-s -10.2 25.3 11.0 --out attitude.csv --log approach.csv --joined approach_with_attitude.csv"
 )
-@click.argument("frames", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("frames", type=InputPath())
 @click.option("--model", required=True, help="Star sensor: a shipped name, a folder or a file.")
 @click.option(
     "--orbit",
     required=True,
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    type=InputPath(),
     help="Target's inertial states (ICRS axes), CSV: t_s, x_km, y_km, z_km, vx_km_s, vy_km_s, vz_km_s.",
 )
 @click.option("--epoch", help="Julian year or ISO date (UTC); the model's own if left out.")
@@ -32,9 +38,9 @@ import click
     show_default=True,
     help="Mounting of the camera, x y z w.",
 )
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Attitudes, .csv or .parquet.")
-@click.option("--log", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="Navigation log, .csv.")
-@click.option("--joined", type=click.Path(path_type=Path), help="That log with the attitude added to every row.")
+@click.option("--out", required=True, type=OutputPath(), help="Attitudes, .csv or .parquet.")
+@click.option("--log", type=InputPath(), help="Navigation log, .csv.")
+@click.option("--joined", type=OutputPath(), help="That log with the attitude added to every row.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
     frames: Path,
@@ -56,7 +62,7 @@ def command(
     import numpy as np
 
     from relnav.errors import InputError, UsageError
-    from relnav.files.atomic import check_distinct, check_folder
+    from relnav.files.atomic import Outputs, check_distinct, check_folder
     from relnav.files.attitude_log import (
         join_attitude,
         quaternions_in_lvlh,
@@ -68,7 +74,6 @@ def command(
     from relnav.files.epochs import julian_year
     from relnav.files.star_solving import load_star_sensor, velocity_option
     from relnav.files.tables import check_format
-    from relnav.geometry.rotation import dcm_from_quaternion
     from relnav.sensors.dual_field import measure
 
     check_format(out)
@@ -82,7 +87,7 @@ def command(
     if sensor.fold.kind != "none" and earth_velocity_km_s is None:
         raise UsageError("two fields need --earth-velocity-km-s: aberration changes the angle between them")
     earth = None if earth_velocity_km_s is None else velocity_option("--earth-velocity-km-s", earth_velocity_km_s)
-    year = None if epoch is None else julian_year(epoch)
+    year, mounting = None if epoch is None else julian_year(epoch), _mounting(q_cam_from_star)
     images, states = read_star_log(frames), read_orbit(orbit)
     at = states_at(states, np.array([t for t, _ in images]), orbit)
     solved, solutions = [], []
@@ -102,14 +107,25 @@ def command(
     if not solved:
         raise InputError(f"{frames}: no frame of {len(images)} has a credible attitude; `relnav stars solve` tells why")
     t_s = np.array([images[k][0] for k in solved])
+    q = quaternions_in_lvlh(np.array([s.dcm_cam_from_icrs for s in solutions]), at[solved], mounting)
+    with Outputs() as outputs:
+        sigma = np.array([s.sigma_rad for s in solutions])
+        write_attitude_log(outputs.path(out, ".csv"), t_s, q, sigma)
+        rows = 0
+        if log is not None and joined is not None:
+            rows = join_attitude(log, t_s, q, outputs.path(joined, ".csv"))
+    if not quiet:
+        also = [f"log: {joined} ({rows} rows)"] if joined is not None else []
+        say([f"attitude: {out} ({len(solved)} of {len(images)} frames)", *also], out, joined)
+
+
+def _mounting(q_cam_from_star: tuple[float, float, float, float]) -> "Matrix":
+    import numpy as np
+
+    from relnav.errors import UsageError
+    from relnav.geometry.rotation import dcm_from_quaternion
+
     try:
-        mounting = dcm_from_quaternion(np.array(q_cam_from_star))
+        return dcm_from_quaternion(np.array(q_cam_from_star))
     except ValueError as error:
         raise UsageError(f"--q-cam-from-star: {error}") from error
-    q = quaternions_in_lvlh(np.array([s.dcm_cam_from_icrs for s in solutions]), at[solved], mounting)
-    write_attitude_log(out, t_s, q, np.array([s.sigma_rad for s in solutions]))
-    rows = join_attitude(log, t_s, q, joined) if log is not None and joined is not None else 0
-    if not quiet:
-        click.echo(f"attitude: {out} ({len(solved)} of {len(images)} frames)")
-        if joined is not None:
-            click.echo(f"log: {joined} ({rows} rows)")

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from relnav.cli.printing import InputPath, OutputPath, say
+
 if TYPE_CHECKING:
     from relnav.sensors.dual_field.solution import StarSolution
 
@@ -13,7 +15,7 @@ ARCSEC = 648000.0 / math.pi
 
 
 @click.command(epilog="Example: relnav stars solve frame.csv --model ground_camera --json out.json --plot field.png")
-@click.argument("frame", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("frame", type=InputPath())
 @click.option("--model", help="Star sensor: a shipped name, a folder or a file.")
 @click.option(
     "--focal-px",
@@ -25,8 +27,8 @@ ARCSEC = 648000.0 / math.pi
 @click.option(
     "--velocity-km-s", nargs=3, type=float, help="Observer's barycentric velocity, ICRS: corrects for aberration."
 )
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Write the solution as one JSON object.")
-@click.option("--plot", type=click.Path(path_type=Path), help="Draw spots and stars, .png.")
+@click.option("--json", "json_path", type=OutputPath(), help="Write the solution as one JSON object.")
+@click.option("--plot", type=OutputPath(), help="Draw spots and stars, .png.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
     frame: Path,
@@ -44,10 +46,8 @@ def command(
     Right ascension and declination are those of camera +z (for a model its optical axis, else the image centre); roll
     is atan2(-A[0,2], A[1,2]) of dcm_cam_from_icrs. A frame without a credible attitude is refused, with a reason.
     """
-    from contextlib import ExitStack
-
     from relnav.errors import UsageError
-    from relnav.files.atomic import check_distinct, check_folder, check_png, replacing
+    from relnav.files.atomic import Outputs, check_distinct, check_folder, check_png
     from relnav.files.epochs import julian_year
     from relnav.files.star_frames import read_star_frame
     from relnav.files.star_solutions import draw_solution, solution_values
@@ -68,16 +68,15 @@ def command(
     spots = read_star_frame(frame, centre_px)
     solution = solve_frame(spots, model, focal_px, year, velocity_km_s)
     head = {"frame": str(frame), "model": model, "epoch_jyear": year, "velocity_km_s": velocity_km_s}
-    with ExitStack() as outputs:
+    with Outputs() as outputs:
         if json_path is not None:
             values = solution_values(solution, spots.spots_px) | head
-            write_json(values, outputs.enter_context(replacing(json_path)))
+            write_json(values, outputs.path(json_path))
         if plot is not None:
             title = f"{frame.name}: {solution.status}, {solution.matches} of {len(spots.spots_px)} spots are stars"
-            draw_solution(solution, spots.spots_px, title, outputs.enter_context(replacing(plot)))
-        if not quiet:
-            for line in solution_lines(solution, len(spots.spots_px)):
-                click.echo(line)
+            draw_solution(solution, spots.spots_px, title, outputs.path(plot, ".png"))
+    if not quiet:
+        say(solution_lines(solution, len(spots.spots_px)), json_path, plot)
 
 
 def solution_lines(solution: "StarSolution", spots: int) -> list[str]:

@@ -1,0 +1,107 @@
+"""What no mission has: values of a loaded model that are a slip of unit, sign or order, with the likely reason.
+
+A limit is far beyond anything built, so that what is refused here is a mistake, not an unusual design.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from relnav.geometry.rotation import dcm_from_quaternion
+from relnav.mission import Model, Orbit, VisionMission
+from relnav.simulation.orbits import EARTH_RADIUS_M, MU_EARTH_M3_S2
+
+FASTEST_RAD_S = 1.25 * math.sqrt(MU_EARTH_M3_S2 / EARTH_RADIUS_M**3)
+"""A quarter more than at the ground: a body's fastest orbit is sqrt(4/3 pi G density), and no planet is denser."""
+SHORTEST, LONGEST = 0.05, 500.0
+"""Focal length in detector widths: a field of 168 deg, and of 0.1 deg."""
+
+
+def implausible(mission: Any) -> list[tuple[str, str]]:
+    """Key and reason of every value that cannot be; empty for a model of another kind of sensor."""
+    if isinstance(mission, Model):
+        return [*_orbit(mission.orbit), *_beacon_camera(mission)]
+    if isinstance(mission, VisionMission):
+        return [*_orbit(mission.orbit), *_marker_camera(mission)]
+    return []
+
+
+def _orbit(orbit: Orbit) -> list[tuple[str, str]]:
+    n = orbit.mean_motion_rad_s
+    if n <= FASTEST_RAD_S:
+        return []
+    hint = ""
+    if math.radians(n) <= FASTEST_RAD_S:
+        hint = "; it would be one in deg/s: write mean_motion_deg_s"
+    elif 2.0 * math.pi / 86400.0 * n <= FASTEST_RAD_S:
+        hint = "; it would be one in revolutions a day: multiply by 2 pi / 86400 s"
+    return [
+        (
+            "orbit.mean_motion_rad_s",
+            f"{n:.6g} rad/s is above any orbit's of the Earth, {FASTEST_RAD_S / 1.25:.4g} at the ground{hint}",
+        )
+    ]
+
+
+def _beacon_camera(mission: Model) -> list[tuple[str, str]]:
+    sensor, found = mission.sensor, []
+    width = min(sensor.detector_size_m)
+    if sensor.spot_noise_m >= width:
+        found.append(
+            (
+                "sensor.spot_noise_m",
+                f"noise of {sensor.spot_noise_m:.4g} m on a detector of {width:.4g} m says nothing; micrometres (_um)?",
+            )
+        )
+    ratio = sensor.focal_length_m / width
+    if not SHORTEST <= ratio <= LONGEST:
+        found.append(
+            (
+                "sensor.focal_length_m",
+                f"{sensor.focal_length_m:.4g} m is {ratio:.3g} times the detector's width of {width:.4g} m, and "
+                f"{SHORTEST:g} to {LONGEST:g} times is a lens; are both units right?",
+            )
+        )
+    if mission.attitude.mode == "lvlh_hold":
+        towards = -mission.dcm_dock_from_lvlh[0]
+        found += _looks_away("attitude.q_cam_from_lvlh", mission.attitude.q_cam_from_lvlh, towards)
+    return found
+
+
+def _marker_camera(mission: VisionMission) -> list[tuple[str, str]]:
+    camera, found = mission.camera, []
+    width = min(camera.image_size_px)
+    if camera.spot_noise_px >= width:
+        found.append(("camera.spot_noise_px", f"noise of {camera.spot_noise_px:g} px on {width} px says nothing"))
+    ratio = min(camera.focal_length_px) / width
+    if not SHORTEST <= ratio <= LONGEST:
+        found.append(
+            (
+                "camera.focal_length_px",
+                f"{min(camera.focal_length_px):.4g} px is {ratio:.3g} times the image's width of {width} px, and "
+                f"{SHORTEST:g} to {LONGEST:g} times is a lens; millimetres? divide by the pixel's size",
+            )
+        )
+    return found + _looks_away("view.q_cam_from_target", mission.view.q_cam_from_target, np.array([-1.0, 0.0, 0.0]))
+
+
+def _looks_away(key: str, quaternion: tuple[float, float, float, float], towards: Any) -> list[tuple[str, str]]:
+    """A camera (boresight +z) 90 deg or more off the way to the target, and which other reading would look there."""
+    x, y, z, w = quaternion
+    off = _off_deg(quaternion, towards)
+    if off < 89.9:
+        return []
+    readings = {
+        "scalar first: write x, y, z, w": (y, z, w, x),
+        "the inverse rotation: turn the signs of x, y, z": (-x, -y, -z, w),
+    }
+    fitting = [name for name, other in readings.items() if _off_deg(other, towards) < 45.0]
+    hint = (
+        f"; it would look there as {fitting[0]}" if fitting else "; v_cam = R v, scalar last, boresight +z, is expected"
+    )
+    return [(key, f"the camera looks away from the target, {off:.0f} deg off; {hint}")]
+
+
+def _off_deg(quaternion: tuple[float, float, float, float], towards: Any) -> float:
+    return math.degrees(math.acos(float(np.clip(dcm_from_quaternion(np.array(quaternion))[2] @ towards, -1.0, 1.0))))

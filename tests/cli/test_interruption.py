@@ -1,0 +1,71 @@
+"""A few of the runs of benchmarks/interruption.py, with signals at fixed shares of a command's time."""
+
+import importlib.util
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+SCRIPT = Path(__file__).parents[2] / "benchmarks" / "interruption.py"
+
+
+@pytest.fixture(scope="module")
+def interruption():
+    spec = importlib.util.spec_from_file_location("interruption", SCRIPT)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", ["filter", "calibrate"])
+def test_files_are_whole_or_absent(interruption, tmp_path, name):
+    interruption.prepare(tmp_path)
+    found = interruption.end_at_random(name, tmp_path, 3, seed=1)
+    assert found["faults"] == []
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "word"), [(signal.SIGTERM, 143, "terminated"), (signal.SIGINT, 130, "interrupted")]
+)
+def test_in_the_middle_of_the_work(tmp_path, number, code, word):
+    """The log comes through a pipe that stays open: the program waits for more, with the half track in its folder."""
+    rows = "t_s,spot_a_x_um,spot_a_y_um,spot_b_x_um,spot_b_y_um,spot_c_x_um,spot_c_y_um\n0,-1500,0,1500,0,0,0\n"
+    command = [sys.executable, "-m", "relnav", "filter", "-", "--model", "three_beacon_psd", "--out", "track.csv"]
+    process = subprocess.Popen(
+        command, cwd=tmp_path, env=os.environ | {"RELNAV_JIT": "0"}, stdin=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    process.stdin.write(rows.encode())
+    process.stdin.flush()
+    until = time.monotonic() + 60.0
+    while not list(tmp_path.glob(".track.csv.relnav-part/*")) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert list(tmp_path.iterdir()), "the work has begun"
+    process.send_signal(number)
+    error = process.communicate(timeout=60.0)[1].decode()
+    assert process.returncode == code
+    assert error.strip() == f"relnav: {word}; nothing was written"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_killed_and_run_again(program, short_log, tmp_path):
+    """SIGKILL leaves one hidden folder; the next run of the same command removes it."""
+    folder = tmp_path / "work"
+    folder.mkdir()
+    command = [sys.executable, "-m", "relnav", "filter", "-", "--model", "three_beacon_psd", "--out", "work/track.csv"]
+    process = subprocess.Popen(command, cwd=tmp_path, env=os.environ | {"RELNAV_JIT": "0"}, stdin=subprocess.PIPE)
+    until = time.monotonic() + 60.0
+    process.stdin.write(short_log.read_bytes()[:500])
+    process.stdin.flush()
+    while not list(folder.glob(".track.csv.relnav-part/*")) and time.monotonic() < until:
+        time.sleep(0.05)
+    process.kill()
+    process.communicate()
+    assert [entry.name for entry in folder.iterdir()] == [".track.csv.relnav-part"]
+    arguments = ("filter", short_log, "--model", "three_beacon_psd", "--out", "work/track.csv")
+    assert program(*arguments, environment={"RELNAV_JIT": "0"}).returncode == 0
+    assert [entry.name for entry in folder.iterdir()] == ["track.csv"]

@@ -1,0 +1,147 @@
+"""Model files that are hostile, absurd or a slip of unit: one short sentence each, at once."""
+
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import relnav
+from relnav.simulation.orbits import EARTH_RADIUS_M, MU_EARTH_M3_S2
+
+HOSTILE = {
+    "type is an array": "sensor_type = []",
+    "type is a table": "sensor_type = {a = 1}",
+    "nested arrays": "a = " + "[" * 20_000 + "]" * 20_000,
+    "nested a little": 'sensor_type = "three_beacon"\n[sensor]\nfocal_length_mm = ' + "[" * 60 + "]" * 60,
+    "a number of 5000 digits": "sensor_type = " + "9" * 5000,
+    "the same in hexadecimal": 'sensor_type = "three_beacon"\n[sensor]\nfocal_length_mm = 0x' + "f" * 5000,
+    "20000 keys": 'sensor_type = "three_beacon"\n[sensor]\n'
+    + "".join(f"focal_lngth_{k}_mm = 1\n" for k in range(8000)),
+    "20000 sections": 'sensor_type = "three_beacon"\n' + "".join(f"[senso{k}]\n" for k in range(8000)),
+    "a dotted key without end": ".".join("a" * 50_000) + " = 1",
+    "longer than any model": "# " + "x" * 300_000,
+    "control characters": 'sensor_type = "\\u001b[31m\\nrelnav: all is well"',
+    "control characters in a key": '"\\u001b[31m" = 1\nsensor_type = "three_beacon"',
+    "huge whole numbers": 'sensor_type = "three_beacon"\n[orbit]\nmean_motion_deg_s = 1' + "0" * 400,
+    "not text": b"\xff\xfe\x00",
+    "null character": "sensor_type = 'three_beacon'\n\x00",
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_one_sentence_at_once(tmp_path, name):
+    path = tmp_path / "model.toml"
+    path.write_bytes(HOSTILE[name] if isinstance(HOSTILE[name], bytes) else HOSTILE[name].encode())
+    begin = time.process_time()
+    with pytest.raises(relnav.ModelError) as caught:
+        relnav.load_model(path)
+    message = str(caught.value)
+    assert time.process_time() - begin < 5.0
+    assert len(message) < 30_000
+    assert message.count("\n") <= 21
+    assert all(line.startswith(str(path)) and line.isprintable() for line in message.splitlines())
+
+
+MEAN_MOTION = "mean_motion_rad_s = { value = 0.0011313666536110223,"
+NOISE = "spot_noise_um = { value = 10.0,"
+FOCAL = "focal_length_mm = { value = 50.0,"
+LOOK = "q_cam_from_lvlh = { value = [0.5, -0.5, -0.5, -0.5],"
+SLIPS = {
+    "deg/s for rad/s": (MEAN_MOTION, "mean_motion_rad_s = { value = 0.0648,", "write mean_motion_deg_s"),
+    "revolutions a day": (MEAN_MOTION, "mean_motion_rad_s = { value = 15.54,", "revolutions a day"),
+    "above any orbit": (MEAN_MOTION, "mean_motion_rad_s = { value = 1e300,", "above any orbit's of the Earth"),
+    "noise in mm": (NOISE, "spot_noise_mm = { value = 10.0,", "noise of 0.01 m on a detector of 0.008 m says nothing"),
+    "focal length in m": (FOCAL, "focal_length_m = { value = 50.0,", "are both units right?"),
+    "focal length in um": (FOCAL, "focal_length_um = { value = 50.0,", "are both units right?"),
+    "looks away": (LOOK, "q_cam_from_lvlh = { value = [0.0, 0.0, 0.0, 1.0],", ""),
+    "scalar first": (LOOK, "q_cam_from_lvlh = { value = [-0.5, 0.5, -0.5, -0.5],", "scalar first: write x, y, z, w"),
+}
+
+
+@pytest.mark.parametrize("name", SLIPS)
+def test_what_no_mission_has(write_model, name):
+    old, new, text = SLIPS[name]
+    with pytest.raises(relnav.ModelError) as caught:
+        relnav.load_model(write_model((old, new)))
+    if name == "looks away":
+        text = "the camera looks away from the target"
+    assert text in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_unusual_missions_are_flown(write_model):
+    """A lens of 3 m on 8 mm, an orbit at 150 km, a camera 80 deg off: odd, but possible."""
+    relnav.load_model(write_model((FOCAL, "focal_length_m = { value = 3.0,")))
+    relnav.load_model(write_model((MEAN_MOTION, "mean_motion_rad_s = { value = 0.0012,")))
+
+
+def test_an_altitude_instead_of_a_mean_motion(write_model):
+    path = write_model((MEAN_MOTION, "altitude_km = { value = 500.0,"))
+    model = relnav.load_model(path)
+    n = np.sqrt(MU_EARTH_M3_S2 / (EARTH_RADIUS_M + 500e3) ** 3)
+    assert model.orbit.mean_motion_rad_s == pytest.approx(n, rel=1e-14)
+    assert "altitude_km = 500" in model.provenance["orbit.mean_motion_rad_s"]
+
+
+@pytest.mark.parametrize(
+    ("new", "text"),
+    [
+        ("altitude_km = -7000.0 #", "perigee lies"),
+        ('altitude_km = "low" #', "altitude_km = 400.0"),
+        ("altitude_deg = 400.0 #", "altitude_km = 400.0"),
+        ("altitude = 400.0 #", "altitude_km = 400.0"),
+        ("altitude_km = 400.0\nmean_motion_rad_s = 0.001 #", "say the same; keep one"),
+    ],
+)
+def test_an_altitude_that_is_none(write_model, new, text):
+    with pytest.raises(relnav.ModelError, match=text) as caught:
+        relnav.load_model(write_model((MEAN_MOTION, new)))
+    assert "\n" not in str(caught.value)
+
+
+def test_an_eccentric_orbit_by_altitude(write_model):
+    eccentric = ("eccentricity = { value = 0.0,", "eccentricity = { value = 0.1,")
+    model = relnav.load_model(write_model((MEAN_MOTION, "altitude_km = { value = 1000.0,"), eccentric))
+    assert model.orbit.eccentricity == 0.1
+    with pytest.raises(relnav.ModelError, match="perigee lies 278 km below the ground"):
+        relnav.load_model(write_model((MEAN_MOTION, "altitude_km = { value = 400.0,"), eccentric))
+
+
+class TestCalibrationPaths:
+    """A model from somebody else names a file: it reads no other folder, and no device."""
+
+    CALIBRATION = "[calibration]\norder = 0\ncenter_um = [0.0, 0.0]\nhalf_width_um = [1.0, 1.0]\n"
+
+    def load(self, write_model, name):
+        path = write_model(("[tolerances]", f'[calibration]\nfile = "{name}"\n\n[tolerances]'))
+        with pytest.raises(relnav.ModelError) as caught:
+            relnav.load_model(path)
+        return str(caught.value)
+
+    def test_outside(self, write_model, tmp_path, monkeypatch):
+        (tmp_path / "other.toml").write_text("secret = 1\n")
+        message = self.load(write_model, "../other.toml")
+        assert "lies outside the model's folder" in message
+        assert "secret" not in message
+        assert "lies outside" in self.load(write_model, tmp_path / "other.toml")
+        monkeypatch.setenv("RELNAV_CALIBRATION_ANYWHERE", "1")
+        assert "secret: unknown section" in self.load(write_model, "../other.toml")
+
+    @pytest.mark.skipif(not hasattr(os, "symlink"), reason="no symbolic links on this system")
+    def test_links(self, write_model, tmp_path):
+        folder = Path(write_model()).parent
+        (tmp_path / "other.toml").write_text("secret = 1\n")
+        (folder / "c.toml").symlink_to(tmp_path / "other.toml")
+        assert "lies outside" in self.load(write_model, "c.toml")
+        (folder / "loop.toml").symlink_to(folder / "loop.toml")
+        assert "\n" not in self.load(write_model, "loop.toml")
+
+    @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes on this system")
+    def test_no_pipes_or_folders(self, write_model):
+        folder = Path(write_model()).parent
+        os.mkfifo(folder / "pipe")
+        (folder / "sub").mkdir()
+        assert "is no regular file" in self.load(write_model, "pipe")
+        assert "is no regular file" in self.load(write_model, "sub")
