@@ -54,8 +54,8 @@ def test_it_feeds_the_navigation_filter(run, flight, short_log):
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
     for row in rows:
         q = np.array([float(row[f"q_cam_from_lvlh_{axis}"]) for axis in "xyzw"])
-        assert 2.0 * np.linalg.norm(q - held * np.sign(q @ held)) < 2e-5
-        assert float(row["sigma_attitude_z_arcsec"]) < 1.5
+        assert 2.0 * np.linalg.norm(q - held * np.sign(q @ held)) < 1e-4
+        assert float(row["sigma_attitude_z_arcsec"]) < 8.0
     model = relnav.load_model("three_beacon_psd")
     with_it = relnav.filter_log(flight / "joined.csv", model)
     without = relnav.filter_log(short_log, model)

@@ -12,17 +12,20 @@ from relnav.geometry.rotation import quaternion_from_dcm
 from relnav.geometry.star_places import LIGHT_KM_S
 from relnav.sensors.dual_field.frame_solver import (
     BETA,
+    BLOCK,
     GATE,
     LEAST_SPOTS,
     MISFIT,
+    NOISIER,
+    OFF_FOLD,
     SETTINGS,
     TOO_FEW,
     solve_spots,
     usable_spots_into,
 )
-from relnav.sensors.dual_field.identify import SINGLE_FIELD_REASON
+from relnav.sensors.dual_field.identify import OFF_FOLD_REASON, ONE_FIELD_REASON
 from relnav.sensors.dual_field.optics import plane_points, ray_sigma, rays
-from relnav.sensors.dual_field.search import AMBIGUOUS, FOUND, MOST_TRIED, WORK_ROWS
+from relnav.sensors.dual_field.search import AMBIGUOUS, FOUND, MOST_TRIED, ONE_FIELD
 from relnav.sensors.dual_field.sensor import StarSensor
 from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solution
 from relnav.sensors.dual_field.tracking import WIDEST_PRIOR_RAD, track_rays
@@ -82,21 +85,19 @@ def measure(
             parameters[GATE] = math.inf
             parameters[SETTINGS + MOST_TRIED] *= WITHOUT_BRIGHTNESS
     found, star = np.empty(4 * n, dtype=np.int64), np.empty(n, dtype=np.int32)
-    block = np.empty(21 + 10 * n + 3 * WORK_ROWS)
+    block = np.empty(BLOCK + 10 * n)
     brightness = NO_MAGNITUDE if mag is None else mag
     verdict = solve_spots(spots, brightness, parameters, *sky.arrays, sky.hip, star, found, block)
     focal = model.camera.focal_length_px
     if verdict != FOUND:
         return _refused(verdict, block, n, focal)
-    field = found[3 * n :]
-    single = model.fold.kind != "none" and (not (field == 0).any() or not (field == 1).any())
     return StarSolution(
-        StarStatus.SINGLE_FIELD if single else StarStatus.OK,
-        SINGLE_FIELD_REASON if single else "",
+        StarStatus.OK,
+        "",
         block[:9].reshape(3, 3),
         block[9:18].reshape(3, 3),
         star,
-        field,
+        found[3 * n :],
         block[21 : 21 + n],
         float(block[18]) / LOG_10,
         int(block[19]),
@@ -115,6 +116,16 @@ def _refused(verdict: int, block: Vector, spots: int, focal_px: float) -> StarSo
             f"stars are found, but the spots lie {block[20]:.1f} times as far from them as the model's noise: are "
             "focal length, distortion and mirror those of this camera, and is the velocity right?",
         )
+    elif verdict == NOISIER:
+        status, reason = (
+            StarStatus.NO_MATCH,
+            "stars are found, but more spots lie beside a star than on one: is the model's spot_noise_px that of the "
+            "spots, and are focal length and distortion those of this camera?",
+        )
+    elif verdict == OFF_FOLD:
+        status, reason = StarStatus.NO_MATCH, OFF_FOLD_REASON
+    elif verdict == ONE_FIELD:
+        status, reason = StarStatus.AMBIGUOUS, ONE_FIELD_REASON
     elif verdict == AMBIGUOUS:
         status, reason = StarStatus.AMBIGUOUS, "two attitudes explain the spots equally well"
     else:
@@ -151,7 +162,7 @@ def track(
     quaternion_from_dcm(A)  # refuses what is not a rotation
     if not 0.0 < sigma_prior_rad <= WIDEST_PRIOR_RAD:
         raise ValueError(f"sigma_prior_rad is above 0 and up to {WIDEST_PRIOR_RAD:g} rad; got {sigma_prior_rad}")
-    ready = _prepare(spots_px, model, flux, magnitude, velocity_km_s)
+    ready = prepare(spots_px, model, flux, magnitude, velocity_km_s)
     solution = track_rays(
         ready.rays,
         model.sky(epoch_jyear),
@@ -161,13 +172,14 @@ def track(
         magnitude=ready.magnitude,
         gate=model.identification.magnitude_gate,
         fold=ready.fold,
+        fold_covariance=model.fold.covariance,
         velocity_km_s=ready.velocity_km_s,
         false_alarm_probability=model.identification.false_alarm_probability,
     )
     return in_order_of_spots(solution, ready.order, ready.spots, model.camera.focal_length_px)
 
 
-class _Ready(NamedTuple):
+class Ready(NamedTuple):
     """A frame's usable spots, brightest first, as rays; `order` leads back to the spots as handed in."""
 
     rays: Matrix
@@ -201,20 +213,21 @@ def _checked(
     return spots, spot_magnitudes(flux, magnitude, len(spots), model.identification.magnitude_zero_point), velocity
 
 
-def _prepare(
+def prepare(
     spots_px: ArrayLike,
     model: StarSensor,
     flux: ArrayLike | None,
     magnitude: ArrayLike | None,
     velocity_km_s: ArrayLike | None,
-) -> _Ready:
+) -> Ready:
+    """Spots as rays; arguments, and the ValueError, as in `measure`."""
     spots, mag, velocity = _checked(spots_px, model, flux, magnitude, velocity_km_s)
     camera = model.camera
     order = usable_spots(spots, mag, camera.detector_size_px)
     points = plane_points(spots[order], camera.focal_length_px, camera.principal_point_px, camera.distortion)
     sigma = ray_sigma(points, camera.spot_noise_px, camera.focal_length_px)
     fold = model.fold.matrix
-    return _Ready(rays(points), sigma, None if mag is None else mag[order], fold, velocity, order, len(spots))
+    return Ready(rays(points), sigma, None if mag is None else mag[order], fold, velocity, order, len(spots))
 
 
 def observer_velocity(value: ArrayLike) -> Vector:

@@ -5,8 +5,10 @@ import math
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
-from relnav.sensors.dual_field.identify import make_frame, solution_of
-from relnav.sensors.dual_field.matching import fit_attitude, match_tightly
+from relnav.sensors.dual_field.attitude_fit import fit_attitude, forget_slip
+from relnav.sensors.dual_field.evidence import FOLD_CHI2, fold_distance2
+from relnav.sensors.dual_field.identify import OFF_FOLD_REASON, make_frame, solution_of
+from relnav.sensors.dual_field.matching import match_tightly
 from relnav.sensors.dual_field.search import WORK_ROWS, count_stars, log_false_alarm
 from relnav.sensors.dual_field.sky import Sky
 from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solution
@@ -26,6 +28,7 @@ def track_rays(
     magnitude: Vector | None = None,
     gate: float = 0.6,
     fold: Matrix | None = None,
+    fold_covariance: Matrix | None = None,
     velocity_km_s: Vector | None = None,
     false_alarm_probability: float = 1e-7,
 ) -> StarSolution:
@@ -47,9 +50,10 @@ def track_rays(
     n = len(u)
     if n < LEAST_STARS:
         return no_solution(StarStatus.TOO_FEW, f"{n} spots; {LEAST_STARS} or more are needed", n)
-    frame = make_frame(u, sigma_rad, magnitude, gate, fold, velocity_km_s)
+    frame = make_frame(u, sigma_rad, magnitude, gate, fold, velocity_km_s, fold_covariance)
     count_stars(frame, sky.arrays)
     A, cov = dcm_prior.copy(), np.eye(3) * sigma_prior_rad**2
+    forget_slip(frame, cov)
     match, work, out = np.empty((n, 2), dtype=np.int64), np.empty((WORK_ROWS, 3)), np.empty(3)
     found = match_tightly(frame, sky.arrays, -1, -1, A, cov, match, out)
     first_chance = float(out[0])
@@ -66,4 +70,6 @@ def track_rays(
         )
     if not fit_attitude(frame, sky.arrays, match, A, cov, 2, work[0]):
         return no_solution(StarStatus.NO_MATCH, "the stars found lie along one line", n, tried=1)
+    if fold_distance2(frame) > FOLD_CHI2:
+        return no_solution(StarStatus.NO_MATCH, OFF_FOLD_REASON, n, tried=1)
     return solution_of(frame, sky, match, A, cov, np.array([log, 1.0]))
