@@ -13,12 +13,12 @@ from relnav.files.units import UNITS, split_unit, to_si
 COLUMNS = ("true_x", "true_y", "spot_x", "spot_y")
 
 
-def read_grid(path: Path) -> tuple[Matrix, Matrix]:
+def read_grid(path: Path) -> tuple[Matrix, Matrix, list[int]]:
     """Read a grid: columns true_x_um, true_y_um, spot_x_um, spot_y_um (any length unit; an empty spot is not seen).
 
     Returns
     -------
-    True and measured positions, (n, 2) m each.
+    True and measured positions, (n, 2) m each, and the line of each point in the file.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def read_grid(path: Path) -> tuple[Matrix, Matrix]:
             if column < 2 and not math.isfinite(value):
                 raise LogError(f"{path}:{number}: column '{names[place]}' is {cell!r}; only a spot may be missing")
             values[row, column] = to_si(value, factor)
-    return values[:, :2], values[:, 2:]
+    return values[:, :2], values[:, 2:], [number for number, _ in lines[1:]]
 
 
 def _places(names: list[str], where: str) -> list[tuple[int, float]]:

@@ -33,7 +33,7 @@ def command(
     from relnav.files.psd_calibration import write_calibration
     from relnav.files.psd_grid import read_grid
     from relnav.files.tables import write_json
-    from relnav.sensors.three_beacon.calibrate import calibrate
+    from relnav.sensors.three_beacon.calibrate import calibrate_without_outliers
 
     if not target_um > 0.0:
         raise UsageError(f"--target is a length above zero; got {target_um:g}")
@@ -42,17 +42,28 @@ def command(
             check_folder(path)
     check_distinct(grid, out, json_path)
     size = None if model is None else load_mission(model).sensor.detector_size_m
-    true_m, measured_m = read_grid(grid)
+    true_m, measured_m, rows = read_grid(grid)
     try:
-        report = calibrate(true_m, measured_m, detector_size_m=size, target_m=target_um * 1e-6)
+        report, left_out = calibrate_without_outliers(
+            true_m, measured_m, detector_size_m=size, target_m=target_um * 1e-6
+        )
     except ValueError as error:
         raise LogError(f"{grid}: {error}") from error
     with ExitStack() as outputs:
         if out is not None:
             write_calibration(report, outputs.enter_context(replacing(out)), grid.name)
         if json_path is not None:
-            write_json(summary(report), outputs.enter_context(replacing(json_path)))
+            write_json(
+                summary(report) | {"left_out_lines": [rows[k] for k in left_out]},
+                outputs.enter_context(replacing(json_path)),
+            )
         if not quiet:
+            for k in left_out:
+                x, y = true_m[k] * 1e3
+                click.echo(
+                    f"left out: line {rows[k]}: the other points contradict the spot known to be at ({x:.3f}, {y:.3f}) "
+                    "mm; measure it again"
+                )
             for line in lines(report):
                 click.echo(line)
             if out is not None:
