@@ -1,6 +1,7 @@
 """A star sensor's log of frames as attitudes in the columns that the navigation filter's log has: q_cam_from_lvlh."""
 
 import csv
+import math
 from pathlib import Path
 
 import numpy as np
@@ -101,6 +102,19 @@ def write_attitude_log(path: Path, t_s: Vector, q_cam_from_lvlh: Matrix, sigma_r
     write_table(path, ("t_s", *QUATERNION, *SIGMA_COLUMNS), iter([table]), head, ())
 
 
+def _time(line: str, column: int, where: str) -> float:
+    """The time in a row of a log; InputError if there is none."""
+    cells = next(csv.reader([line]))
+    cell = cells[column].strip() if column < len(cells) else ""
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"{where}: column 't_s' is {cell!r}; a time in seconds is expected")
+    return value
+
+
 def join_attitude(log: Path, t_s: Vector, q_cam_from_lvlh: Matrix, out: Path) -> int:
     """Copy a navigation log (CSV) with q_cam_from_lvlh added to every row, between star epochs by great circles.
 
@@ -118,16 +132,17 @@ def join_attitude(log: Path, t_s: Vector, q_cam_from_lvlh: Matrix, out: Path) ->
     if len(t_s) < 2:
         raise InputError(f"{log}: two or more solved star frames are needed to lie on both sides of its rows")
     turn = Slerp(t_s, Rotation.from_quat(q_cam_from_lvlh))
-    text = log.read_text(encoding="utf-8").splitlines()
+    try:
+        text = log.read_text(encoding="utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
+        raise InputError(f"{log}: not a text file in UTF-8; a CSV log is expected") from error
     head = next((k for k, line in enumerate(text) if line.strip() and not line.lstrip().startswith("#")), None)
     names = [] if head is None else [name.strip() for name in next(csv.reader([text[head]]))]
     if head is None or "t_s" not in names or QUATERNION[0] in names:
         raise InputError(f"{log}: a log with a column t_s and without q_cam_from_lvlh is expected")
-    rows = [line for line in text[head + 1 :] if line.strip()]
-    try:
-        times = np.array([float(next(csv.reader([line]))[names.index("t_s")]) for line in rows])
-    except (ValueError, IndexError) as error:
-        raise InputError(f"{log}: column 't_s' cannot be read: {error}") from None
+    numbered = [(number, line) for number, line in enumerate(text[head + 1 :], start=head + 2) if line.strip()]
+    times = np.array([_time(line, names.index("t_s"), f"{log}:{number}") for number, line in numbered])
+    rows = [line for _, line in numbered]
     if len(times) and (times.min() < t_s[0] or times.max() > t_s[-1]):
         raise InputError(
             f"{log}: its rows reach from {times.min():g} to {times.max():g} s, the star sensor's attitudes from "
