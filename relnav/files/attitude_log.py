@@ -2,6 +2,7 @@
 
 import csv
 import math
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -155,3 +156,14 @@ def join_attitude(log: Path, t_s: Vector, q_cam_from_lvlh: Matrix, out: Path) ->
         for line, quaternion in zip(rows, q.tolist(), strict=True):
             file.write(",".join([line.rstrip(), *(repr(value) for value in quaternion)]) + "\n")
     return len(rows)
+
+
+def write_attitudes(
+    out: Path, t_s: Vector, q_cam_from_lvlh: Matrix, sigma_rad: Matrix, log: Path | None, joined: Path | None
+) -> int:
+    """`write_attitude_log`, and `join_attitude` if there is a log: both files or none; rows of the joined one."""
+    with ExitStack() as outputs:
+        write_attitude_log(outputs.enter_context(replacing(out)), t_s, q_cam_from_lvlh, sigma_rad)
+        if log is None or joined is None:
+            return 0
+        return join_attitude(log, t_s, q_cam_from_lvlh, outputs.enter_context(replacing(joined)))

@@ -53,20 +53,11 @@ def command(
     Frames without a credible attitude are left out. With --log and --joined the attitude goes into every row of a
     navigation log, which `relnav filter` then reads.
     """
-    from contextlib import ExitStack
-
     import numpy as np
 
     from relnav.errors import InputError, UsageError
-    from relnav.files.atomic import check_distinct, check_folder, replacing
-    from relnav.files.attitude_log import (
-        join_attitude,
-        quaternions_in_lvlh,
-        read_orbit,
-        read_star_log,
-        states_at,
-        write_attitude_log,
-    )
+    from relnav.files.atomic import check_distinct, check_folder
+    from relnav.files.attitude_log import quaternions_in_lvlh, read_orbit, read_star_log, states_at, write_attitudes
     from relnav.files.epochs import julian_year
     from relnav.files.star_solving import load_star_sensor, velocity_option
     from relnav.files.tables import check_format
@@ -109,11 +100,7 @@ def command(
     except ValueError as error:
         raise UsageError(f"--q-cam-from-star: {error}") from error
     q = quaternions_in_lvlh(np.array([s.dcm_cam_from_icrs for s in solutions]), at[solved], mounting)
-    with ExitStack() as outputs:  # both files or none
-        write_attitude_log(outputs.enter_context(replacing(out)), t_s, q, np.array([s.sigma_rad for s in solutions]))
-        rows = 0
-        if log is not None and joined is not None:
-            rows = join_attitude(log, t_s, q, outputs.enter_context(replacing(joined)))
+    rows = write_attitudes(out, t_s, q, np.array([s.sigma_rad for s in solutions]), log, joined)
     if not quiet:
         click.echo(f"attitude: {out} ({len(solved)} of {len(images)} frames)")
         if joined is not None:
