@@ -20,6 +20,10 @@ from relnav.simulation.star_field import SkyConditions, StarFieldSimulator, rand
 WRONG_SIGMA = 10.0
 """An attitude farther from truth than this many of its own sigmas is wrong."""
 
+LEAST_IN_FIELD = 3
+"""True stars in each of two fields with which a frame should be solved: one tells the fold's error, two more that it is
+no chance."""
+
 
 @dataclass(frozen=True)
 class FieldRuns:
@@ -28,8 +32,8 @@ class FieldRuns:
     Attributes
     ----------
     frames, solved, solvable, missed, wrong : int
-        All, those with an attitude, those with four or more true stars, those of them without an attitude, those with a
-        wrong one.
+        All, those with an attitude, those with four or more true stars (of two fields: `LEAST_IN_FIELD` in each), those
+        of them without an attitude, those with a wrong one.
     rms_rad, predicted_rad : (3,)
         Error about camera x, y, z, and what the closed form says for the mean numbers of stars.
     nees : float
@@ -68,15 +72,20 @@ def fly_frames(
     two_fields: bool,
     progress: Callable[[int], None] | None = None,
 ) -> FieldRuns:
-    """Simulate and solve frames of the sensor as it is, or of its lens without the fold."""
+    """Simulate and solve frames of the sensor as it is, or of its lens without the fold.
+
+    Every frame is one of another sensor, whose fold has its own error of the stated size.
+    """
     used = sensor if two_fields else single_field(sensor, conditions)
     simulator, rng = StarFieldSimulator(used, conditions), np.random.default_rng(seed)
     errors, nees, stars, worst = [], [], [], -math.inf
     solvable = missed = wrong = wrong_stars = true_stars = 0
     for _ in range(frames):
+        simulator.mount(rng)
         frame = simulator.frame(rng, velocity_km_s=random_velocity(rng))
         solution = measure(frame.spots_px, used, magnitude=frame.magnitude, velocity_km_s=frame.velocity_km_s)
-        enough = int(np.sum(frame.hip > 0)) >= 4
+        in_fields = [int(np.sum(frame.field == f)) for f in range(2 if used.fold.kind != "none" else 1)]
+        enough = sum(in_fields) >= 4 and (len(in_fields) == 1 or min(in_fields) >= LEAST_IN_FIELD)
         solvable += enough
         missed += enough and not solution.ok
         if progress is not None:
@@ -113,6 +122,11 @@ def fly_frames(
         wrong_stars=wrong_stars,
         true_stars=true_stars,
     )
+
+
+def calibrated(sensor: StarSensor) -> StarSensor:
+    """The same sensor with its fold known exactly, as a published figure of noise alone has it."""
+    return dataclasses.replace(sensor, fold=dataclasses.replace(sensor.fold, error_rad=0.0))
 
 
 def single_field(sensor: StarSensor, conditions: SkyConditions) -> StarSensor:

@@ -14,12 +14,12 @@ from relnav.files.wording import listed
 COLUMNS = ("true_x", "true_y", "spot_x", "spot_y")
 
 
-def read_grid(path: Path) -> tuple[Matrix, Matrix]:
+def read_grid(path: Path) -> tuple[Matrix, Matrix, list[int]]:
     """Read a grid: columns true_x_um, true_y_um, spot_x_um, spot_y_um (any length unit; an empty spot is not seen).
 
     Returns
     -------
-    True and measured positions, (n, 2) m each.
+    True and measured positions, (n, 2) m each, and the line of each point in the file.
 
     Raises
     ------
@@ -35,7 +35,7 @@ def read_grid(path: Path) -> tuple[Matrix, Matrix]:
         raise LogError(
             f"{path}:{int(lines[row])}: column '{name}' is empty or no finite number; only a spot may be missing"
         )
-    return values[:, :2], values[:, 2:]
+    return values[:, :2], values[:, 2:], lines.tolist()
 
 
 def _parse(names: list[str], where: str) -> Columns:

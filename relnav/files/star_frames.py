@@ -41,6 +41,11 @@ class StarFrame:
     magnitude: Vector | None
 
 
+def image_centre(size_px: tuple[float, float], first_pixel_px: float) -> tuple[float, float]:
+    """Centre of an image of so many columns and rows whose first pixel has its centre at this coordinate, 0 or 0.5."""
+    return 0.5 * size_px[0] - 0.5 + first_pixel_px, 0.5 * size_px[1] - 0.5 + first_pixel_px
+
+
 def read_star_frame(path: Path, centre_px: tuple[float, float] = (0.0, 0.0)) -> StarFrame:
     """Read a frame.
 
@@ -109,5 +114,6 @@ def _refuse_corner_coordinates(spots: Matrix, path: Path) -> None:
         right, low = spots.max(axis=0)
         raise InputError(
             f"{path}: every spot has x_px and y_px of 0 or more: they count from a corner (up to {right:g}, {low:g}), "
-            "but are expected from the image's centre; name the centre with --centre-px X Y (half of width and height)"
+            "but are expected from the image's centre; give --image-size-px WIDTH HEIGHT, with --first-pixel-px 0 if "
+            "the first pixel's centre is (0, 0), as of relnav's own spots, or 0.5; or the centre: --centre-px X Y"
         )

@@ -113,7 +113,7 @@ def _solve_with_focal(
         focal_px,
         principal_px=(0.0, 0.0) if model is None else model.camera.principal_point_px,
         distortion=(0.0, 0.0) if model is None else model.camera.distortion,
-        distortion_known=model is not None,
+        lens_known=model is not None,
         velocity_km_s=velocity_km_s,
     )
     year = EPOCH_JYEAR if model is None else model.identification.epoch_jyear

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from relnav.arrays import Matrix
 from relnav.errors import InputError
@@ -41,22 +42,37 @@ class SunCalibrationReport:
     result: CalibrationResult
     before_rad: Matrix
 
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Points (N,) that the figures of the error are of: fitted, and within the calibrated field."""
+        return self.result.used & np.isfinite(self.result.error_rad).all(axis=1)
+
+    @property
+    def left_out(self) -> list[tuple[int, float]]:
+        """Line in the file of every point that the others contradict, and how far its spot is off, px."""
+        return [
+            (int(self.measurements.lines[k]), float(self.result.left_px[k])) for k in np.flatnonzero(~self.result.used)
+        ]
+
     def to_dict(self) -> dict[str, Any]:
         """Figures of the calibration as plain values; errors in deg, spots in px."""
         result, fit = self.result, self.result.fit
+        before, after = self.before_rad[self.counted], self.result.error_rad[self.counted]
         figures: dict[str, Any] = {
             "model": self.model,
             "measurements": self.measurements.path.name,
             "points": len(self.measurements.spots_px),
+            "points_in_field": int(self.counted.sum()),
+            "left_out_lines": [line for line, _ in self.left_out],
             "not_seen": self.measurements.not_seen,
             "method": result.calibration.method,
             "field_half_angle_deg": float(np.degrees(result.calibration.field_half_angle_rad)),
             "spot_noise_px": result.calibration.spot_noise_px,
             "calibration_noise_px": result.calibration.calibration_noise_px,
-            "error_before_3rms_deg": _three_rms(self.before_rad),
-            "error_before_max_deg": float(np.degrees(np.abs(self.before_rad).max())),
-            "error_after_3rms_deg": _three_rms(result.error_rad),
-            "error_after_max_deg": float(np.degrees(np.abs(result.error_rad).max())),
+            "error_before_3rms_deg": _three_rms(before),
+            "error_before_max_deg": float(np.degrees(np.abs(before).max())),
+            "error_after_3rms_deg": _three_rms(after),
+            "error_after_max_deg": float(np.degrees(np.abs(after).max())),
             "compile_loss_deg": float(np.degrees(result.compile_loss_rad)),
         }
         if fit is not None:

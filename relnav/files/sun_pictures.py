@@ -20,12 +20,13 @@ def draw_residual_maps(report: SunCalibrationReport, path: Path) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    angles = np.degrees(report.measurements.angles_rad)
+    counted = report.counted
+    angles = np.degrees(report.measurements.angles_rad[counted])
     size = float(np.clip(9e4 / len(angles), 2.0, 120.0))
     figure = Figure(figsize=(10, 8.5), layout="constrained")
     axes = figure.subplots(2, 2, sharex=True, sharey=True)
     for row, (when, error) in enumerate((("before", report.before_rad), ("after", report.result.error_rad))):
-        degrees = np.degrees(error)
+        degrees = np.degrees(error[counted])
         most = float(np.abs(degrees).max())
         for column, name in enumerate(("alpha", "beta")):
             axis = axes[row, column]

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from relnav.arrays import Codes, Matrix, Vector
 from relnav.geometry.rotation import dcm_from_quaternion
+from relnav.geometry.rotation_vector import turned
 from relnav.geometry.star_places import LIGHT_KM_S, aberration
 from relnav.sensors.dual_field.optics import project
 from relnav.sensors.dual_field.sensor import StarSensor
@@ -77,6 +78,14 @@ class StarFieldSimulator:
         part = slice(0, int(np.searchsorted(catalogue.hp_mag, conditions.faintest_mag, side="right")))
         self.directions = catalogue.directions(sensor.identification.epoch_jyear, stars=part)
         self.magnitude, self.hip = np.asarray(catalogue.hp_mag[part], dtype=np.float64), catalogue.hip[part]
+
+    def mount(self, rng: np.random.Generator) -> None:
+        """Draw the real fold anew, with the error that the sensor states."""
+        nominal = self.sensor.fold.matrix
+        if nominal is not None:
+            values, axes = np.linalg.eigh(self.sensor.fold.covariance)
+            phi = axes @ (np.sqrt(np.maximum(values, 0.0)) * rng.normal(size=3))
+            self.fold = turned(np.eye(3), phi) @ nominal
 
     def frame(
         self, rng: np.random.Generator, *, velocity_km_s: Vector | None = None, dcm: Matrix | None = None

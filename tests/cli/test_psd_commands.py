@@ -58,14 +58,22 @@ def test_too_few_points_are_told_and_a_grid_recommended(run, grid_of):
     assert "recommended: a grid of" in text
 
 
-def test_an_outlier_is_said(run, grid_of):
-    path = grid_of(9)
+@pytest.mark.parametrize("shift_um", [500.0, 30_000.0])
+def test_an_outlier_is_left_out(run, grid_of, tmp_path, shift_um):
+    """A bad spot of 81, gross or not so gross: named with its line, and what is left is as without it."""
+    path, figures = grid_of(9), tmp_path / "figures.json"
     lines = path.read_text().splitlines()
     x, y, _, spot_y = lines[41].split(",")
-    path.write_text("\n".join([*lines[:41], f"{x},{y},500,{spot_y}", *lines[42:]]))
-    code, text, _ = run("calibrate", "psd", path)
-    assert code == 0
-    assert "OUTLIER: the spot known to be at (0.000, 0.000) mm is" in text
+    left = {}
+    for name, row in (("without", f"{x},{y},,"), ("with", f"{x},{y},{shift_um},{spot_y}")):
+        path.write_text("\n".join([*lines[:41], row, *lines[42:]]))
+        code, text, _ = run("calibrate", "psd", path, "--json", figures)
+        assert code == 0
+        left[name] = json.loads(figures.read_text())
+    assert "left out: line 42: the other points contradict the spot known to be at (0.000, 0.000) mm" in text
+    assert left["with"].pop("left_out_lines") == [42]
+    assert left["without"].pop("left_out_lines") == []
+    assert left["with"] == left["without"]
 
 
 def test_calibrate_wrong_use(run, tmp_path, grid_of):

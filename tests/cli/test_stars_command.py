@@ -81,6 +81,10 @@ WRONG_USE = {
     "negative": ([FRAME, "--focal-px", "-5"], "-5"),
     "no number": ([FRAME, "--focal-px", "nan"], "--focal-px is a focal length in pixels; got nan"),
     "without end": ([FRAME, "--focal-px", "inf"], "--focal-px is a focal length in pixels; got inf"),
+    "two centres": (
+        [FRAME, "--focal-px", "5000", "--centre-px", "5", "5", "--image-size-px", "10", "10"],
+        "--centre-px and --image-size-px say the same",
+    ),
     "no centre": ([FRAME, "--focal-px", "5000", "--centre-px", "nan", "0"], "--centre-px is two numbers of pixels"),
     "m/s": (
         [FRAME, "--focal-px", "5000", "--epoch", "2020", "--velocity-km-s", 25e3, -15e3, -6e3],

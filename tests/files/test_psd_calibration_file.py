@@ -97,7 +97,8 @@ GRID = ["true_x_um,true_y_um,spot_x_mm,spot_y_um", "0,0,0.01,5", "# remark", "10
 
 
 def test_a_grid_in_mixed_units(write_log):
-    true, measured = read_grid(write_log("\n".join(GRID)))
+    true, measured, lines = read_grid(write_log("\n".join(GRID)))
+    assert lines == [2, 4, 5]
     np.testing.assert_allclose(true, [[0, 0], [1e-3, 0], [0, 1e-3]])
     np.testing.assert_allclose(measured, [[1e-5, 5e-6], [1.02e-3, -4e-6], [np.nan, np.nan]])
 

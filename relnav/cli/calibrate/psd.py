@@ -8,6 +8,7 @@ import click
 from relnav.cli.printing import InputPath, OutputPath, say
 
 if TYPE_CHECKING:
+    from relnav.arrays import Vector
     from relnav.sensors.three_beacon.calibrate import CalibrationReport
 
 
@@ -32,7 +33,7 @@ def command(
     from relnav.files.psd_calibration import write_calibration
     from relnav.files.psd_grid import read_grid
     from relnav.files.tables import write_json
-    from relnav.sensors.three_beacon.calibrate import calibrate
+    from relnav.sensors.three_beacon.calibrate import calibrate_without_outliers
 
     if not target_um > 0.0:
         raise UsageError(f"--target is a length above zero; got {target_um:g}")
@@ -41,19 +42,30 @@ def command(
             check_folder(path)
     check_distinct(grid, out, json_path)
     size = None if model is None else load_mission(model).sensor.detector_size_m
-    true_m, measured_m = read_grid(grid)
+    true_m, measured_m, rows = read_grid(grid)
     try:
-        report = calibrate(true_m, measured_m, detector_size_m=size, target_m=target_um * 1e-6)
+        report, left_out = calibrate_without_outliers(
+            true_m, measured_m, detector_size_m=size, target_m=target_um * 1e-6
+        )
     except ValueError as error:
         raise LogError(f"{grid}: {error}") from error
     with Outputs() as outputs:
         if out is not None:
             write_calibration(report, outputs.path(out), grid.name)
         if json_path is not None:
-            write_json(summary(report), outputs.path(json_path))
+            write_json(summary(report) | {"left_out_lines": [rows[k] for k in left_out]}, outputs.path(json_path))
     if not quiet:
+        contradicted = [_left_out(rows[k], true_m[k] * 1e3) for k in left_out]
         name = [] if out is None else [f'calibration: {out} (name it in a model: [calibration] file = "{out.name}")']
-        say([*lines(report), *name], out, json_path)
+        say([*contradicted, *lines(report), *name], out, json_path)
+
+
+def _left_out(line: int, true_mm: "Vector") -> str:
+    x, y = true_mm
+    return (
+        f"left out: line {line}: the other points contradict the spot known to be at ({x:.3f}, {y:.3f}) mm; measure it "
+        "again"
+    )
 
 
 def summary(report: "CalibrationReport") -> dict[str, Any]:

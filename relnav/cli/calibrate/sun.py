@@ -53,7 +53,7 @@ def command(
     Columns: alpha_deg, beta_deg (projection angles) or outer_deg, inner_deg (gimbal angles), in any angle unit;
     spot_x_px, spot_y_px, empty where no spot was seen.
     """
-    from relnav.errors import ModelError
+    from relnav.errors import ModelError, UsageError
     from relnav.files.atomic import Outputs, check_distinct, check_folder, check_png
     from relnav.files.models import load_model
     from relnav.files.sun_calibration import calibrate_sun, write_sun_calibration
@@ -66,6 +66,8 @@ def command(
             check_folder(path)
     if plot is not None:
         check_png(plot)
+    if out.suffix.lower() != ".json":
+        raise UsageError(f"{out}: a sun calibration is written as .json; got '{out.suffix}'")
     check_distinct(measurements, out, plot, json_path)
     sensor = load_model(model)
     if not isinstance(sensor, ApsSunModel):
@@ -94,6 +96,13 @@ def report_lines(report: "SunCalibrationReport") -> list[str]:
         f"spot noise stated {figures['spot_noise_px']:.4f} px, calibration itself off by "
         f"{figures['calibration_noise_px']:.4f} px (both in every covariance)",
     ]
+    lines.extend(
+        f"left out: line {line}: its spot is {off:.1f} px from where the other points put it; measure it again"
+        for line, off in report.left_out
+    )
+    outside = figures["points"] - len(report.left_out) - figures["points_in_field"]
+    if outside:
+        lines.append(f"{outside} points lie beyond the field: they are fitted, but not in the errors above")
     if "parameters" in figures:
         lines.append(
             f"ray model: residual {figures['spot_residual_rms_px']:.4f} px rms, chi2/dof "
@@ -115,11 +124,12 @@ def residual_map(report: "SunCalibrationReport") -> list[str]:
     """Rms of what is left over the field, in thousandths of a degree; alpha to the right, beta upward."""
     import numpy as np
 
-    angles = report.measurements.angles_rad
+    counted = report.counted
+    angles, error = report.measurements.angles_rad[counted], report.result.error_rad[counted]
     edge = float(np.abs(angles).max())
     bins = np.clip(((angles / edge + 1.0) * 0.5 * MAP_SIDE).astype(np.int64), 0, MAP_SIDE - 1)
     total, count = np.zeros((MAP_SIDE, MAP_SIDE)), np.zeros((MAP_SIDE, MAP_SIDE))
-    np.add.at(total, (bins[:, 0], bins[:, 1]), np.mean(np.degrees(report.result.error_rad) ** 2, axis=1))
+    np.add.at(total, (bins[:, 0], bins[:, 1]), np.mean(np.degrees(error) ** 2, axis=1))
     np.add.at(count, (bins[:, 0], bins[:, 1]), 1)
     lines = ["residual map, rms in 0.001 deg: alpha to the right, beta upward"]
     centres = np.degrees(edge) * (2.0 * np.arange(MAP_SIDE) + 1.0 - MAP_SIDE) / MAP_SIDE

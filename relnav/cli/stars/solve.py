@@ -23,6 +23,19 @@ ARCSEC = 648000.0 / math.pi
     help="Focal length, px, known to 5 %: it is estimated. Without --model nothing else of the camera is needed.",
 )
 @click.option("--centre-px", nargs=2, type=float, default=(0.0, 0.0), help="Image centre in the file's coordinates.")
+@click.option(
+    "--image-size-px",
+    nargs=2,
+    type=click.FloatRange(min=1.0),
+    help="Width and height, where spots count from a corner.",
+)
+@click.option(
+    "--first-pixel-px",
+    type=click.Choice(["0", "0.5"]),
+    default="0",
+    show_default=True,
+    help="Coordinate of the first pixel's centre, with --image-size-px.",
+)
 @click.option("--epoch", help="Julian year or ISO date (UTC) of the frame.")
 @click.option(
     "--velocity-km-s", nargs=3, type=float, help="Observer's barycentric velocity, ICRS: corrects for aberration."
@@ -35,6 +48,8 @@ def command(
     model: str | None,
     focal_px: float | None,
     centre_px: tuple[float, float],
+    image_size_px: tuple[float, float] | None,
+    first_pixel_px: str,
     epoch: str | None,
     velocity_km_s: tuple[float, float, float] | None,
     json_path: Path | None,
@@ -49,7 +64,7 @@ def command(
     from relnav.errors import UsageError
     from relnav.files.atomic import Outputs, check_distinct, check_folder, check_png
     from relnav.files.epochs import julian_year
-    from relnav.files.star_frames import read_star_frame
+    from relnav.files.star_frames import image_centre, read_star_frame
     from relnav.files.star_solutions import draw_solution, solution_values
     from relnav.files.star_solving import solve_frame
     from relnav.files.tables import write_json
@@ -64,13 +79,18 @@ def command(
         raise UsageError("--velocity-km-s needs --epoch as well: the velocity belongs to a time")
     if not all(math.isfinite(value) for value in centre_px):
         raise UsageError(f"--centre-px is two numbers of pixels; got {centre_px[0]} {centre_px[1]}")
+    if image_size_px is not None:
+        if centre_px != (0.0, 0.0):
+            raise UsageError("--centre-px and --image-size-px say the same; keep one")
+        centre_px = image_centre(image_size_px, float(first_pixel_px))
     year = None if epoch is None else julian_year(epoch)
     spots = read_star_frame(frame, centre_px)
     solution = solve_frame(spots, model, focal_px, year, velocity_km_s)
     head = {"frame": str(frame), "model": model, "epoch_jyear": year, "velocity_km_s": velocity_km_s}
+    origin = {"centre_px": list(centre_px)}
     with Outputs() as outputs:
         if json_path is not None:
-            values = solution_values(solution, spots.spots_px) | head
+            values = solution_values(solution, spots.spots_px) | head | origin
             write_json(values, outputs.path(json_path))
         if plot is not None:
             title = f"{frame.name}: {solution.status}, {solution.matches} of {len(spots.spots_px)} spots are stars"

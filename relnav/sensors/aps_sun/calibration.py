@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from relnav.arrays import Matrix, Vector, numbers
 from relnav.geometry.projection_angles import (
@@ -26,6 +26,9 @@ MOST_LOSS_RAD = 1e-5
 """What compiling may cost, 0.0006 deg: cells are doubled until it is met."""
 MARGIN_RAD = math.radians(1.0)
 """How far beyond the calibrated field a direction is still given."""
+OUTLIER_SIGMA = 8.0
+"""A spot so many sigmas of what is usual from where the others put it is left out."""
+MOST_LEFT_OUT, MOST_PASSES = 0.1, 10
 METHODS = ("auto", "rays", "patent")
 
 
@@ -74,7 +77,11 @@ class CalibrationResult:
     compile_loss_rad : float
         Largest difference of the table from what it was compiled of, halfway between nodes.
     error_rad : (N, 2)
-        Calibrated minus stated (alpha, beta) at every calibration point.
+        Calibrated minus stated (alpha, beta) at every calibration point; NaN for a spot beyond the field.
+    used : (N,)
+        Whether a point was fitted: False for one that the others contradict.
+    left_px : (N,)
+        Distance of every spot from where the calibration puts it; of the patent's method NaN.
     """
 
     calibration: Calibration
@@ -82,6 +89,8 @@ class CalibrationResult:
     residual: ResidualChoice | None
     compile_loss_rad: float
     error_rad: Matrix
+    used: NDArray[np.bool_]
+    left_px: Vector
 
 
 def calibrate(
@@ -121,21 +130,49 @@ def calibrate(
     fit, choice, loss = None, None, 0.0
     form: DirectionTable | PatentTables
     if method == "patent":
+        used, left = np.ones(len(xy), dtype=bool), np.full(len(xy), np.nan)
         form = fit_patent(xy, angles[:, 0], angles[:, 1])
         error = angles_of_spots(form, xy) - angles
         off = _patent_noise(error, start)
         name = "patent"
     else:
-        fit = fit_physical(xy, s, start, free=free)
-        shifts = xy - project(fit.model, s)
-        choice = choose_spline(xy, shifts, np.random.default_rng(seed)) if method == "auto" else None
+        fit, choice, used, left = _fit_without_outliers(xy, s, start, free, method == "auto", seed)
         spline = choice.spline if choice is not None else None
         form, loss = compile_table(fit.model, spline)
         error = angles_of_spots(form, xy) - angles
-        off = _calibration_noise(fit, choice, len(xy))
+        off = _calibration_noise(fit, choice, int(used.sum()))
         name = "rays" if spline is None else "rays and spline"
     done = Calibration(name, form, sensor.field_half_angle_rad, sensor.spot_noise_px, off)
-    return CalibrationResult(done, fit, choice, loss, error)
+    return CalibrationResult(done, fit, choice, loss, error, used, left)
+
+
+def _fit_without_outliers(
+    xy: Matrix, s: Matrix, start: ApsSunModel, free: Sequence[str] | None, with_spline: bool, seed: int
+) -> tuple[PhysicalFit, ResidualChoice | None, NDArray[np.bool_], Vector]:
+    """Ray model and spline fitted to the points that agree, which points those are, and every spot's distance, px.
+
+    Points far off what is usual, by the median, are left out and everything is fitted anew, until no point changes
+    sides; first by the ray model alone, because a spline follows a bad point. Where more than `MOST_LEFT_OUT` would go
+    it is not a few bad points: then all of them stay.
+    """
+    noise, used = start.sensor.spot_noise_px, np.ones(len(xy), dtype=bool)
+    left = np.zeros(len(xy))
+    for spline_too in (False, True) if with_spline else (False,):
+        for _ in range(MOST_PASSES):
+            fit = fit_physical(xy[used], s[used], start, free=free)
+            shifts, choice = xy - project(fit.model, s), None
+            if spline_too:
+                choice = choose_spline(xy[used], shifts[used], np.random.default_rng(seed))
+            follow = choice.spline.shift_px(xy) if choice is not None and choice.spline is not None else 0.0
+            left = np.hypot(*(shifts - follow).T)
+            usual = max(noise, float(np.median(left)) / np.sqrt(2.0 * np.log(2.0)))  # sigma of an axis
+            agree = left < OUTLIER_SIGMA * usual
+            if agree.sum() < (1.0 - MOST_LEFT_OUT) * len(xy):
+                agree = np.ones(len(xy), dtype=bool)
+            if np.array_equal(agree, used):
+                break
+            used = agree
+    return fit, choice, used, left
 
 
 @lru_cache(maxsize=8)

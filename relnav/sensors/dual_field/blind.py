@@ -7,7 +7,7 @@ stars that should be in the frame are.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -161,9 +161,9 @@ class Blind:
     magnitude : (n,) or None
         Up to a constant.
     focal_px, principal_px, distortion : float, (2,), (2,)
-        Start of the focal length; the others are kept where they are known.
-    distortion_known : bool
-        Whether `distortion` is that of the camera.
+        Start of all three; the last two are kept if `lens_known`.
+    lens_known : bool
+        Whether `principal_px` and `distortion` are those of the camera; else they are estimated.
     velocity_km_s : (3,) or None
         Observer's barycentric velocity, ICRS; None without aberration.
     """
@@ -173,7 +173,7 @@ class Blind:
     focal_px: float
     principal_px: tuple[float, float] = (0.0, 0.0)
     distortion: tuple[float, float] = (0.0, 0.0)
-    distortion_known: bool = False
+    lens_known: bool = False
     velocity_km_s: tuple[float, float, float] | None = None
 
     @property
@@ -241,7 +241,7 @@ def solve_blind(blind: Blind, catalogue: StarCatalogue, epoch_jyear: float, log1
     fit, tried = _search(blind, points, sky, log10_pfa)
     if fit is not None:
         return fit.solution(sky, tried)
-    mirrored = Blind(blind.spots_px * (1.0, -1.0), blind.magnitude, blind.focal_px, distortion=blind.distortion)
+    mirrored = replace(blind, spots_px=blind.spots_px * (1.0, -1.0), lens_known=False)
     hint = ""
     if _search(mirrored, mirrored.points, sky, log10_pfa, MIRRORED_PAIRS)[0] is not None:
         hint = "; mirrored it does: x_px must count to the right and y_px down, as on the detector seen from behind"
@@ -278,7 +278,7 @@ def _search(
             focal_px=blind.focal_px / info[1],
             principal_px=blind.principal_px,
             distortion=blind.distortion,
-            distortion_known=blind.distortion_known,
+            lens_known=blind.lens_known,
             tried=float(info[0]),
         )
         if (

@@ -1,7 +1,7 @@
 """Fit attitude, focal length and distortion to a frame's matches, and judge whether chance could have made them."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,14 @@ from relnav.sensors.dual_field.sky import Sky
 from relnav.sensors.dual_field.solution import StarSolution, StarStatus
 
 CLUSTERING = 2.0
+AXIS_OFFSET = 0.02
+"""1-sigma of the optical axis from the image's centre along x and y, of the distance of the farthest spot: 10 px on an
+image of a thousand. Lenses are centred to about as much."""
+
 LEAST_MATCHES = 6
+FIRST_NOISE_PX, LEAST_NOISE_PX = 0.5, 0.03
+"""Noise of a spot coordinate before residuals tell it, and the least that is believed of them."""
+
 LEAST_BRIGHT_SEEN = 0.4
 """Share of the bright stars that should be in the frame that must be among the spots."""
 
@@ -26,13 +33,14 @@ class CameraFit:
     Attributes
     ----------
     dcm, focal_px, distortion : (3, 3), float, (2,)
-        The fit.
+        The fit; z of the attitude looks through the image's centre unless the principal point is known.
     star : (n,)
         Star of each spot, -1 none.
     residual_rad : (n,)
         NaN without a star.
     covariance : (3, 3)
-        Of the attitude, with focal length and distortion as unknowns, from the residuals' own spread.
+        Of the attitude, with focal length, distortion and (unless it is known) principal point as unknowns, from the
+        residuals' own spread.
     log10_false_alarm : float
         That chance made it.
     """
@@ -64,46 +72,77 @@ class CameraFit:
 
 @dataclass
 class _Camera:
-    """The unknowns and what they are fitted to."""
+    """The unknowns and what they are fitted to.
+
+    The optical axis meets the image near its centre only: `principal_px` is fitted with the prior `AXIS_OFFSET`, unless
+    it is known.
+    """
 
     spots_px: Matrix
-    principal_px: tuple[float, float]
+    principal_px: Vector
+    principal_known: bool
     dcm: Matrix
     focal_px: float
     distortion: Vector
+    variance: float
+    """Of each coordinate of a ray, rad^2."""
 
-    def rays(self) -> Matrix:
-        return rays(plane_points(self.spots_px, self.focal_px, self.principal_px, self.distortion))
+    def rays(self, spots_px: Matrix | None = None) -> Matrix:
+        spots = self.spots_px if spots_px is None else spots_px
+        return rays(plane_points(spots, self.focal_px, self.principal_px, self.distortion))
+
+    @property
+    def reach(self) -> float:
+        """Distance of the farthest spot from the image's centre, px."""
+        return float(np.max(np.hypot(*self.spots_px.T)))
+
+    def moved(self, step: Vector) -> "_Camera":
+        """With log focal length, k1, k2 and principal point (in focal lengths) changed by step (5,)."""
+        focal = self.focal_px * math.exp(float(np.clip(step[0], -0.1, 0.1)))
+        principal = self.principal_px + self.focal_px * step[3:]
+        return replace(self, focal_px=focal, principal_px=principal, distortion=self.distortion + step[1:3])
 
     def improve(self, star: Codes, stars: Matrix, free: int) -> Matrix:
-        """One Gauss-Newton step over the matches; the inverse normal matrix (free, free), for unit variance in rad^2.
+        """One Gauss-Newton step over the matches; the covariance (8, 8) of all unknowns, zero for those kept.
 
-        Unknowns: three rotations, log focal length, k1, k2, the first `free` of them.
+        Unknowns: three rotations, log focal length, k1, k2, the first `free` of them; and the principal point.
         """
         used = star >= 0
-        w, q = self.rays()[used], stars[star[used], :3] @ self.dcm.T
-        J = np.zeros((len(w), 3, free))
+        w, q = self.rays(self.spots_px[used]), stars[star[used], :3] @ self.dcm.T
+        fitted = np.flatnonzero([*(np.arange(6) < free), *[not self.principal_known] * 2])
+        J = np.zeros((len(w), 3, 8))
         J[:, :, :3] = cross_matrix(q)  # w = q - d x q
-        for column, (log_f, k1, k2) in zip(range(3, free), ((1e-6, 0, 0), (0, 1e-4, 0), (0, 0, 1e-3)), strict=False):
-            step = max(log_f, k1, k2)
-            changed = _Camera(
-                self.spots_px[used],
-                self.principal_px,
-                self.dcm,
-                self.focal_px * math.exp(log_f),
-                self.distortion + np.array([k1, k2]),
-            )
-            J[:, :, column] = (w - changed.rays()) / step  # the ray moves the other way than its prediction
-        flat, r = J.reshape(-1, free), (w - q).ravel()
-        inverse = np.linalg.pinv(flat.T @ flat)
-        d = inverse @ (flat.T @ r)
+        for column, step in enumerate(np.diag([1e-6, 1e-4, 1e-3, 1e-6, 1e-6])):
+            changed = self.moved(step).rays(self.spots_px[used])
+            J[:, :, 3 + column] = (w - changed) / step.max()  # the ray moves the other way than its prediction
+        flat, r = J.reshape(-1, 8)[:, fitted], (w - q).ravel()
+        prior = np.zeros(8)
+        prior[6:] = 1.0 / (AXIS_OFFSET * self.reach / self.focal_px) ** 2
+        normal, gradient = flat.T @ flat / self.variance, flat.T @ r / self.variance
+        normal[np.diag_indices(len(fitted))] += prior[fitted]
+        at = np.concatenate([np.zeros(6), self.principal_px / self.focal_px])
+        inverse, d, covariance = np.linalg.pinv(normal, hermitian=True), np.zeros(8), np.zeros((8, 8))
+        d[fitted] = inverse @ (gradient - prior[fitted] * at[fitted])
+        covariance[np.ix_(fitted, fitted)] = inverse
         turn(self.dcm, *(float(angle) for angle in d[:3]))
-        if free > 3:
-            self.focal_px *= math.exp(float(np.clip(d[3], -0.1, 0.1)))
-        change = np.zeros(2)
-        change[: max(free - 4, 0)] = d[4:free]
-        self.distortion = self.distortion + change
-        return np.asarray(inverse, dtype=np.float64)
+        after = self.moved(d[3:])
+        self.focal_px, self.principal_px, self.distortion = after.focal_px, after.principal_px, after.distortion
+        return covariance
+
+    def about_centre(self, covariance: Matrix) -> tuple[Matrix, Matrix]:
+        """Attitude (3, 3) and covariance (3, 3) of the axes whose z looks through the image's centre.
+
+        For a known principal point, those of the camera. Else they are turned by rho = m x z, m the centre's ray, so
+        that m comes to lie on z: exp([rho x]) dcm. A principal point off by g focal lengths changes rho by (-g_y, g_x).
+        """
+        if self.principal_known:
+            return self.dcm, covariance[:3, :3]
+        m = self.rays(np.zeros((1, 2)))[0]
+        dcm = self.dcm.copy()
+        turn(dcm, -float(m[1]), float(m[0]), 0.0)
+        T = np.zeros((3, 8))
+        T[:, :3], T[0, 7], T[1, 6] = np.eye(3), 1.0, -1.0
+        return dcm, T @ covariance @ T.T
 
 
 def _match(w: Matrix, dcm: Matrix, stars: Matrix, tolerance_rad: float) -> tuple[Codes, Vector]:
@@ -136,7 +175,7 @@ def fit_camera(
     focal_px: float,
     principal_px: tuple[float, float],
     distortion: tuple[float, float],
-    distortion_known: bool,
+    lens_known: bool,
     tried: float,
 ) -> CameraFit | None:
     """Fit and judge, from the first matches of the brightest spots; None if it comes to nothing.
@@ -149,36 +188,52 @@ def fit_camera(
         Directions and magnitudes of the sky.
     first_match : (k,)
         Stars of the first k spots, -1 none.
-    dcm, focal_px, principal_px, distortion, distortion_known
-        Where the fit starts, and what of it is known.
+    dcm, focal_px, principal_px, distortion, lens_known
+        Where the fit starts, and whether the last two are those of the camera.
     tried : float
         Attitudes tried so far.
     """
-    camera = _Camera(spots_px, principal_px, dcm, focal_px, np.array(distortion, dtype=np.float64))
+    camera = _Camera(
+        spots_px,
+        np.array(principal_px, dtype=np.float64),
+        lens_known,
+        dcm,
+        focal_px,
+        np.array(distortion, dtype=np.float64),
+        (FIRST_NOISE_PX / focal_px) ** 2,
+    )
     star = np.full(len(spots_px), -1, dtype=np.int64)
     star[: len(first_match)] = first_match
     residual = np.full(len(spots_px), np.nan)
-    inverse = np.eye(4)
+    covariance, free = np.zeros((8, 8)), 4
     wide = float(np.max(np.hypot(*(spots_px - principal_px).T))) / focal_px > 0.25
     tolerance = math.inf
     for passes in range(8):
         count = int(np.sum(star >= 0))
         if count < LEAST_MATCHES:
             return None
-        free = 4 if distortion_known or count < 9 or passes == 0 else 6 if wide and count >= 14 else 5
+        free = 4 if lens_known or count < 9 or passes == 0 else 6 if wide and count >= 14 else 5
         for _ in range(3):
-            inverse = camera.improve(star, stars, free)
+            covariance = camera.improve(star, stars, free)
         if not (0.5 < camera.focal_px / focal_px < 2.0 and np.all(np.abs(camera.distortion) < 5.0)):
             return None
         d = camera.rays()[star >= 0] - stars[star[star >= 0], :3] @ camera.dcm.T
         spread = 1.4826 * float(np.median(np.linalg.norm(d, axis=1))) / 1.1774  # per axis, robust
+        camera.variance = max(spread, LEAST_NOISE_PX / focal_px) ** 2
         tolerance = min(tolerance, max(5.0 * spread, 0.5 / focal_px))
         star, residual = _match(camera.rays(), camera.dcm, stars, tolerance)
-    return _judge(camera, stars, star, residual, inverse, tolerance, tried)
+    return _judge(camera, stars, star, residual, covariance, free, tolerance, tried)
 
 
 def _judge(
-    camera: _Camera, stars: Matrix, star: Codes, residual: Vector, inverse: Matrix, tolerance: float, tried: float
+    camera: _Camera,
+    stars: Matrix,
+    star: Codes,
+    residual: Vector,
+    covariance: Matrix,
+    free: int,
+    tolerance: float,
+    tried: float,
 ) -> CameraFit | None:
     """The fit with its false alarm probability; None if the bright stars that should be there are not."""
     n, matched = len(star), star >= 0
@@ -187,16 +242,20 @@ def _judge(
         return None
     chance = 0.25 * CLUSTERING * len(stars) * tolerance**2
     choices = math.lgamma(n + 1) - math.lgamma(count + 1) - math.lgamma(n - count + 1)
-    free = len(inverse)
     log = math.log(tried) + choices + (count - 0.5 * free) * math.log(min(1.0, chance))
-    variance = max(float(np.nansum(residual**2)) / max(2 * count - free, 1), (0.03 / camera.focal_px) ** 2)
+    dof = max(2 * count - free, 3)
+    square = float(np.nansum(residual**2)) / (dof - 2)  # mean of the variance's posterior
+    floor = (LEAST_NOISE_PX / camera.focal_px) ** 2
+    camera.variance = max(square, floor)
+    covariance = camera.improve(star, stars, free)
+    dcm, covariance = camera.about_centre(covariance)
     return CameraFit(
-        dcm=camera.dcm,
+        dcm=dcm,
         focal_px=camera.focal_px,
         distortion=camera.distortion,
         star=star,
         residual_rad=residual,
-        covariance=inverse[:3, :3] * variance,
+        covariance=covariance,
         log10_false_alarm=log / math.log(10.0),
     )
 

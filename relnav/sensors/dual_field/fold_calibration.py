@@ -73,14 +73,20 @@ def tangent_axes(normal: Vector) -> Matrix:
 
 
 def identify_without_fold(
-    u: Matrix, sky: Sky, *, sigma_rad: Vector, magnitude: Vector | None = None, gate: float = 0.6
+    u: Matrix,
+    sky: Sky,
+    *,
+    sigma_rad: Vector,
+    magnitude: Vector | None = None,
+    gate: float = 0.6,
+    velocity_km_s: Vector | None = None,
 ) -> tuple[StarSolution, StarSolution]:
     """Identify each field of a two-field frame as if it stood alone, the mirror unknown.
 
     The stars of the other field are so many false spots. Then the spots that are left, mirrored in x, are solved the
-    same way. Either solution may have failed. A sky with apparent directions is wanted.
+    same way. Either solution may have failed.
     """
-    first = identify(u, sky, sigma_rad=sigma_rad, magnitude=magnitude, gate=gate)
+    first = identify(u, sky, sigma_rad=sigma_rad, magnitude=magnitude, gate=gate, velocity_km_s=velocity_km_s)
     left = np.flatnonzero(first.hip == 0) if first.ok else np.arange(len(u))
     second = identify(
         np.ascontiguousarray(u[left] @ MIRRORED),
@@ -88,6 +94,7 @@ def identify_without_fold(
         sigma_rad=sigma_rad[left],
         magnitude=None if magnitude is None else magnitude[left],
         gate=gate,
+        velocity_km_s=velocity_km_s,
     )
     hip, field = np.zeros(len(u), dtype=np.int32), np.full(len(u), -1, dtype=np.int64)
     residual = np.full(len(u), np.nan)
@@ -97,26 +104,52 @@ def identify_without_fold(
     return first, StarSolution(**{**vars(second), **whole})
 
 
-def estimate_fold(
-    u: Matrix, sky: Sky, *, sigma_rad: Vector, magnitude: Vector | None = None, gate: float = 0.6
-) -> FoldEstimate | None:
-    """The mirror of one frame, without a prior; None unless both fields are identified.
-
-    M = A B^T diag(-1, 1, 1) of the two fields' attitudes, B from the mirrored spots; then refined over all stars.
-    """
-    first, second = identify_without_fold(u, sky, sigma_rad=sigma_rad, magnitude=magnitude, gate=gate)
+def identify_fields(
+    u: Matrix,
+    sky: Sky,
+    *,
+    sigma_rad: Vector,
+    magnitude: Vector | None = None,
+    gate: float = 0.6,
+    velocity_km_s: Vector | None = None,
+) -> IdentifiedFrame | None:
+    """Stars of both fields of one frame, the mirror unknown, with catalogue directions; None unless both are found."""
+    first, second = identify_without_fold(
+        u, sky, sigma_rad=sigma_rad, magnitude=magnitude, gate=gate, velocity_km_s=velocity_km_s
+    )
     if first.status is not StarStatus.OK or second.status is not StarStatus.OK:
         return None
-    M = first.dcm_cam_from_icrs @ second.dcm_cam_from_icrs.T @ MIRRORED
-    values, vectors = np.linalg.eigh(0.5 * (M + M.T))
-    if values[0] > -0.999 or values[1] < 0.999:
-        return None  # not a mirror
     place = {int(h): k for k, h in enumerate(sky.hip)}
     hip = np.where(first.hip > 0, first.hip, second.hip)
     used = hip > 0
     v = sky.arrays.stars[[place[int(h)] for h in hip[used]], :3]
-    frame = IdentifiedFrame(u[used], v, np.where(first.hip[used] > 0, 0, 1), sigma_rad[used])
-    return calibrate_fold([frame], vectors[:, 0])
+    return IdentifiedFrame(u[used], v, np.where(first.hip[used] > 0, 0, 1), sigma_rad[used])
+
+
+def mirror_of(frame: IdentifiedFrame) -> Vector | None:
+    """The mirror's normal (3,) by M = A B^T diag(-1, 1, 1) of the two fields' attitudes, B from the mirrored spots.
+
+    None if what leads from one field to the other is no mirror.
+    """
+    dcms = []
+    for f, mirrored in ((0, np.eye(3)), (1, MIRRORED)):
+        of = frame.field == f
+        dcms.append(solve_wahba(frame.u[of] @ mirrored, frame.v[of], frame.sigma_rad[of]).dcm)
+    M = dcms[0] @ dcms[1].T @ MIRRORED
+    values, vectors = np.linalg.eigh(0.5 * (M + M.T))
+    if values[0] > -0.999 or values[1] < 0.999:
+        return None
+    normal: Vector = vectors[:, 0]
+    return normal
+
+
+def estimate_fold(
+    u: Matrix, sky: Sky, *, sigma_rad: Vector, magnitude: Vector | None = None, gate: float = 0.6
+) -> FoldEstimate | None:
+    """The mirror of one frame without aberration and without a prior; None unless both fields are identified."""
+    frame = identify_fields(u, sky, sigma_rad=sigma_rad, magnitude=magnitude, gate=gate)
+    normal = None if frame is None else mirror_of(frame)
+    return None if frame is None or normal is None else calibrate_fold([frame], normal)
 
 
 def calibrate_fold(frames: Sequence[IdentifiedFrame], normal: Vector) -> FoldEstimate:

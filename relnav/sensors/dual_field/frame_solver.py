@@ -4,24 +4,33 @@ import math
 
 from relnav.arrays import Codes, Matrix, Vector
 from relnav.codegen.kernel import kernel
-from relnav.sensors.dual_field.matching import Frame, aberrate_into
+from relnav.sensors.dual_field.attitude_fit import miss2
+from relnav.sensors.dual_field.evidence import FOLD_CHI2, fold_distance2, nearly_matched
+from relnav.sensors.dual_field.matching import PRIOR, SHIFT, SLIP_ROWS, Frame
 from relnav.sensors.dual_field.optics import plane_point, ray_and_variance
 from relnav.sensors.dual_field.pair_table import Indices
 from relnav.sensors.dual_field.search import FOUND, WORK_ROWS, search_pairs
 from relnav.sensors.dual_field.sky import Bits, SkyArrays
 
 FOCAL, CX, CY, K1, K2, HALF_WIDTH, HALF_HEIGHT, SPOT_SIGMA, GATE, FIELDS = range(10)
-SETTINGS, BETA, FOLD, PARAMETERS = 10, 14, 17, 26
-"""Entries of `parameters`: of the camera, of the search (`Limits.settings`), velocity / c, and the fold by rows."""
+SETTINGS, BETA, FOLD, FOLD_COVARIANCE, PARAMETERS = 10, 14, 17, 26, 35
+"""Entries of `parameters`: of the camera, of the search (`Limits.settings`), velocity / c, the fold by rows, and the
+covariance of its error by rows."""
 
 MOST_SPOTS = 100
 """The brightest take part; the choice among more costs time and certainty and adds no accuracy that matters."""
 
 LEAST_SPOTS = 4
-TOO_FEW, MISFIT = -2, -3
+TOO_FEW, MISFIT, NOISIER, OFF_FOLD = -2, -3, -5, -6
 
 WORST_FIT = 1.5
 """Largest mean square of the residuals, in units of the noise, before four sigma of its own scatter."""
+
+CREDIBLE_FIT = 3.0
+"""A mean square so many sigmas of its own scatter above 1 is not chance: the covariance grows with it."""
+
+BLOCK = 21 + 3 * (WORK_ROWS + SLIP_ROWS)
+"""Numbers of `block` beside 10 for each spot."""
 
 
 @kernel
@@ -46,20 +55,6 @@ def usable_spots_into(spots: Matrix, magnitude: Vector, half_width: float, half_
 
 
 @kernel
-def fill_frame(frame: Frame, spots: Matrix, magnitude: Vector, p: Vector, order: Codes) -> None:
-    """Write rays, variances and magnitudes of the spots of a frame, in the order of `usable_spots_into`."""
-    W, M, n = frame.W, frame.fold, frame.sigma2.shape[0]
-    for q in range(n):
-        s = order[q]
-        x, y = plane_point(spots[s, 0], spots[s, 1], p[FOCAL], p[CX], p[CY], p[K1], p[K2])
-        W[q, 0], W[q, 1], W[q, 2], frame.sigma2[q] = ray_and_variance(x, y, p[SPOT_SIGMA] / p[FOCAL])
-        frame.magnitude[q] = magnitude[s] if magnitude.shape[0] > 0 else 0.0
-        if frame.fields == 2:
-            for r in range(3):
-                W[n + q, r] = M[r, 0] * W[q, 0] + M[r, 1] * W[q, 1] + M[r, 2] * W[q, 2]
-
-
-@kernel
 def solve_spots(
     spots: Matrix,
     magnitude: Vector,
@@ -77,10 +72,13 @@ def solve_spots(
     found: Codes,
     block: Vector,
 ) -> int:
-    """Solve a frame: FOUND, NOTHING, AMBIGUOUS, TOO_FEW, or MISFIT where stars are found but the optics are not right.
+    """Solve a frame: FOUND, NOTHING, AMBIGUOUS, ONE_FIELD or TOO_FEW.
+
+    MISFIT, NOISIER and OFF_FOLD where stars are found, but too far from the spots, with spots beside stars, or with the
+    fold farther off than its stated error.
 
     spots (n, 2) px and magnitude (n,) or (0,) as handed in; stars to line are `SkyArrays`, hip (stars,) their numbers.
-    Writes Hipparcos numbers into star (n,), fields into found[3 n:] (4 n,), and into block (21 + 10 n + 3 WORK_ROWS,):
+    Writes Hipparcos numbers into star (n,), fields into found[3 n:] (4 n,), and into block (BLOCK + 10 n,):
     attitude (9), covariance (9), what `search_pairs` calls info (2), number of spots or fit (1), residuals (n) rad; the
     rest is scratch. Nothing need be set before.
     """
@@ -95,27 +93,51 @@ def solve_spots(
     if n < LEAST_SPOTS:
         solution[6, 2] = n
         return TOO_FEW
+    fields = int(p[FIELDS])
     work = scratch[9 * n : 9 * n + 3 * WORK_ROWS].reshape((WORK_ROWS, 3))
+    slip = scratch[9 * n + 3 * WORK_ROWS : 9 * n + 3 * (WORK_ROWS + SLIP_ROWS)].reshape((SLIP_ROWS, 3))
+    for r in range(3):
+        slip[SHIFT, r] = 0.0
+        for c in range(3):
+            slip[PRIOR + r, c] = p[FOLD_COVARIANCE + 3 * r + c]
     frame = Frame(
-        scratch[: 3 * int(p[FIELDS]) * n].reshape((int(p[FIELDS]) * n, 3)),
+        scratch[: 3 * fields * n].reshape((fields * n, 3)),
         scratch[6 * n : 7 * n],
         scratch[7 * n : 8 * n],
         scratch[8 * n : 9 * n],
         p[BETA : BETA + 3],
         p[FOLD : FOLD + 9].reshape((3, 3)),
         p[GATE],
-        int(p[FIELDS]),
+        fields,
+        slip,
     )
-    fill_frame(frame, spots, magnitude, p, order)
+    W, M = frame.W, frame.fold
+    for q in range(n):
+        s = order[q]
+        x, y = plane_point(spots[s, 0], spots[s, 1], p[FOCAL], p[CX], p[CY], p[K1], p[K2])
+        W[q, 0], W[q, 1], W[q, 2], frame.sigma2[q] = ray_and_variance(x, y, p[SPOT_SIGMA] / p[FOCAL])
+        frame.magnitude[q] = magnitude[s] if magnitude.shape[0] > 0 else 0.0
+        if fields == 2:
+            for r in range(3):
+                W[n + q, r] = M[r, 0] * W[q, 0] + M[r, 1] * W[q, 1] + M[r, 2] * W[q, 2]
     verdict = search_pairs(
         frame, sky, p[SETTINGS : SETTINGS + 4], match[:n], solution[0:3], solution[3:6], work, solution[6]
     )
     if verdict == FOUND:
-        fit = tell_matches(frame, sky, hip, order, match, solution, star, found[3 * total :], residual, work[0])
+        A, cov = solution[0:3], solution[3:6]
+        fit = tell_matches(frame, sky, hip, order, match, A, star, found[3 * total :], residual, work[0])
         solution[6, 2] = math.sqrt(fit)
-        freedom = 2.0 * matches_of(match, n) - 3.0
-        if fit > WORST_FIT + 4.0 * math.sqrt(2.0 / freedom):
+        scatter = math.sqrt(2.0 / (2.0 * matches_of(match, n) - 3.0))
+        if fit > WORST_FIT + 4.0 * scatter:
             return MISFIT
+        if nearly_matched(frame, sky, match[:n], A):
+            return NOISIER
+        if fold_distance2(frame) > FOLD_CHI2:
+            return OFF_FOLD
+        if fit > 1.0 + CREDIBLE_FIT * scatter:
+            for r in range(3):
+                for c in range(3):
+                    cov[r, c] *= fit
     return verdict
 
 
@@ -151,10 +173,7 @@ def tell_matches(
         m = match[k, 0]
         if m < 0:
             continue
-        row, spot, total = match[k, 1] * n + k, order[k], 0.0
-        aberrate_into(sky.stars[m, 0], sky.stars[m, 1], sky.stars[m, 2], frame.beta, 1.0, v)
-        for r in range(3):
-            total += (frame.W[row, r] - A[r, 0] * v[0] - A[r, 1] * v[1] - A[r, 2] * v[2]) ** 2
+        spot, total = order[k], miss2(frame, sky, k, match, A, v)
         star[spot], field[spot], residual[spot] = hip[m], match[k, 1], math.sqrt(total)
         chi2 += total / frame.sigma2[k]
         count += 1

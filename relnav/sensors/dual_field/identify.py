@@ -7,18 +7,27 @@ import numpy as np
 
 from relnav.arrays import Codes, Matrix, Vector
 from relnav.geometry.star_places import LIGHT_KM_S
-from relnav.sensors.dual_field.matching import Frame
-from relnav.sensors.dual_field.search import AMBIGUOUS, FOUND, WORK_ROWS, search_pairs
+from relnav.sensors.dual_field.matching import PRIOR, SHIFT, SLIP_ROWS, Frame
+from relnav.sensors.dual_field.search import AMBIGUOUS, FOUND, ONE_FIELD, WORK_ROWS, search_pairs
 from relnav.sensors.dual_field.sky import Sky
 from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solution
 
 SINGLE_FIELD_REASON = (
-    "stars of one field only were found: the roll is worse than two fields promise; is there glare in the other, is "
-    "the mirror off its place, or is the image mirrored, and the attitude with it?"
+    "stars of one field only were found: the roll is worse than two fields promise; is there glare in the other, or is "
+    "the mirror off its place?"
+)
+ONE_FIELD_REASON = (
+    "stars of one field only were found, and in field 0 or field 1 they mean different attitudes: is there glare in "
+    "the other, is the mirror off its place (`relnav calibrate fold` finds it), or is the image mirrored? With an "
+    "attitude known to 2 arcmin tracking tells which"
+)
+OFF_FOLD_REASON = (
+    "stars of both fields are found, but the fold is farther off than its stated error: fit it with "
+    "`relnav calibrate fold`"
 )
 LEAST_SPOTS = 4
 REST = np.zeros(3)
-ONE_FIELD = np.eye(3)
+NO_FOLD = np.eye(3)
 NAN = math.nan
 
 
@@ -60,8 +69,12 @@ def make_frame(
     gate: float,
     fold: Matrix | None,
     velocity_km_s: Vector | None,
+    fold_covariance: Matrix | None = None,
 ) -> Frame:
     """The kernels' view of rays (n, 3), brightest first; without magnitudes no star is refused for its brightness."""
+    slip = np.zeros((SLIP_ROWS, 3))
+    if fold_covariance is not None:
+        slip[PRIOR : PRIOR + 3] = fold_covariance
     W = np.concatenate([u, u @ fold.T]) if fold is not None else u
     n = len(u)
     return Frame(
@@ -70,9 +83,10 @@ def make_frame(
         magnitude=np.zeros(n) if magnitude is None else magnitude,
         counts=np.empty(n),
         beta=REST if velocity_km_s is None else velocity_km_s / LIGHT_KM_S,
-        fold=ONE_FIELD if fold is None else fold,
+        fold=NO_FOLD if fold is None else fold,
         gate=math.inf if magnitude is None else gate,
         fields=1 if fold is None else 2,
+        slip=slip,
     )
 
 
@@ -84,6 +98,7 @@ def identify(
     magnitude: Vector | None = None,
     gate: float = 0.6,
     fold: Matrix | None = None,
+    fold_covariance: Matrix | None = None,
     velocity_km_s: Vector | None = None,
     limits: Limits = DEFAULT_LIMITS,
 ) -> StarSolution:
@@ -103,6 +118,8 @@ def identify(
         Largest difference of magnitude between a spot and its star.
     fold : (3, 3), optional
         Of a two-field sensor (`mirror_fold`).
+    fold_covariance : (3, 3), optional
+        Of the small turn by which the fold is off (`sensor.Fold.covariance`); left out, it is exact.
     velocity_km_s : (3,), optional
         Observer's barycentric velocity, ICRS; without it no aberration.
     limits : Limits
@@ -111,13 +128,15 @@ def identify(
     n = len(u)
     if n < LEAST_SPOTS:
         return no_solution(StarStatus.TOO_FEW, f"{n} spots; {LEAST_SPOTS} or more are needed", n)
-    frame = make_frame(u, sigma_rad, magnitude, gate, fold, velocity_km_s)
+    frame = make_frame(u, sigma_rad, magnitude, gate, fold, velocity_km_s, fold_covariance)
     match, A, cov = np.empty((n, 2), dtype=np.int64), np.empty((3, 3)), np.empty((3, 3))
     info = np.empty(2)
     verdict = search_pairs(frame, sky.arrays, limits.settings, match, A, cov, np.empty((WORK_ROWS, 3)), info)
     tried = int(info[1])
     if verdict == AMBIGUOUS:
         return no_solution(StarStatus.AMBIGUOUS, "two attitudes explain the spots equally well", n, tried=tried)
+    if verdict == ONE_FIELD:
+        return no_solution(StarStatus.AMBIGUOUS, ONE_FIELD_REASON, n, tried=tried)
     if verdict != FOUND:
         return no_solution(StarStatus.NO_MATCH, f"none of {tried} attitudes explains the spots", n, tried=tried)
     return solution_of(frame, sky, match, A, cov, info)
@@ -147,6 +166,8 @@ def residuals(frame: Frame, sky: Sky, match: Codes, A: Matrix) -> Vector:
     n, star = len(match), match[:, 0]
     v = sky.arrays.stars[star, :3] + frame.beta  # first order is enough for a residual
     v /= np.sqrt(np.einsum("ij,ij->i", v, v))[:, None]
-    w = frame.W[np.arange(n) + n * np.maximum(match[:, 1], 0) * (star >= 0)]
+    second = (match[:, 1] == 1) & (star >= 0)
+    w = frame.W[np.arange(n) + n * second]
+    w = w + np.cross(frame.slip[SHIFT], w) * second[:, None]
     d = w - v @ A.T
     return np.where(star >= 0, np.sqrt(np.einsum("ij,ij->i", d, d)), np.nan)

@@ -1,4 +1,4 @@
-"""Which spots fall on stars under an attitude, and the attitude that fits those best: the search's inner kernels.
+"""Which spots fall on stars under an attitude: the search's inner kernels.
 
 `match` (n, 2) holds a spot's star (-1: none) and field. An attitude is A with w = A v, v the star's apparent direction.
 """
@@ -8,11 +8,14 @@ from typing import NamedTuple
 
 from relnav.arrays import Codes, Matrix, Vector
 from relnav.codegen.kernel import kernel
-from relnav.geometry.linear_algebra import invert_three
 from relnav.sensors.dual_field.sky import SkyArrays, nearest_star
 
 LOOSEST_CHORD2 = 9e-6
 """No spot is looked for farther than 3 mrad from where a pair predicts it."""
+
+PRIOR, SHIFT, SECOND, INFORMATION, GRADIENT, STEP, SCRATCH, SLIP_ROWS = 0, 3, 4, 7, 13, 15, 17, 26
+"""Rows of `Frame.slip`: covariance of the fold's error s (3), its estimate (1), covariance of the attitude that field 1
+sees (3); the rest is scratch of the fit."""
 
 
 class Frame(NamedTuple):
@@ -36,6 +39,8 @@ class Frame(NamedTuple):
         Largest difference of magnitude between a spot and its star.
     fields : int
         1 or 2.
+    slip : (SLIP_ROWS, 3)
+        The fold's error, see `attitude_fit`: what is known of it, and what the fit says.
     """
 
     W: Matrix
@@ -46,6 +51,7 @@ class Frame(NamedTuple):
     fold: Matrix
     gate: float
     fields: int
+    slip: Matrix
 
 
 @kernel
@@ -77,6 +83,50 @@ def looked_up(W: Matrix, row: int, A: Matrix, b: Vector) -> tuple[float, float, 
         A[0, 2] * w0 + A[1, 2] * w1 + A[2, 2] * w2,
         b,
     )
+
+
+@kernel
+def looked_up_with_slip(frame: Frame, row: int, field: int, A: Matrix) -> tuple[float, float, float]:
+    """The same with the fold as the fit has found it, for a row of the given field."""
+    if field == 0:
+        return looked_up(frame.W, row, A, frame.beta)
+    w0, w1, w2 = frame.W[row, 0], frame.W[row, 1], frame.W[row, 2]
+    s = frame.slip[SHIFT]
+    t0, t1, t2 = w0 + s[1] * w2 - s[2] * w1, w1 + s[2] * w0 - s[0] * w2, w2 + s[0] * w1 - s[1] * w0
+    return aberration_undone(
+        A[0, 0] * t0 + A[1, 0] * t1 + A[2, 0] * t2,
+        A[0, 1] * t0 + A[1, 1] * t1 + A[2, 1] * t2,
+        A[0, 2] * t0 + A[1, 2] * t1 + A[2, 2] * t2,
+        frame.beta,
+    )
+
+
+@kernel
+def tight_chord2(frame: Frame, k: int, field: int, cov: Matrix) -> float:
+    """Square of five sigma of spot k and of the attitude (cov, or that of field 1) about its direction."""
+    row = field * frame.sigma2.shape[0] + k
+    w0, w1, w2 = frame.W[row, 0], frame.W[row, 1], frame.W[row, 2]
+    C = cov if field == 0 else frame.slip[SECOND : SECOND + 3]
+    along = (
+        w0 * (C[0, 0] * w0 + 2.0 * C[0, 1] * w1)
+        + w1 * (C[1, 1] * w1 + 2.0 * C[1, 2] * w2)
+        + w2 * (C[2, 2] * w2 + 2.0 * C[0, 2] * w0)
+    )
+    spread = frame.sigma2[k] + max(0.0, C[0, 0] + C[1, 1] + C[2, 2] - along)
+    return float(min(LOOSEST_CHORD2, 25.0 * spread))
+
+
+@kernel
+def log_chance_of_match(frame: Frame, k: int, chord2: float) -> float:
+    """Logarithm of the probability that a spot thrown at random over the sky falls on a star so close."""
+    return float(math.log(min(1.0, 0.25 * frame.fields * frame.counts[k] * chord2)))
+
+
+@kernel
+def slip_variance(frame: Frame) -> float:
+    """Bound on the variance, rad^2, by which the fold's error moves a direction of the other field; 0 for one field."""
+    prior = frame.slip
+    return float(prior[0, 0] + prior[1, 1] + prior[2, 2])
 
 
 @kernel
@@ -112,10 +162,12 @@ def match_loosely(
             f = field if way == 0 else 1 - field
             x, y, z = looked_up(W, f * n + k, A, b)
             t2 = loose_chord2(W, f * n + k, sigma2[k], m0, m1, m2, stretch2)
+            if f != field:
+                t2 = min(LOOSEST_CHORD2, t2 + 16.0 * slip_variance(frame))
             star = nearest_star(stars, cells, x, y, z, t2, magnitude[k], frame.gate)
             if star >= 0:
                 match[k, 0], match[k, 1] = star, f
-                log_chance += math.log(min(1.0, 0.25 * frame.fields * frame.counts[k] * t2))
+                log_chance += log_chance_of_match(frame, k, t2)
                 found += 1
                 break
     out[0] = log_chance
@@ -130,28 +182,20 @@ def match_tightly(
 
     out[0] as in `match_loosely` and out[1] the number of matches, both over the spots other than i and j.
     """
-    W, n, stars = frame.W, frame.sigma2.shape[0], sky.stars
-    trace = cov[0, 0] + cov[1, 1] + cov[2, 2]
+    n, stars = frame.sigma2.shape[0], sky.stars
     found = 0
     out[0], out[1] = 0.0, 0.0
     for k in range(n):
         match[k, 0] = -1
         nearest2, log_chance = 1e300, 0.0
         for f in range(frame.fields):
-            row = f * n + k
-            w0, w1, w2 = W[row, 0], W[row, 1], W[row, 2]
-            along = (
-                w0 * (cov[0, 0] * w0 + 2.0 * cov[0, 1] * w1)
-                + w1 * (cov[1, 1] * w1 + 2.0 * cov[1, 2] * w2)
-                + w2 * (cov[2, 2] * w2 + 2.0 * cov[0, 2] * w0)
-            )
-            t2 = min(LOOSEST_CHORD2, 25.0 * (frame.sigma2[k] + max(0.0, trace - along)))
-            x, y, z = looked_up(W, row, A, frame.beta)
+            t2 = tight_chord2(frame, k, f, cov)
+            x, y, z = looked_up_with_slip(frame, f * n + k, f, A)
             star = nearest_star(stars, sky.cells, x, y, z, t2, frame.magnitude[k], frame.gate)
             if star >= 0:
                 d2 = (stars[star, 0] - x) ** 2 + (stars[star, 1] - y) ** 2 + (stars[star, 2] - z) ** 2
                 if d2 < nearest2:
-                    nearest2, log_chance = d2, math.log(min(1.0, 0.25 * frame.fields * frame.counts[k] * t2))
+                    nearest2, log_chance = d2, log_chance_of_match(frame, k, t2)
                     match[k, 0], match[k, 1] = star, f
         for q in range(k):
             if match[q, 0] == match[k, 0]:
@@ -162,44 +206,6 @@ def match_tightly(
                 out[0] += log_chance
                 out[1] += 1.0
     return found
-
-
-@kernel
-def fit_attitude(frame: Frame, sky: SkyArrays, match: Codes, A: Matrix, cov: Matrix, passes: int, v: Vector) -> bool:
-    """Improve A (3, 3) over all matches by Gauss-Newton and write its covariance (3, 3); False where singular.
-
-    With q = A v and the error d of A the residual w - q - q x d is smallest for d = F^-1 sum (w x q) / sigma^2, where
-    F = sum (I - q q^T) / sigma^2.
-    """
-    W, n = frame.W, frame.sigma2.shape[0]
-    for _ in range(passes):
-        f00, f01, f02, f11, f12, f22, g0, g1, g2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for k in range(n):
-            if match[k, 0] < 0:
-                continue
-            row, star = match[k, 1] * n + k, sky.stars[match[k, 0]]
-            aberrate_into(star[0], star[1], star[2], frame.beta, 1.0, v)
-            q0 = A[0, 0] * v[0] + A[0, 1] * v[1] + A[0, 2] * v[2]
-            q1 = A[1, 0] * v[0] + A[1, 1] * v[1] + A[1, 2] * v[2]
-            q2 = A[2, 0] * v[0] + A[2, 1] * v[1] + A[2, 2] * v[2]
-            p = 1.0 / frame.sigma2[k]
-            f00, f01, f02 = f00 + p * (1.0 - q0 * q0), f01 - p * q0 * q1, f02 - p * q0 * q2
-            f11, f12, f22 = f11 + p * (1.0 - q1 * q1), f12 - p * q1 * q2, f22 + p * (1.0 - q2 * q2)
-            g0 += p * (W[row, 1] * q2 - W[row, 2] * q1)
-            g1 += p * (W[row, 2] * q0 - W[row, 0] * q2)
-            g2 += p * (W[row, 0] * q1 - W[row, 1] * q0)
-        cov[0, 0], cov[0, 1], cov[0, 2] = f00, f01, f02
-        cov[1, 0], cov[1, 1], cov[1, 2] = f01, f11, f12
-        cov[2, 0], cov[2, 1], cov[2, 2] = f02, f12, f22
-        if not invert_three(cov, cov):
-            return False
-        turn(
-            A,
-            cov[0, 0] * g0 + cov[0, 1] * g1 + cov[0, 2] * g2,
-            cov[1, 0] * g0 + cov[1, 1] * g1 + cov[1, 2] * g2,
-            cov[2, 0] * g0 + cov[2, 1] * g1 + cov[2, 2] * g2,
-        )
-    return True
 
 
 @kernel

@@ -5,26 +5,30 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from relnav.arrays import Codes, Matrix, Vector, number, numbers, one_piece
 from relnav.geometry.rotation import is_rotation
 from relnav.geometry.star_places import LIGHT_KM_S
 from relnav.sensors.dual_field.frame_solver import (
     BETA,
+    BLOCK,
     GATE,
     LEAST_SPOTS,
     MISFIT,
+    NOISIER,
+    OFF_FOLD,
     SETTINGS,
     TOO_FEW,
     solve_spots,
     usable_spots_into,
 )
-from relnav.sensors.dual_field.identify import SINGLE_FIELD_REASON
-from relnav.sensors.dual_field.search import AMBIGUOUS, FOUND, MOST_TRIED, WORK_ROWS
+from relnav.sensors.dual_field.identify import OFF_FOLD_REASON, ONE_FIELD_REASON
+from relnav.sensors.dual_field.optics import plane_points, ray_sigma, rays
+from relnav.sensors.dual_field.search import AMBIGUOUS, FOUND, MOST_TRIED, ONE_FIELD
 from relnav.sensors.dual_field.sensor import StarSensor
 from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solution
-from relnav.sensors.dual_field.tracking import IN_LINE, LEAST_STARS, WIDEST_PRIOR_RAD, track_spots
+from relnav.sensors.dual_field.tracking import WIDEST_PRIOR_RAD, track_rays
 
 NO_MAGNITUDE = np.empty(0)
 LOG_10 = math.log(10.0)
@@ -71,33 +75,33 @@ def measure(
     ValueError
         For arrays of the wrong shape, both flux and magnitude, or two fields without a velocity.
     """
-    frame = _checked(spots_px, model, flux, magnitude, velocity_km_s)
-    n, sky, parameters = len(frame.spots), model.sky(_epoch(epoch_jyear)), frame.parameters
-    if frame.without_brightness:
-        parameters[SETTINGS + MOST_TRIED] *= WITHOUT_BRIGHTNESS
+    spots, mag, velocity = _checked(spots_px, model, flux, magnitude, velocity_km_s)
+    n, sky, parameters = len(spots), model.sky(_epoch(epoch_jyear)), model.parameters
+    if velocity is not None or mag is None:
+        parameters = parameters.copy()
+        if velocity is not None:
+            parameters[BETA : BETA + 3] = velocity / LIGHT_KM_S
+        if mag is None:
+            parameters[GATE] = math.inf
+            parameters[SETTINGS + MOST_TRIED] *= WITHOUT_BRIGHTNESS
     found, star = np.empty(4 * n, dtype=np.int64), np.empty(n, dtype=np.int32)
-    block = np.empty(21 + 10 * n + 3 * WORK_ROWS)
-    verdict = solve_spots(frame.spots, frame.magnitude, parameters, *sky.arrays, sky.hip, star, found, block)
+    block = np.empty(BLOCK + 10 * n)
+    brightness = NO_MAGNITUDE if mag is None else mag
+    verdict = solve_spots(spots, brightness, parameters, *sky.arrays, sky.hip, star, found, block)
     focal = model.camera.focal_length_px
     if verdict != FOUND:
         return _refused(verdict, block, n, focal)
-    return _solved(block, block[21 : 21 + n], star, found[3 * n :], model)
-
-
-def _solved(block: Vector, residual: Vector, star: NDArray[np.int32], field: Codes, model: StarSensor) -> StarSolution:
-    """What the kernels wrote, as a solution."""
-    single = model.fold.kind != "none" and (not (field == 0).any() or not (field == 1).any())
     return StarSolution(
-        StarStatus.SINGLE_FIELD if single else StarStatus.OK,
-        SINGLE_FIELD_REASON if single else "",
+        StarStatus.OK,
+        "",
         block[:9].reshape(3, 3),
         block[9:18].reshape(3, 3),
         star,
-        field,
-        residual,
+        found[3 * n :],
+        block[21 : 21 + n],
         float(block[18]) / LOG_10,
         int(block[19]),
-        model.camera.focal_length_px,
+        focal,
     )
 
 
@@ -112,6 +116,16 @@ def _refused(verdict: int, block: Vector, spots: int, focal_px: float) -> StarSo
             f"stars are found, but the spots lie {block[20]:.1f} times as far from them as the model's noise: are "
             "focal length, distortion and mirror those of this camera, and is the velocity right?",
         )
+    elif verdict == NOISIER:
+        status, reason = (
+            StarStatus.NO_MATCH,
+            "stars are found, but more spots lie beside a star than on one: is the model's spot_noise_px that of the "
+            "spots, and are focal length and distortion those of this camera?",
+        )
+    elif verdict == OFF_FOLD:
+        status, reason = StarStatus.NO_MATCH, OFF_FOLD_REASON
+    elif verdict == ONE_FIELD:
+        status, reason = StarStatus.AMBIGUOUS, ONE_FIELD_REASON
     elif verdict == AMBIGUOUS:
         status, reason = StarStatus.AMBIGUOUS, "two attitudes explain the spots equally well"
     else:
@@ -144,38 +158,39 @@ def track(
     ValueError
         As `measure`, and for a prior that is no rotation or too wide.
     """
-    frame, prior = _checked(spots_px, model, flux, magnitude, velocity_km_s), numbers("dcm_prior", dcm_prior)
+    prior = one_piece("dcm_prior", dcm_prior)
     if not is_rotation(prior):
         raise ValueError(f"dcm_prior is a rotation matrix (3, 3); got {prior.tolist()}")
     sigma_prior_rad = number("sigma_prior_rad", sigma_prior_rad)
     if not 0.0 < sigma_prior_rad <= WIDEST_PRIOR_RAD:
         raise ValueError(f"sigma_prior_rad is above 0 and up to {WIDEST_PRIOR_RAD:g} rad; got {sigma_prior_rad}")
-    n, sky = len(frame.spots), model.sky(_epoch(epoch_jyear))
-    found, star, block = np.empty(4 * n, dtype=np.int64), np.empty(n, dtype=np.int32), np.empty(27 + 10 * n)
-    block[:9] = prior.ravel()
-    verdict = track_spots(
-        frame.spots, frame.magnitude, frame.parameters, sigma_prior_rad, *sky.arrays, sky.hip, star, found, block
+    ready = prepare(spots_px, model, flux, magnitude, velocity_km_s)
+    solution = track_rays(
+        ready.rays,
+        model.sky(_epoch(epoch_jyear)),
+        prior,
+        sigma_prior_rad,
+        sigma_rad=ready.sigma_rad,
+        magnitude=ready.magnitude,
+        gate=model.identification.magnitude_gate,
+        fold=ready.fold,
+        fold_covariance=model.fold.covariance,
+        velocity_km_s=ready.velocity_km_s,
+        false_alarm_probability=model.identification.false_alarm_probability,
     )
-    if verdict == FOUND:
-        return _solved(block, block[27 : 27 + n], star, found[3 * n :], model)
-    seen, focal = int(block[20]), model.camera.focal_length_px
-    if verdict == TOO_FEW:
-        return no_solution(
-            StarStatus.TOO_FEW, f"{seen} spots; {LEAST_STARS} or more are needed", n, focal_length_px=focal
-        )
-    reason = f"{seen} spots fall on stars near the prior attitude: chance might do as much"
-    if verdict == IN_LINE:
-        reason = "the stars found lie along one line"
-    return no_solution(StarStatus.NO_MATCH, reason, n, tried=1, focal_length_px=focal)
+    return in_order_of_spots(solution, ready.order, ready.spots, model.camera.focal_length_px)
 
 
-class _Frame(NamedTuple):
-    """A frame as the kernels read it: spots (n, 2) px, magnitude (n,) or (0,), parameters, and whether it has none."""
+class Ready(NamedTuple):
+    """A frame's usable spots, brightest first, as rays; `order` leads back to the spots as handed in."""
 
-    spots: Matrix
-    magnitude: Vector
-    parameters: Vector
-    without_brightness: bool
+    rays: Matrix
+    sigma_rad: Vector
+    magnitude: Vector | None
+    fold: Matrix | None
+    velocity_km_s: Vector | None
+    order: Codes
+    spots: int
 
 
 def _checked(
@@ -184,8 +199,8 @@ def _checked(
     flux: ArrayLike | None,
     magnitude: ArrayLike | None,
     velocity_km_s: ArrayLike | None,
-) -> _Frame:
-    """A frame for the kernels, or a ValueError that says what is wrong with it."""
+) -> tuple[Matrix, Vector | None, Vector | None]:
+    """Spots, magnitudes and velocity as arrays, or a ValueError that says what is wrong with them."""
     spots = one_piece("spots_px", spots_px)
     if spots.ndim != 2 or spots.shape[1] != 2:
         raise ValueError(f"spots_px has shape (n, 2), columns x, y in pixels; got {spots.shape}")
@@ -196,13 +211,25 @@ def _checked(
             "two fields need velocity_km_s, the observer's barycentric velocity (ICRS): aberration changes the angle "
             "between the fields; give zeros for a simulated frame without it"
         )
-    parameters = model.parameters.copy()
-    if velocity_km_s is not None:
-        parameters[BETA : BETA + 3] = observer_velocity(velocity_km_s) / LIGHT_KM_S
-    known = spot_magnitudes(flux, magnitude, len(spots), model.identification.magnitude_zero_point)
-    if known is None:
-        parameters[GATE] = math.inf
-    return _Frame(spots, NO_MAGNITUDE if known is None else known, parameters, known is None)
+    velocity = None if velocity_km_s is None else observer_velocity(velocity_km_s)
+    return spots, spot_magnitudes(flux, magnitude, len(spots), model.identification.magnitude_zero_point), velocity
+
+
+def prepare(
+    spots_px: ArrayLike,
+    model: StarSensor,
+    flux: ArrayLike | None,
+    magnitude: ArrayLike | None,
+    velocity_km_s: ArrayLike | None,
+) -> Ready:
+    """Spots as rays; arguments, and the ValueError, as in `measure`."""
+    spots, mag, velocity = _checked(spots_px, model, flux, magnitude, velocity_km_s)
+    camera = model.camera
+    order = usable_spots(spots, mag, camera.detector_size_px)
+    points = plane_points(spots[order], camera.focal_length_px, camera.principal_point_px, camera.distortion)
+    sigma = ray_sigma(points, camera.spot_noise_px, camera.focal_length_px)
+    fold = model.fold.matrix
+    return Ready(rays(points), sigma, None if mag is None else mag[order], fold, velocity, order, len(spots))
 
 
 def _epoch(jyear: float | None) -> float | None:
@@ -241,7 +268,7 @@ def spot_magnitudes(
 
 def usable_spots(spots: Matrix, magnitude: Vector | None, size_px: tuple[float, float]) -> Codes:
     """Indices of the spots that can be used, brightest first, at most `MOST_SPOTS`."""
-    half = 0.5 * np.array(size_px)
+    half = 0.5 * np.asarray(size_px, dtype=np.float64)
     order = np.empty(len(spots), dtype=np.int64)
     given = NO_MAGNITUDE if magnitude is None else np.ascontiguousarray(magnitude)
     count = usable_spots_into(np.ascontiguousarray(spots), given, float(half[0]), float(half[1]), order)

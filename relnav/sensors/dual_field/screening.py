@@ -8,7 +8,14 @@ the two tell where a spot would look, and one look into `SkyArrays.near` mostly 
 from relnav.arrays import Matrix, Vector
 from relnav.codegen.kernel import kernel
 from relnav.geometry.rotation import triad
-from relnav.sensors.dual_field.matching import Frame, aberrate_into, aberration_undone, loose_chord2
+from relnav.sensors.dual_field.matching import (
+    LOOSEST_CHORD2,
+    Frame,
+    aberrate_into,
+    aberration_undone,
+    loose_chord2,
+    slip_variance,
+)
 from relnav.sensors.dual_field.sky import SkyArrays, nearest_star, none_near
 
 FEW_SPOTS = 12
@@ -89,6 +96,8 @@ def prepare_questions(
             for axis in range(3):
                 questions[row, axis] = pair[axis, 0] * W[w, 0] + pair[axis, 1] * W[w, 1] + pair[axis, 2] * W[w, 2]
             questions[row, 3] = loose_chord2(W, w, frame.sigma2[k], m0, m1, m2, stretch2)
+            if way == 1:
+                questions[row, 3] = min(LOOSEST_CHORD2, questions[row, 3] + 16.0 * slip_variance(frame))
             questions[row, 4] = frame.magnitude[k]
             row += 1
 

@@ -9,12 +9,9 @@ import math
 
 from relnav.arrays import Codes, Matrix, Vector
 from relnav.codegen.kernel import kernel
-from relnav.sensors.dual_field.matching import (
-    Frame,
-    fit_attitude,
-    match_loosely,
-    match_tightly,
-)
+from relnav.sensors.dual_field.attitude_fit import agree_on_fold, fit_attitude, forget_slip
+from relnav.sensors.dual_field.evidence import both_fields_seen, determinant, log_choices
+from relnav.sensors.dual_field.matching import Frame, match_loosely, match_tightly, slip_variance
 from relnav.sensors.dual_field.pair_table import k_range
 from relnav.sensors.dual_field.screening import (
     QUESTIONS,
@@ -34,7 +31,7 @@ LOG_PFA, MOST_TRIED, SHORTEST_CHORD2, LEAST_MATCHES = range(4)
 """Entries of `settings`."""
 
 WORK_ROWS = 24 + 2 * QUESTIONS * 5 // 3
-FOUND, NOTHING, AMBIGUOUS = 1, 0, -1
+FOUND, NOTHING, AMBIGUOUS, ONE_FIELD = 1, 0, -1, -4
 
 
 @kernel
@@ -55,9 +52,7 @@ def log_false_alarm(tried: float, spots: int, others: float, log_chance: float) 
 
     `others` are the matches besides the two that gave the attitude, among `spots` - 2.
     """
-    rest = spots - 2.0
-    choices = math.lgamma(rest + 1.0) - math.lgamma(others + 1.0) - math.lgamma(rest - others + 1.0)
-    return math.log(tried) + choices + log_chance
+    return math.log(tried) + log_choices(spots - 2.0, others) + log_chance
 
 
 @kernel
@@ -68,16 +63,18 @@ def settle(
 
     Twice, because the first fit may predict the other field too loosely; once where one field's matches all stood.
     """
-    first = 0
+    first, own = 0, match[i, 1]
     for k in range(match.shape[0]):
         first += match[k, 0] >= 0
     found = 0
-    for _ in range(2):
+    for once in range(2):
         if not fit_attitude(frame, sky, match, A, cov, 1, v):
             return 0
         found = match_tightly(frame, sky, i, j, A, cov, match, out)
         if found < 2:
             return 0
+        if once == 0 and slip_variance(frame) > 0.0:
+            agree_on_fold(frame, sky, match, A, cov, own, v)
         if frame.fields == 1 and found >= first:
             break
     return found if fit_attitude(frame, sky, match, A, cov, 1, v) else 0
@@ -102,6 +99,7 @@ def swap_fields(frame: Frame, sky: SkyArrays, match: Codes, A: Matrix, cov: Matr
                     other[r, c] += m * A[k, c]
                     for p in range(3):  # the axis that is known badly turns as well
                         turned[r, c] += m * cov[k, p] * (M[c, p] if way == 0 else M[p, c])
+        forget_slip(frame, turned)
         again = match_tightly(frame, sky, -1, -1, other, turned, match, out)
         if again > found:
             for r in range(3):
@@ -111,8 +109,12 @@ def swap_fields(frame: Frame, sky: SkyArrays, match: Codes, A: Matrix, cov: Matr
             break
         if again == found:
             verdict = AMBIGUOUS
-    settled = match_tightly(frame, sky, -1, -1, A, cov, match, out) >= 2
-    return verdict if settled and fit_attitude(frame, sky, match, A, cov, 2, work[14]) else NOTHING
+    forget_slip(frame, cov)
+    for _ in range(2):
+        settled = match_tightly(frame, sky, -1, -1, A, cov, match, out) >= 2
+        if not (settled and fit_attitude(frame, sky, match, A, cov, 2, work[14])):
+            return NOTHING
+    return verdict
 
 
 @kernel
@@ -156,7 +158,7 @@ def search_pairs(
     work: Matrix,
     info: Vector,
 ) -> int:
-    """Find the attitude of a frame. FOUND, NOTHING or AMBIGUOUS; writes match, A, cov, info.
+    """Find the attitude of a frame. FOUND, NOTHING, AMBIGUOUS or ONE_FIELD; writes match, A, cov, info.
 
     info (2,): logarithm of the false alarm probability, hypotheses tried. work (WORK_ROWS, 3) is scratch. Pairs go by
     their fainter spot, brightest first.
@@ -200,19 +202,11 @@ def search_pairs(
                         attitude_of_triads(spots[3 * field : 3 * field + 3], stars, sign, A)
                         if not try_stars(frame, sky, i, j, a, c, field, settings, match, A, cov, work, info):
                             continue
+                        verdict = FOUND
                         if frame.fields == 2 and determinant(frame.fold) > 0.0:
-                            return swap_fields(frame, sky, match, A, cov, work)
-                        return FOUND
+                            verdict = swap_fields(frame, sky, match, A, cov, work)
+                        one_field = frame.fields == 2 and not both_fields_seen(frame, match, cov, settings[LOG_PFA])
+                        return ONE_FIELD if verdict == FOUND and one_field else verdict
             if info[1] > settings[MOST_TRIED]:
                 return NOTHING
     return NOTHING
-
-
-@kernel
-def determinant(M: Matrix) -> float:
-    """Of a matrix (3, 3)."""
-    return float(
-        M[0, 0] * (M[1, 1] * M[2, 2] - M[1, 2] * M[2, 1])
-        - M[0, 1] * (M[1, 0] * M[2, 2] - M[1, 2] * M[2, 0])
-        + M[0, 2] * (M[1, 0] * M[2, 1] - M[1, 1] * M[2, 0])
-    )

@@ -64,11 +64,15 @@ class Fold:
         Unit normal of the mirror, camera axes, either sign.
     rotation : (4,)
         Quaternion (x, y, z, w) of s = R u for the turned field.
+    error_rad : float
+        1-sigma by which the mirror's normal is off about each axis across it, or the turned field about any axis. It
+        lasts, is estimated with every frame, and what is left of it is in the covariance.
     """
 
     kind: Literal["none", "mirror", "rotation"] = "none"
     mirror_normal: Triple = (math.sqrt(0.5), 0.0, -math.sqrt(0.5))
     rotation: Quaternion = (0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5))
+    error_rad: Annotated[float, Ge(0.0), Lt(1e-4)] = math.radians(10.0 / 3600.0)
 
     def __post_init__(self) -> None:
         if abs(math.hypot(*self.mirror_normal) - 1.0) > 1e-6:
@@ -86,6 +90,21 @@ class Fold:
         return (
             mirror_fold(self.mirror_normal) if self.kind == "mirror" else dcm_from_quaternion(np.array(self.rotation))
         )
+
+    @property
+    def covariance(self) -> Matrix:
+        """Of the small turn phi (3,) in s + phi x s, s = M u, rad^2, (3, 3); zero for one field.
+
+        A mirror whose normal n turns by omega across n turns M into R M R^T, and its ray by phi = omega + M omega, that
+        is 2 omega.
+        """
+        if self.kind == "none":
+            return np.zeros((3, 3))
+        if self.kind == "rotation":
+            return self.error_rad**2 * np.eye(3)
+        n = np.asarray(self.mirror_normal) / math.hypot(*self.mirror_normal)
+        across: Matrix = 4.0 * self.error_rad**2 * (np.eye(3) - np.outer(n, n))
+        return across
 
 
 @dataclass(frozen=True)
@@ -143,7 +162,7 @@ class StarSensor:
 
     @cached_property
     def parameters(self) -> Vector:
-        """Camera, search and fold as the compiled solver reads them, at rest; (26,), see `frame_solver.PARAMETERS`."""
+        """Camera, search and fold as the compiled solver reads them, at rest; (35,), see `frame_solver.PARAMETERS`."""
         camera, fold = self.camera, self.fold.matrix
         return np.concatenate(
             [
@@ -153,6 +172,7 @@ class StarSensor:
                 self.identification.limits.settings,
                 np.zeros(3),
                 (np.eye(3) if fold is None else fold).ravel(),
+                self.fold.covariance.ravel(),
             ]
         )
 

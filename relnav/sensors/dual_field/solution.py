@@ -16,10 +16,11 @@ class StarStatus(StrEnum):
 
     OK = "ok"
     SINGLE_FIELD = "single_field"
-    """A two-field sensor found stars of one field only: the attitude holds, but its roll is an order of magnitude worse
-    than promised; look at the fold's alignment and for glare."""
+    """Tracking with two fields found stars of one of them only: the prior attitude told which, but the roll is an
+    order of magnitude worse than promised; look at the fold's alignment and for glare."""
     AMBIGUOUS = "ambiguous"
-    """Two attitudes explain the spots equally well."""
+    """Two attitudes explain the spots: as well as one another, or as field 0 and as field 1 of a two-field sensor of
+    which only one field is seen."""
     NO_MATCH = "no_match"
     """No attitude explains the spots better than chance would."""
     TOO_FEW = "too_few"

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, numbers
 from relnav.sensors.three_beacon.calibration import Calibration, exponents, powers
@@ -30,6 +31,7 @@ SURE = 0.99
 """Probability with which a recommended grid keeps an axis within the target."""
 OUTLIER_SIGMA = 8.0
 """From where the other points put it: one point in 1e14."""
+MOST_LEFT_OUT, GROSS = 0.05, 20.0
 LARGEST_SIDE = 64
 """Of a grid that is recommended."""
 LARGEST_ERROR = 0.5
@@ -215,6 +217,37 @@ def calibrate(
         detector_share=None if detector_size_m is None else float(4.0 * seen.half_m.prod() / np.prod(detector_size_m)),
         target_m=target_m,
     )
+
+
+def calibrate_without_outliers(
+    true_m: ArrayLike,
+    measured_m: ArrayLike,
+    *,
+    detector_size_m: tuple[float, float] | None = None,
+    target_m: float = 10e-6,
+) -> tuple[CalibrationReport, tuple[int, ...]]:
+    """As `calibrate`, without the points that the others contradict: the report, and the rows that were left out.
+
+    First those whose error is many times the usual one, then one after the other the worst as long as it is
+    `OUTLIER_SIGMA` from where the rest puts it. Never more than `MOST_LEFT_OUT` of the points: beyond, what is left is
+    reported, or refused, as it is.
+    """
+    true, measured = np.array(true_m, dtype=np.float64), np.array(measured_m, dtype=np.float64)
+    left_out: list[int] = []
+    if true.ndim == 2 and true.shape == measured.shape and true.shape[1:] == (2,) and len(true) > LEAST_POINTS:
+        far = np.hypot(*(measured - np.nanmedian(measured - true, axis=0) - true).T)
+        gross = np.flatnonzero(far > GROSS * np.nanmedian(far))
+        if len(gross) <= MOST_LEFT_OUT * len(true):
+            left_out.extend(gross.tolist())
+            measured[gross] = np.nan
+    while True:
+        report = calibrate(true, measured, detector_size_m=detector_size_m, target_m=target_m)
+        if report.outlier_sigma <= OUTLIER_SIGMA or len(left_out) + 1 > MOST_LEFT_OUT * len(true):
+            return report, tuple(sorted(left_out))
+        apart = np.where(np.isfinite(measured).all(axis=1), np.hypot(*(true - report.outlier_m).T), np.inf)
+        worst = int(np.argmin(apart))
+        left_out.append(worst)
+        measured[worst] = np.nan
 
 
 def _check_errors(
