@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix, Vector, number, numbers
 from relnav.estimation.factored import factorize
 from relnav.mission import Model, VisionMission
 from relnav.navigation.beacon_geometry import attitude_changed
@@ -38,7 +38,7 @@ def choose(model: Model, method: str, projection: str | None, engine: str) -> Ve
 
 def vector(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Matrix:
     """A caller's array as float64; ValueError for another shape, or what is not finite."""
-    array = np.asarray(value, dtype=np.float64)
+    array = numbers(name, value)
     if array.shape != shape:
         raise ValueError(f"{name} has shape {shape}; got {array.shape}")
     if not np.all(np.isfinite(array)):
@@ -48,7 +48,7 @@ def vector(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Matrix:
 
 def start_values(t_s: float, state: ArrayLike, covariance: ArrayLike, size: int) -> tuple[float, Vector, Matrix]:
     """Time, state (6,) and factors (size, size) of a start; ValueError for what is none."""
-    t, x = float(t_s), vector("state", state, (6,))
+    t, x = number("t_s", t_s), vector("state", state, (6,))
     if not math.isfinite(t):
         raise ValueError(f"t_s must be finite; got {t_s!r}")
     p = vector("covariance", covariance, (size, size))

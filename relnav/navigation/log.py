@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from relnav.arrays import Codes, Matrix, Stack, Vector
+from relnav.arrays import Codes, Matrix, Stack, Vector, one_piece
 from relnav.codegen.kernel import kernel
 from relnav.estimation.rows import copy_track
 from relnav.geometry.rotation import dcm_from_quaternion_into
@@ -272,9 +272,13 @@ def filter_epochs(
     t, spots = _epochs(model, t_s, spots_m)
     n = len(t)
     if spot_sigma_m is not None:
-        spot_sigma_m = np.ascontiguousarray(spot_sigma_m, dtype=np.float64)
-        if spot_sigma_m.shape != spots.shape or np.any(spot_sigma_m <= 0.0):
-            raise ValueError(f"spot_sigma_m has shape {spots.shape} and is above zero; got {spot_sigma_m.shape}")
+        spot_sigma_m = one_piece("spot_sigma_m", spot_sigma_m)
+        if spot_sigma_m.shape != spots.shape:
+            raise ValueError(f"spot_sigma_m has shape {spots.shape}; got {spot_sigma_m.shape}")
+        wrong = (spot_sigma_m <= 0.0) | np.isinf(spot_sigma_m)
+        if wrong.any():
+            row = int(np.argwhere(wrong)[0, 0])
+            raise ValueError(f"spot_sigma_m is above zero and finite; got {spot_sigma_m[row].tolist()} at epoch {row}")
     control = controls(n, acceleration_m_s2, delta_v_m_s)
     quaternion = quaternions("q_cam_from_lvlh", n, q_cam_from_lvlh)
     log = LogFilter(model, method, projection=projection, engine=engine)
@@ -291,10 +295,10 @@ def filter_epochs(
 
 
 def _epochs(model: Model, t_s: Vector, spots_m: Stack) -> tuple[Vector, Stack]:
-    t = np.ascontiguousarray(t_s, dtype=np.float64)
+    t = one_piece("t_s", t_s)
     if t.ndim != 1:
         raise ValueError(f"t_s has one axis; got shape {t.shape}")
-    spots = np.ascontiguousarray(spots_m, dtype=np.float64)
+    spots = one_piece("spots_m", spots_m)
     expected = (len(t), len(model.beacons_lvlh_m), 2)
     if spots.shape != expected:
         raise ValueError(f"spots_m has shape {expected}; got {spots.shape}")

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from relnav.arrays import Matrix, Record, Stack, Vector
+from relnav.arrays import Matrix, Record, Stack, Vector, one_piece
 from relnav.codegen.kernel import kernel
 from relnav.geometry.rotation import dcm_from_quaternion, dcm_from_quaternion_into
 from relnav.mission import VisionMission
@@ -162,7 +162,7 @@ def filter_marker_epochs(
     ValueError
         For shapes that do not agree, times that go back, control or attitude that is not usable.
     """
-    t, spots = np.ascontiguousarray(t_s, dtype=np.float64), np.ascontiguousarray(spots_px, dtype=np.float64)
+    t, spots = one_piece("t_s", t_s), one_piece("spots_px", spots_px)
     expected = (len(t), len(mission.markers.positions_m), 2)
     if t.ndim != 1 or spots.shape != expected:
         raise ValueError(f"t_s has one axis and spots_px has shape {expected}; got {t.shape} and {spots.shape}")

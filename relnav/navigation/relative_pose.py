@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Flags, Matrix, Stack, Vector
+from relnav.arrays import Flags, Matrix, Stack, Vector, number, numbers
 from relnav.dynamics.relative_motion import frame_rate
 from relnav.dynamics.rigid_body import lvlh_rate
 from relnav.geometry.rotation import is_rotation
@@ -115,7 +115,10 @@ class PoseNavigator:
             unchanged.
         """
         t, motion, ld = start_values(t_s, state, covariance, POSE)
-        attitude, rate = np.array(dcm_lvlh_from_target, dtype=np.float64), _vector("rate_rad_s", rate_rad_s)
+        attitude, rate = (
+            np.array(numbers("dcm_lvlh_from_target", dcm_lvlh_from_target)),
+            _vector("rate_rad_s", rate_rad_s),
+        )
         if not is_rotation(attitude):
             raise ValueError("dcm_lvlh_from_target is a rotation matrix (3, 3)")
         if t < self.last_t_s:
@@ -171,10 +174,10 @@ class PoseNavigator:
             For a time that goes back, an exposure in the future, arrays of another shape, or a control or an attitude
             that is not finite. The filter is then unchanged.
         """
-        last = self.last_t_s
+        last, t_s = self.last_t_s, number("t_s", t_s)
         if not math.isfinite(t_s) or t_s < last:
             raise ValueError(f"t_s must be finite and not before the last epoch, {last!r}; got {t_s!r}")
-        exposed = t_s if image_t_s is None else image_t_s
+        exposed = t_s if image_t_s is None else number("image_t_s", image_t_s)
         if not math.isfinite(exposed) or exposed > t_s:
             raise ValueError(f"image_t_s must be finite and not after t_s = {t_s!r}; got {image_t_s!r}")
         event = self._event(t_s, acceleration_m_s2, delta_v_m_s, dcm_chaser_from_lvlh)
@@ -193,7 +196,7 @@ class PoseNavigator:
     def _event(
         self, t_s: float, acceleration: ArrayLike | None, delta_v: ArrayLike | None, dcm: ArrayLike | None
     ) -> Event:
-        attitude = self._held if dcm is None else np.array(dcm, dtype=np.float64)
+        attitude = self._held if dcm is None else np.array(numbers("dcm_chaser_from_lvlh", dcm))
         if dcm is not None and not is_rotation(attitude):
             raise ValueError("dcm_chaser_from_lvlh is a rotation matrix (3, 3)")
         push = self._nothing if acceleration is None else _vector("acceleration_m_s2", acceleration)
@@ -203,12 +206,12 @@ class PoseNavigator:
     def _with_image(self, event: Event, spots_px: ArrayLike | None, covariance: ArrayLike | None) -> Event:
         if spots_px is None:
             return event
-        count, spots = len(self.mission.markers.positions_m), np.array(spots_px, dtype=np.float64)
+        count, spots = len(self.mission.markers.positions_m), np.array(numbers("spots_px", spots_px))
         if spots.shape != (count, 2):
             raise ValueError(f"spots_px has shape ({count}, 2), one row a marker; got {spots.shape}")
         if covariance is None:
             return replace(event, spots_px=spots)
-        own = np.array(covariance, dtype=np.float64)
+        own = np.array(numbers("spot_covariance_px2", covariance))
         if own.shape != (count, 2, 2):
             raise ValueError(f"spot_covariance_px2 has shape ({count}, 2, 2), one a marker; got {own.shape}")
         spots[~usable_covariance(own)] = np.nan
@@ -312,7 +315,7 @@ def look_for_roots(memory: Vector, mission: VisionMission, event: Event, wants: 
 
 
 def _vector(name: str, value: ArrayLike) -> Vector:
-    out = np.array(value, dtype=np.float64)
+    out = np.array(numbers(name, value))
     if out.shape != (3,) or not all(map(math.isfinite, out.tolist())):
-        raise ValueError(f"{name} has three finite components; got {np.asarray(value).tolist()}")
+        raise ValueError(f"{name} has three finite components; got {out.tolist()}")
     return out

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Vector
-from relnav.codegen.kernel import only_for
+from relnav.arrays import Matrix, Vector, number, numbers, one_piece
+from relnav.codegen.kernel import is_compiled, only_for
 from relnav.geometry.rotation import is_rotation
 from relnav.mission import Model
 from relnav.navigation.arguments import choose, start_values, vector
@@ -68,6 +68,7 @@ class Navigator:
         self._held_known = int(self._named.sensor["attitude_known"])
         self._kept = self._block[KEPT_FROM : kept_until(self._block)]
         self._changed = False
+        self._any_type = self._reference is not None or not is_compiled()  # nothing else refuses other types of numbers
         self._calibration = model.calibration
         self._projection, self._engine = projection, engine
         self.model = model
@@ -164,27 +165,37 @@ class Navigator:
             For wrong use: shapes, a time that does not advance, control or attitude that is not finite. The filter
             is then unchanged.
         """
-        if self._changed or not (acceleration_m_s2 is delta_v_m_s is dcm_cam_from_lvlh is None):
-            self._set(acceleration_m_s2, delta_v_m_s, dcm_cam_from_lvlh)
-        if type(spots_m) is not np.ndarray:
-            spots_m = np.array(spots_m, dtype=np.float64)
-        if self._calibration is not None:
-            spots_m, lasting = self._calibration.corrected(spots_m)
-            if lasting.shape == (self._beacons,):  # else `step` says what is wrong with the spots
-                self._named.beacons["lasting_sigma"] = lasting
-        if spot_sigma_m is not None:
-            sigma = np.array(spot_sigma_m, dtype=np.float64)
-            if sigma.shape != (self._beacons, 2) or np.any(sigma <= 0.0):
-                raise ValueError(f"spot_sigma_m has shape ({self._beacons}, 2) and is above zero; got {sigma.tolist()}")
-            np.copyto(self._named.beacons["spot_sigma"], sigma, where=sigma > 0.0)
+        if type(spots_m) is not np.ndarray or self._any_type:
+            t_s, spots_m = number("t_s", t_s), one_piece("spots_m", spots_m)
+        told = not (acceleration_m_s2 is delta_v_m_s is dcm_cam_from_lvlh is spot_sigma_m is None)
+        if not (told or self._changed or self._calibration is not None):
+            self._take(t_s, spots_m)
+            return FilterRecord(self._kept.tobytes())
+        before, changed = self._block.copy(), self._changed
+        try:
+            self._set(acceleration_m_s2, delta_v_m_s, dcm_cam_from_lvlh, spot_sigma_m)
+            if self._calibration is not None:
+                spots_m, lasting = self._calibration.corrected(one_piece("spots_m", spots_m))
+                if lasting.shape == (self._beacons,):  # else `step` says what is wrong with the spots
+                    self._named.beacons["lasting_sigma"] = lasting
+            self._take(t_s, spots_m)
+        except ValueError:
+            self._block[:], self._changed = before, changed
+            raise
+        return FilterRecord(self._kept.tobytes())
+
+    def _take(self, t_s: float, spots_m: Matrix) -> None:
         try:
             outcome = self._step(self._block, t_s, spots_m)
-        except (TypeError, IndexError):  # another type of numbers, or an array that is not one piece of memory
-            t_s, spots_m = float(t_s), np.array(spots_m, dtype=np.float64, order="C")
+        except (
+            TypeError,
+            IndexError,
+            OverflowError,
+        ):  # another type of numbers, or an array that is not one piece of memory
+            t_s, spots_m = number("t_s", t_s), one_piece("spots_m", spots_m)
             outcome = self._step(self._block, t_s, spots_m) if spots_m.ndim == 2 else WRONG_SHAPE
         if outcome < 0:
             raise self._wrong_use(t_s, spots_m)
-        return FilterRecord(self._kept.tobytes())
 
     def _wrong_use(self, t_s: float, spots: Matrix) -> ValueError:
         if spots.shape != (self._beacons, 2):
@@ -194,14 +205,27 @@ class Navigator:
         last = float(self._named.clock["t"])
         return ValueError(f"t_s must be finite and after the last step's {last!r} s; got {t_s!r}")
 
-    def _set(self, acceleration: ArrayLike | None, delta_v: ArrayLike | None, dcm: ArrayLike | None) -> None:
-        """Write this step's control and attitude; what is left out is zero, or the model's."""
+    def _set(
+        self,
+        acceleration: ArrayLike | None,
+        delta_v: ArrayLike | None,
+        dcm: ArrayLike | None,
+        spot_sigma: ArrayLike | None,
+    ) -> None:
+        """Write this step's control, attitude and noise; what is left out is zero, the model's, or the last one."""
         a = None if acceleration is None else vector("acceleration_m_s2", acceleration, (3,))
         v = None if delta_v is None else vector("delta_v_m_s", delta_v, (3,))
         c = self._held if dcm is None else vector("dcm_cam_from_lvlh", dcm, (3, 3))
         if dcm is not None and not is_rotation(c):
             raise ValueError("dcm_cam_from_lvlh must be a rotation matrix (orthonormal, determinant +1)")
         m = self._named
+        if spot_sigma is not None:
+            sigma = numbers("spot_sigma_m", spot_sigma)
+            if sigma.shape != (self._beacons, 2) or np.any(sigma <= 0.0) or np.any(np.isinf(sigma)):
+                raise ValueError(
+                    f"spot_sigma_m has shape ({self._beacons}, 2), above zero and finite; got {sigma.tolist()}"
+                )
+            np.copyto(m.beacons["spot_sigma"], sigma, where=sigma > 0.0)
         m.motion["acceleration"] = 0.0 if a is None else a
         m.motion["delta_v"] = 0.0 if v is None else v
         m.kept["mount"][:, :3] = c

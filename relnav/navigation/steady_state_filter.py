@@ -7,7 +7,7 @@ from relnav.dynamics.clohessy_wiltshire import transition
 from relnav.dynamics.process_noise import acceleration_noise
 from relnav.estimation.steady_state import SteadyState, steady_state
 from relnav.mission import Model
-from relnav.navigation.arguments import choose
+from relnav.navigation.arguments import choose, vector
 from relnav.navigation.beacon_geometry import locate
 from relnav.navigation.beacon_observation import observe
 from relnav.navigation.measurement_matrices import rows_in_use
@@ -40,7 +40,7 @@ def settled_filter(
     """
     m = named(choose(model, method, None, "compiled"))
     lever = model.dcm_cam_from_lvlh.T @ model.camera_lever_cam_m
-    place = model.dcm_dock_from_lvlh.T @ np.asarray(position_dock_m, dtype=np.float64)
+    place = model.dcm_dock_from_lvlh.T @ vector("position_dock_m", position_dock_m, (3,))
     m.track["state"][:3] = position = model.port_position_m + place - lever
     seen = np.array([name in beacons for name in "abcdefghijklmnopqrstuvwxyz"[: len(model.beacons_lvlh_m)]])
     c = (model.beacons_lvlh_m - position) @ model.dcm_cam_from_lvlh.T - model.camera_lever_cam_m

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix
+from relnav.arrays import Matrix, number, numbers
 from relnav.dynamics.rigid_body import RigidBody
 from relnav.estimation.gating import chi_square_limit
 from relnav.geometry.linear_algebra import cholesky
@@ -147,7 +147,7 @@ class TargetAttitude:
             For a time that goes back, a measurement that is no rotation or has no covariance, or a chaser's attitude
             that is missing or no rotation. The filter is then unchanged.
         """
-        t, m = float(t_s), self.memory[0]
+        t, m = number("t_s", t_s), self.memory[0]
         if not math.isfinite(t) or t < m["t"]:
             raise ValueError(f"t_s must be finite and not before the last epoch, {self.last_t_s!r}; got {t_s!r}")
         measured = None if dcm_lvlh_from_target is None else _attitude(dcm_lvlh_from_target)
@@ -176,7 +176,7 @@ class TargetAttitude:
                     "with chaser_attitude_sigma_rad above zero a measured attitude comes with dcm_chaser_from_lvlh"
                 )
             return _NOTHING
-        chaser = np.array(dcm, dtype=np.float64, order="C")
+        chaser = np.array(numbers("dcm_chaser_from_lvlh", dcm), order="C")
         if not is_rotation(chaser):
             raise ValueError(f"dcm_chaser_from_lvlh must be a rotation matrix (3, 3); got {chaser.tolist()}")
         return chaser
@@ -184,7 +184,7 @@ class TargetAttitude:
 
 def _attitude(dcm: ArrayLike) -> Matrix | None:
     """A measured attitude; None where it is NaN: nothing was measured."""
-    measured = np.array(dcm, dtype=np.float64, order="C")
+    measured = np.array(numbers("dcm_lvlh_from_target", dcm), order="C")
     if measured.shape != (3, 3):
         raise ValueError(f"dcm_lvlh_from_target has shape (3, 3); got {measured.shape}")
     if not is_rotation(measured):
@@ -200,7 +200,7 @@ def _covariance(covariance: ArrayLike | None) -> Matrix:
         raise ValueError(
             "covariance_rad2 is missing: the positive definite covariance (3, 3) of the measurement, rad^2"
         )
-    noise = np.array(covariance, dtype=np.float64, order="C")
+    noise = np.array(numbers("covariance_rad2", covariance), order="C")
     if noise.shape != (3, 3):
         raise ValueError(f"covariance_rad2 has shape (3, 3), rad^2; got {noise.shape}")
     symmetric = 0.5 * (noise + noise.T)

@@ -119,3 +119,53 @@ def test_a_model_with_a_quaternion_that_is_none_cannot_be_made(vbar, name):
     section = {"q_cam_from_lvlh": vbar.attitude, "q_cam_from_chaser": vbar.camera, "q_dock_from_lvlh": vbar.docking}
     with pytest.raises(ValueError, match=f"{name} is a unit quaternion.*its norm is 2"):
         replace(section[name], **{name: (2.0, 0.0, 0.0, 0.0)})
+
+
+IMAGE = np.array([[-0.0015, 0.0], [0.0015, 0.0], [0.0, 0.0]])
+REFUSED = {
+    "a time that goes back": lambda n: n.step(0.1, IMAGE, spot_sigma_m=np.full((3, 2), 1e-8)),
+    "a shape": lambda n: n.step(0.5, IMAGE[:2], acceleration_m_s2=[1e-3, 0.0, 0.0]),
+    "complex spots": lambda n: n.step(0.5, IMAGE + 0.0j, dcm_cam_from_lvlh=np.eye(3)),
+    "a date": lambda n: n.step(np.datetime64("2026-01-01"), IMAGE, delta_v_m_s=[1e-3, 0.0, 0.0]),
+    "an infinite sigma": lambda n: n.step(0.5, IMAGE, spot_sigma_m=np.full((3, 2), np.inf)),
+    "no rotation": lambda n: n.step(0.5, IMAGE, spot_sigma_m=np.full((3, 2), 1e-8), dcm_cam_from_lvlh=np.ones((3, 3))),
+    "a number beyond all floats": lambda n: n.step(10**400, IMAGE),
+}
+
+
+@pytest.mark.parametrize("engine", ["compiled", "filterpy"])
+@pytest.mark.parametrize("call", REFUSED)
+def test_a_refused_call_leaves_the_filter_as_it_was(vbar, call, engine):
+    asked, other = (relnav.Navigator(vbar, engine=engine) for _ in range(2))
+    for k in range(5):
+        asked.step(0.1 * k, IMAGE)
+        other.step(0.1 * k, IMAGE)
+    with pytest.raises(ValueError, match=r"t_s|spot|dcm"):
+        REFUSED[call](asked)
+    after, never = asked.step(0.5, IMAGE), other.step(0.5, IMAGE)
+    assert np.array_equal(after.state, never.state)
+    assert np.array_equal(after.covariance, never.covariance)
+
+
+@pytest.mark.parametrize("method", ["fix", "spots"])
+def test_a_masked_spot_was_not_seen(vbar, method):
+    """The value under the mask is not used."""
+    masked, missing = (relnav.Navigator(vbar, method) for _ in range(2))
+    hidden = np.ma.array(IMAGE + 1e-4, mask=[[False] * 2, [True] * 2, [False] * 2])
+    for k in range(5):
+        masked.step(0.1 * k, IMAGE)
+        missing.step(0.1 * k, IMAGE)
+    one = masked.step(0.5, hidden)
+    other = missing.step(0.5, np.where(np.ma.getmaskarray(hidden), np.nan, IMAGE + 1e-4))
+    assert one.status is other.status
+    assert np.array_equal(one.state, other.state)
+    track = relnav.filter_epochs(vbar, [0.0, 0.1], np.ma.array([IMAGE, IMAGE], mask=True), method=method)
+    assert (track.measurement_status == int(relnav.Status.NOT_SEEN)).all()
+
+
+def test_times_of_a_log_in_nanoseconds_are_refused(vbar):
+    t = np.array(["2026-01-01T00:00:00", "2026-01-01T00:00:01"], dtype="datetime64[ns]")
+    with pytest.raises(ValueError, match=r"t_s .*dates"):
+        relnav.filter_epochs(vbar, t, np.stack([IMAGE, IMAGE]))
+    with pytest.raises(ValueError, match=r"t_s .*spans of time"):
+        relnav.filter_epochs(vbar, t - t[0], np.stack([IMAGE, IMAGE]))
