@@ -48,7 +48,7 @@ def errors(model, seconds, speed_m_s, turn_rate_rad_s, seed):
     p = truth[:, :3]
     r = np.linalg.norm(p, axis=1)
     true = np.stack([r, np.arctan2(p[:, 1], p[:, 0]), -np.arcsin(p[:, 2] / r)], axis=1)
-    given = {"acceleration_m_s2": command, "q_cam_from_lvlh": q}
+    given = {"acceleration_m_s2": command, "q_cam_from_lvlh": q, "method": "spots"}
     tracks = {"own times": filter_slots(model, slots, **given)}
     out = {}
     for name, (spots, _) in (("interpolated", slots.images()), ("simultaneous", slots.simultaneous())):

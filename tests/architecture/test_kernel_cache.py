@@ -42,7 +42,7 @@ def toy(root, tmp_path):
     package.mkdir(parents=True)
     (package / "__init__.py").write_text("")
     (package / "codegen").mkdir()
-    for name in ("__init__.py", "kernel.py", "trace.py", "cache.py"):
+    for name in ("__init__.py", "kernel.py", "trace.py", "cache.py", "whole_program.py"):
         text = (root / "relnav" / "codegen" / name).read_text()
         (package / "codegen" / name).write_text(text.replace("from relnav.", "from toy."))
     (package / "callee.py").write_text(CALLEE.format(factor=3.0))

@@ -26,7 +26,7 @@ WRONG_USE = {
     "no model": (["filter", "LOG"], "Missing option '--model'"),
     "log that is not there": (["filter", "nowhere.csv", *MODEL], "'nowhere.csv' does not exist"),
     "unknown model": (["filter", "LOG", "--model", "three_beacon_pds"], "did you mean 'three_beacon_psd'?"),
-    "unknown method": (["filter", "LOG", *MODEL, "--method", "ukf"], "'ukf' is not one of 'spots', 'fix'"),
+    "unknown method": (["filter", "LOG", *MODEL, "--method", "ukf"], "'ukf' is not one of 'fix', 'spots'"),
     "unknown option": (["filter", "LOG", *MODEL, "--methods", "fix"], "No such option"),
     "missing folder": (["filter", "LOG", *MODEL, "--out", "none/track.csv"], "the folder none does not exist"),
     "missing folder of JSON": (["filter", "LOG", *MODEL, "--json", "none/a.json"], "the folder none does not exist"),

@@ -39,7 +39,7 @@ def test_the_figures_in_the_terminal(run, vbar_log, solutions, method):
 
 def test_the_same_as_json(run, vbar_log, solutions, tmp_path):
     path = tmp_path / "summary.json"
-    code, _, _ = run("filter", vbar_log, *MODEL, "--json", path)
+    code, _, _ = run("filter", vbar_log, *MODEL, "--method", "spots", "--json", path)
     figures, solution = json.loads(path.read_text()), solutions["spots"]
     assert code == 0
     assert figures["model"] == "three_beacon_psd"
@@ -67,7 +67,7 @@ def test_quiet_prints_nothing_and_still_writes(run, short_log, tmp_path):
 
 def test_the_track_is_the_solution(run, short_log, tmp_path):
     run("filter", short_log, *MODEL, "--out", tmp_path / "by_command.csv")
-    relnav.write(filter_log(short_log, "three_beacon_psd", method="spots"), tmp_path / "by_call.csv")
+    relnav.write(filter_log(short_log, "three_beacon_psd"), tmp_path / "by_call.csv")
     assert (tmp_path / "by_command.csv").read_bytes() == (tmp_path / "by_call.csv").read_bytes()
 
 
@@ -124,7 +124,7 @@ def test_restarts_and_rejections_are_counted(run, short_log, tmp_path):
         shifted = [repr(float(cell) + 700.0) if cell else "" for cell in cells[1:7]]
         lines[k] = ",".join([cells[0], *shifted, *cells[7:]])
     short_log.write_text("\n".join(lines))
-    _, out, _ = run("filter", short_log, *MODEL, "--json", tmp_path / "a.json")
+    _, out, _ = run("filter", short_log, *MODEL, "--method", "spots", "--json", tmp_path / "a.json")
     figures = json.loads((tmp_path / "a.json").read_text())
     assert figures["restarts"] == 2
     rejected = figures["epochs_by_status"]["rejected"]

@@ -35,6 +35,7 @@ def swung(vbar):
     given = {
         "acceleration_m_s2": flown.acceleration_m_s2,
         "q_cam_from_lvlh": Rotation.from_matrix(flown.dcm_cam_from_lvlh).as_quat(),
+        "method": "spots",
     }
     return flown, slots, given
 

@@ -37,7 +37,8 @@ def near(model, seed, faults=None):
 
 
 def run(model, log, **options):
-    return relnav.filter_epochs(model, log.t_s, log.spots_m, acceleration_m_s2=log.acceleration_m_s2, **options)
+    given = {"acceleration_m_s2": log.acceleration_m_s2, "method": "spots"} | options
+    return relnav.filter_epochs(model, log.t_s, log.spots_m, **given)
 
 
 def test_starts_at_the_second_image(layered):
