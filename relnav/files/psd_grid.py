@@ -35,7 +35,7 @@ def read_grid(path: Path) -> tuple[Matrix, Matrix, list[int]]:
         raise LogError(
             f"{path}:{int(lines[row])}: column '{name}' is empty or no finite number; only a spot may be missing"
         )
-    return values[:, :2], values[:, 2:], lines.tolist()
+    return values[:, :2], values[:, 2:], [int(line) for line in lines]
 
 
 def _parse(names: list[str], where: str) -> Columns:
