@@ -227,8 +227,15 @@ def test_sigma_of_each_row_is_the_filters_noise(vbar, engine):
     assert louder.sigma[-1, 0] > 1.5 * own.sigma[-1, 0]
 
 
-@pytest.mark.parametrize("sigma", [np.full((3, 3), 1e-5), np.zeros((30, 3, 2))])
-def test_sigma_of_another_shape_or_sign(vbar, sigma):
+@pytest.mark.parametrize(
+    ("sigma", "text"),
+    [
+        (np.full((3, 3), 1e-5), r"spot_sigma_m has shape \(30, 3, 2\); got \(3, 3\)"),
+        (np.zeros((30, 3, 2)), "spot_sigma_m is above zero and finite; got .* at epoch 0"),
+        (np.full((30, 3, 2), np.inf), "spot_sigma_m is above zero and finite; got .* at epoch 0"),
+    ],
+)
+def test_sigma_of_another_shape_or_sign(vbar, sigma, text):
     t, spots = np.arange(30) * 0.1, np.zeros((30, 3, 2))
-    with pytest.raises(ValueError, match=r"spot_sigma_m has shape \(30, 3, 2\) and is above zero; got"):
+    with pytest.raises(ValueError, match=text):
         relnav.filter_epochs(vbar, t, spots, spot_sigma_m=sigma, method="spots")
