@@ -200,15 +200,19 @@ def targets(folder: Path) -> dict[str, tuple[str, Callable[[Path], Any], st.Sear
 def try_one(path: Path, read: Callable[[Path], Any], content: bytes) -> str:
     """Read one file; "read" or the kind of its error. AssertionError for everything that must not be."""
     path.write_bytes(content)
-    begin = time.process_time()
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            read(path)
-        outcome, message = "read", str(path)
-    except (InputError, UsageError) as error:
-        outcome, message = type(error).__name__, str(error)
-    assert time.process_time() - begin < SLOWEST_S, "it takes too long"
+    for _ in range(2):  # again if it was slow: the first call of all compiles
+        begin = time.process_time()
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                read(path)
+            outcome, message = "read", str(path)
+        except (InputError, UsageError) as error:
+            outcome, message = type(error).__name__, str(error)
+        took = time.process_time() - begin
+        if took < SLOWEST_S:
+            break
+    assert took < SLOWEST_S, "it takes too long"
     assert str(path) in message, f"a message does not name its file: {message}"
     assert len(message) < 30_000
     for line in message.split("\n"):

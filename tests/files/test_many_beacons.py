@@ -141,5 +141,5 @@ def test_the_same_image_by_image(vbar, uneven):
         told = uneven.sigma_m[k] if k in (0, 300) else None
         record = navigator.step(uneven.t_s[k], uneven.spots_m[k], spot_sigma_m=told)
     np.testing.assert_array_equal(record.state, whole.state[399])
-    with pytest.raises(ValueError, match=r"spot_sigma_m has shape \(3, 2\) and is above zero"):
+    with pytest.raises(ValueError, match=r"spot_sigma_m has shape \(3, 2\), above zero and finite"):
         navigator.step(uneven.t_s[400], uneven.spots_m[400], spot_sigma_m=np.zeros((3, 2)))
