@@ -62,7 +62,7 @@ def numbers(name: str, value: ArrayLike) -> NDArray[np.float64]:
         elif isinstance(value, np.ma.MaskedArray):
             given, mask = np.ma.getdata(value), np.ma.getmaskarray(value)
         else:
-            given = np.asarray([numbers(name, item) for item in value])  # type: ignore[union-attr]
+            given = np.asarray([numbers(name, item) for item in value])  # type: ignore[union-attr]  # a list or tuple here
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} holds numbers in rows of one length: {error}") from None
     if given.dtype.kind == "O":

@@ -61,7 +61,7 @@ def test_what_is_not_real_numbers_is_refused_by_name(value, said):
 
 
 def test_pandas_missing_values():
-    pandas = pytest.importorskip("pandas")
+    pandas = pytest.importorskip("pandas", reason="pandas, whose NA is tried, is not installed")
     table = pandas.DataFrame(
         {"x": pandas.array([1.5, None], dtype="Float64"), "y": pandas.array([1, 2], dtype="Int64")}
     )

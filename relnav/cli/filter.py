@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 BAR_FROM_BYTES = 5_000_000
 PLAIN_BELOW_BYTES = 1_000_000
-"""About 12,000 epochs: 4 to 8 s in plain Python, against 20 s of compilation."""
+"""About 12,000 epochs: 4 to 8 s in plain Python, against most of a minute of compilation."""
 
 
 @click.command(epilog="Example: relnav filter approach.csv --model three_beacon_psd --out track.csv")
@@ -24,8 +24,9 @@ PLAIN_BELOW_BYTES = 1_000_000
     "--method",
     type=click.Choice(["fix", "spots"]),
     show_default="fix",
-    help="Measurement model: range, azimuth and elevation of the closed form, which need three spots and no attitude; "
-    "or the spots: ten times finer angles, but an error of the camera's attitude goes straight into them.",
+    help="Measurement model: range, azimuth and elevation of the closed form, which need three spots and not the "
+    "camera's attitude (images that contradict a stated one are refused); or the spots: ten times finer angles, but an "
+    "error of the attitude goes straight into them.",
 )
 @click.option(
     "--projection",
@@ -53,7 +54,8 @@ def command(
     Columns of LOG: t_s; spot_a_x_um, spot_a_y_um, spot_b_..., spot_c_... (any length unit; empty = not seen);
     optionally accel_{x,y,z}_m_s2, delta_v_{x,y,z}_m_s (lvlh_ccsds), q_cam_from_lvlh_{x,y,z,w}. A raw log of a detector
     (CSV, one row a slot) has t_s, beacon (a, b, c or dark), and adc_{x1,x2,y1,y2} or current_{x1,x2,y1,y2}_na instead
-    of spots; every spot then enters the filter at its own time. Of a marker model: spot_a_x_px, spot_a_y_px, ... and
+    of spots; with --method spots every spot then enters the filter at its own time, else images do, joined at C's
+    time. Of a marker model: spot_a_x_px, spot_a_y_px, ... and
     q_chaser_from_lvlh_{x,y,z,w}, image_t_s; the track then holds attitude and rate, and port from port.
 
     Exit code 5: the filter never started, and the track holds no state.

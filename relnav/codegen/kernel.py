@@ -221,7 +221,7 @@ def _register(
             traces[n] = Trace(function, shapes_of(function, n))
         return traces[n]
 
-    class Template(AbstractTemplate):  # type: ignore[misc]
+    class Template(AbstractTemplate):  # type: ignore[misc]  # numba has no types
         key = name
 
         def generic(self, arguments: Any, _keywords: Any) -> Any:
@@ -235,7 +235,7 @@ def _register(
 
     infer_global(name, types.Function(Template))
 
-    @lower_builtin(name, types.VarArg(types.Any))  # type: ignore[untyped-decorator]
+    @lower_builtin(name, types.VarArg(types.Any))  # type: ignore[untyped-decorator]  # numba has no types
     def lower(context: Any, builder: Any, signed: Any, arguments: Any) -> Any:
         trace = the_trace(signed.args)
         results = _write(trace, context, builder, signed.args, arguments, split)

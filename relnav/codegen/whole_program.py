@@ -16,7 +16,7 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.registry import CPUDispatcher, cpu_target
 
 
-class _Unfinished(JITCodeLibrary):  # type: ignore[misc]
+class _Unfinished(JITCodeLibrary):  # type: ignore[misc]  # numba has no types, here and below
     """Code that is only ever linked into other code."""
 
     def _optimize_functions(self, ll_module: Any) -> None:

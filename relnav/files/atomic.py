@@ -24,7 +24,7 @@ from relnav.errors import UsageError
 try:
     import fcntl
 except ImportError:  # Windows: no lock, and what a killed program leaves stays
-    fcntl = None  # type: ignore[assignment]
+    fcntl = None  # type: ignore[assignment]  # a module where there is one
 
 STDIN, STDOUT = Path("/dev/stdin"), Path("/dev/stdout")
 PART = "relnav-part"

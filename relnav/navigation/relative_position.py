@@ -28,7 +28,8 @@ class Navigator:
         From `relnav.load_model`.
     method : {"fix", "spots"}
         Measurement model: the closed form's range, azimuth and elevation, or the detector coordinates themselves. `fix`
-        needs three spots and no attitude of the camera. `spots` uses any of them and finds the angles ten times better;
+        needs three spots and makes no use of the camera's attitude, but refuses images that contradict a stated one by
+        more than its sigma explains. `spots` uses any of them and finds the angles ten times better;
         an error of the attitude goes straight into them, and the covariance does not know of it.
     projection : {"perspective", "parallel"}, optional
         Closed form of `fix` and of every start; the model's own if left out.
@@ -120,7 +121,7 @@ class Navigator:
                 "otherwise; filter from the log again, or begin from its last state (`start`)"
             )
         model, method, projection, engine = state["arguments"]
-        self.__init__(model, method, projection=projection, engine=engine)  # type: ignore[misc]
+        self.__init__(model, method, projection=projection, engine=engine)  # type: ignore[misc]  # made anew, as it was
         self._block[:] = state["memory"]
         self._changed = state["changed"]
         if self._reference is not None:

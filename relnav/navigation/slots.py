@@ -1,4 +1,4 @@
-"""Filter a raw log: whole images until the filter has started, then every spot at its own time.
+"""Filter a raw log: whole images until the filter has started, then (`spots`) every spot at its own time.
 
 A start needs one image of all three beacons; from then on the `spots` filter takes each slot's spot when it was seen.
 When the track is lost, a new filter starts on images again. While it is locked out (half of what is seen rejected for

@@ -27,7 +27,7 @@ def test_shown_and_listed_are_short():
 
 
 def test_metadata_and_column_names_of_parquet(run, tmp_path):
-    pyarrow = pytest.importorskip("pyarrow")
+    pyarrow = pytest.importorskip("pyarrow", reason="the extra `parquet` is not installed")
     from pyarrow import parquet
 
     columns = [np.arange(20) * 0.1, *(np.full(20, value) for value in (-1500.0, 0, 1500, 0, 0, 0)), np.zeros(20)]

@@ -31,7 +31,7 @@ def test_no_target_is_left_out(fuzzing, tmp_path):
 @pytest.mark.parametrize("name", NAMES)
 def test_nothing_breaks_it(fuzzing, tmp_path, name):
     if name == "parquet":
-        pytest.importorskip("pyarrow")
+        pytest.importorskip("pyarrow", reason="the extra `parquet` is not installed")
     cases = CASES.get(name, EACH)
     found = fuzzing.fuzz(name, tmp_path, cases, derandomize=True)
     assert found["cases"] >= cases // 2
