@@ -18,8 +18,8 @@ from relnav.accuracy.pose_filter import flown, joined, loose_errors, smoothed_er
 from relnav.accuracy.target_attitude import attitude_trials
 from relnav.navigation.pose_filter import pose_step
 from relnav.navigation.pose_memory import new_pose_memory, pose_named
-from relnav.navigation.pose_roots import state_of, write_state
-from relnav.navigation.pose_state import PoseState, state_from_pose
+from relnav.navigation.pose_roots import Root, state_of, write_root
+from relnav.navigation.pose_state import PoseState, sensitivities_from_pose, state_from_pose
 from relnav.navigation.relative_pose import PoseNavigator
 from relnav.navigation.target_attitude import METHODS
 from relnav.sensors.three_marker import measure
@@ -106,15 +106,14 @@ def single_filter(mission, flight):
     """Error and covariance at the end of one filter on the most credible root of the first image."""
     dcm, memory, none = mission.dcm_chaser_from_lvlh, new_pose_memory(mission), np.empty((0, 2, 2))
     m = pose_named(memory)
-    write_state(
-        m.bank[0],
-        state_from_pose(measure(flight.spots_px[0], mission).roots[0].pose, mission, dcm, widened=4.0),
-    )
+    pose, seen = measure(flight.spots_px[0], mission).roots[0].pose, np.isfinite(flight.spots_px[0]).all(axis=1)
+    effects = sensitivities_from_pose(pose, mission, dcm, seen, None)
+    write_root(m.bank[0], m.bank_sensitivities[0], Root(state_from_pose(pose, mission, dcm, widened=4.0), effects))
     m.clock["running"], m.clock["t"], m.clock["renewed"] = 1, flight.t_s[0], np.inf
     for k in range(1, len(flight.t_s)):
         m.motion["acceleration"] = flight.acceleration_m_s2[k]
         pose_step(memory, float(flight.t_s[k]), dcm, flight.spots_px[k], none)  # what it wants is not given
-    state = state_of(m.bank[0])
+    state = state_of(m.bank[0], m.bank_sensitivities[0])
     truth = PoseState(flight.motion[-1], flight.dcm_lvlh_from_target[-1], flight.rate_rad_s[-1], None)
     return state.error_of(truth), state.covariance
 

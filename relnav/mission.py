@@ -80,12 +80,16 @@ class Attitude:
         Rotation v_cam = R v_lvlh, scalar last.
     sigma_rad : float
         1-sigma about each axis of the error of this attitude, or of the one that comes with an image, between chaser
-        and target; by it `fix` tells an image that contradicts the attitude.
+        and target, as far as it lasts: by it `fix` tells an image that contradicts the attitude, and with `spots` the
+        filter's covariance includes it.
+    noise_rad : float
+        1-sigma about each axis of what is new in it at every image.
     """
 
     mode: Literal["lvlh_hold", "unknown"]
     q_cam_from_lvlh: Quaternion = IDENTITY
     sigma_rad: Annotated[float, Ge(0.0)] = math.radians(0.15)
+    noise_rad: NonNegative = 0.0
 
     def __post_init__(self) -> None:
         _check_quaternion("q_cam_from_lvlh", self.q_cam_from_lvlh)
@@ -320,11 +324,15 @@ class Chaser:
     port_position_m : (3,)
         Its docking port from its centre of mass, chaser axes.
     attitude_sigma_rad : float
-        1-sigma error of its own attitude at an image, each axis: considered, not estimated.
+        1-sigma error of its own attitude that lasts (alignment of its attitude sensor), each axis, chaser axes:
+        considered, not estimated.
+    attitude_noise_rad : float
+        1-sigma error of its own attitude that is new at every image, each axis.
     """
 
     port_position_m: Triple = (0.0, 0.0, 0.0)
     attitude_sigma_rad: NonNegative = 0.0
+    attitude_noise_rad: NonNegative = 0.0
 
 
 @dataclass(frozen=True)
@@ -346,6 +354,28 @@ class PoseFilterSettings(FilterSettings):
     few_markers_limit_s: NonNegative = 30.0
 
 
+@dataclass(frozen=True)
+class MarkerTolerances:
+    """How well a marker system is built and known; every sigma is 1-sigma of a lasting error.
+
+    Attributes
+    ----------
+    focal_length_relative_sigma : float
+        Of the focal length.
+    marker_placement_sigma_m : float
+        Of each coordinate of each marker.
+    camera_mounting_sigma_rad : float
+        Of the camera's attitude in the chaser about each axis, its lens held.
+    considered : bool
+        Whether the filter's covariance includes them.
+    """
+
+    focal_length_relative_sigma: NonNegative
+    marker_placement_sigma_m: NonNegative
+    camera_mounting_sigma_rad: NonNegative
+    considered: bool = False
+
+
 @dataclass(frozen=True, kw_only=True)
 class VisionMission(ThreeMarkerModel):
     """A three-marker vision system on its mission: orbit, target, chaser, noise and filter settings."""
@@ -355,6 +385,7 @@ class VisionMission(ThreeMarkerModel):
     chaser: Chaser
     process_noise: ProcessNoise
     filter: PoseFilterSettings
+    tolerances: MarkerTolerances | None = None
 
     @property
     def dcm_dock_from_lvlh(self) -> Matrix:

@@ -60,9 +60,16 @@ class Outcome:
     nis: Consistency
 
 
+def noise_alone(model: Model, method: str) -> Model:
+    """The model as published figures are meant, of noise alone: `spots` believe the attitude that they are given."""
+    if method != "spots":
+        return model
+    return dataclasses.replace(model, attitude=dataclasses.replace(model.attitude, sigma_rad=0.0, noise_rad=0.0))
+
+
 def filtered(model: Model, log: SimulatedLog, way: Way) -> tuple[Matrix, Matrix, Vector, float, int]:
     """Docking error (n, 3), docking sigma (n, 3), NEES (n,), NIS sum and dof of one log."""
-    mission = model
+    mission = noise_alone(model, way.method)
     if not way.attitude_known:
         mission = dataclasses.replace(model, attitude=Attitude("unknown", model.attitude.q_cam_from_lvlh))
     solution = filter_epochs(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from relnav.accuracy.campaign import WAYS, Outcome, Way, run_campaign
+from relnav.accuracy.campaign import WAYS, Outcome, Way, noise_alone, run_campaign
 from relnav.accuracy.published import QUANTITIES, Claim, Published
 from relnav.accuracy.single_shot import single_shots
 from relnav.accuracy.statistics import ErrorStatistics, NeesBand, error_statistics, nees_band
@@ -138,6 +138,7 @@ class AccuracyReport:
     """Everything that was measured.
 
     `envelopes` holds, by way, true range (n,) m, rms error (n, 3) and rms reported sigma (n, 3) over the runs, SI.
+    `attitude_sigma_rad`: what the model states, and every row leaves out (`noise_alone`).
     """
 
     model: str
@@ -146,6 +147,7 @@ class AccuracyReport:
     rows: tuple[Row, ...]
     consistency: tuple[ConsistencyRow, ...]
     settled: tuple[SettledRow, ...]
+    attitude_sigma_rad: float
     envelopes: dict[str, tuple[Vector, Matrix, Matrix]]
 
     @property
@@ -173,6 +175,7 @@ class AccuracyReport:
                 }
                 for row in self.consistency
             ],
+            "attitude_sigma_rad_left_out": self.attitude_sigma_rad,
             "settled": [vars(row) for row in self.settled],
             "ok": self.ok,
         }
@@ -243,7 +246,8 @@ def _held_filter(model: Model, state: Vector, rate_hz: float, method: str) -> li
     spots = project_beacons(model, np.tile(state, (count, 1)))
     if model.calibration is not None:
         spots = model.calibration.distorted(spots)
-    solution = filter_epochs(model, np.arange(count) / rate_hz, spots, method=method)
+    mission = noise_alone(model, method)
+    solution = filter_epochs(mission, np.arange(count) / rate_hz, spots, method=method)
     last: list[float] = solution.part(count - 1, count).docking_sigma[0].tolist()
     return last
 
@@ -255,7 +259,7 @@ def settled_rows(model: Model, rate_hz: float) -> list[SettledRow]:
     for method in ("fix", "spots"):
         for range_m in SETTLED_RANGES_M:
             place = np.array([range_m, 0.0, 0.0])
-            settled = settled_filter(model, place, rate_hz, method)
+            settled = settled_filter(noise_alone(model, method), place, rate_hz, method)
             state = np.zeros((1, 6))
             state[0, :3] = model.port_position_m + model.dcm_dock_from_lvlh.T @ place - lever
             packed = factorize(0.5 * (settled.posterior + settled.posterior.T))[LOWER][None]
@@ -344,6 +348,6 @@ def measure(
     }
     envelopes = {name: (r[1:], error, sigma) for name, (r, error, sigma) in envelopes.items()}
     rows = _shot_rows(model, published, draws, seed) + _filter_rows(published, ranges, late, outcomes)
-    return AccuracyReport(
-        model.name, runs, seed, tuple(rows), tuple(consistency), tuple(settled_rows(model, approach.rate_hz)), envelopes
-    )
+    settled = tuple(settled_rows(model, approach.rate_hz))
+    sigma = model.attitude.sigma_rad
+    return AccuracyReport(model.name, runs, seed, tuple(rows), tuple(consistency), settled, sigma, envelopes)

@@ -23,6 +23,12 @@ def report_lines(report: "AccuracyReport") -> list[str]:
             f"  {row.range_m:5.2f} m   {row.quantity:<9} {row.published:8g} {row.unit:<3} {row.measured:9.5f} "
             f"{row.bias:9.5f} {row.sigma:9.5f} {row.three_sigma:9.5f}  {within}  {verdict}"
         )
+    if any("spots" in row.method for row in report.rows):
+        left_out = math.degrees(report.attitude_sigma_rad)
+        lines.append(
+            f"spots filter: of noise alone, its attitude taken as exact; outside this report the model's {left_out:g} deg "
+            "(attitude.sigma_deg) are in azimuth and elevation"
+        )
     lines.append("consistency, state NEES over runs, epoch by epoch (honest: 95 % of epochs inside the 95 % band)")
     for entry in report.consistency:
         good = "not overconfident" if entry.one_sided or entry.lasting else "consistent"

@@ -111,17 +111,18 @@ def _make_independent(seen: Observed) -> bool:
     for i in range(2 * groups.shape[0]):
         group, own, k = groups[i // 2], out[i // 2], i % 2
         own["tested"], own["rows"] = group["tested"], 2
-        if group["tested"] == 0:
+        own["variance"][k] = 0.0
+        if group["tested"] == 0 or not group["variance"][k] > 0.0:
             continue
         d, residual, h = r[i, i], group["residual"][k], own["gradient"][k]
         for c in range(h.shape[0]):
             h[c] = group["gradient"][k, c]
         for j in range(i):
-            if groups[j // 2]["tested"] == 0:
+            if not out[j // 2]["variance"][j % 2] > 0.0:
                 continue
             total = r[i, j]
             for m in range(j):
-                if groups[m // 2]["tested"] > 0:
+                if out[m // 2]["variance"][m % 2] > 0.0:
                     total -= factor[i, m] * factor[j, m] * out[m // 2]["variance"][m % 2]
             before = out[j // 2]
             factor[i, j] = total / before["variance"][j % 2]

@@ -69,7 +69,7 @@ def marker_solutions(
 ) -> Iterator[PoseSolution]:
     """The same, piece after piece, in bounded memory: filtered as the log is read, or smoothed at its end.
 
-    To be smoothed, what passed is kept in a temporary file (1 kB an epoch), gone through backward, and handed out.
+    To be smoothed, what passed is kept in a temporary file (1.5 kB an epoch), gone through backward, and handed out.
 
     Raises
     ------
@@ -84,18 +84,18 @@ def marker_solutions(
     with Spool() as rows, Spool() as events:
         for chunk in _chunks(path, mission):
             rows.append(log.forward(*chunk))
-            events.append(log.passed())
-        events.append(log.passed(last=True))
+            events.append(*log.passed())
+        events.append(*log.passed(last=True))
         smoother = PoseSmoother(mission)
         for k in range(len(events) - 1, -1, -1):
-            (part,) = events[k]
-            smoother.backward(part)
-            events.replace(k, part)
+            part, apart = events[k]
+            smoother.backward(part, apart)
+            events.replace(k, part, apart)
         smoothed, at = np.zeros(0, EPOCH), 0
         for k in range(len(rows)):
             (epochs,) = rows[k]
             while len(smoothed) < len(epochs):
-                (part,) = events[at]
+                part, _ = events[at]
                 smoothed, at = np.concatenate([smoothed, part[part["row"] > 0]]), at + 1
             smoothed_rows(epochs, smoothed[: len(epochs)])
             smoothed = smoothed[len(epochs) :]

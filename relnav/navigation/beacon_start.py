@@ -14,6 +14,7 @@ from relnav.geometry.spherical import position_from_angles_jacobian
 from relnav.navigation.beacon_geometry import fix_of_spots, uses_coordinates
 from relnav.navigation.beacon_observation import linearise_coordinates, spot_sigmas, take_in_coordinates
 from relnav.navigation.considered import (
+    add_attitude_noise,
     add_considered_noise,
     start_sensitivities_of_fix,
     start_sensitivities_of_planes,
@@ -155,7 +156,7 @@ def _start_of_planes(m: Memory, track: Record, sensitivities: Matrix, spots: Mat
     for j in range(sensitivities.shape[0]):
         for i in range(6):
             none[j, i] = 0.0
-    add_considered_noise(m, x, none)
+    add_considered_noise(m, x, none, spots)
     _spot_equations(m.groups, normal)
     if not _solve_normal(normal[0:3], normal[4], inverse, x):
         return DEGENERATE
@@ -178,7 +179,8 @@ def _start_of_planes(m: Memory, track: Record, sensitivities: Matrix, spots: Mat
     state = track["state"]
     for i in range(3):
         state[i], state[3 + i] = x[i], 0.0
-    start_sensitivities_of_planes(m, x, spots, covariance, sensitivities)
+    start_sensitivities_of_planes(m, track, spots, sensitivities)
+    add_attitude_noise(m, track)
     return OK
 
 

@@ -21,170 +21,88 @@ between nodes a spot's error is their mean, weighted bilinearly and scaled to th
 of it at half a spacing, a third of the half width, and little at a whole one, as they do of what calibrations from 225
 points leave: correlations of 0.5 to 0.75 and of 0.05 to 0.45 by how fine the detector's figure is (a test).
 
-Rows of `sensitivities` (m, 6), columns of S: the nodes of x, of y; then, if tolerances are considered: the focal
-length; turns of the camera about its axes; turns of the beacons about the docking axes, at the port; every beacon
-along the docking axes. A tolerance acts as if it moved the beacons, by delta: on a coordinate it does -h delta, h its
-row of H.
+Rows of `sensitivities` (m, 6), columns of S, are a stretch of: the nodes of x, of y; turns of the chaser about the
+camera's axes, by which the stated attitude is wrong; the focal length; turns of the camera about its axes; turns of the
+beacons about the docking axes, at the port; every beacon along the docking axes. Without a calibration or tolerances
+only the attitude's are left.
+
+The noise of the attitude that comes with an image turns all its spots together: R then is a whole matrix.
 """
 
-import numpy as np
-
 from relnav.arrays import Matrix, Record, Vector
-from relnav.codegen.kernel import kernel, straight_line
+from relnav.codegen.kernel import kernel
+from relnav.estimation.considered import add_covariance_times, subtract_taken, update_sensitivities
 from relnav.estimation.factored import add_rank_one
+from relnav.estimation.rows import Observed
 from relnav.geometry.spherical import position_from_angles_jacobian
-from relnav.navigation.beacon_geometry import camera_position_dock, uses_coordinates
+from relnav.navigation.beacon_geometry import uses_coordinates
 from relnav.navigation.lasting_errors import (
-    displacement,
     error_of_numbers,
-    numbers_by_beacon,
+    errors_of_coordinates,
+    errors_of_position,
     place_in_field,
     position_by_beacon,
-    sight_and_arm,
 )
-from relnav.navigation.memory import FIELD_ERRORS, NODES, TOLERANCES_SHARED, Memory
+from relnav.navigation.memory import ATTITUDE_ERRORS, FIELD_ERRORS, TOLERANCES_SHARED, Memory
 from relnav.navigation.propagation import moves
 
 
-@straight_line(ld=(6, 6), columns=(3, 6))
-def _position_columns(ld: Matrix, columns: Matrix) -> None:
-    """Write the first three columns of P = L D L^T, of the position, as rows (3, 6)."""
-    for k in range(3):
-        for i in range(k, 6):
-            total = ld[k, k] * (1.0 if i == k else ld[i, k])
-            for m in range(k):
-                total += ld[i, m] * ld[m, m] * ld[k, m]
-            columns[k, i] = total
-            if i < 3:
-                columns[i, k] = total
-
-
-@straight_line(row=(6,), columns=(3, 6), information=(3, 3), news=(3,))
-def _update(row: Vector, columns: Matrix, information: Matrix, news: Vector) -> None:
-    """Replace a row s by s + P+ (news - H^T R^-1 H s); rows H see the position only."""
-    change = np.zeros(3)
-    for i in range(3):
-        change[i] = news[i]
-        for j in range(3):
-            change[i] -= information[i, j] * row[j]
-    for i in range(6):
-        row[i] += columns[0, i] * change[0] + columns[1, i] * change[1] + columns[2, i] * change[2]
-
-
-@straight_line(information=(3, 3), h="***000")
-def _inform(information: Matrix, h: Vector, variance: float) -> None:
-    """Add h h^T / variance to the information (3, 3)."""
-    for i in range(3):
-        for j in range(3):
-            information[i, j] += h[i] * h[j] / variance
+@kernel
+def _shared(m: Memory) -> tuple[int, int]:
+    """Rows of the errors that all beacons share: from the first to before the last."""
+    count, first = m.by_error.shape[1], FIELD_ERRORS - m.fixed["first_error"]
+    return min(count, first), min(count, first + ATTITUDE_ERRORS + TOLERANCES_SHARED)
 
 
 @kernel
-def add_considered_noise(m: Memory, x: Vector, sensitivities: Matrix) -> None:
-    """Add considered errors to the variance of every coordinate in use.
+def add_considered_noise(m: Memory, x: Vector, sensitivities: Matrix, spots: Matrix) -> None:
+    """Add considered errors, and the attitude's noise, to the variance of every coordinate in use.
 
     sensitivities (m, 6) as predicted; rows linearised at x.
     """
+    count, noise = sensitivities.shape[0], m.sensor["attitude_noise"]
+    if count == 0 and noise == 0.0:
+        return
+    errors_of_coordinates(m, x, spots)
+    first, last = _shared(m)
+    subtract_taken(m.groups, m.by_error, sensitivities, first, last)
+    for i in range(2 * m.groups.shape[0]):
+        variance, turn, row = m.groups[i // 2]["variance"], m.turns[i], m.by_error[i]
+        if variance[i % 2] > 0.0:
+            total = noise * noise * (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
+            for j in range(count):
+                total += row[j] * row[j]
+            variance[i % 2] += total
+
+
+@kernel
+def observed(m: Memory) -> Observed:
+    """The groups in use, with the covariance of their noise where the attitude's is in it."""
+    coordinates, noise = uses_coordinates(m.sensor), m.sensor["attitude_noise"]
+    if not coordinates or noise == 0.0:
+        return Observed(m.groups if coordinates else m.groups[0:1], m.nothing, m.nothing, m.groups[0:0])
+    for i in range(m.noise.shape[0]):
+        a = m.turns[i]
+        for k in range(i):
+            b = m.turns[k]
+            m.noise[i, k] = noise * noise * (a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+            m.noise[k, i] = m.noise[i, k]
+        m.noise[i, i] = m.groups[i // 2]["variance"][i % 2]
+    return Observed(m.groups, m.noise, m.factor, m.independent)
+
+
+@kernel
+def consider(m: Memory, ld: Matrix, at: Vector, image: Observed, sensitivities: Matrix, spots: Matrix) -> None:
+    """Take an image into sensitivities (m, 6), by the rows in use, linearised at `at`; ld: after it."""
     count = sensitivities.shape[0]
     if count == 0:
         return
-    sight, arm, moved = m.scratch["vectors"][0], m.scratch["vectors"][1], m.scratch["vectors"][2]
-    place2 = m.tolerances["beacon_placement"] * m.tolerances["beacon_placement"]
-    for beacon in range(m.beacons.shape[0]):
-        variance, lasting = m.groups[beacon]["variance"], m.beacons[beacon]["lasting_sigma"]
-        sight_and_arm(m, x, beacon, sight, arm)
-        for k in range(2):
-            if variance[k] > 0.0:
-                h = m.groups[beacon]["gradient"][k]
-                variance[k] += lasting * lasting + place2 * (h[0] * h[0] + h[1] * h[1] + h[2] * h[2])
-                for j in range(FIELD_ERRORS, min(count, FIELD_ERRORS + TOLERANCES_SHARED)):
-                    left, s = 0.0, sensitivities[j]
-                    displacement(m, beacon, j - FIELD_ERRORS, sight, arm, moved)
-                    for i in range(3):
-                        left += h[i] * (moved[i] + s[i])
-                    variance[k] += left * left
-
-
-@kernel
-def news_of_coordinates(m: Memory, x: Vector, spots: Matrix, information: Matrix, news: Matrix) -> None:
-    """Write H^T R^-1 H (3, 3) of the coordinates in use, linearised at x, and a row of H^T R^-1 E for each error."""
-    vectors, own, place = m.scratch["vectors"], m.scratch["three"], m.scratch["places"][0]
-    sight, arm, moved = vectors[0], vectors[1], vectors[2]
-    for i in range(3):
-        for j in range(3):
-            information[i, j] = 0.0
-        for j in range(news.shape[0]):
-            news[j, i] = 0.0
-    for beacon in range(m.beacons.shape[0]):
-        lasting = m.beacons[beacon]["lasting_sigma"]
-        for i in range(3):
-            for j in range(3):
-                own[i, j] = 0.0
-        for k in range(2):
-            variance = m.groups[beacon]["variance"][k]
-            if variance > 0.0:
-                h = m.groups[beacon]["gradient"][k]
-                _inform(own, h, variance)
-                place_in_field(m.sensor, spots[beacon], place)
-                for corner in range(4):
-                    node = (int(place[0]) + corner // 2) * NODES + int(place[1]) + corner % 2
-                    weight = lasting * place[2 + corner // 2] * place[4 + corner % 2] / variance
-                    for i in range(3):
-                        news[k * NODES * NODES + node, i] += h[i] * weight
-        sight_and_arm(m, x, beacon, sight, arm)
-        for j in range(FIELD_ERRORS, news.shape[0]):
-            if displacement(m, beacon, j - FIELD_ERRORS, sight, arm, moved):
-                for i in range(3):
-                    news[j, i] -= own[i, 0] * moved[0] + own[i, 1] * moved[1] + own[i, 2] * moved[2]
-        for i in range(3):
-            for j in range(3):
-                information[i, j] += own[i, j]
-
-
-@kernel
-def _news_of_position(m: Memory, x: Vector, spots: Matrix, information: Matrix, news: Matrix) -> None:
-    """As `news_of_coordinates`, of a fix or of invariants; errors become those of the independent rows by L^-1."""
-    group, factor, by_beacon, places = m.groups[0], m.fix["factor"], m.scratch["by_beacon"], m.scratch["places"]
-    variance, h = group["variance"], group["gradient"]
-    e, p = m.scratch["vectors"][0], m.scratch["vectors"][1]
-    camera_position_dock(x, m.sensor["offset"], m.kept["dock"], p)
-    regular = numbers_by_beacon(m, p, m.scratch["gradients"], by_beacon)
-    for i in range(3):
-        place_in_field(m.sensor, spots[i], places[i])
-    for i in range(3):
-        for j in range(3):
-            information[i, j] = 0.0
-    for r in range(3):
-        if variance[r] > 0.0:
-            _inform(information, h[r], variance[r])
-    for j in range(news.shape[0]):
-        for i in range(3):
-            news[j, i] = 0.0
-        if regular:
-            error_of_numbers(m, spots, places, m.fix["jacobian"], by_beacon, j, e)
-            for r in range(3):
-                if variance[r] > 0.0:
-                    for k in range(r):
-                        e[r] -= factor[r, k] * e[k]
-                    for i in range(3):
-                        news[j, i] += h[r, i] * e[r] / variance[r]
-
-
-@kernel
-def update_sensitivities(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix) -> None:
-    """Update sensitivities (m, 6) by the rows in use as they were linearised last; the track after the update."""
-    count = sensitivities.shape[0]
-    if count == 0:
-        return
-    columns, information, news = m.scratch["columns"], m.scratch["information"], m.news
     if uses_coordinates(m.sensor):
-        news_of_coordinates(m, track["state"], spots, information, news)
+        errors_of_coordinates(m, at, spots)
     else:
-        _news_of_position(m, track["state"], spots, information, news)
-    _position_columns(track["ld"], columns)
-    for j in range(count):
-        if moves(sensitivities[j]) or moves(news[j]):
-            _update(sensitivities[j], columns, information, news[j])
+        errors_of_position(m, at, spots)
+    subtract_taken(image.groups, m.by_error, sensitivities, 0, count)
+    update_sensitivities(ld, image, m.by_error, m.news, sensitivities)
 
 
 @kernel
@@ -206,7 +124,7 @@ def start_sensitivities_of_fix(m: Memory, p: Vector, spots: Matrix, by_spots: Ma
     for i in range(3):
         place_in_field(m.sensor, spots[i], places[i])
     for j in range(sensitivities.shape[0]):
-        error_of_numbers(m, spots, places, jacobian, by_beacon, j, e)
+        error_of_numbers(m, spots, places, jacobian, by_beacon, m.fixed["first_error"] + j, e)
         for i in range(3):
             sensitivities[j, i] = dock[0, i] * e[0] + dock[1, i] * e[1] + dock[2, i] * e[2]
             sensitivities[j, 3 + i] = 0.0
@@ -214,21 +132,32 @@ def start_sensitivities_of_fix(m: Memory, p: Vector, spots: Matrix, by_spots: Ma
 
 
 @kernel
-def start_sensitivities_of_planes(
-    m: Memory, x: Vector, spots: Matrix, covariance: Matrix, sensitivities: Matrix
-) -> None:
-    """Set sensitivities (m, 6) of a track that starts at x by least squares over coordinates; covariance (6, 6)."""
-    count = sensitivities.shape[0]
-    if count == 0:
-        return
-    news = m.news
-    news_of_coordinates(m, x, spots, m.scratch["information"], news)
-    for j in range(count):
-        for i in range(3):
+def start_sensitivities_of_planes(m: Memory, track: Record, spots: Matrix, sensitivities: Matrix) -> None:
+    """Set sensitivities (m, 6) of a track that starts by least squares over coordinates."""
+    for j in range(sensitivities.shape[0]):
+        for i in range(6):
             sensitivities[j, i] = 0.0
-            sensitivities[j, 3 + i] = 0.0
-            for k in range(3):
-                sensitivities[j, i] += covariance[i, k] * news[j, k]
+    image = Observed(m.groups, m.nothing, m.nothing, m.groups[0:0])
+    consider(m, track["ld"], track["state"], image, sensitivities, spots)
+
+
+@kernel
+def add_attitude_noise(m: Memory, track: Record) -> None:
+    """Add to a track that starts by least squares what the noise of the attitude does: it turned all coordinates."""
+    noise, news, effect = m.sensor["attitude_noise"], m.scratch["numbers"], m.scratch["columns"]
+    if noise == 0.0:
+        return
+    for axis in range(3):
+        for i in range(6):
+            news[axis, i], effect[axis, i] = 0.0, 0.0
+        for i in range(m.turns.shape[0]):
+            variance, h = m.groups[i // 2]["variance"][i % 2], m.groups[i // 2]["gradient"][i % 2]
+            if variance > 0.0:
+                for j in range(3):
+                    news[axis, j] += h[j] * noise * m.turns[i, axis] / variance
+        add_covariance_times(track["ld"], news[axis], effect[axis])
+    for axis in range(3):
+        add_rank_one(track["ld"], effect[axis])
 
 
 @kernel

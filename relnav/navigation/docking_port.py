@@ -43,6 +43,7 @@ def docking_states(
     dcm_chaser_from_lvlh: Stack,
     t_s: Vector,
     chaser_rate_rad_s: Matrix | None = None,
+    by_chaser: Stack | None = None,
 ) -> DockingState:
     """Docking states of n estimates, each field with a leading axis (n, ...).
 
@@ -58,6 +59,9 @@ def docking_states(
         When: about an eccentric target `lvlh_ccsds` does not turn evenly.
     chaser_rate_rad_s : (n, 3), optional
         Its inertial rate, chaser axes; that of a chaser held in `lvlh_ccsds` if left out.
+    by_chaser : (n, 3, 12), optional
+        What one sigma of the chaser's lasting attitude error, each axis, has done to the estimates (estimate minus
+        truth). Where from the target is seen by the camera does not depend on that attitude: the two cancel.
     """
     orbit = orbit_values(mission.orbit)
     turn = np.array([frame_rate(orbit, t) for t in t_s])
@@ -82,7 +86,11 @@ def docking_states(
     A[:, 6:9] = -C_TB
     A[:, 9:] = C_TB @ cross_matrix(own)
     whole = G @ covariance @ np.swapaxes(G, 1, 2)
-    whole += mission.chaser.attitude_sigma_rad**2 * A @ np.swapaxes(A, 1, 2)
+    chaser = mission.chaser
+    whole += (chaser.attitude_sigma_rad**2 + chaser.attitude_noise_rad**2) * A @ np.swapaxes(A, 1, 2)
+    if by_chaser is not None:
+        both = chaser.attitude_sigma_rad * A @ (by_chaser @ np.swapaxes(G, 1, 2))
+        whole -= both + np.swapaxes(both, 1, 2)
     velocity = (inertial - w @ u[:, :, None])[:, :, 0]
     symmetric = 0.5 * (whole + np.swapaxes(whole, 1, 2))
     relative_rate = rate_rad_s - turning[:, :, 0]

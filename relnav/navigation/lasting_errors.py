@@ -6,8 +6,12 @@ from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
 from relnav.geometry.linear_algebra import invert_three
 from relnav.geometry.spherical import range_azimuth_elevation_jacobian
-from relnav.navigation.memory import FIELD_ERRORS, FIX, NODES, TOLERANCES_SHARED, Memory
+from relnav.navigation.beacon_geometry import camera_position_dock
+from relnav.navigation.memory import ATTITUDE_ERRORS, FIELD_ERRORS, FIX, NODES, TOLERANCES_SHARED, Memory
 from relnav.sensors.three_beacon.invariants import beacon_gradients, position_gradient, rays_from_position
+
+TOLERANCES = FIELD_ERRORS + ATTITUDE_ERRORS
+"""The first of them among the lasting errors."""
 
 
 @kernel
@@ -19,7 +23,7 @@ def _cross(sigma: float, a: Vector, b: Vector, out: Vector) -> None:
 
 
 @kernel
-def displacement(m: Memory, beacon: int, tolerance: int, sight: Vector, arm: Vector, out: Vector) -> bool:
+def _displacement(m: Memory, beacon: int, tolerance: int, sight: Vector, arm: Vector, out: Vector) -> bool:
     """Write by how much one sigma of a tolerance seems to move a beacon, `lvlh_ccsds` m; False if not at all.
 
     sight: from the camera to the beacon; arm: from the port to the beacon.
@@ -70,12 +74,92 @@ def _weight(place: Vector, error: int) -> float:
 
 
 @kernel
-def sight_and_arm(m: Memory, x: Vector, beacon: int, sight: Vector, arm: Vector) -> None:
+def _sight_and_arm(m: Memory, x: Vector, beacon: int, sight: Vector, arm: Vector) -> None:
     """Write where a beacon is, (3,) m in `lvlh_ccsds`: from the camera of the state x, and from the port."""
     position, dock, offset = m.beacons[beacon]["position"], m.kept["dock"], m.sensor["offset"]
     for i in range(3):
         arm[i] = position[i] - dock[i, 3]
         sight[i] = arm[i] - x[i] - offset[i]
+
+
+@kernel
+def errors_of_coordinates(m: Memory, x: Vector, spots: Matrix) -> None:
+    """Write `turns` and `by_error` of the coordinates in use, linearised at x (6,); spots (n, 2) m.
+
+    A turn of the chaser, about its centre of mass, or a tolerance acts as if it moved the beacon, by delta: on a
+    coordinate it does -h delta, h its row of H.
+    """
+    vectors, place, first = m.scratch["vectors"], m.scratch["places"][0], m.fixed["first_error"]
+    sight, arm, moved, count = vectors[0], vectors[1], vectors[2], m.by_error.shape[1]
+    mount, attitude_sigma = m.kept["mount"], m.sensor["attitude_sigma"]
+    for beacon in range(m.beacons.shape[0]):
+        variance, gradient = m.groups[beacon]["variance"], m.groups[beacon]["gradient"]
+        if not (variance[0] > 0.0 or variance[1] > 0.0):
+            continue
+        _sight_and_arm(m, x, beacon, sight, arm)
+        from_chaser, position = vectors[3], m.beacons[beacon]["position"]
+        for i in range(3):
+            from_chaser[i] = position[i] - x[i]
+        for axis in range(3):
+            _cross(-1.0, mount[axis], from_chaser, moved)
+            for k in range(2):
+                h = gradient[k]
+                m.turns[2 * beacon + k, axis] = -(h[0] * moved[0] + h[1] * moved[1] + h[2] * moved[2])
+        place_in_field(m.sensor, spots[beacon], place)
+        lasting = m.beacons[beacon]["lasting_sigma"]
+        for j in range(count):
+            error, x_row, y_row = first + j, m.by_error[2 * beacon], m.by_error[2 * beacon + 1]
+            x_row[j], y_row[j] = 0.0, 0.0
+            if error < FIELD_ERRORS:
+                weight = lasting * _weight(place, error)
+                if error < NODES * NODES:
+                    x_row[j] = weight
+                else:
+                    y_row[j] = weight
+            elif error < TOLERANCES:
+                x_row[j] = attitude_sigma * m.turns[2 * beacon, error - FIELD_ERRORS]
+                y_row[j] = attitude_sigma * m.turns[2 * beacon + 1, error - FIELD_ERRORS]
+            elif _displacement(m, beacon, error - TOLERANCES, sight, arm, moved):
+                for k in range(2):
+                    h = gradient[k]
+                    m.by_error[2 * beacon + k, j] = -(h[0] * moved[0] + h[1] * moved[1] + h[2] * moved[2])
+
+
+@kernel
+def errors_of_position(m: Memory, x: Vector, spots: Matrix) -> None:
+    """Write `by_error` of the independent rows of a fix or of invariants at x (6,): L^-1 of the numbers' errors."""
+    factor, by_beacon, places = m.fix["factor"], m.scratch["by_beacon"], m.scratch["places"]
+    e, p = m.scratch["vectors"][0], m.scratch["vectors"][1]
+    camera_position_dock(x, m.sensor["offset"], m.kept["dock"], p)
+    regular = numbers_by_beacon(m, p, m.scratch["gradients"], by_beacon)
+    for i in range(3):
+        place_in_field(m.sensor, spots[i], places[i])
+    for j in range(m.by_error.shape[1]):
+        for r in range(3):
+            m.by_error[r, j] = 0.0
+        if regular:
+            error_of_numbers(m, spots, places, m.fix["jacobian"], by_beacon, m.fixed["first_error"] + j, e)
+            for r in range(3):
+                for k in range(r):
+                    e[r] -= factor[r, k] * e[k]
+                m.by_error[r, j] = e[r]
+
+
+@kernel
+def _arm_of_turn(m: Memory, axis: int, by_beacon: Matrix, number: int) -> float:
+    """Number by a turn of the chaser about a camera axis, which swings the arm from its centre of mass to the camera.
+
+    The state's camera is at x + mount^T lever: it moves by mount^T (e x lever), which is as if A, B, C moved back.
+    """
+    mount, dock, total = m.kept["mount"], m.kept["dock"], 0.0
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    for i in range(3):
+        along = 0.0
+        for c in range(3):
+            along += dock[i, c] * (mount[k, c] * mount[j, 3] - mount[j, c] * mount[k, 3])
+        for beacon in range(3):
+            total -= by_beacon[3 * number + beacon, i] * along
+    return total
 
 
 @kernel
@@ -88,13 +172,15 @@ def error_of_numbers(
     beacon i in row 3 m + i, docking axes.
     """
     sigma, a, b = m.tolerances, m.sensor["half_spacing"], m.sensor["c_distance"]
-    tolerance, axis = j - FIELD_ERRORS, j // (NODES * NODES)
+    tolerance, axis = j - TOLERANCES, j // (NODES * NODES)
     for r in range(3):
         out[r] = 0.0
-        if tolerance < 0:
+        if j < FIELD_ERRORS:
             for i in range(3):
                 if jacobian[r, 2 * i + axis] != 0.0:
                     out[r] += jacobian[r, 2 * i + axis] * m.beacons[i]["lasting_sigma"] * _weight(places[i], j)
+        elif tolerance < 0:
+            out[r] = m.sensor["attitude_sigma"] * _arm_of_turn(m, j - FIELD_ERRORS, by_beacon, r)
         elif tolerance == 0:
             for k in range(6):
                 if jacobian[r, k] != 0.0:

@@ -199,6 +199,14 @@ class LogFilter:
             _join(state, factor, considered, np.empty((6, 6)))
 
     @property
+    def _considered_words(self) -> str:
+        """Which lasting errors the covariance includes, in words; empty if none."""
+        attitude = self.method == "spots" and self.model.attitude.sigma_rad > 0.0
+        return ", ".join(
+            [*(["attitude"] if attitude else []), *([self.model.considered] if self.model.considered else [])]
+        )
+
+    @property
     def restarts(self) -> int:
         """How often a confirmed start has replaced a track."""
         return max(0, int(self._named.clock["starts"]) - 1)
@@ -221,7 +229,7 @@ class LogFilter:
             port_m=self.model.port_position_m,
             lever_lvlh_m=_levers(self.model, len(t), quaternion),
             smoothed=smoothed,
-            metadata={"considered": self.model.considered} if self.model.considered else {},
+            metadata={"considered": self._considered_words} if self._considered_words else {},
         )
 
 

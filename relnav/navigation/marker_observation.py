@@ -4,8 +4,9 @@ Marker i, at s in the target, is seen at
 
     p = C_KB (C_BL (C s - rho) - c_B)        K camera, B chaser, L lvlh_ccsds, c_B the lens in the chaser
 
-so that any number of spots, one included, tells what it can. The chaser's attitude error turns all spots of an image
-together: it stands in their covariance, and is not estimated.
+so that any number of spots, one included, tells what it can. The noise of the chaser's attitude turns all spots of an
+image together: it stands in their covariance. What lasts (the chaser's attitude, the camera's mounting and focal
+length, the markers' places) is considered: `by_error` holds what one sigma of each does to each spot.
 
 A spot's second order in the errors d = (drho, theta) is d^T B d / 2. Perspective: a spot moves by row d over the depth
 p_z, which d changes itself, so that B = -(row^T g + g^T row), g = d(p_z)/p_z. A turn: p = C exp([theta x]) s has the
@@ -20,8 +21,9 @@ import math
 
 from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import kernel
+from relnav.estimation.considered import add_lasting_noise, subtract_taken
 from relnav.estimation.factored import compose_into
-from relnav.navigation.pose_memory import PoseMemory
+from relnav.navigation.pose_memory import CHASER_ATTITUDE, FOCAL_LENGTH, MOUNTING, PLACEMENT, PoseMemory
 
 
 @kernel
@@ -148,6 +150,27 @@ def _linearise(
 
 
 @kernel
+def _write_lasting(
+    camera: Record, scratch: Record, lasting: Record, marker: int, q: Matrix, turns: Matrix, by_error: Matrix
+) -> None:
+    """Write what one sigma of each lasting error does to a marker's spot, (2, m), as it was linearised last."""
+    p, expected, by_point = scratch["point"], scratch["error"], scratch["projection"]
+    center, turn = camera["principal_point"], scratch["turned"][0]
+    for axis in range(2):
+        row = by_error[axis]
+        for c in range(row.shape[0]):
+            row[c] = 0.0
+        for j in range(3):
+            row[CHASER_ATTITUDE + j] = lasting["attitude"] * turns[axis, j]
+        if row.shape[0] > MOUNTING:
+            _cross_row(by_point[axis], p, turn)
+            row[FOCAL_LENGTH] = lasting["focal_length"] * (expected[axis] - center[axis])
+            for j in range(3):
+                row[MOUNTING + j] = lasting["mounting"] * turn[j]
+                row[PLACEMENT + 3 * marker + j] = lasting["placement"] * q[axis, j]
+
+
+@kernel
 def _add_second_order(
     scratch: Record,
     groups: Record,
@@ -196,9 +219,12 @@ def _add_second_order(
 
 
 @kernel
-def observe_markers(m: PoseMemory, track: Record, spots: Matrix, covariances: Stack) -> tuple[int, int]:
+def observe_markers(
+    m: PoseMemory, track: Record, sensitivities: Matrix, spots: Matrix, covariances: Stack
+) -> tuple[int, int]:
     """Write the groups of the spots (n, 2) px that can be used, about a track; (markers seen, groups).
 
+    sensitivities (m, 12) of the track: what it has not taken up of lasting errors is in the noise, and in `by_error`.
     covariances (n, 2, 2) px^2, or (0, 2, 2): the camera's noise. A spot off the image, or of a marker expected behind
     the camera, is seen and not used.
     """
@@ -211,8 +237,9 @@ def observe_markers(m: PoseMemory, track: Record, spots: Matrix, covariances: St
             group, nearer, q, turns = m.groups[count], m.nearer[count], m.by_marker[i:j], m.turns[i:j]
             if _linearise(m.camera, m.scratch, m.points[marker], spots[marker], group, nearer, q, turns):
                 m.which[count] = marker
+                _write_lasting(m.camera, m.scratch, m.lasting, marker, q, turns, m.by_error[i:j])
                 count += 1
-    noise2, sigma2 = m.camera["noise"] * m.camera["noise"], m.camera["chaser_sigma"] * m.camera["chaser_sigma"]
+    noise2, sigma2 = m.camera["noise"] * m.camera["noise"], m.camera["attitude_noise"] * m.camera["attitude_noise"]
     for row in range(2 * count):
         a = m.turns[row]
         for other in range(row + 1):
@@ -223,6 +250,9 @@ def observe_markers(m: PoseMemory, track: Record, spots: Matrix, covariances: St
             elif row // 2 == other // 2:
                 total += covariances[int(m.which[row // 2]), row % 2, other % 2]
             m.noise[row, other] = total
+    by_error = m.by_error[: 2 * count]
+    subtract_taken(m.groups[:count], by_error, sensitivities, 0, by_error.shape[1])
+    add_lasting_noise(by_error, m.noise)
     _add_second_order(
         m.scratch, m.groups[:count], m.points, m.which, m.nearer, m.by_marker, m.bends, m.noise, track["ld"]
     )

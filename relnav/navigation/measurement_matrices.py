@@ -25,7 +25,10 @@ def rows_in_use(m: Memory) -> tuple[Matrix, Vector, Matrix, Codes]:
         return lower @ groups["gradient"][0, :size], innovation, r, np.zeros(size, dtype=np.int64)
     beacon, axis = np.nonzero(groups["variance"][:, :2] > 0.0)
     h, residual = groups["gradient"][beacon, axis], groups["residual"][beacon, axis]
-    return h, residual, np.diag(groups["variance"][beacon, axis]), beacon
+    turns = m.sensor["attitude_noise"] * m.turns[2 * beacon + axis]
+    together = turns @ turns.T
+    np.fill_diagonal(together, groups["variance"][beacon, axis])  # the attitude's noise is in them
+    return h, residual, together, beacon
 
 
 def errors_in_use(m: Memory, x: Vector, spots: Matrix) -> Matrix:
@@ -33,21 +36,18 @@ def errors_in_use(m: Memory, x: Vector, spots: Matrix) -> Matrix:
 
     Columns as the rows of `considered.py`, found another way: by small displacements.
     """
-    count, sensor, groups = len(m.beacons), m.sensor, m.groups
+    sensor, groups, first = m.sensor, m.groups, int(m.fixed["first_error"])
+    wanted = slice(first, first + int(m.fixed["considered"]))
     field = field_errors(spots, sensor["field_center"], sensor["field_half_width"], m.beacons["lasting_sigma"])
-    tolerant = m.fixed["considered"] > FIELD_ERRORS
     if uses_coordinates(sensor):
         used = groups["variance"][:, :2].ravel() > 0.0
-        columns = [field]
-        if tolerant:
-            columns.extend(_coordinates_by_tolerance(m, x))
-        errors_of_all: Matrix = np.hstack(columns)
-        used_errors: Matrix = errors_of_all[used]
+        errors_of_all: Matrix = np.hstack([field, *_coordinates_by_tolerance(m, x)])
+        used_errors: Matrix = errors_of_all[used, wanted]
         return used_errors
     size = int(np.sum(groups["variance"][0] > 0.0))
     jacobian = m.fix["jacobian"][:size]
     errors: Matrix = np.where(jacobian == 0.0, 0.0, jacobian) @ field[:6]
-    if not tolerant:
+    if wanted.stop == FIELD_ERRORS:
         return errors
     by_focal_length = m.tolerances["focal_length"] * np.nan_to_num(jacobian) @ np.nan_to_num(spots[:3].ravel())
     dock = m.kept["dock"][:, :3]
@@ -63,14 +63,18 @@ def errors_in_use(m: Memory, x: Vector, spots: Matrix) -> Matrix:
         apart = rays[0] - rays[1]
         return np.array([apart @ apart, rays[2] @ apart, np.linalg.det(rays)])
 
-    by_shift: Matrix = np.column_stack([_difference(numbers, shift) for shift in _shifts(m, beacons)])
+    lever, sigma = m.kept["mount"][:, 3], m.sensor["attitude_sigma"]
+    arms = sigma * np.cross(np.eye(3), lever) @ m.kept["mount"][:, :3] @ dock.T  # how the camera moves, docking axes
+    swung = [-np.broadcast_to(arm, beacons.shape) for arm in arms]
+    by_shift: Matrix = np.column_stack([_difference(numbers, shift) for shift in [*swung, *_shifts(m, beacons)]])
     if sensor["method"] == FIX:
-        moved = np.column_stack([_difference(numbers, np.tile(-axis, (count, 1))) for axis in np.eye(3)])
+        moved = np.column_stack([_difference(numbers, np.tile(-axis, (len(beacons), 1))) for axis in np.eye(3)])
         angles = np.zeros((3, 3))
         range_azimuth_elevation_jacobian(p, angles)
         by_shift = angles @ np.linalg.solve(moved, by_shift)
-    all_errors: Matrix = np.hstack([errors, by_focal_length[:, None], np.zeros((size, 3)), by_shift])
-    return all_errors
+    mounting = np.zeros((size, 3))
+    all_errors: Matrix = np.hstack([errors, by_shift[:, :3], by_focal_length[:, None], mounting, by_shift[:, 3:]])
+    return all_errors[:, wanted]
 
 
 def field_errors(spots_m: Matrix, center_m: Vector, half_width_m: Vector, sigma_m: Vector) -> Matrix:
@@ -109,7 +113,7 @@ def _difference(function: Callable[[Matrix], Matrix], shift: Matrix) -> Vector:
 
 
 def _coordinates_by_tolerance(m: Memory, x: Vector) -> list[Matrix]:
-    """Derivatives (2 n, k) of all coordinates by the tolerances."""
+    """Derivatives (2 n, k) of all coordinates by turns of the camera and by the tolerances."""
     f, mount, dock = m.sensor["focal_length"], m.kept["mount"][:, :3], m.kept["dock"][:, :3]
     beacons = _beacons(m) @ dock.T
 
@@ -120,7 +124,22 @@ def _coordinates_by_tolerance(m: Memory, x: Vector) -> list[Matrix]:
         return spots
 
     focal = m.tolerances["focal_length"] * project(np.zeros(3), np.zeros(3)).ravel()
-    camera = m.tolerances["camera_mounting"]
-    turns = [camera * _difference(lambda t: project(np.zeros(3), t), axis) for axis in np.eye(3)]
+    none = np.zeros(3)
+    mounting = m.tolerances["camera_mounting"]
+    attitude = [m.sensor["attitude_sigma"] * column for column in turns_in_sight(m, x).T]
+    camera = [mounting * _difference(lambda t: project(none, t), axis) for axis in np.eye(3)]
     shifts = [_difference(lambda s: project(s, np.zeros(3)), shift) for shift in _shifts(m, beacons)]
-    return [focal[:, None], np.column_stack(turns), np.column_stack(shifts)]
+    return [np.column_stack(attitude), focal[:, None], np.column_stack(camera), np.column_stack(shifts)]
+
+
+def turns_in_sight(m: Memory, x: Vector) -> Matrix:
+    """Derivatives (2 n, 3) of all coordinates by turns of the chaser about the camera's axes, at the state x (6,)."""
+    f, mount, lever = m.sensor["focal_length"], m.kept["mount"][:, :3], m.kept["mount"][:, 3]
+    sight = (m.beacons["position"] - x[:3]) @ mount.T
+
+    def project(turn: Matrix) -> Matrix:
+        c = sight - np.cross(turn, sight) - lever
+        spots: Matrix = f * c[:, :2] / c[:, 2:]
+        return spots
+
+    return np.column_stack([_difference(project, axis) for axis in np.eye(3)])

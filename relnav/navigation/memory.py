@@ -27,6 +27,7 @@ FIX = METHODS["fix"]
 NODES = 4
 """Along each side of the detector's field of lasting errors."""
 FIELD_ERRORS = 2 * NODES * NODES
+ATTITUDE_ERRORS = 3
 TOLERANCES_SHARED = 7
 """Tolerances that all beacons share: the focal length, three turns of the camera, three of the beacons."""
 
@@ -45,7 +46,8 @@ SENSOR = np.dtype(
         ("projection", _I),
         ("method", _I),
         ("attitude_known", _I),
-        ("attitude_sigma", _F),  # of the stated attitude, each axis
+        ("attitude_sigma", _F),  # of the stated attitude, each axis: what lasts
+        ("attitude_noise", _F),  # and what is new at every image
         ("field_center", _F, 2),  # where what lasts in the spots was calibrated
         ("field_half_width", _F, 2),
         ("cam_from_dock", _F, (3, 3)),  # derived from the attitude, as the next (`sight.attitude_changed`)
@@ -137,6 +139,7 @@ FIXED = np.dtype(
     [
         ("restart_after", _I),
         ("considered", _I),  # how many lasting errors
+        ("first_error", _I),  # which of them all stands in the first row (`considered.py`)
         ("sensor", SENSOR),
         ("tolerances", TOLERANCES),
         ("motion", MOTION_MODEL),
@@ -184,12 +187,18 @@ class Memory(NamedTuple):
     gate: Vector  # (2 n,), chi-square limits
     beacons: Record  # (n,)
     groups: Record  # (n,)
+    independent: Record  # (n,), scratch
+    by_error: Matrix  # (2 n, m), what one sigma of each lasting error does to each row
+    turns: Matrix  # (2 n, 3), each row by a turn of the camera
+    noise: Matrix  # (2 n, 2 n), of coordinates that share the attitude's noise
+    factor: Matrix  # (2 n, 2 n), scratch
     nothing: Matrix  # (0, 0)
 
 
 def size_of(beacons: int, considered: int) -> int:
     """Numbers that a filter of so many beacons and lasting errors needs."""
-    return FIXED_SIZE + 6 * beacons + 3 * MOTION * considered + beacons * (_BEACON_SIZE + _GROUP_SIZE)
+    n, m = beacons, considered
+    return FIXED_SIZE + 12 * n + 3 * MOTION * m + n * (_BEACON_SIZE + 2 * _GROUP_SIZE) + 2 * n * m + 8 * n * n
 
 
 @inlined
@@ -201,6 +210,10 @@ def views(block: Vector) -> Memory:
     a = FIXED_SIZE + 2 * n
     b, c, d = a + MOTION * m, a + 2 * MOTION * m, a + 3 * MOTION * m
     e, f, g = d + 2 * n, d + 4 * n, d + (4 + _BEACON_SIZE) * n
+    h, i = g + _GROUP_SIZE * n, g + 2 * _GROUP_SIZE * n
+    j = i + 2 * n * m
+    k = j + 6 * n
+    o = k + 4 * n * n
     return Memory(
         fixed,
         fixed["sensor"],
@@ -224,7 +237,12 @@ def views(block: Vector) -> Memory:
         block[d:e],
         block[e:f],
         block[f:g].view(BEACON),
-        block[g : g + _GROUP_SIZE * n].view(GROUP),
+        block[g:h].view(GROUP),
+        block[h:i].view(GROUP),
+        block[i:j].reshape((2 * n, m)),
+        block[j:k].reshape((2 * n, 3)),
+        block[k:o].reshape((2 * n, 2 * n)),
+        block[o : o + 4 * n * n].reshape((2 * n, 2 * n)),
         block[0:0].reshape((0, 0)),
     )
 
@@ -261,11 +279,10 @@ def new_memory(model: Model, method: str, projection: str) -> Vector:
     count = len(model.beacons_lvlh_m)
     tolerances = model.tolerances if model.tolerances is not None and model.tolerances.considered else None
     calibration = model.calibration
-    considered = 0 if tolerances is None and calibration is None else FIELD_ERRORS
-    considered += 0 if tolerances is None else TOLERANCES_SHARED + 3 * count
-    block = np.zeros(size_of(count, considered))
+    first, last = considered_errors(model, method)
+    block = np.zeros(size_of(count, last - first))
     fixed = block[:FIXED_SIZE].view(FIXED)[0]
-    fixed["considered"], fixed["kept"]["clock"]["beacons"] = considered, count
+    fixed["considered"], fixed["first_error"], fixed["kept"]["clock"]["beacons"] = last - first, first, count
     m = named(block)
     fixed["restart_after"] = settings.restart_after_epochs
     half = 0.5 * np.array(sensor.detector_size_m)
@@ -280,6 +297,7 @@ def new_memory(model: Model, method: str, projection: str) -> Vector:
         method=METHODS[method],
         attitude_known=model.attitude.mode == "lvlh_hold",
         attitude_sigma=model.attitude.sigma_rad,
+        attitude_noise=model.attitude.noise_rad,
         field_center=(0.0, 0.0) if calibration is None else calibration.center_m,
         field_half_width=half if calibration is None else calibration.half_width_m,
     )
@@ -299,6 +317,21 @@ def new_memory(model: Model, method: str, projection: str) -> Vector:
     m.beacons["position"] = model.beacons_lvlh_m
     m.beacons["spot_sigma"], m.beacons["lasting_sigma"] = sensor.spot_noise_m, model.lasting_spot_sigma_m
     return block
+
+
+def considered_errors(model: Model, method: str) -> tuple[int, int]:
+    """Which of all lasting errors a filter considers: from the first to before the last, as `considered.py` has them.
+
+    The attitude's turns what `spots` see of a state; of a `fix` it turns the arm to the camera.
+    """
+    tolerances = model.tolerances is not None and model.tolerances.considered
+    turned = model.attitude.sigma_rad > 0.0 and (method == "spots" or bool(np.any(model.camera_lever_cam_m)))
+    last = FIELD_ERRORS
+    if tolerances:
+        last += ATTITUDE_ERRORS + TOLERANCES_SHARED + 3 * len(model.beacons_lvlh_m)
+    elif turned:
+        last += ATTITUDE_ERRORS
+    return 0 if tolerances or model.calibration is not None else FIELD_ERRORS, last
 
 
 def orbit_values(orbit: Orbit) -> Vector:

@@ -6,7 +6,9 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import kernel
+from relnav.estimation.considered import join_considered
 from relnav.navigation.pose_memory import POSE, PoseMemory, pose_views
+from relnav.navigation.pose_propagation import copy_rows
 
 PACKED = POSE * (POSE + 1) // 2
 LOWER = np.tril_indices(POSE)
@@ -21,6 +23,7 @@ EPOCH = np.dtype(
         ("dcm", _F, (3, 3)),
         ("rate", _F, 3),
         ("factor", _F, PACKED),  # lower triangle of `ld`, row by row
+        ("by_chaser", _F, (3, POSE)),  # what one sigma of the chaser's attitude error, each axis, has done to the state
         ("acceleration", _F, 3),  # over the interval that ends here
         ("delta_v", _F, 3),
         ("chaser", _F, (3, 3)),  # dcm_chaser_from_lvlh
@@ -84,8 +87,31 @@ def unpack_pose(packed: Vector, ld: Matrix) -> None:
 
 
 @kernel
-def write_epoch(m: PoseMemory, out: Record) -> None:
-    """Write what the filter says after its last event."""
+def write_covariance(
+    ld: Matrix, sensitivities: Matrix, apart: Matrix, work: Matrix, factor: Vector, by_chaser: Matrix
+) -> None:
+    """Write packed factors, joined with what is considered, or that apart (m, 12) where there is room.
+
+    work (12, 12) is scratch.
+    """
+    for c in range(3):
+        for i in range(POSE):
+            by_chaser[c, i] = sensitivities[c, i]
+    if apart.shape[0] > 0:
+        copy_rows(sensitivities, apart)
+        pack_pose(ld, factor)
+        return
+    copy_rows(ld, work)
+    join_considered(work, sensitivities)
+    pack_pose(work, factor)
+
+
+@kernel
+def write_epoch(m: PoseMemory, out: Record, apart: Matrix) -> None:
+    """Write what the filter says after its last event.
+
+    apart (m, 12): room for what considered errors have done, `factor` then being the filter's own; (0, 12): joined.
+    """
     clock, result, lead, push, impulse, chaser = (
         m.clock,
         m.result,
@@ -117,8 +143,11 @@ def write_epoch(m: PoseMemory, out: Record) -> None:
             rate[i] = lead["rate"][i]
             for j in range(3):
                 dcm[i, j] = lead["dcm"][i, j]
-        pack_pose(lead["ld"], factor)
+        write_covariance(lead["ld"], m.bank_sensitivities[0], apart, m.work["ld"], factor, out["by_chaser"])
         return
+    for c in range(apart.shape[0]):
+        for i in range(POSE):
+            apart[c, i] = math.nan
     for i in range(6):
         motion[i] = math.nan
     for i in range(3):
@@ -130,9 +159,13 @@ def write_epoch(m: PoseMemory, out: Record) -> None:
 
 
 @kernel
-def read_epoch(block: Vector, out: Record) -> None:
-    """`write_epoch` of a filter's memory into the first of out (1,)."""
-    write_epoch(pose_views(block), out[0])
+def read_epoch(block: Vector, out: Record, apart: Stack) -> None:
+    """`write_epoch` of a filter's memory into the first of out (1,) and of apart (1, m, 12)."""
+    write_epoch(pose_views(block), out[0], apart[0])
+
+
+JOINED = np.zeros((1, 0, POSE))
+"""No room for what is considered: it goes into the factors."""
 
 
 def unpacked(factor: Matrix) -> Stack:

@@ -20,12 +20,13 @@ import numpy as np
 from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import entry, kernel, straight_line
 from relnav.codegen.trace import Shape
+from relnav.estimation.considered import update_sensitivities
 from relnav.estimation.factored import orthogonalise, spread
 from relnav.estimation.rows import Observed, copy_track, gate_groups, log_determinant, pair_covariance, sweep
 from relnav.geometry.rotation_vector import rotation_vector_into, turn_by_rotation_vector
 from relnav.navigation.marker_observation import aim_camera, has_spot, observe_markers
 from relnav.navigation.pose_memory import POSE, PoseMemory, pose_views
-from relnav.navigation.pose_propagation import advance_bank, copy_pose, is_wide
+from relnav.navigation.pose_propagation import advance_bank, copy_pose, copy_rows, is_wide
 from relnav.navigation.propagation import prepare_step
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
 
@@ -56,10 +57,10 @@ def turn_errors(ld: Matrix, turn: Matrix) -> None:
 
 
 @kernel
-def take_in(scratch: Record, track: Record) -> None:
+def take_in(scratch: Record, track: Record, sensitivities: Matrix) -> None:
     """Fold the errors that an update has estimated into motion, attitude and rate; covariance then is about these.
 
-    P <- G P G^T, G = I - [theta x] / 2 (Markley and Crassidis 2014, ch. 6).
+    P <- G P G^T and S <- G S, G = I - [theta x] / 2 (Markley and Crassidis 2014, ch. 6).
     """
     x, motion, rate, dcm = track["state"], track["motion"], track["rate"], track["dcm"]
     turned, g = scratch["turned"], scratch["phi"]
@@ -74,18 +75,25 @@ def take_in(scratch: Record, track: Record) -> None:
     a, b, c = 0.5 * x[6], 0.5 * x[7], 0.5 * x[8]
     g[6, 7], g[6, 8], g[7, 6], g[7, 8], g[8, 6], g[8, 7] = c, -b, -c, a, b, -a
     turn_errors(track["ld"], g)
+    for k in range(sensitivities.shape[0]):
+        s = sensitivities[k]
+        u, v, w = s[6], s[7], s[8]
+        s[6], s[7], s[8] = u + c * v - b * w, v - c * u + a * w, w + b * u - a * v
     for i in range(POSE):
         x[i] = 0.0
 
 
 @kernel
-def spot_update(m: PoseMemory, track: Record, spots: Matrix, covariances: Stack) -> tuple[int, int, int, float]:
+def spot_update(
+    m: PoseMemory, track: Record, sensitivities: Matrix, spots: Matrix, covariances: Stack
+) -> tuple[int, int, int, float]:
     """Correct a hypothesis by an image; (markers seen, groups, groups used, NIS), its score counted on.
 
-    Which groups were used stands in `groups`. A rejected spot costs what one at the gate's limit would.
+    sensitivities (m, 12) of the hypothesis. Which groups were used stands in `groups`. A rejected spot costs what one
+    at the gate's limit would.
     """
     limit = m.gate[1]
-    seen, count = observe_markers(m, track, spots, covariances)
+    seen, count = observe_markers(m, track, sensitivities, spots, covariances)
     track["score"] += (seen - count) * (limit + 4.0 * math.log(m.camera["noise"]))
     if count == 0:
         return seen, 0, 0, math.nan
@@ -106,7 +114,8 @@ def spot_update(m: PoseMemory, track: Record, spots: Matrix, covariances: Stack)
     if used > 0:
         track["score"] += taken + log_determinant(image)
         copy_track(m.work, track)
-        take_in(m.scratch, track)
+        update_sensitivities(track["ld"], image, m.by_error[:n], m.news, sensitivities)
+        take_in(m.scratch, track, sensitivities)
     return seen, count, used, nis
 
 
@@ -128,14 +137,15 @@ def _distance2(e: Vector, one: Record, other: Record) -> float:
 
 
 @kernel
-def order_bank(scratch: Record, spare: Record, bank: Record, count: int) -> int:
+def order_bank(m: PoseMemory, bank: Record, sensitivities: Stack, count: int) -> int:
     """The most credible first, those far behind and those that have become one with a better one left out."""
     if count < 2:
         return count
-    order, kept = scratch["order"], 0
+    order, spare, kept = m.scratch["order"], m.spare, 0
     for i in range(count):
         order[i] = i
         copy_pose(bank[i], spare[i])
+        copy_rows(sensitivities[i], m.spare_sensitivities[i])
     for i in range(1, count):
         k, j = order[i], i
         while j > 0 and spare[order[j - 1]]["score"] > spare[k]["score"]:
@@ -148,10 +158,11 @@ def order_bank(scratch: Record, spare: Record, bank: Record, count: int) -> int:
             break
         alone = True
         for k in range(kept):
-            if _distance2(scratch["error"], bank[k], one) <= JOINED:
+            if _distance2(m.scratch["error"], bank[k], one) <= JOINED:
                 alone = False
         if alone:
             copy_pose(one, bank[kept])
+            copy_rows(m.spare_sensitivities[order[i]], sensitivities[kept])
             kept += 1
     return kept
 
@@ -169,12 +180,14 @@ def _telling(m: PoseMemory, ld: Matrix, count: int) -> bool:
 
 
 @kernel
-def _correct_bank(m: PoseMemory, bank: Record, count: int, spots: Matrix, covariances: Stack) -> tuple[int, bool]:
+def _correct_bank(
+    m: PoseMemory, bank: Record, sensitivities: Stack, count: int, spots: Matrix, covariances: Stack
+) -> tuple[int, bool]:
     """Correct all hypotheses; result and `accepted` are of the one that leads; (how many remain, a small gate)."""
     result, least, telling = m.result, math.inf, False
     for k in range(count):
         copy_pose(bank[k], m.best)
-        seen, groups, used, nis = spot_update(m, bank[k], spots, covariances)
+        seen, groups, used, nis = spot_update(m, bank[k], sensitivities[k], spots, covariances)
         if k == 0 or bank[k]["score"] < least:
             least = bank[k]["score"]
             result["nis"], result["dof"], result["seen"], result["used"] = nis, 2 * groups, seen, used
@@ -187,7 +200,7 @@ def _correct_bank(m: PoseMemory, bank: Record, count: int, spots: Matrix, covari
     if result["used"] == 0:
         for i in range(spots.shape[0]):
             m.accepted[i] = 0.0
-    return order_bank(m.scratch, m.spare, bank, count), telling
+    return order_bank(m, bank, sensitivities, count), telling
 
 
 @kernel
@@ -211,7 +224,7 @@ def _confirm(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) -> int:
     clock, result = m.clock, m.result
     if clock["trial"] == 0:
         return CONTRADICTED
-    remain, telling = _correct_bank(m, m.trial, clock["trial"], spots, covariances)
+    remain, telling = _correct_bank(m, m.trial, m.trial_sensitivities, clock["trial"], spots, covariances)
     if result["used"] < 3 or result["used"] < result["seen"]:
         clock["trial"] = 0
         return CONTRADICTED
@@ -221,6 +234,7 @@ def _confirm(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) -> int:
         return GOES_ON
     for k in range(remain):
         copy_pose(m.trial[k], m.bank[k])
+        copy_rows(m.trial_sensitivities[k], m.bank_sensitivities[k])
     for i in range(m.used_s.shape[0]):
         m.used_s[i] = m.trial_used_s[i]
     clock["running"], clock["trial"], clock["rejected"], clock["renewed"] = remain, 0, 0, t
@@ -241,9 +255,13 @@ def pose_step(block: Vector, t: float, chaser: Matrix, spots: Matrix, covariance
     v = m.motion["delta_v"]
     if (clock["running"] > 0 or clock["trial"] > 0) and (dt > 0.0 or v[0] != 0.0 or v[1] != 0.0 or v[2] != 0.0):
         prepare_step(m.step, m.motion, m.scratch, clock["t"], dt)
-        taken, orbit = m.step["dt"], m.motion["orbit"]
-        clock["running"] = advance_bank(m.body, m.step, m.scratch, orbit, m.bank, clock["running"], clock["t"], taken)
-        clock["trial"] = advance_bank(m.body, m.step, m.scratch, orbit, m.trial, clock["trial"], clock["t"], taken)
+        body, step, scratch, orbit, at, taken = m.body, m.step, m.scratch, m.motion["orbit"], clock["t"], m.step["dt"]
+        clock["running"] = advance_bank(
+            body, step, scratch, orbit, m.bank, m.bank_sensitivities, clock["running"], at, taken
+        )
+        clock["trial"] = advance_bank(
+            body, step, scratch, orbit, m.trial, m.trial_sensitivities, clock["trial"], at, taken
+        )
     clock["t"] = t
     aim_camera(m.camera, chaser)
     seen = 0
@@ -260,7 +278,7 @@ def pose_step(block: Vector, t: float, chaser: Matrix, spots: Matrix, covariance
         search = True
         result["seen"], result["status"] = seen, PREDICTED
     elif running:
-        clock["running"], _ = _correct_bank(m, m.bank, clock["running"], spots, covariances)
+        clock["running"], _ = _correct_bank(m, m.bank, m.bank_sensitivities, clock["running"], spots, covariances)
         used = result["used"]
         result["status"] = REJECTED if used == 0 else (UPDATED if used == result["seen"] else PARTIAL)
         if used > 0:

@@ -12,7 +12,7 @@ from relnav.mission import VisionMission
 from relnav.navigation.arguments import controls, quaternions
 from relnav.navigation.pose_epoch import EPOCH, read_epoch, write_epoch
 from relnav.navigation.pose_filter import NOTHING, pose_step
-from relnav.navigation.pose_memory import pose_named, pose_views
+from relnav.navigation.pose_memory import POSE, pose_named, pose_views
 from relnav.navigation.pose_record import PoseSolution
 from relnav.navigation.pose_smoothing import PoseSmoother
 from relnav.navigation.relative_pose import NO_COVARIANCES, Event, PoseNavigator, look_for_roots
@@ -32,11 +32,12 @@ def _run(
     covariances: Stack,
     chaser: Matrix,
     epochs: Record,
+    apart: Stack,
 ) -> int:
     """`pose_step` over epochs from `first` on; returns the one after which roots are wanted, or their number.
 
     spots (n, markers, 2); control (n, 6) or (0, 6); quaternion (n, 4) or (0, 4): then the chaser holds `held` (3, 3).
-    chaser (3, 3) is scratch.
+    chaser (3, 3) is scratch. apart (n, m, 12) as in `write_epoch`.
     """
     m = pose_views(block)
     acceleration, delta_v = m.motion["acceleration"], m.motion["delta_v"]
@@ -50,7 +51,7 @@ def _run(
         if quaternion.shape[0] > 0:
             dcm_from_quaternion_into(quaternion[e], chaser)
         wants = pose_step(block, t[e], chaser, spots[e], covariances)
-        write_epoch(m, epochs[e])
+        write_epoch(m, epochs[e], apart[e])
         if wants != NOTHING:
             m.result["wants"] = wants
             return e
@@ -64,7 +65,8 @@ class MarkerLogFilter(PoseNavigator):
         """keep: hand out what passed, for a smoother."""
         super().__init__(mission)
         self._keep = keep
-        self._past: list[Any] = []
+        self._past: list[tuple[Any, Stack]] = []
+        self._considered = len(pose_named(self.memory).news)
 
     def forward(
         self, t: Vector, spots: Stack, control: Matrix, quaternion: Matrix, image_t: Vector | None = None
@@ -73,7 +75,7 @@ class MarkerLogFilter(PoseNavigator):
 
         image_t (n,): when each row's image was exposed. Returns records of type `EPOCH`, (n,).
         """
-        epochs, last = np.zeros(len(t), EPOCH), self.last_t_s
+        epochs, last, apart = np.zeros(len(t), EPOCH), self.last_t_s, self._room(len(t))
         if np.any(np.diff(t, prepend=t[0] if math.isnan(last) else last) < 0.0):
             raise ValueError(f"t_s must not go back; the last epoch was at {last!r} s")
         if image_t is not None or self._events:
@@ -81,18 +83,24 @@ class MarkerLogFilter(PoseNavigator):
             return epochs
         done, chaser = 0, np.zeros((3, 3))
         while done < len(t):
-            at = _run(self.memory, done, t, spots, control, quaternion, self._held, NO_COVARIANCES, chaser, epochs)
+            at = _run(
+                self.memory, done, t, spots, control, quaternion, self._held, NO_COVARIANCES, chaser, epochs, apart
+            )
             if at < len(t):
                 m = pose_named(self.memory)
                 a, v, chaser_now = m.motion["acceleration"], m.motion["delta_v"], m.camera["chaser"]
                 event = Event(float(t[at]), a, v, spots[at], NO_COVARIANCES, chaser_now)
                 look_for_roots(self.memory, self.mission, event, int(m.result["wants"]))
-                read_epoch(self.memory, epochs[at : at + 1])
+                read_epoch(self.memory, epochs[at : at + 1], apart[at : at + 1])
             done = at + 1
         self._before, self._oldest_s = self.memory.copy(), float(t[-1])
         if self._keep:
-            self._past.append(epochs.copy())
+            self._past.append((epochs.copy(), apart))
         return epochs
+
+    def _room(self, n: int) -> Stack:
+        """For what considered errors have done to n events, (n, m, 12); (n, 0, 12) where it is not kept apart."""
+        return np.zeros((n, self._considered if self._keep else 0, POSE))
 
     def _one_by_one(
         self, t: Vector, spots: Stack, control: Matrix, quaternion: Matrix, image_t: Vector | None, epochs: Any
@@ -109,22 +117,23 @@ class MarkerLogFilter(PoseNavigator):
 
     def _passed(self, events: list[Event], after: list[Vector]) -> None:
         if self._keep:
-            self._past.append(_epochs_of(events, after))
+            epochs, apart = np.zeros(len(events), EPOCH), self._room(len(events))
+            for k, (event, memory) in enumerate(zip(events, after, strict=True)):
+                read_epoch(memory, epochs[k : k + 1], apart[k : k + 1])
+                epochs[k]["row"] = event.row
+            self._past.append((epochs, apart))
 
-    def passed(self, *, last: bool = False) -> Any:
-        """Epochs that have passed since this was asked last; last: with those that a late image might still change."""
+    def passed(self, *, last: bool = False) -> tuple[Any, Stack]:
+        """Events that have passed since this was asked last, and what considered errors have done to each, (n, m, 12).
+
+        last: with those that a late image might still change.
+        """
         if last:
             self._passed(self._events, self._after)
         past, self._past = self._past, []
-        return np.concatenate(past) if past else np.zeros(0, EPOCH)
-
-
-def _epochs_of(events: list[Event], after: list[Vector]) -> Any:
-    epochs = np.zeros(len(events), EPOCH)
-    for k, (event, memory) in enumerate(zip(events, after, strict=True)):
-        read_epoch(memory, epochs[k : k + 1])
-        epochs[k]["row"] = event.row
-    return epochs
+        if not past:
+            return np.zeros(0, EPOCH), self._room(0)
+        return np.concatenate([one[0] for one in past]), np.concatenate([one[1] for one in past])
 
 
 def filter_marker_epochs(
@@ -173,13 +182,13 @@ def filter_marker_epochs(
     log = MarkerLogFilter(mission, keep=smooth)
     epochs = log.forward(t, spots, control, quaternion, image_t_s)
     if smooth:
-        smoother, events = PoseSmoother(mission), log.passed(last=True)
-        smoother.backward(events)
+        events, apart = log.passed(last=True)
+        PoseSmoother(mission).backward(events, apart)
         smoothed_rows(epochs, events[events["row"] > 0])
     return PoseSolution(mission, epochs, smooth)
 
 
 def smoothed_rows(epochs: Any, events: Any) -> None:
     """Replace the filtered states of rows by the smoothed ones of their events, (n,) both."""
-    for name in ("motion", "dcm", "rate", "factor"):
+    for name in ("motion", "dcm", "rate", "factor", "by_chaser"):
         epochs[name] = events[name]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from relnav.arrays import Matrix, Record, Vector
+from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import inlined, plain
 from relnav.dynamics.rigid_body import BODY_ROWS, RigidBody
 from relnav.estimation.gating import gate_limits
@@ -33,7 +33,7 @@ CAMERA = np.dtype(
         ("mount", _F, (3, 3)),  # dcm_cam_from_chaser
         ("lens", _F, 3),  # from the chaser's centre of mass, chaser axes
         ("chaser", _F, (3, 3)),  # dcm_chaser_from_lvlh at the image
-        ("chaser_sigma", _F),
+        ("attitude_noise", _F),  # of the chaser's attitude, new at every image
         ("cam_from_lvlh", _F, (3, 3)),
     ]
 )
@@ -76,6 +76,10 @@ POSE_SCRATCH = np.dtype(
         ("order", _I, 2 * MOST_POSES),
     ]
 )
+LASTING = np.dtype([("attitude", _F), ("focal_length", _F), ("mounting", _F), ("placement", _F)])
+"""1-sigma of what lasts: chaser's attitude, focal length (relative), camera's mounting, each marker's place."""
+CHASER_ATTITUDE, MOUNTING, FOCAL_LENGTH, PLACEMENT = 0, 3, 6, 7
+"""Where each stands among the considered errors; the first three always do."""
 POSE_CLOCK = np.dtype(
     [
         ("t", _F),
@@ -90,8 +94,10 @@ POSE_RESULT = np.dtype([("nis", _F), ("dof", _I), ("status", _I), ("used", _I), 
 POSE_FIXED = np.dtype(
     [
         ("restart_after", _I),
+        ("considered", _I),  # how many lasting errors
         ("few_markers_limit", _F),
         ("camera", CAMERA),
+        ("lasting", LASTING),
         ("body", BODY),
         ("motion", MOTION_MODEL),
         ("step", STEP),
@@ -106,10 +112,11 @@ _FIXED, _TRACK, _GROUP = POSE_FIXED.itemsize // 8, POSE_TRACK.itemsize // 8, POS
 
 
 class PoseMemory(NamedTuple):
-    """A marker filter's memory by names (n markers)."""
+    """A marker filter's memory by names (n markers, m lasting errors)."""
 
     fixed: Record
     camera: Record
+    lasting: Record
     body: Record
     motion: Record
     step: Record
@@ -136,18 +143,24 @@ class PoseMemory(NamedTuple):
     factor: Matrix  # (2 n, 2 n)
     groups: Record  # (n,)
     independent: Record  # (n,)
+    bank_sensitivities: Stack  # (MOST_POSES, m, 12), what one sigma of each lasting error does to a hypothesis
+    trial_sensitivities: Stack
+    spare_sensitivities: Stack
+    by_error: Matrix  # (2 n, m), what it does to each row
+    news: Matrix  # (m, 12), scratch
 
 
-def _size_of(markers: int) -> int:
-    n = markers
-    return _FIXED + 3 * MOST_POSES * _TRACK + 103 * n + 8 * n * n + 2 * n * _GROUP
+def _size_of(markers: int, considered: int) -> int:
+    n, m = markers, considered
+    lasting = (3 * MOST_POSES + 1) * POSE * m + 2 * n * m
+    return _FIXED + 3 * MOST_POSES * _TRACK + 103 * n + 8 * n * n + 2 * n * _GROUP + lasting
 
 
 @inlined
 def pose_views(block: Vector) -> PoseMemory:
     """The memory by names."""
     fixed = block[:_FIXED].view(POSE_FIXED)[0]
-    n = fixed["clock"]["markers"]
+    n, m = fixed["clock"]["markers"], fixed["considered"]
     a = _FIXED + MOST_POSES * _TRACK
     b, c = a + MOST_POSES * _TRACK, a + 2 * MOST_POSES * _TRACK
     d = c + 2 * n
@@ -157,9 +170,13 @@ def pose_views(block: Vector) -> PoseMemory:
     p = o + 72 * n
     q, r = p + 4 * n * n, p + 8 * n * n
     s = r + _GROUP * n
+    u, one = s + _GROUP * n, MOST_POSES * m * POSE
+    v, w, x = u + one, u + 2 * one, u + 3 * one
+    y = x + 2 * n * m
     return PoseMemory(
         fixed,
         fixed["camera"],
+        fixed["lasting"],
         fixed["body"],
         fixed["motion"],
         fixed["step"],
@@ -185,7 +202,12 @@ def pose_views(block: Vector) -> PoseMemory:
         block[p:q].reshape((2 * n, 2 * n)),
         block[q:r].reshape((2 * n, 2 * n)),
         block[r:s].view(POSE_GROUP),
-        block[s : s + _GROUP * n].view(POSE_GROUP),
+        block[s:u].view(POSE_GROUP),
+        block[u:v].reshape((MOST_POSES, m, POSE)),
+        block[v:w].reshape((MOST_POSES, m, POSE)),
+        block[w:x].reshape((MOST_POSES, m, POSE)),
+        block[x:y].reshape((2 * n, m)),
+        block[y : y + m * POSE].reshape((m, POSE)),
     )
 
 
@@ -196,8 +218,11 @@ pose_named = plain(pose_views)
 def new_pose_memory(mission: VisionMission) -> Vector:
     """A filter that has seen nothing yet."""
     count, camera, target = len(mission.markers.positions_m), mission.camera, mission.target
-    block = np.zeros(_size_of(count))
-    block[:_FIXED].view(POSE_FIXED)[0]["clock"]["markers"] = count
+    tolerances = mission.tolerances if mission.tolerances is not None and mission.tolerances.considered else None
+    considered = MOUNTING if tolerances is None else PLACEMENT + 3 * count
+    block = np.zeros(_size_of(count, considered))
+    fixed = block[:_FIXED].view(POSE_FIXED)[0]
+    fixed["considered"], fixed["clock"]["markers"] = considered, count
     m = pose_named(block)
     m.fixed["restart_after"] = mission.filter.restart_after_epochs
     m.fixed["few_markers_limit"] = mission.filter.few_markers_limit_s
@@ -212,8 +237,16 @@ def new_pose_memory(mission: VisionMission) -> Vector:
         mount=camera.dcm_cam_from_chaser,
         lens=camera.position_m,
         chaser=mission.dcm_chaser_from_lvlh,
-        chaser_sigma=mission.chaser.attitude_sigma_rad,
+        attitude_noise=mission.chaser.attitude_noise_rad,
     )
+    fill(m.lasting, attitude=mission.chaser.attitude_sigma_rad)
+    if tolerances is not None:
+        fill(
+            m.lasting,
+            focal_length=tolerances.focal_length_relative_sigma,
+            mounting=tolerances.camera_mounting_sigma_rad,
+            placement=tolerances.marker_placement_sigma_m,
+        )
     body = RigidBody(np.array(target.inertia_kg_m2), mission.orbit.mean_motion_rad_s)
     fill(m.body, values=body.matrix, noise_density=target.rate_noise_density_rad2_s3)
     write_motion_model(m.motion, mission.orbit, mission.process_noise, mission.filter)

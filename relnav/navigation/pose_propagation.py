@@ -4,13 +4,14 @@ import math
 
 import numpy as np
 
-from relnav.arrays import Matrix, Record, Vector
+from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import kernel, straight_line
 from relnav.codegen.trace import Shape
 from relnav.dynamics import rigid_body
 from relnav.dynamics.relative_motion import frame_rate
 from relnav.dynamics.rigid_body import MEAN_MOTION
 from relnav.dynamics.yamanaka_ankersen import PHI_PATTERN
+from relnav.estimation.considered import is_felt
 from relnav.estimation.factored import factorize_into, time_update_into
 from relnav.estimation.rows import copy_track
 from relnav.navigation.pose_memory import POSE
@@ -43,6 +44,33 @@ def carry_motion(motion: Vector, phi: Matrix, effect: Vector) -> None:
             x[i] += phi[i, j] * motion[j]
     for i in range(6):
         motion[i] = x[i]
+
+
+@straight_line(phi=POSE_PHI_PATTERN, vector=(POSE,))
+def _carry_sensitivity(phi: Matrix, vector: Vector) -> None:
+    """Replace a vector (12,) by Phi vector."""
+    x = np.zeros(POSE)
+    for i in range(POSE):
+        for j in range(POSE):
+            x[i] += phi[i, j] * vector[j]
+    for i in range(POSE):
+        vector[i] = x[i]
+
+
+@kernel
+def carry_sensitivities(phi: Matrix, sensitivities: Matrix) -> None:
+    """Carry what lasting errors do to a hypothesis, (m, 12), over a step."""
+    for c in range(sensitivities.shape[0]):
+        if is_felt(sensitivities[c]):
+            _carry_sensitivity(phi, sensitivities[c])
+
+
+@kernel
+def copy_rows(source: Matrix, target: Matrix) -> None:
+    """Copy rows."""
+    for c in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            target[c, j] = source[c, j]
 
 
 @kernel
@@ -119,16 +147,29 @@ def _is_forgotten(body: Record, track: Record, dt: float) -> bool:
 
 @kernel
 def advance_bank(
-    body: Record, step: Record, scratch: Record, orbit: Vector, bank: Record, count: int, t: float, dt: float
+    body: Record,
+    step: Record,
+    scratch: Record,
+    orbit: Vector,
+    bank: Record,
+    sensitivities: Stack,
+    count: int,
+    t: float,
+    dt: float,
 ) -> int:
-    """Carry the hypotheses over dt, those left out of which nothing would be known; returns how many remain."""
+    """Carry the hypotheses over dt, those left out of which nothing would be known; returns how many remain.
+
+    sensitivities (hypotheses, m, 12): of each.
+    """
     kept = 0
     fade = math.exp(-dt / MEMORY_S)
     for k in range(count):
         if not _is_forgotten(body, bank[k], dt):
             if kept < k:
                 copy_pose(bank[k], bank[kept])
+                copy_rows(sensitivities[k], sensitivities[kept])
             if advance_pose(body, step, scratch, orbit, bank[kept], t, dt):
+                carry_sensitivities(scratch["phi"], sensitivities[kept])
                 bank[kept]["score"] *= fade
                 kept += 1
     return kept

@@ -77,6 +77,7 @@ class PoseRecord:
             self._chaser[None],
             np.array([self.t_s]),
             rate,
+            self.epoch["by_chaser"][None],
         )
         return DockingState(*(_frozen(values[0]) for values in vars(whole).values()))
 
@@ -208,6 +209,7 @@ class PoseSolution:
             self.mission,
             self.epochs["chaser"],
             self.t_s,
+            by_chaser=self.epochs["by_chaser"],
         )
 
     @property

@@ -1,7 +1,7 @@
 """Poses that explain one image, as hypotheses of the marker filter: to open a trial, and those that none covers."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtri
@@ -13,7 +13,7 @@ from relnav.mission import VisionMission
 from relnav.navigation.memory import fill
 from relnav.navigation.pose_filter import DROP
 from relnav.navigation.pose_memory import MOST_POSES, PoseMemory
-from relnav.navigation.pose_state import PoseState, state_from_pose
+from relnav.navigation.pose_state import PoseState, sensitivities_from_pose, state_from_pose
 from relnav.sensors.three_marker.measure import measure
 from relnav.sensors.three_marker.outcome import MISFIT_PROBABILITY
 from relnav.sensors.three_marker.pose import Pose
@@ -23,13 +23,28 @@ WIDENED = 4.0
 _COVERED = 16.0  # chi-square: a root whose attitude is this near a hypothesis starts none
 
 
-def state_of(track: Record) -> PoseState:
-    """A hypothesis as values of their own."""
-    return PoseState(track["motion"].copy(), track["dcm"].copy(), track["rate"].copy(), compose(track["ld"]))
+@dataclass(frozen=True)
+class Root:
+    """A state on a pose that explains an image; sensitivities (m, 12): what considered errors do to it."""
+
+    state: PoseState
+    sensitivities: Matrix
+
+
+def state_of(track: Record, sensitivities: Matrix) -> PoseState:
+    """A hypothesis as values of their own, what is considered in its covariance."""
+    covariance = compose(track["ld"]) + sensitivities.T @ sensitivities
+    return PoseState(track["motion"].copy(), track["dcm"].copy(), track["rate"].copy(), covariance)
+
+
+def write_root(track: Record, sensitivities: Matrix, root: Root, score: float = 0.0) -> None:
+    """Write a root as a hypothesis."""
+    sensitivities[:] = root.sensitivities
+    write_state(track, root.state, score)
 
 
 def write_state(track: Record, state: PoseState, score: float = 0.0) -> None:
-    """Write a state as a hypothesis."""
+    """Write a state as a hypothesis, its covariance as the filter's own."""
     covariance = 0.5 * (state.covariance + state.covariance.T)
     fill(
         track,
@@ -57,8 +72,8 @@ def roots(
     covariances: Stack | None,
     dcm_chaser_from_lvlh: Matrix,
     mission: VisionMission,
-    believed: PoseState | None,
-) -> tuple[list[PoseState], Flags]:
+    believed: Root | None,
+) -> tuple[list[Root], Flags]:
     """States on the poses that explain an image and are not a million times less credible than the best; markers used.
 
     The expected view decides and is part of the state. An image whose spots misfit every pose has none.
@@ -72,29 +87,33 @@ def roots(
             continue
         pose = _with_view(root.pose, mission.view)
         state = state_from_pose(pose, mission, dcm_chaser_from_lvlh, widened=WIDENED)
+        sensitivities = sensitivities_from_pose(pose, mission, dcm_chaser_from_lvlh, used, covariances)
         if believed is not None:  # the velocity is common to all: unknown, its width alone would cost the odds
-            motion, covariance = np.concatenate([state.motion[:3], believed.motion[3:]]), state.covariance.copy()
-            covariance[3:6, 3:6] = WIDENED * believed.covariance[3:6, 3:6]
+            known = believed.state
+            motion, covariance = np.concatenate([state.motion[:3], known.motion[3:]]), state.covariance.copy()
+            covariance[3:6, 3:6] = WIDENED * known.covariance[3:6, 3:6]
             state = replace(state, motion=motion, covariance=covariance)
-        out.append(state)
+            sensitivities[:, 3:6] = believed.sensitivities[:, 3:6]
+        out.append(Root(state, sensitivities))
     return out, used
 
 
-def open_trial(m: PoseMemory, states: list[PoseState], used: Flags) -> None:
+def open_trial(m: PoseMemory, found: list[Root], used: Flags) -> None:
     """Begin a trial on the poses of an image; used: which markers' spots they rest on."""
-    for track, state in zip(m.trial, states, strict=False):
-        write_state(track, state)
-    m.clock["trial"] = min(len(states), MOST_POSES)
+    for track, sensitivities, root in zip(m.trial, m.trial_sensitivities, found, strict=False):
+        write_root(track, sensitivities, root)
+    m.clock["trial"] = min(len(found), MOST_POSES)
     m.trial_used_s[:] = np.where(used, m.clock["t"], np.nan)
 
 
-def add_uncovered(m: PoseMemory, states: list[PoseState]) -> None:
+def add_uncovered(m: PoseMemory, found: list[Root]) -> None:
     """A hypothesis for each pose that none covers, as credible as the best."""
     count = int(m.clock["running"])
-    bank = [state_of(track) for track in m.bank[:count]]
-    for state in states:
-        if all(_distance2(held, state) > _COVERED for held in bank) and m.clock["running"] < MOST_POSES:
-            write_state(m.bank[int(m.clock["running"])], state, float(m.bank[0]["score"]))
+    bank = [state_of(m.bank[k], m.bank_sensitivities[k]) for k in range(count)]
+    for root in found:
+        if all(_distance2(held, root.state) > _COVERED for held in bank) and m.clock["running"] < MOST_POSES:
+            k = int(m.clock["running"])
+            write_root(m.bank[k], m.bank_sensitivities[k], root, float(m.bank[0]["score"]))
             m.clock["running"] += 1
 
 

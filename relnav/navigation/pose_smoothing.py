@@ -2,23 +2,32 @@
 
 As `relnav.estimation.smoothing` describes, on the twelve errors: what is known of the event after is told as errors
 about its prediction, C turns these into errors of this event, and they are taken into its state. Differences of
-attitudes are rotation vectors in target axes, as in the filter. A piece ends where the bank began anew, and where more
-than one pose was possible: there the filter's own states stand.
+attitudes are rotation vectors in target axes, as in the filter. What considered errors have done, S, goes back as the
+estimate does: S <- S + C (S later - Phi S). A piece ends where the bank began anew, and where more than one pose was
+possible: there the filter's own states stand.
 """
 
 from typing import Any
 
 import numpy as np
 
-from relnav.arrays import Matrix, Record, Vector
+from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import kernel, straight_line
 from relnav.dynamics.relative_motion import transition_into
+from relnav.estimation.considered import is_felt
 from relnav.estimation.smoothing import backward_model, carry_noise_back, smooth_step
 from relnav.geometry.rotation_vector import rotation_vector_into, turn_by_rotation_vector
 from relnav.mission import VisionMission
-from relnav.navigation.pose_epoch import pack_pose, unpack_pose
-from relnav.navigation.pose_memory import POSE, POSE_TRACK, new_pose_memory, pose_views
-from relnav.navigation.pose_propagation import POSE_NOISE_PATTERN, POSE_PHI_PATTERN, advance_pose, copy_pose
+from relnav.navigation.pose_epoch import unpack_pose, write_covariance
+from relnav.navigation.pose_memory import POSE, POSE_TRACK, new_pose_memory, pose_named, pose_views
+from relnav.navigation.pose_propagation import (
+    POSE_NOISE_PATTERN,
+    POSE_PHI_PATTERN,
+    advance_pose,
+    carry_sensitivities,
+    copy_pose,
+    copy_rows,
+)
 from relnav.navigation.propagation import prepare_step
 from relnav.navigation.status import STARTED
 
@@ -81,9 +90,27 @@ def _invert(m: Matrix, work: Matrix, out: Matrix) -> None:
 
 
 @kernel
-def _smooth(block: Vector, epochs: Record, after: Vector) -> None:
-    """Smooth filtered events in place, from their last to their first; after: `LATER`, of the event behind them."""
+def _smooth_sensitivities(gain: Matrix, own: Matrix, behind: Matrix, predicted: Matrix) -> None:
+    """Replace S behind an event by S of the event, own + C (behind - predicted); all (m, 12)."""
+    for c in range(own.shape[0]):
+        if is_felt(own[c]) or is_felt(behind[c]):
+            for j in range(POSE):
+                predicted[c, j] = behind[c, j] - predicted[c, j]
+            for i in range(POSE):
+                behind[c, i] = own[c, i]
+                for j in range(POSE):
+                    behind[c, i] += gain[i, j] * predicted[c, j]
+
+
+@kernel
+def _smooth(block: Vector, epochs: Record, apart: Stack, after: Vector, effects: Stack) -> None:
+    """Smooth filtered events in place, from their last to their first; after: `LATER`, of the event behind them.
+
+    apart (n, m, 12): what considered errors have done to each, of which `factor` then holds the joint covariance;
+    effects (2, m, 12): the same of the event behind them, smoothed, and scratch.
+    """
     m, later = pose_views(block), after.view(LATER)[0]
+    behind, predicted = effects[0], effects[1]
     track, e, inverse = later["track"], later["error"], later["inverse"]
     own, ahead = m.spare[0], m.spare[1]
     acceleration, delta_v = m.motion["acceleration"], m.motion["delta_v"]
@@ -108,6 +135,8 @@ def _smooth(block: Vector, epochs: Record, after: Vector) -> None:
             prepare_step(m.step, m.motion, m.scratch, one["t"], dt)
             copy_pose(own, ahead)
             advance_pose(m.body, m.step, m.scratch, m.motion["orbit"], ahead, one["t"], m.step["dt"])
+            copy_rows(apart[k], predicted)
+            carry_sensitivities(m.scratch["phi"], predicted)
             dt = m.step["dt"]
             transition_into(m.motion["orbit"], one["t"] + dt, -dt, later["motion_inverse"])
             for i in range(6):
@@ -126,9 +155,11 @@ def _smooth(block: Vector, epochs: Record, after: Vector) -> None:
             for i in range(3):
                 rate[i] += e[9 + i]
             turn_by_rotation_vector(own["dcm"], e[6:9], dcm)
-            pack_pose(track["ld"], factor)
+            _smooth_sensitivities(later["gain"], apart[k], behind, predicted)
         else:
             copy_pose(own, track)
+            copy_rows(apart[k], behind)
+        write_covariance(track["ld"], behind, apart[k, :0], m.work["ld"], factor, one["by_chaser"])
         for i in range(6):
             track["motion"][i] = motion[i]
         for i in range(3):
@@ -147,7 +178,11 @@ class PoseSmoother:
         """Begin behind the last event."""
         self._memory = new_pose_memory(mission)
         self._after = np.zeros(LATER.itemsize // 8)
+        self._effects = np.zeros((2, *pose_named(self._memory).news.shape))
 
-    def backward(self, events: Any) -> None:
-        """Smooth the events (n,) of type `EPOCH` in place; those after them have been smoothed before."""
-        _smooth(self._memory, events, self._after)
+    def backward(self, events: Any, apart: Stack) -> None:
+        """Smooth the events (n,) of type `EPOCH` in place, those after them having been smoothed before.
+
+        apart (n, m, 12): what considered errors have done to each; it ends up in their covariance.
+        """
+        _smooth(self._memory, events, apart, self._after, self._effects)

@@ -6,8 +6,8 @@ C = C_hat exp([theta x]). Marker i is seen at
 
     p_i = C_KB (C_BL (C s_i - rho) - c_B)        K camera, B chaser, L lvlh_ccsds, c_B the lens in the chaser
 
-so that any number of spots, one included, tells what it can (`spot_update`). The chaser's own attitude error turns all
-spots of an image together: it is considered in their covariance and not estimated.
+so that any number of spots, one included, tells what it can (`spot_update`). What lasts (the chaser's attitude error,
+and on request what was built) is considered and not estimated: `sensitivities` (m, 12) of a state.
 """
 
 import math
@@ -15,13 +15,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Flags, Matrix, Stack, Vector
 from relnav.dynamics.clohessy_wiltshire import propagate, transition
 from relnav.dynamics.process_noise import acceleration_noise, add_execution_error
 from relnav.dynamics.rigid_body import RigidBody
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.rotation_vector import rotation_vector_between, turned
 from relnav.mission import VisionMission
+from relnav.sensors.three_marker.camera import project
+from relnav.sensors.three_marker.jacobians import spot_jacobians
 from relnav.sensors.three_marker.pose import Pose
 
 POSE = np.array([0, 1, 2, 6, 7, 8])
@@ -119,9 +121,48 @@ def state_from_pose(
     alpha = np.empty((6, 3))
     alpha[:3], alpha[3:] = spread[:3, :3] @ cross_matrix(-seen.position_m), (dcm_chaser_from_lvlh @ dcm).T
     covariance = widened * spread @ seen.covariance @ spread.T
-    covariance += mission.chaser.attitude_sigma_rad**2 * alpha @ alpha.T
+    covariance += mission.chaser.attitude_noise_rad**2 * alpha @ alpha.T
     whole = np.zeros((12, 12))
     whole[POSE[:, None], POSE] = covariance
     whole[3:6, 3:6] = mission.filter.initial_velocity_sigma_m_s**2 * np.eye(3)
     whole[9:, 9:] = mission.filter.initial_rate_sigma_rad_s**2 * np.eye(3)
     return replace(state, covariance=whole)
+
+
+def lasting_by_spot(pose: Pose, mission: VisionMission) -> Stack:
+    """What one sigma of each considered error does to each spot of a target at a pose, px, (n, 2, m).
+
+    Errors: turns of the chaser; then, with tolerances considered, turns of the camera, focal length, every marker.
+    """
+    points, camera, tolerances = mission.markers.points_m, mission.camera, mission.tolerances
+    by = spot_jacobians(points, np.vstack([pose.dcm_cam_from_target, pose.position_m]), camera)
+    columns = [mission.chaser.attitude_sigma_rad * by.chaser_attitude]
+    if tolerances is not None and tolerances.considered:
+        spots = project(by.in_camera_m, camera).spots_px - np.array(camera.principal_point_px)
+        own = np.einsum("nij,nk->nikj", by.marker, np.eye(len(points))).reshape(len(points), 2, -1)
+        columns.append(tolerances.camera_mounting_sigma_rad * by.mounting)
+        columns.append(tolerances.focal_length_relative_sigma * spots[:, :, None])
+        columns.append(tolerances.marker_placement_sigma_m * own)
+    return np.concatenate(columns, axis=2)
+
+
+def sensitivities_from_pose(
+    pose: Pose, mission: VisionMission, dcm_chaser_from_lvlh: Matrix, used: Flags, covariances: Stack | None
+) -> Matrix:
+    """What considered errors do to the state of a first pose, (m, 12): dx/dz E, z the spots that were used.
+
+    covariances (n, 2, 2) px^2 of the spots; the camera's noise if None.
+    """
+    rows = 2 * int(np.count_nonzero(used))
+    by = spot_jacobians(
+        mission.markers.points_m, np.vstack([pose.dcm_cam_from_target, pose.position_m]), mission.camera
+    )
+    h = np.concatenate([by.position, by.attitude], axis=2)[used]
+    noise = np.broadcast_to(mission.camera.spot_noise_px**2 * np.eye(2), (*h.shape[:1], 2, 2))
+    weighted = np.linalg.solve(noise if covariances is None else covariances[used], h)
+    by_error = lasting_by_spot(pose, mission)[used].reshape(rows, -1)
+    of_pose = pose.covariance @ weighted.reshape(rows, 6).T @ by_error
+    out = np.zeros((by_error.shape[1], 12))
+    out[:, :3] = of_pose[:3].T @ (-dcm_chaser_from_lvlh.T @ mission.camera.dcm_cam_from_chaser.T).T
+    out[:, 6:9] = of_pose[3:].T
+    return out

@@ -24,8 +24,8 @@ from relnav.navigation.beacon_geometry import (
 from relnav.navigation.beacon_observation import observe, observe_again
 from relnav.navigation.beacon_start import start
 from relnav.navigation.docking_view import LOWER
-from relnav.navigation.measurement_matrices import errors_in_use, rows_in_use
-from relnav.navigation.memory import FIELD_ERRORS, FIX, TOLERANCES_SHARED, fill, named
+from relnav.navigation.measurement_matrices import errors_in_use, rows_in_use, turns_in_sight
+from relnav.navigation.memory import ATTITUDE_ERRORS, FIELD_ERRORS, FIX, TOLERANCES_SHARED, fill, named
 from relnav.navigation.propagation import prepare_step
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
 from relnav.navigation.step import WRONG_SHAPE, WRONG_TIME
@@ -153,7 +153,7 @@ class ReferenceEngine:
         if usable == 0:
             return REJECTED
         coordinates = uses_coordinates(m.sensor)
-        if coordinates and len(track.considered):
+        if coordinates and (len(track.considered) or m.sensor["attitude_noise"] > 0.0):
             self._add_considered_noise(track, x, spots)
         h, residual, _, groups = rows_in_use(m)
         if coordinates and len(set(groups)) == 1 and not self._lone_beacon_is_telling(int(groups[0]), p):
@@ -181,7 +181,7 @@ class ReferenceEngine:
             self._update(track, at, x, p, rows)
             iterations += 1
         if len(track.considered):
-            self._consider(track, rows, spots)
+            self._consider(track, at, rows, spots)
         m.result["iterations"], m.result["used"] = iterations, passed
         return UPDATED if passed == seen else PARTIAL
 
@@ -224,20 +224,22 @@ class ReferenceEngine:
         """Add considered errors to the variances of the coordinates in use: own ones, and what is left of others."""
         m = self.named
         h, _, _, _ = rows_in_use(m)
-        errors, shared = errors_in_use(m, x, spots), slice(FIELD_ERRORS, FIELD_ERRORS + TOLERANCES_SHARED)
+        first = FIELD_ERRORS - int(m.fixed["first_error"])
+        errors, shared = errors_in_use(m, x, spots), slice(first, first + ATTITUDE_ERRORS + TOLERANCES_SHARED)
         own = np.delete(errors, shared, axis=1)
         rest = errors[:, shared] - h @ track.considered[shared].T
-        left = np.sum(own**2, axis=1) + np.sum(rest**2, axis=1)
+        m.turns[:] = turns_in_sight(m, x)
         variance = m.groups["variance"]
         used = np.nonzero(variance[:, :2] > 0.0)
-        variance[used] += left
+        turned = np.sum((m.sensor["attitude_noise"] * m.turns.reshape(-1, 2, 3)[used]) ** 2, axis=1)
+        variance[used] += np.sum(own**2, axis=1) + np.sum(rest**2, axis=1) + turned
 
-    def _consider(self, track: ReferenceTrack, rows: Codes, spots: Matrix) -> None:
+    def _consider(self, track: ReferenceTrack, at: Vector, rows: Codes, spots: Matrix) -> None:
         """Update what is considered by the rows used, K = P+ H^T R^-1."""
         h, _, r, _ = rows_in_use(self.named)
         gain = np.linalg.solve(r[np.ix_(rows, rows)], h[rows] @ track.covariance).T
         s = track.considered.T
-        track.considered = (s + gain @ (errors_in_use(self.named, track.state, spots)[rows] - h[rows] @ s)).T
+        track.considered = (s + gain @ (errors_in_use(self.named, at, spots)[rows] - h[rows] @ s)).T
 
     def _gate(self, track: ReferenceTrack, x: Vector, p: Matrix, groups: Codes) -> Codes:
         """Rows of the beacons that are credible alone and together, as `update` decides."""

@@ -19,12 +19,12 @@ from relnav.geometry.rotation_vector import turned
 from relnav.mission import VisionMission
 from relnav.navigation.arguments import start_values
 from relnav.navigation.memory import fill, orbit_values
-from relnav.navigation.pose_epoch import EPOCH, read_epoch
+from relnav.navigation.pose_epoch import EPOCH, JOINED, read_epoch
 from relnav.navigation.pose_filter import NEW_ROOTS, NOTHING, pose_step
 from relnav.navigation.pose_memory import POSE, new_pose_memory, pose_named
 from relnav.navigation.pose_propagation import is_wide
 from relnav.navigation.pose_record import PoseRecord
-from relnav.navigation.pose_roots import add_uncovered, open_trial, roots, state_of
+from relnav.navigation.pose_roots import Root, add_uncovered, open_trial, roots, state_of
 from relnav.navigation.pose_state import PoseState
 from relnav.navigation.status import EpochStatus
 from relnav.sensors.three_marker.camera import usable_covariance
@@ -89,7 +89,8 @@ class PoseNavigator:
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """Every pose that is still possible, the most credible first."""
         m = pose_named(self.memory)
-        return tuple(Hypothesis(state_of(one), float(one["score"])) for one in m.bank[: int(m.clock["running"])])
+        tracks = zip(m.bank[: int(m.clock["running"])], m.bank_sensitivities, strict=False)
+        return tuple(Hypothesis(state_of(one, by_error), float(one["score"])) for one, by_error in tracks)
 
     def start(
         self,
@@ -125,6 +126,7 @@ class PoseNavigator:
             raise ValueError(f"t_s must not be before the last epoch, {self.last_t_s!r}; got {t_s!r}")
         m = pose_named(self.memory)
         fill(m.bank[0], motion=motion, dcm=attitude, rate=rate, state=0.0, ld=ld, score=0.0)
+        m.bank_sensitivities[0] = 0.0
         fill(m.clock, t=t, renewed=t, running=1, trial=0, rejected=0)
         m.used_s[:] = t
         self._events, self._after = [], []
@@ -256,7 +258,7 @@ class PoseNavigator:
         self, event: Event, outcome: "Outcome", rate: Vector | None, delay_s: float, *, too_late: bool
     ) -> PoseRecord:
         epoch, dcm = np.zeros(1, EPOCH), event.dcm_chaser_from_lvlh
-        read_epoch(self.memory, epoch)
+        read_epoch(self.memory, epoch, JOINED)
         one = epoch[0]
         if delay_s > 0.0 and rate is not None:
             relative = rate - lvlh_rate(dcm.T, frame_rate(orbit_values(self.mission.orbit), event.t_s))
@@ -304,14 +306,16 @@ def look_for_roots(memory: Vector, mission: VisionMission, event: Event, wants: 
     """Open a trial on the poses that explain an image, or take up those that no hypothesis covers."""
     m = pose_named(memory)
     running = m.clock["running"] > 0
-    believed = state_of(m.bank[0]) if running and (wants == NEW_ROOTS or is_wide(m.bank[0])) else None
+    keeps = running and (wants == NEW_ROOTS or is_wide(m.bank[0]))
+    effects = m.bank_sensitivities[0]
+    believed = Root(state_of(m.bank[0], np.zeros((0, POSE))), effects.copy()) if keeps else None
     own = event.covariance_px2 if len(event.covariance_px2) else None
     spots = np.where(np.isfinite(event.spots_px).all(axis=1, keepdims=True), event.spots_px, np.nan)
-    states, used = roots(spots, own, event.dcm_chaser_from_lvlh, mission, believed)
+    found, used = roots(spots, own, event.dcm_chaser_from_lvlh, mission, believed)
     if wants == NEW_ROOTS:
-        add_uncovered(m, states)
-    elif states:
-        open_trial(m, states, used)
+        add_uncovered(m, found)
+    elif found:
+        open_trial(m, found, used)
 
 
 def _vector(name: str, value: ArrayLike) -> Vector:

@@ -9,11 +9,11 @@ import math
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
 from relnav.estimation.factored import innovation_variance
-from relnav.estimation.rows import Observed, copy_track, gate_groups, sweep
+from relnav.estimation.rows import copy_track, gate_groups, sweep
 from relnav.navigation.attitude_check import attitude_is_credible
 from relnav.navigation.beacon_geometry import locate, uses_coordinates
 from relnav.navigation.beacon_observation import observe, observe_again
-from relnav.navigation.considered import add_considered_noise, update_sensitivities
+from relnav.navigation.considered import add_considered_noise, consider, observed
 from relnav.navigation.memory import Memory
 from relnav.navigation.status import LOST, PARTIAL, PREDICTED, REJECTED, UPDATED
 from relnav.sensors.measurement import MISALIGNED
@@ -101,9 +101,9 @@ def correct(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix) -> i
     if usable == 0:
         return REJECTED
     coordinates = uses_coordinates(m.sensor)
-    image = Observed(m.groups if coordinates else m.groups[0:1], m.nothing, m.nothing, m.groups[0:0])
     if coordinates:
-        add_considered_noise(m, x, sensitivities)
+        add_considered_noise(m, x, sensitivities, spots)
+    image = observed(m)
     if coordinates and not _lone_beacon_is_telling(m, track["ld"]):
         return PREDICTED
     _keep_innovations(m)
@@ -118,9 +118,11 @@ def correct(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix) -> i
     if passed == 0:
         return REJECTED
     at, carried = m.at, work["state"]
+    for j in range(6):
+        at[j] = x[j]
     iterations = 1
     while iterations < MAX_ITERATIONS:
-        if not bends(m, at if iterations > 1 else x, carried):
+        if not bends(m, at, carried):
             break
         for j in range(6):
             at[j] = carried[j]
@@ -130,5 +132,5 @@ def correct(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix) -> i
         iterations += 1
     result["iterations"], result["used"] = iterations, passed
     copy_track(work, track)
-    update_sensitivities(m, track, sensitivities, spots)
+    consider(m, track["ld"], at, image, sensitivities, spots)
     return UPDATED if passed == seen else PARTIAL

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from relnav.arrays import Matrix, Vector
 from relnav.geometry.rotation import dcm_from_quaternion, quaternion_from_dcm
 from relnav.geometry.rotation_vector import turned
-from relnav.mission import Model
+from relnav.mission import Model, VisionMission
 from relnav.sensors.three_beacon import ThreeBeaconSensor
 
 
@@ -60,6 +60,30 @@ def as_built(model: Model, seed: int = 0) -> Model:
         sensor=BuiltSensor(**given, displacement_m=tuple((float(x), float(y), float(z)) for x, y, z in moved)),
         camera=dataclasses.replace(model.camera, q_cam_from_chaser=_turned(model.camera.q_cam_from_chaser, camera)),
         attitude=dataclasses.replace(model.attitude, q_cam_from_lvlh=_turned(model.attitude.q_cam_from_lvlh, camera)),
+    )
+
+
+def markers_as_built(mission: VisionMission, seed: int = 0) -> VisionMission:
+    """As `as_built`, of a marker mission: relative error of the focal length, turns of the camera, places of markers.
+
+    Raises
+    ------
+    ValueError
+        If the model states no tolerances.
+    """
+    t, camera, markers = mission.tolerances, mission.camera, mission.markers
+    if t is None:
+        raise ValueError(f"model {mission.name} has no [tolerances]: what a built sensor may be like is not known")
+    rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(4)[3])  # a flight uses the first three
+    scale = 1.0 + float(rng.normal()) * t.focal_length_relative_sigma
+    turn = -rng.normal(size=3) * t.camera_mounting_sigma_rad
+    places = markers.points_m + rng.normal(size=markers.points_m.shape) * t.marker_placement_sigma_m
+    fx, fy = camera.focal_length_px
+    quaternion = _turned(camera.q_cam_from_chaser, turn)
+    return dataclasses.replace(
+        mission,
+        camera=dataclasses.replace(camera, focal_length_px=(scale * fx, scale * fy), q_cam_from_chaser=quaternion),
+        markers=dataclasses.replace(markers, positions_m=tuple((float(x), float(y), float(z)) for x, y, z in places)),
     )
 
 

@@ -79,8 +79,8 @@ def simulate_flight(
 ) -> MarkerFlight:
     """Fly an approach with a target that turns: its attitude within the expected view, its rate as the filter assumes.
 
-    The chaser holds the model's attitude but for its stated error, which is new at every image. The same seed gives the
-    same flight.
+    The chaser holds the model's attitude but for its stated error, drawn once a flight, and the noise of every image.
+    The same seed gives the same flight.
     """
     faults = faults or MarkerFaults()
     streams = [np.random.default_rng(stream) for stream in np.random.SeedSequence(seed).spawn(3)]
@@ -101,7 +101,9 @@ def simulate_flight(
     )
     rng = streams[2]
     known = np.broadcast_to(mission.dcm_chaser_from_lvlh, (len(t), 3, 3))
-    error = Rotation.from_rotvec(-mission.chaser.attitude_sigma_rad * rng.normal(size=(len(t), 3)))
+    alpha = mission.chaser.attitude_sigma_rad * rng.normal(size=3)
+    alpha = alpha + mission.chaser.attitude_noise_rad * rng.normal(size=(len(t), 3))
+    error = Rotation.from_rotvec(-alpha)
     spots = true_spots(mission, motion, dcm[:, 0], error.as_matrix() @ known)
     spots += mission.camera.spot_noise_px * rng.normal(size=spots.shape)
     size = np.array(mission.camera.image_size_px)

@@ -200,13 +200,15 @@ def marker_image():
         write_state(m.bank[0], state)
         aim_camera(m.camera, np.ascontiguousarray(dcm))
         track = m.bank[0]
-        _, count = observe_markers(m, track, np.ascontiguousarray(spots), none)
+        _, count = observe_markers(m, track, m.bank_sensitivities[0], np.ascontiguousarray(spots), none)
         residual, rows = _of_groups(m, count, "residual")[:, 0].copy(), _of_groups(m, count, "gradient").copy()
         noise = m.noise[: 2 * count, : 2 * count].copy()
-        _, groups, _, _ = spot_update(m, track, np.ascontiguousarray(spots), none)
+        _, groups, _, _ = spot_update(m, track, m.bank_sensitivities[0], np.ascontiguousarray(spots), none)
         accepted = np.zeros(len(spots), dtype=bool)
         accepted[m.which[:groups][m.groups["tested"][:groups] > 0].astype(int)] = True
-        return MarkerImage(residual, rows, noise, state_of(track), accepted, float(track["score"]))
+        return MarkerImage(
+            residual, rows, noise, state_of(track, m.bank_sensitivities[0]), accepted, float(track["score"])
+        )
 
     return run
 

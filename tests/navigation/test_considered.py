@@ -37,13 +37,18 @@ def triad(a):
     return ((0.0, a, 0.0), (0.0, -a, 0.0), (3.0**0.5 * a, 0.0, 0.0))
 
 
+def attitude_known(model):
+    """The model with an attitude that is believed without error."""
+    return dataclasses.replace(model, attitude=dataclasses.replace(model.attitude, sigma_rad=0.0))
+
+
 @pytest.fixture(scope="module")
 def models():
-    vbar = relnav.load_model("three_beacon_psd")
+    vbar = attitude_known(relnav.load_model("three_beacon_psd"))
     more = dataclasses.replace(vbar.sensor, extra_beacons_m=(*triad(0.06), *triad(0.03)))
     return {
         "vbar": calibrated(vbar),
-        "rbar": calibrated(relnav.load_model("three_beacon_psd_rbar")),
+        "rbar": calibrated(attitude_known(relnav.load_model("three_beacon_psd_rbar"))),
         "attitude unknown": calibrated(
             dataclasses.replace(vbar, attitude=dataclasses.replace(vbar.attitude, mode="unknown"))
         ),
@@ -52,12 +57,15 @@ def models():
     }
 
 
-def images(model, truth, seen, *, focal=0.0, camera=(0.0, 0.0, 0.0), turn=(0.0, 0.0, 0.0), shift=0.0):
+def images(
+    model, truth, seen, *, focal=0.0, camera=(0.0, 0.0, 0.0), turn=(0.0, 0.0, 0.0), shift=0.0, attitude=(0.0, 0.0, 0.0)
+):
     """Spots (n, beacons, 2) of a sensor that is built otherwise: relative, rad about its axes, rad and m (docking)."""
     dock, mount = model.dcm_dock_from_lvlh, model.dcm_cam_from_lvlh
     beacons = model.sensor.beacons_dock_m + np.cross(turn, model.sensor.beacons_dock_m) + shift
     sight = model.port_position_m + beacons @ dock - truth[:, None, :3]
-    c = sight @ mount.T - model.camera_lever_cam_m
+    from_chaser = sight @ mount.T
+    c = from_chaser - np.cross(attitude, from_chaser) - model.camera_lever_cam_m
     c = c - np.cross(camera, c)  # theta of the camera: exp(-[theta x]) c
     spots = model.sensor.focal_length_m * (1.0 + focal) * c[..., :2] / c[..., 2:]
     return np.where(seen, spots, np.nan)
@@ -124,7 +132,7 @@ CASES = [
 ]
 
 
-def check_derivatives(model, name, method, smooth, errors):
+def check_derivatives(model, name, method, smooth, errors, felt_share=0.3):
     """The filter's estimate by each error (built with +-1 % of a sigma of it) beside its sensitivities."""
     log, seen = flown(model, name)
     nominal = images(model, log.truth, seen)
@@ -136,7 +144,7 @@ def check_derivatives(model, name, method, smooth, errors):
     own = np.sqrt(np.diagonal(covariances(epochs.factor), axis1=1, axis2=2))[running]
     scale = np.sqrt(np.einsum("nji,nji->ni", epochs.considered, epochs.considered))[running]
     allowed = 0.01 * scale + 7e-3 * own  # the gain depends on the estimate; 3 % of an error more or less fails
-    assert np.median(scale[:, :3] / own[:, :3]) > 0.3
+    assert np.median(scale[:, :3] / own[:, :3]) > felt_share
     assert epochs.considered.shape[1] == len(errors)
     untouched = (error(model, log.truth, seen, 1.0) for error in errors)
     felt = [j for j, spots in enumerate(untouched) if not np.array_equal(spots, nominal, equal_nan=True)]
@@ -177,7 +185,8 @@ def spot_errors(sigma_m):
 
 def tolerance_errors(model):
     t, n = model.tolerances, len(model.beacons_lvlh_m)
-    sizes = [("focal", t.focal_length_relative_sigma)]
+    sizes = [("attitude", axis) for axis in model.attitude.sigma_rad * np.eye(3)]
+    sizes += [("focal", t.focal_length_relative_sigma)]
     sizes += [("camera", axis) for axis in t.camera_mounting_sigma_rad * np.eye(3)]
     sizes += [("turn", axis) for axis in t.beacon_mounting_sigma_rad * np.eye(3)]
     sizes += [("shift", shift) for shift in t.beacon_placement_sigma_m * np.eye(3 * n).reshape(-1, n, 3)]
@@ -205,6 +214,29 @@ def tolerant(model):
 def test_sensitivities_to_tolerances_are_the_derivatives_of_the_filter(models, name, method, smooth):
     model = tolerant(models[name])
     check_derivatives(model, name, method, smooth, spot_errors(SIGMA_M) + tolerance_errors(model))
+
+
+@pytest.fixture(scope="module")
+def levered(models):
+    """No calibration, no tolerances: an attitude with an error, and a camera off the chaser's centre of mass."""
+    model = dataclasses.replace(models["vbar"], calibration=None, tolerances=None)
+    camera = dataclasses.replace(model.camera, position_m=(0.02, -0.03, 0.3))
+    return dataclasses.replace(
+        model, camera=camera, attitude=dataclasses.replace(model.attitude, sigma_rad=np.radians(0.05))
+    )
+
+
+def attitude_errors(model):
+    return [
+        lambda one, truth, seen, part, axis=axis: images(one, truth, seen, attitude=part * axis)
+        for axis in model.attitude.sigma_rad * np.eye(3)
+    ]
+
+
+@pytest.mark.parametrize("smooth", [False, True], ids=["filtered", "smoothed"])
+@pytest.mark.parametrize("method", ["spots", "fix"])
+def test_sensitivities_to_the_attitude_are_the_derivatives_of_the_filter(levered, method, smooth):
+    check_derivatives(levered, "vbar", method, smooth, attitude_errors(levered), felt_share=0.0)
 
 
 @pytest.mark.parametrize("method", ["spots", "fix"])

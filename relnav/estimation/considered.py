@@ -1,0 +1,109 @@
+"""Errors that last, considered and not estimated (Schmidt 1966), for rows whose noise is correlated.
+
+An error e that keeps its value through a run is seen in every image: a row reads z = h(x) + E e + noise. A filter that
+takes E e for new noise averages it and becomes overconfident. Beside the filter's own factors L D L^T runs S (m, n):
+row c is what one sigma of error c has done to the estimate, estimate minus truth. Being linear in the measurements, S
+is carried as the estimate itself is:
+
+    S <- Phi S                           from image to image
+    S <- S + P+ H^T R^-1 (E - H S)       at an update, P+ after it
+    P  = L D L^T + S^T S                 reported
+
+The innovation shows E e less what the estimate has taken up of it, (E - H S) e: gate and gain hold that part in R.
+"""
+
+from relnav.arrays import Matrix, Record, Vector
+from relnav.codegen.kernel import kernel, square, straight_line, vector
+from relnav.estimation.factored import add_rank_one
+from relnav.estimation.rows import Observed
+
+
+@kernel
+def is_felt(row: Vector) -> bool:
+    """Whether an error moves the estimate at all."""
+    size = 0.0
+    for i in range(row.shape[0]):
+        size += abs(row[i])
+    return size > 0.0
+
+
+@kernel
+def subtract_taken(groups: Record, by_error: Matrix, sensitivities: Matrix, first: int, last: int) -> None:
+    """Replace E (rows, m) of groups by E - H S, of the errors first to last - 1; row k of group g is row 2 g + k."""
+    for g in range(groups.shape[0]):
+        for k in range(groups[g]["rows"]):
+            h = groups[g]["gradient"][k]
+            for c in range(first, last):
+                s, taken = sensitivities[c], 0.0
+                for j in range(s.shape[0]):
+                    taken += h[j] * s[j]
+                by_error[2 * g + k, c] -= taken
+
+
+@kernel
+def add_lasting_noise(by_error: Matrix, noise: Matrix) -> None:
+    """Add the square of what the estimate has not taken up, (rows, m), to the noise of the rows, (rows, rows)."""
+    for i in range(by_error.shape[0]):
+        for k in range(i + 1):
+            total = 0.0
+            for c in range(by_error.shape[1]):
+                total += by_error[i, c] * by_error[k, c]
+            noise[i, k] += total
+            if k < i:
+                noise[k, i] = noise[i, k]
+
+
+@straight_line(ld=square, v=vector, out=vector)
+def add_covariance_times(ld: Matrix, v: Vector, out: Vector) -> None:
+    """Add L D L^T v to out (n,)."""
+    n = ld.shape[0]
+    for j in range(n):
+        along = v[j]
+        for i in range(j + 1, n):
+            along += ld[i, j] * v[i]
+        along *= ld[j, j]
+        out[j] += along
+        for i in range(j + 1, n):
+            out[i] += ld[i, j] * along
+
+
+@kernel
+def update_sensitivities(ld: Matrix, seen: Observed, by_error: Matrix, news: Matrix, sensitivities: Matrix) -> None:
+    """Take an image into S (m, n) that has been taken into the state.
+
+    ld (n, n): factors after it; seen: as the last sweep left it, row k of group g being row 2 g + k of by_error
+    (rows, m), E - H S of the rows as they were measured, which is used up; news (m, n): scratch.
+    """
+    for c in range(news.shape[0]):
+        for j in range(news.shape[1]):
+            news[c, j] = 0.0
+    correlated = seen.noise.shape[0] > 0
+    for g in range(seen.groups.shape[0]):
+        one = seen.independent[g] if correlated else seen.groups[g]
+        if one["tested"] == 0:
+            continue
+        for k in range(one["rows"]):
+            i, h, variance = 2 * g + k, one["gradient"][k], one["variance"][k]
+            if variance <= 0.0:
+                continue
+            if correlated:
+                for j in range(i):
+                    if seen.independent[j // 2]["tested"] > 0 and seen.independent[j // 2]["variance"][j % 2] > 0.0:
+                        for c in range(news.shape[0]):
+                            by_error[i, c] -= seen.factor[i, j] * by_error[j, c]
+            for c in range(news.shape[0]):
+                weight = by_error[i, c] / variance
+                if weight != 0.0:
+                    for j in range(news.shape[1]):
+                        news[c, j] += h[j] * weight
+    for c in range(news.shape[0]):
+        if is_felt(news[c]):
+            add_covariance_times(ld, news[c], sensitivities[c])
+
+
+@kernel
+def join_considered(ld: Matrix, sensitivities: Matrix) -> None:
+    """Replace a filter's own factors by those of what is reported, L D L^T + S^T S."""
+    for c in range(sensitivities.shape[0]):
+        if is_felt(sensitivities[c]):
+            add_rank_one(ld, sensitivities[c])
