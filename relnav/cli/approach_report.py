@@ -26,8 +26,8 @@ def report_lines(report: "AccuracyReport") -> list[str]:
     if any("spots" in row.method for row in report.rows):
         left_out = math.degrees(report.attitude_sigma_rad)
         lines.append(
-            f"spots filter: of noise alone, its attitude taken as exact; outside this report the model states {left_out:g} "
-            "deg (attitude.sigma_deg), which go into azimuth and elevation"
+            f"spots filter: of noise alone, its attitude taken as exact; the {left_out:g} deg of attitude.sigma_deg, "
+            "which a track contains in azimuth and elevation, are left out"
         )
     lines.append("consistency, state NEES over runs, epoch by epoch (honest: 95 % of epochs inside the 95 % band)")
     for entry in report.consistency:

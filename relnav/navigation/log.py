@@ -201,10 +201,8 @@ class LogFilter:
     @property
     def _considered_words(self) -> str:
         """Which lasting errors the covariance includes, in words; empty if none."""
-        attitude = self.method == "spots" and self.model.attitude.sigma_rad > 0.0
-        return ", ".join(
-            [*(["attitude"] if attitude else []), *([self.model.considered] if self.model.considered else [])]
-        )
+        attitude = "attitude" if self.method == "spots" and self.model.attitude.sigma_rad > 0.0 else ""
+        return ", ".join(words for words in (attitude, self.model.considered) if words)
 
     @property
     def restarts(self) -> int:
