@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import entry, kernel
 
 
 def dcm_from_quaternion(quaternion: Vector) -> Matrix:
@@ -58,7 +58,7 @@ def quaternion_from_dcm(dcm: Matrix) -> Vector:
     return -unit if unit[3] < 0.0 else unit
 
 
-@kernel
+@entry
 def dcm_from_quaternion_into(q: Vector, out: Matrix) -> bool:
     """Write the rotation matrix of the quaternion q (4,), normalised, into out; False if its norm is not near 1."""
     norm2 = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]

@@ -30,7 +30,7 @@ row of H.
 import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
-from relnav.codegen.kernel import kernel, straight_line
+from relnav.codegen.kernel import entry, kernel, straight_line
 from relnav.estimation.factored import add_rank_one
 from relnav.geometry.spherical import position_from_angles_jacobian
 from relnav.navigation.beacon_geometry import camera_position_dock, uses_coordinates
@@ -231,7 +231,7 @@ def start_sensitivities_of_planes(
                 sensitivities[j, i] += covariance[i, k] * news[j, k]
 
 
-@kernel
+@entry
 def add_considered(ld: Matrix, sensitivities: Matrix) -> None:
     """Replace a filter's own factors (6, 6) by those of what is reported, P + S S^T."""
     for j in range(sensitivities.shape[0]):

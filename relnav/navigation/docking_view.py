@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
-from relnav.codegen.kernel import kernel, select, straight_line
+from relnav.codegen.kernel import entry, select, straight_line
 from relnav.estimation.factored import compose_into
 from relnav.geometry.spherical import range_azimuth_elevation, range_azimuth_elevation_jacobian
 from relnav.navigation.smoothing import unpack_factors
@@ -55,7 +55,7 @@ def _view(state: Vector, packed: Vector, dock: Matrix, port: Vector, lever: Vect
             at += 1
 
 
-@kernel
+@entry
 def _views(
     state: Matrix, factor: Matrix, dock: Matrix, port: Vector, lever: Matrix, out: Matrix, scratch: Vector
 ) -> None:

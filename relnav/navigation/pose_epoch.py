@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from relnav.arrays import Matrix, Record, Stack, Vector
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import entry, kernel
 from relnav.navigation.pose_memory import POSE, PoseMemory, pose_views
 
 PACKED = POSE * (POSE + 1) // 2
@@ -129,7 +129,7 @@ def write_epoch(m: PoseMemory, out: Record) -> None:
         factor[i] = math.nan
 
 
-@kernel
+@entry
 def read_epoch(block: Vector, out: Record) -> None:
     """`write_epoch` of a filter's memory into the first of out (1,)."""
     write_epoch(pose_views(block), out[0])

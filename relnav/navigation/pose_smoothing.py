@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
-from relnav.codegen.kernel import kernel, straight_line
+from relnav.codegen.kernel import entry, kernel, straight_line
 from relnav.dynamics.relative_motion import transition_into
 from relnav.estimation.smoothing import backward_model, carry_noise_back, smooth_step
 from relnav.geometry.rotation_vector import rotation_vector_into, turn_by_rotation_vector
@@ -80,7 +80,7 @@ def _invert(m: Matrix, work: Matrix, out: Matrix) -> None:
             out[6 + i, 6 + j] = work[i, 6 + j]
 
 
-@kernel
+@entry
 def _smooth(block: Vector, epochs: Record, after: Vector) -> None:
     """Smooth filtered events in place, from their last to their first; after: `LATER`, of the event behind them."""
     m, later = pose_views(block), after.view(LATER)[0]

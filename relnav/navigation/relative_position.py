@@ -2,13 +2,14 @@
 
 from collections.abc import Callable
 from importlib.metadata import version
+from types import FunctionType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Vector, number, numbers, one_piece
-from relnav.codegen.kernel import is_compiled, only_for
+from relnav.codegen.kernel import ready
 from relnav.geometry.rotation import is_rotation
 from relnav.mission import Model
 from relnav.navigation.arguments import choose, start_values, vector
@@ -58,7 +59,7 @@ class Navigator:
         self, model: Model, method: str = "fix", *, projection: str | None = None, engine: str = "compiled"
     ) -> None:
         self._block = choose(model, method, projection, engine)
-        self._step: Callable[[Vector, float, Matrix], int] = only_for(step, self._block, 0.0, np.zeros((1, 2)))
+        self._step: Callable[[Vector, float, Matrix], int] = ready(step, self._block, 0.0, np.zeros((1, 2)))
         self._reference = ReferenceEngine(self._block) if engine == "filterpy" else None
         if self._reference is not None:
             reference = self._reference
@@ -69,7 +70,7 @@ class Navigator:
         self._held_known = int(self._named.sensor["attitude_known"])
         self._kept = self._block[KEPT_FROM : kept_until(self._block)]
         self._changed = False
-        self._any_type = self._reference is not None or not is_compiled()  # nothing else refuses other types of numbers
+        self._any_type = isinstance(self._step, FunctionType)  # nothing else refuses other types of numbers
         self._calibration = model.calibration
         self._projection, self._engine = projection, engine
         self.model = model
@@ -188,11 +189,9 @@ class Navigator:
     def _take(self, t_s: float, spots_m: Matrix) -> None:
         try:
             outcome = self._step(self._block, t_s, spots_m)
-        except (
-            TypeError,
-            IndexError,
-            OverflowError,
-        ):  # another type of numbers, or an array that is not one piece of memory
+        except (IndexError, OverflowError):  # no plane of spots, or a time beyond all floats
+            outcome = NotImplemented
+        if outcome is NotImplemented:  # another type of numbers, or an array that is not one piece of memory
             t_s, spots_m = number("t_s", t_s), one_piece("spots_m", spots_m)
             outcome = self._step(self._block, t_s, spots_m) if spots_m.ndim == 2 else WRONG_SHAPE
         if outcome < 0:

@@ -14,7 +14,7 @@ it; an image that is used, or shows nothing, ends the row and the trial.
 import math
 
 from relnav.arrays import Matrix, Record, Vector
-from relnav.codegen.kernel import entry, kernel
+from relnav.codegen.kernel import kernel, shared_entry
 from relnav.estimation.rows import copy_track
 from relnav.navigation.beacon_geometry import prior_is_tight, uses_coordinates
 from relnav.navigation.beacon_start import start
@@ -77,7 +77,7 @@ def _half_rejected(spots: Matrix, used: int) -> bool:
     return 2 * used <= seen
 
 
-@entry
+@shared_entry
 def step(block: Vector, t: float, spots: Matrix) -> int:
     """Take the image (n, 2) m of time t s into the filter; returns an epoch status, details in the result.
 
