@@ -42,7 +42,7 @@ class Prebuild(BuildHookInterface):
             build_data["force_include"][str(path)] = f"{PLACE}/{path.name}"
         build_data["pure_python"], build_data["infer_tag"] = False, True
 
-    def finalize(self, version, build_data, artifact_path):
+    def finalize(self, version, build_data, artifact_path):  # noqa: ARG002  (as hatchling calls it)
         """Nothing is left in the tree."""
         if hasattr(self, "_folder"):
             self._folder.cleanup()
@@ -60,7 +60,7 @@ def beacons():
     for k in t.tolist():
         record = navigator.step(k, image, acceleration_m_s2=[1e-6, 0.0, 0.0], dcm_cam_from_lvlh=model.dcm_cam_from_lvlh)
     repr(record), record.covariance
-    relnav.filter_epochs(model, t, np.tile(image, (len(t), 1, 1)), smooth=True).view
+    repr(relnav.filter_epochs(model, t, np.tile(image, (len(t), 1, 1)), smooth=True).range_m)
 
 
 def markers():

@@ -9,7 +9,8 @@ from relnav.cli.printing import OutputPath, say
 
 
 def _show(name: str) -> dict[str, Any]:
-    from relnav.files.models import find_model, load_model, load_published
+    from relnav.files.model_folders import find_model
+    from relnav.files.models import load_model, load_published
     from relnav.files.toml_values import read_toml
 
     model = load_model(name)

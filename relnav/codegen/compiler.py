@@ -6,7 +6,6 @@ from typing import Any
 from numba import njit, typeof, types
 
 from relnav.codegen import store
-from relnav.codegen.lowering import register as register
 from relnav.codegen.python_call import takes
 from relnav.codegen.whole_program import Outer, PythonEntry
 
@@ -16,7 +15,7 @@ FORMS = ("kernel", "entry", "shared entry", "inlined")
 
 
 def dispatcher(function: Callable[..., Any], form: str) -> Any:
-    """numba's form of a function."""
+    """Numba's form of a function."""
     if form == "inlined":
         return njit(inline="always", **OPTIONS)(function)
     if form == "entry":  # its finished code is kept by us

@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Callable
 from functools import cache, cached_property, update_wrapper
 from types import FunctionType
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar, cast
 
 from relnav.codegen import store
 from relnav.codegen.trace import LANES, Shape, Trace
@@ -53,7 +53,7 @@ class Kernel:
 
     @cached_property
     def dispatcher(self) -> Any:
-        """numba's form, or the plain lines where there is no numba."""
+        """Numba's form, or the plain lines where there is no numba."""
         compiler = _compiler()
         if compiler is None:
             return self.py_func
@@ -145,7 +145,8 @@ def inlined(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _marked(mark: type[Kernel], function: Callable[P, R], form: str = "kernel") -> Callable[P, R]:
-    return mark(function, form) if _SWITCHED_ON else function
+    marked: Any = mark(function, form) if _SWITCHED_ON else function
+    return cast("Callable[P, R]", marked)
 
 
 def ready(function: Callable[P, R], *arguments: Any) -> Callable[P, R]:

@@ -117,20 +117,34 @@ class _Call:
         return self.context.cast(self.builder, value, types.int64, kind)
 
     def array(self, kind: Any, one: Any, own: Any) -> Any:
-        self.demand(self.is_type(one, self.at(own, _TUPLE_ITEM, _OBJECT)))
-        dimensions = self.at(one, _ARRAY["dimensions"], _INT)
-        self.demand(self.builder.icmp_unsigned("==", dimensions, _INT(kind.ndim)))
-        flags = self.builder.and_(self.at(one, _ARRAY["flags"], _INT), _INT(_FLAGS[kind.layout]))
-        self.demand(self.builder.icmp_unsigned("==", flags, _INT(_FLAGS[kind.layout])))
-        self.demand_item(kind.dtype, self.at(one, _ARRAY["descr"], _OBJECT))
-        shape, strides = (self.at(one, _ARRAY[name], _OBJECT) for name in ("shape", "strides"))
+        """An array as numba sees it; of None one without elements."""
+        place = cgutils.alloca_once(self.builder, self.context.get_value_type(kind))
+        nothing = self.builder.icmp_unsigned("==", one, self.outside("_Py_NoneStruct", _BYTE))
+        with self.builder.if_else(nothing) as (left_out, given):
+            with left_out:
+                self.builder.store(
+                    self.described(kind, _OBJECT(None), [_WORD(0)] * kind.ndim, [_WORD(0)] * kind.ndim), place
+                )
+            with given:
+                self.demand(self.is_type(one, self.at(own, _TUPLE_ITEM, _OBJECT)))
+                dimensions = self.at(one, _ARRAY["dimensions"], _INT)
+                self.demand(self.builder.icmp_unsigned("==", dimensions, _INT(kind.ndim)))
+                flags = self.builder.and_(self.at(one, _ARRAY["flags"], _INT), _INT(_FLAGS[kind.layout]))
+                self.demand(self.builder.icmp_unsigned("==", flags, _INT(_FLAGS[kind.layout])))
+                self.demand_item(kind.dtype, self.at(one, _ARRAY["descr"], _OBJECT))
+                sizes, strides = (
+                    [self.at(self.at(one, _ARRAY[name], _OBJECT), 8 * k, _WORD) for k in range(kind.ndim)]
+                    for name in ("shape", "strides")
+                )
+                self.builder.store(self.described(kind, self.at(one, _ARRAY["data"], _OBJECT), sizes, strides), place)
+        return self.builder.load(place)
+
+    def described(self, kind: Any, data: Any, sizes: list[Any], strides: list[Any]) -> Any:
+        """Numba's description of an array."""
         made = self.context.make_array(kind)(self.context, self.builder)
-        data = self.builder.bitcast(
-            self.at(one, _ARRAY["data"], _OBJECT), self.context.get_data_type(kind.dtype).as_pointer()
-        )
-        sizes, steps = ([self.at(place, 8 * k, _WORD) for k in range(kind.ndim)] for place in (shape, strides))
-        itemsize = numpy_support.as_dtype(kind.dtype).itemsize
-        populate_array(made, data=data, shape=sizes, strides=steps, itemsize=_WORD(itemsize), meminfo=None)
+        first = self.builder.bitcast(data, self.context.get_data_type(kind.dtype).as_pointer())
+        itemsize = _WORD(numpy_support.as_dtype(kind.dtype).itemsize)
+        populate_array(made, data=first, shape=sizes, strides=strides, itemsize=itemsize, meminfo=None)
         return made._getvalue()
 
     def demand_item(self, kind: Any, descr: Any) -> None:

@@ -113,7 +113,7 @@ def save(code: Code, place: Path | None = None) -> None:
     place = place or folder()
     if place is None:
         return
-    header = {"stamp": package_stamp(), "machine": machine(), "digest": _digest(code.machine_code)}
+    header: dict[str, Any] = {"stamp": package_stamp(), "machine": machine(), "digest": _digest(code.machine_code)}
     header |= {"kinds": code.kinds, "symbol": code.symbol, "needs": code.needs}
     path = _path(place, code.name, code.kinds)
     unfinished = path.with_suffix(f".{os.getpid()}")

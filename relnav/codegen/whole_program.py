@@ -139,6 +139,7 @@ class Outer(CPUDispatcher):  # type: ignore[misc]
                 gc.enable()
 
     def enable_caching(self) -> None:
+        """Keep what is compiled in our folder."""
         self._cache = _Cache(self.py_func)
 
     @property

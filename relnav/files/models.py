@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 
 from relnav.accuracy.published import Claim, ClaimException, Published
 from relnav.errors import ModelError
-from relnav.files.model_folders import find_model as find_model
-from relnav.files.model_folders import list_models as list_models
-from relnav.files.model_folders import models_root as models_root
+from relnav.files.model_folders import find_model
 from relnav.files.orbit_altitude import mean_motion_of_altitude
 from relnav.files.plausibility import implausible
 from relnav.files.psd_calibration import named_calibration

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from relnav.arrays import Flags, Matrix, Record, Stack
-from relnav.estimation.gating import chi_square_limit
 from relnav.estimation.factored import compose, factorize
+from relnav.estimation.gating import chi_square_limit
 from relnav.geometry.rotation_vector import rotation_vector_between, turned
 from relnav.mission import VisionMission
 from relnav.navigation.memory import fill

@@ -77,6 +77,16 @@ def _half_rejected(spots: Matrix, used: int) -> bool:
     return 2 * used <= seen
 
 
+@kernel
+def wrong_use(m: Memory, t: float, spots: Matrix) -> int:
+    """What is wrong with an image's shape or time: a negative number, or 0."""
+    if spots.shape[0] != m.beacons.shape[0] or spots.shape[1] != 2:
+        return WRONG_SHAPE
+    if not (m.clock["t"] < t and t < math.inf):
+        return WRONG_TIME
+    return 0
+
+
 @shared_entry
 def step(block: Vector, t: float, spots: Matrix) -> int:
     """Take the image (n, 2) m of time t s into the filter; returns an epoch status, details in the result.
@@ -86,10 +96,9 @@ def step(block: Vector, t: float, spots: Matrix) -> int:
     """
     m = views(block)
     clock, result = m.clock, m.result
-    if spots.shape[0] != m.beacons.shape[0] or spots.shape[1] != 2:
-        return WRONG_SHAPE
-    if not (clock["t"] < t and t < math.inf):
-        return WRONG_TIME
+    wrong = wrong_use(m, t, spots)
+    if wrong != 0:
+        return wrong
     running = clock["running"] > 0
     if running or clock["trial"] > 0:
         prepare_step(m.step, m.motion, m.scratch, clock["t"], t - clock["t"])

@@ -84,7 +84,7 @@ def test_the_sdist_holds_what_it_takes_to_build_and_test(distributions):
 MAIN_JOB = """
 import sys
 import relnav, relnav.cli
-from relnav.files.models import models_root
+from relnav.files.model_folders import models_root
 print(relnav.__file__)
 print(models_root())
 sys.exit(relnav.cli.run(sys.argv[1:]))
