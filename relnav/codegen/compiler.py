@@ -5,12 +5,14 @@ from typing import Any
 
 from numba import njit, typeof, types
 
-from relnav.codegen import store
+from relnav.codegen import lowering, store
 from relnav.codegen.python_call import takes
 from relnav.codegen.whole_program import Outer, PythonEntry
 
 # Kernels work on the memory that they are given: without reference counts (_nrt) they are a quarter faster.
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": False, "boundscheck": False, "_nrt": False}
+register = lowering.register
+
 FORMS = ("kernel", "entry", "shared entry", "inlined")
 
 
