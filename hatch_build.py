@@ -35,6 +35,7 @@ class Prebuild(BuildHookInterface):
         began = [subprocess.Popen([sys.executable, __file__, name], env=environment, cwd=ROOT) for name in FLIGHTS]
         for name, process in zip(FLIGHTS, began, strict=True):
             if process.wait() != 0:
+                self._folder.cleanup()
                 raise RuntimeError(
                     f"compiling for {name} failed (see above); RELNAV_PREBUILD=0 builds without compiled code"
                 )

@@ -148,16 +148,19 @@ class Problem:
     def calls(self, method):
         """Name -> (epochs, function): an acceleration in, range, state and covariance read, an epoch at a time."""
         push = 1e-4 * np.sin(0.01 * np.arange(EPOCHS))[:, None] * [1.0, -0.5, 0.25]
-        times, pushes = self.log.t_s.tolist(), list(push)
-        solution = relnav.filter_epochs(
-            self.model, self.log.t_s, self.log.spots_m, acceleration_m_s2=push, method=method
-        )
+        effect, x, truth = self.hand.effect(0.1), np.array([9.0, 0.2, -0.1, -0.01, 0.0, 0.0]), np.empty((EPOCHS, 6))
+        for e in range(EPOCHS):
+            x = self.phi @ x + effect @ push[e]
+            truth[e] = x
+        spots = image(self.model, truth, Faults(), np.random.default_rng(5))
+        solution = relnav.filter_epochs(self.model, self.log.t_s, spots, acceleration_m_s2=push, method=method)
         started = solution.state[START], solution.covariance[START], self.phi, self.q
-        effect, after = self.hand.effect(0.1), slice(START + 1, START + 1 + PEER_EPOCHS)
+        after, images = slice(START + 1, START + 1 + PEER_EPOCHS), list(spots)
+        times, pushes = self.log.t_s.tolist(), list(push)
 
         def ours():
             step, read = relnav.Navigator(self.model, method).step, []
-            for t, z, a in zip(times, self.images, pushes, strict=True):
+            for t, z, a in zip(times, images, pushes, strict=True):
                 record = step(t, z, acceleration_m_s2=a)
                 read = record.range_m, record.state, record.covariance
             return read
@@ -165,7 +168,7 @@ class Problem:
         def theirs():
             user = OnFilterpy(self.hand, *started) if method == "fix" else SixCoordinates(self.model, *started)
             answers = []
-            for z, a in zip(self.images[after], push[after], strict=True):
+            for z, a in zip(images[after], pushes[after], strict=True):
                 user.step(z, effect @ a)
                 x = user.filter.x
                 answers.append((np.linalg.norm(x[:3]), x, user.filter.P))

@@ -145,8 +145,11 @@ def kept(name: str) -> list[Code]:
     """All code of a kernel that fits, what was shipped first; of the same kinds of arguments only one."""
     found: dict[str, Code] = {}
     for place in (SHIPPED, folder()):
-        for path in sorted(place.glob(f"{name}-*{SUFFIX}")) if place is not None else ():
-            code = _read(path)
+        try:
+            paths = sorted(place.glob(f"{name}-*{SUFFIX}")) if place is not None else []
+        except OSError:  # a folder that may not be read
+            continue
+        for code in map(_read, paths):
             if code is not None:
                 found.setdefault(code.kinds, code)
     return list(found.values())

@@ -46,6 +46,14 @@ def find_model(name_or_path: str | os.PathLike[str]) -> Path:
     raise UnknownModelError(f"no model '{name}', neither shipped nor a folder or file; {hint}")
 
 
+def sensor_type(name_or_path: str | os.PathLike[str]) -> str:
+    """What a model file says that it is of; empty for a file that does not say it or cannot be read."""
+    try:
+        return str(tomllib.loads(find_model(name_or_path).read_text(encoding="utf-8")).get("sensor_type", ""))
+    except (UnknownModelError, OSError, ValueError):
+        return ""
+
+
 def shipped_titles() -> dict[str, str]:
     """Title of every shipped model by its name."""
     files = {name: (models_root() / name / "model.toml").read_text(encoding="utf-8") for name in list_models()}
