@@ -99,7 +99,7 @@ def _given(method: str | None, projection: str | None) -> str:
 
 
 def _choose_engine(log: Path, model: str) -> None:
-    """Run a short log as plain Python where nothing is compiled yet: 2 s instead of most of a minute, the same track."""
+    """Run a short log as plain Python where nothing is compiled yet: 2 s instead of a minute, and the same track."""
     if "RELNAV_JIT" in os.environ or "relnav.codegen.kernel" in sys.modules or not log.is_file():
         return
     if log.stat().st_size >= PLAIN_BELOW_BYTES:

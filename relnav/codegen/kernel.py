@@ -97,7 +97,10 @@ class Entry(Kernel):
             result = finished(*arguments)
             if result is not NotImplemented:
                 return result
-        return self.ready(*arguments)(*arguments)
+        result = self.ready(*arguments)(*arguments)
+        if result is NotImplemented:
+            raise TypeError(f"{self._name} takes aligned arrays of numpy's own class; got {store.kinds_of(arguments)}")
+        return result
 
     def ready(self, *arguments: Any) -> Callable[..., Any]:
         """Its code for arguments of these kinds alone, to be called a million times: NotImplemented for others."""

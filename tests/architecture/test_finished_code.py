@@ -167,6 +167,10 @@ for t in (10**400, -10**400):
     raise AssertionError("no error")
 assert ready(values, table, -1.0, 3, True)[1] == 4
 assert ready(values, table, 0.7, -1, True)[1] == 0
+try:
+    mixed(values.view(np.recarray), table, 0.7, 3, True)
+except TypeError as error:
+    print(error)
 print("numba" in sys.modules)
 """
 )
@@ -174,7 +178,11 @@ print("numba" in sys.modules)
 
 def test_other_kinds_of_arguments_are_not_taken(compiled, python):
     place, _ = compiled
-    assert run(python, place, place / "kept", KINDS)[0] == ["False"]
+    sentence, numba = run(python, place, place / "kept", KINDS)[0]
+    assert sentence == (
+        "toy.module.mixed takes aligned arrays of numpy's own class; got <f8[1C], <f8[2C], float, int, bool"
+    )
+    assert numba == "False"
 
 
 LEAK = (
