@@ -8,9 +8,11 @@ LLVM's intermediate language and handed to its caller as it is, which saves half
 
 import copy
 import gc
+import hashlib
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
+from pathlib import Path
 from typing import Any, ClassVar
 
 from numba.core import types
@@ -65,24 +67,28 @@ class _Target:
         self.options = cpu_target.options
 
 
-class _Place(_CacheLocator):  # type: ignore[misc]
-    """numba's files lie in our folder, under our stamp: numba's own is that of the defining file alone."""
+def _digest(data: bytes) -> bytes:
+    return hashlib.blake2b(data, digest_size=8).digest()
 
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self._function = function
+
+class _Place(_CacheLocator):  # type: ignore[misc]
+    """numba's files lie in our folder, under our stamp too: numba's own is that of the defining file alone."""
+
+    def __init__(self, function: Callable[..., Any], file: Path) -> None:
+        self._line, self._file = function.__code__.co_firstlineno, file
 
     @classmethod
-    def from_function(cls, function: Callable[..., Any], _file: str) -> "_Place":
-        return cls(function)
+    def from_function(cls, function: Callable[..., Any], file: str) -> "_Place | None":
+        return cls(function, Path(file)) if Path(file).is_file() else None
 
     def get_cache_path(self) -> str:
         return str(store.folder())
 
-    def get_source_stamp(self) -> str:
-        return store.package_stamp()
+    def get_source_stamp(self) -> tuple[str, bytes]:
+        return store.package_stamp(), _digest(self._file.read_bytes())
 
     def get_disambiguator(self) -> str:
-        return f"{self._function.__module__}-{self._function.__code__.co_firstlineno}"
+        return f"{_digest(bytes(self._file)).hex()}-{self._line}"
 
 
 class _Files(CompileResultCacheImpl):  # type: ignore[misc]
@@ -139,8 +145,9 @@ class Outer(CPUDispatcher):  # type: ignore[misc]
                 gc.enable()
 
     def enable_caching(self) -> None:
-        """Keep what is compiled in our folder."""
-        self._cache = _Cache(self.py_func)
+        """Keep what is compiled in our folder; not a function that stands in no file."""
+        with suppress(RuntimeError):
+            self._cache = _Cache(self.py_func)
 
     @property
     def _numba_type_(self) -> Any:
