@@ -24,6 +24,7 @@ import numpy as np
 import pyarrow.parquet as pq
 from peers import linear
 from peers.by_hand import ByHand, OnFilterpy, OnKalmanPy, filterpy_smoother
+from peers.six_coordinates import SixCoordinates
 
 import relnav
 from relnav.dynamics.clohessy_wiltshire import transition
@@ -142,6 +143,48 @@ class Problem:
             "relnav log, fix": (EPOCHS, whole_log("fix", False)),
             "relnav log, spots": (EPOCHS, whole_log("spots", False)),
             "relnav log smoothed, fix": (EPOCHS, whole_log("fix", True)),
+        }
+
+    def calls(self, method):
+        """Name -> (epochs, function): an acceleration in, range, state and covariance read, an epoch at a time."""
+        push = 1e-4 * np.sin(0.01 * np.arange(EPOCHS))[:, None] * [1.0, -0.5, 0.25]
+        effect, x, truth = self.hand.effect(0.1), np.array([9.0, 0.2, -0.1, -0.01, 0.0, 0.0]), np.empty((EPOCHS, 6))
+        for e in range(EPOCHS):
+            x = self.phi @ x + effect @ push[e]
+            truth[e] = x
+        spots = image(self.model, truth, Faults(), np.random.default_rng(5))
+        solution = relnav.filter_epochs(self.model, self.log.t_s, spots, acceleration_m_s2=push, method=method)
+        started = solution.state[START], solution.covariance[START], self.phi, self.q
+        after, images = slice(START + 1, START + 1 + PEER_EPOCHS), list(spots)
+        times, pushes = self.log.t_s.tolist(), list(push)
+
+        def ours():
+            step, read = relnav.Navigator(self.model, method).step, []
+            for t, z, a in zip(times, images, pushes, strict=True):
+                record = step(t, z, acceleration_m_s2=a)
+                read = record.range_m, record.state, record.covariance
+            return read
+
+        def theirs():
+            user = OnFilterpy(self.hand, *started) if method == "fix" else SixCoordinates(self.model, *started)
+            answers = []
+            for z, a in zip(images[after], pushes[after], strict=True):
+                user.step(z, effect @ a)
+                x = user.filter.x
+                answers.append((np.linalg.norm(x[:3]), x, user.filter.P))
+            return answers
+
+        for e, (distance, x, covariance) in enumerate(theirs(), START + 1):
+            sigma = solution.sigma[e]
+            assert np.max(np.abs(x - solution.state[e]) / sigma) < 1e-6, f"states of {method} differ at epoch {e}"
+            assert np.max(np.abs(covariance - solution.covariance[e]) / np.outer(sigma, sigma)) < 1e-6
+            assert abs(distance - solution.range_m[e]) < 1e-6 * sigma[0]
+        distance, x, covariance = ours()
+        assert (distance, *x) == (solution.range_m[-1], *solution.state[-1])
+        assert np.array_equal(covariance, solution.covariance[-1])
+        return {
+            f"filterpy user, {method}, in and out": (PEER_EPOCHS, theirs),
+            f"relnav per epoch, {method}, in and out": (EPOCHS, ours),
         }
 
     def linear_peers(self):
@@ -376,6 +419,9 @@ def main() -> None:
     options = parser.parse_args()
     problem = Problem()
     rows: list[dict[str, object]] = []
+    for method in ("fix", "spots"):
+        name = f"filterpy user, {method}, in and out"
+        table(measure(problem.calls(method), options.rounds), name, rows)
     table(measure(problem.peers() | problem.linear_peers() | problem.ours(), options.rounds), "filterpy user", rows)
     table(measure(problem.smoothers(), options.rounds), "filterpy rts_smoother, backward", rows)
     with tempfile.TemporaryDirectory(dir=options.folder) as name:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from relnav.files.accuracy import measure_accuracy as measure_accuracy
     from relnav.files.filter_log import filter_log as filter_log
     from relnav.files.marker_logs import filter_marker_log as filter_marker_log
-    from relnav.files.models import list_models as list_models
+    from relnav.files.model_folders import list_models as list_models
     from relnav.files.models import load_model as load_model
     from relnav.files.models import load_published as load_published
     from relnav.files.sun_calibration import load_sun_calibration as load_sun_calibration

@@ -93,6 +93,11 @@ class ByHand:
         q = np.block([[eye * dt**3 / 3.0, eye * dt**2 / 2.0], [eye * dt**2 / 2.0, eye * dt]])
         return phi, q
 
+    def effect(self, dt):
+        """What an acceleration held over dt does to the state, (6, 3): Simpson's rule over the transition."""
+        first, middle, last = (self.transition(part * dt)[0][:, 3:] for part in (0.0, 0.5, 1.0))
+        return dt / 6.0 * (first + 4.0 * middle + last)
+
     def measurement(self, x):
         """Prediction, its rows and its noise at the state x."""
         p = self.dock @ x[:3]
@@ -131,10 +136,11 @@ class OnFilterpy:
         self.filter.x, self.filter.P = x.copy(), covariance.copy()
         self.filter.F, self.filter.Q = phi, q
 
-    def step(self, spots):
-        """One epoch: predict, closed form, update."""
+    def step(self, spots, push=0.0):
+        """One epoch: predict, closed form, update; push: what the control adds to the state."""
         hand, ekf = self.hand, self.filter
         ekf.predict()
+        ekf.x = ekf.x + push
         z = hand.angles(hand.closed_form(spots))
         predicted, h, r = hand.measurement(ekf.x)
         ekf.update(z, HJacobian=lambda _: h, Hx=lambda _: predicted, R=r, residual=hand.residual)

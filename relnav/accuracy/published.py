@@ -2,11 +2,12 @@
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from relnav.navigation.record import Solution
+if TYPE_CHECKING:  # a model is read without what filters are made of
+    from relnav.navigation.record import Solution
 
 QUANTITIES = ("range", "azimuth", "elevation")
 
@@ -129,7 +130,7 @@ class PublishedTrend:
         self._sigma = [math.nan] * len(self._claims)
         self._met_from = [math.nan] * len(self._claims)
 
-    def take(self, part: Solution) -> None:
+    def take(self, part: "Solution") -> None:
         """Go on with the next epochs."""
         sigma = part.docking_sigma
         known = np.isfinite(sigma).all(axis=1)
@@ -152,7 +153,7 @@ class PublishedTrend:
         return tuple(Comparison(claim, sigma / claim.unit_si, met_from) for claim, sigma, met_from in figures)
 
 
-def compare_with_published(solution: Solution, published: Published) -> tuple[Comparison, ...]:
+def compare_with_published(solution: "Solution", published: Published) -> tuple[Comparison, ...]:
     """Set the solution's reported 1-sigma of range, azimuth and elevation against the published figures."""
     trend = PublishedTrend(published)
     trend.take(solution)

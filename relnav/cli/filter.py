@@ -60,7 +60,7 @@ def command(
 
     Exit code 5: the filter never started, and the track holds no state.
     """
-    _choose_engine(log)
+    _choose_engine(log, model)
     from relnav.cli import NOT_STARTED
     from relnav.cli.marker_filter import filter_markers
     from relnav.files.atomic import Outputs, check_distinct, check_folder
@@ -98,15 +98,17 @@ def _given(method: str | None, projection: str | None) -> str:
     return next((name for here, name in given if here), "")
 
 
-def _choose_engine(log: Path) -> None:
-    """Run a short log as plain Python where nothing is compiled yet: 2 s instead of 20 s, and the same track."""
+def _choose_engine(log: Path, model: str) -> None:
+    """Run a short log as plain Python where nothing is compiled yet: 2 s instead of a minute, and the same track."""
     if "RELNAV_JIT" in os.environ or "relnav.codegen.kernel" in sys.modules or not log.is_file():
         return
     if log.stat().st_size >= PLAIN_BELOW_BYTES:
         return
-    from relnav.codegen.cache import compiled_code_at_hand
+    from relnav.codegen.store import at_hand
+    from relnav.files.model_folders import sensor_type
 
-    if not compiled_code_at_hand():
+    loop = "pose_log" if sensor_type(model) == "three_marker" else "log"
+    if not at_hand(f"relnav.navigation.{loop}._run"):
         os.environ["RELNAV_JIT"] = "0"
 
 

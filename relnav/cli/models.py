@@ -9,7 +9,8 @@ from relnav.cli.printing import OutputPath, say
 
 
 def _show(name: str) -> dict[str, Any]:
-    from relnav.files.models import find_model, load_model, load_published
+    from relnav.files.model_folders import find_model
+    from relnav.files.models import load_model, load_published
     from relnav.files.toml_values import read_toml
 
     model = load_model(name)
@@ -39,8 +40,7 @@ def command(name: str | None, copy: Path | None, json_path: Path | None, quiet: 
     """List the shipped models, or show the model NAME (a shipped name, a folder or a file) with its sources."""
     from relnav.errors import UsageError
     from relnav.files.atomic import Outputs, check_distinct, check_folder
-    from relnav.files.models import find_model, list_models, load_model
-    from relnav.files.tables import write_json
+    from relnav.files.model_folders import find_model, shipped_titles
 
     for path in (copy, json_path):
         if path is not None:
@@ -49,7 +49,7 @@ def command(name: str | None, copy: Path | None, json_path: Path | None, quiet: 
     if copy is not None and name is None:
         raise UsageError("--copy needs the NAME of a model; `relnav models` lists them")
     if name is None:
-        result: dict[str, Any] = {"models": {entry: load_model(entry).title for entry in list_models()}}
+        result: dict[str, Any] = {"models": shipped_titles()}
         width = max(map(len, result["models"]))
         lines = [f"{entry:<{width}}  {title}" for entry, title in result["models"].items()]
     else:
@@ -57,6 +57,8 @@ def command(name: str | None, copy: Path | None, json_path: Path | None, quiet: 
         lines = _lines(result)
     with Outputs() as outputs:
         if json_path is not None:
+            from relnav.files.tables import write_json
+
             write_json(result, outputs.path(json_path))
         if copy is not None and name is not None:
             outputs.path(copy).write_bytes(find_model(name).read_bytes())

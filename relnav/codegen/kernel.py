@@ -1,35 +1,38 @@
-"""The one file that imports numba: `kernel` compiles a function of plain scalar loops, or leaves it plain Python.
+"""Marks for functions of plain scalar loops: `kernel` and its kin compile them on the first call, or leave them plain.
 
-`RELNAV_JIT=0` in the environment runs the same lines as plain Python (debugging, coverage, and the test that
-compiled and plain results agree). Compiled code is cached beside the source, in the user's cache folder when the
-install is read-only, and not at all when neither can be written. A compiled function holds the code of all it calls,
-but numba stamps its cache with the defining file alone; here the stamp is the content of the whole package, so that a
-changed callee is never run in its old form.
+Nothing is compiled, and numba is not imported, before a compiled function is needed that is not at hand
+(`store`). `RELNAV_JIT=0` in the environment runs the same lines as plain Python (debugging, coverage, and the test that
+compiled and plain results agree). What is compiled is kept under a stamp of the whole package's content, because a
+compiled function holds the code of all it calls.
 """
 
 import inspect
+import logging
 import os
+import time
 import warnings
 from collections.abc import Callable
+from functools import cache, cached_property, update_wrapper
 from types import FunctionType
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar, cast
 
-from relnav.codegen.cache import package_stamp
+from relnav.codegen import store
 from relnav.codegen.trace import LANES, Shape, Trace
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
-# Kernels work on the memory that they are given: without reference counts (_nrt) they are a quarter faster.
-_OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": False, "boundscheck": False, "_nrt": False}
+_SWITCHED_ON = os.environ.get("RELNAV_JIT", "1") != "0"
+_LOG = logging.getLogger("relnav")
 
 
-def _numba_njit() -> Any | None:
-    """Numba's compiler, or None when it is switched off or cannot be imported."""
-    if os.environ.get("RELNAV_JIT", "1") == "0":
+@cache
+def _compiler() -> Any | None:
+    """The module that compiles, or None when it is switched off or numba cannot be imported."""
+    if not _SWITCHED_ON:
         return None
     try:
-        from numba import njit
+        from relnav.codegen import compiler
     except ImportError as error:
         warnings.warn(
             f"numba cannot be imported ({error}): relnav runs as plain Python, about a hundred times slower",
@@ -37,45 +40,103 @@ def _numba_njit() -> Any | None:
             stacklevel=3,
         )
         return None
-    return njit
+    return compiler
 
 
-_NJIT = _numba_njit()
-_STAMP = package_stamp() if _NJIT is not None else ""
-_CACHE = True
+class Kernel:
+    """A function of scalar loops; numba's form of it is made when Python or another kernel first needs it."""
+
+    def __init__(self, function: Callable[..., Any], form: str = "kernel") -> None:
+        """Take the plain lines; form: how it is compiled (`compiler.FORMS`)."""
+        update_wrapper(self, function)
+        self.py_func, self._form = function, form
+
+    @cached_property
+    def dispatcher(self) -> Any:
+        """Numba's form, or the plain lines where there is no numba."""
+        compiler = _compiler()
+        if compiler is None:
+            return self.py_func
+        _tell_numba(compiler)
+        return compiler.dispatcher(self.py_func, self._form)
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Run it compiled."""
+        return self.dispatcher(*arguments)
+
+    @property
+    def _numba_type_(self) -> Any:
+        """What other kernels see."""
+        return self.dispatcher._numba_type_
+
+
+class Inlined(Kernel):
+    """A kernel that is written out where it is called."""
+
+    targetoptions = {"inline": "always"}  # noqa: RUF012  (numba asks for it by this name)
+
+
+class Entry(Kernel):
+    """A kernel that Python calls: its finished code is kept in files, and is run without numba.
+
+    It takes numbers, arrays and records, and knows records by their size.
+    """
+
+    @cached_property
+    def _finished(self) -> dict[str, Callable[..., Any]]:
+        loaded = {code.kinds: store.load(code) for code in store.kept(self._name)}
+        return {kinds: function for kinds, function in loaded.items() if function is not None}
+
+    @property
+    def _name(self) -> str:
+        return f"{self.py_func.__module__}.{self.py_func.__qualname__}"
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Run its code for arguments of these kinds, compiled now if it is not at hand."""
+        for finished in self._finished.values():
+            result = finished(*arguments)
+            if result is not NotImplemented:
+                return result
+        result = self.ready(*arguments)(*arguments)
+        if result is NotImplemented:
+            raise TypeError(f"{self._name} takes aligned arrays of numpy's own class; got {store.kinds_of(arguments)}")
+        return result
+
+    def ready(self, *arguments: Any) -> Callable[..., Any]:
+        """Its code for arguments of these kinds alone, to be called a million times: NotImplemented for others."""
+        kinds = store.kinds_of(arguments)
+        if kinds not in self._finished:
+            _say_what_takes_long()
+            compiler, began = _compiler(), time.monotonic()
+            if compiler is None:
+                return self.py_func
+            code, self._finished[kinds] = compiler.finish(self._name, self.dispatcher, arguments)
+            store.save(code)
+            _LOG.info("compiled %s in %.1f s", self._name, time.monotonic() - began)
+        return self._finished[kinds]
+
+
+@cache
+def _say_what_takes_long() -> None:
+    """Once a process, before numba is imported: a minute of silence looks like a fault."""
+    _LOG.warning(
+        "relnav: compiling for this processor, up to a minute; it is kept, and the next process starts at once"
+    )
 
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile a scalar-loop function on its first call; without numba, return it as it is."""
-    return _compiled(function, shared=False)
+    """Compile a scalar-loop function on its first call; switched off, return it as it is."""
+    return _marked(Kernel, function)
 
 
 def entry(function: Callable[P, R]) -> Callable[P, R]:
-    """A kernel that both Python and other kernels call: it is finished and cached once for all of them."""
-    return _compiled(function, shared=True)
+    """A kernel that Python calls as part of a filter."""
+    return _marked(Entry, function, "entry")
 
 
-def _compiled(function: Callable[P, R], *, shared: bool) -> Callable[P, R]:
-    global _CACHE  # noqa: PLW0603  (one switch for the process: the first refusal settles it, with one warning)
-    if _NJIT is None:
-        return function
-    from relnav.codegen.whole_program import Outer
-
-    compiled: Any = Outer(function, _OPTIONS, shared=shared)
-    if _CACHE:
-        try:
-            compiled.enable_caching()
-            compiled._cache._cache_file._source_stamp = _STAMP
-        except RuntimeError as error:
-            _CACHE = False
-            warnings.warn(
-                f"no folder for compiled code can be written ({error}): relnav compiles anew in every process; "
-                "set NUMBA_CACHE_DIR to a writable folder",
-                RuntimeWarning,
-                stacklevel=3,
-            )
-    made: Callable[P, R] = compiled
-    return made
+def shared_entry(function: Callable[P, R]) -> Callable[P, R]:
+    """A kernel that both Python and other kernels call, and that is long: it is finished once for all of them."""
+    return _marked(Entry, function, "shared entry")
 
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
@@ -83,10 +144,17 @@ def inlined(function: Callable[P, R]) -> Callable[P, R]:
 
     From Python only `plain` of it can be called.
     """
-    if _NJIT is None:
-        return function
-    put_in: Callable[P, R] = _NJIT(inline="always", **_OPTIONS)(function)
-    return put_in
+    return _marked(Inlined, function, "inlined")
+
+
+def _marked(mark: type[Kernel], function: Callable[P, R], form: str = "kernel") -> Callable[P, R]:
+    marked: Any = mark(function, form) if _SWITCHED_ON else function
+    return cast("Callable[P, R]", marked)
+
+
+def ready(function: Callable[P, R], *arguments: Any) -> Callable[P, R]:
+    """The code of an entry for arguments of these kinds alone: a call with others answers NotImplemented at once."""
+    return function.ready(*arguments) if isinstance(function, Entry) else function
 
 
 def plain(function: Callable[P, R]) -> Callable[P, R]:
@@ -97,7 +165,7 @@ def plain(function: Callable[P, R]) -> Callable[P, R]:
 
 def is_compiled() -> bool:
     """Whether kernels run compiled in this process."""
-    return _NJIT is not None
+    return _compiler() is not None
 
 
 @kernel
@@ -110,18 +178,6 @@ def select(condition: bool, a: float, b: float) -> float:
 def quotient(a: float, b: float, otherwise: float) -> float:
     """Divide a by b where b > 0, else `otherwise`: a division without a branch, for `straight_line` functions."""
     return a / b if b > 0.0 else otherwise
-
-
-def only_for(function: Callable[P, R], *arguments: Any) -> Callable[P, R]:
-    """A kernel for arguments of the types of these and no others: another call then raises TypeError at once."""
-    if _NJIT is not None:
-        from numba import typeof
-
-        dispatcher: Any = function
-        if not dispatcher.signatures:
-            dispatcher.compile(tuple(typeof(argument) for argument in arguments))
-        dispatcher.disable_compile()
-    return function
 
 
 Sized = Callable[[int], Shape]
@@ -166,8 +222,7 @@ def straight_line(**shapes: Shape | Sized) -> Callable[[Callable[P, R]], Callabl
 
     def register(function: Callable[P, R]) -> Callable[P, R]:
         STRAIGHT_LINES[function] = shapes
-        if _NJIT is not None:
-            _register(function)
+        _UNTOLD.append((function, function, frozenset()))
         return function
 
     return register
@@ -194,91 +249,22 @@ def side_by_side(function: Callable[..., None], *of_each: str) -> Callable[..., 
         for lane in range(LANES):
             function(*(value[lane] if k in split else value for k, value in enumerate(arguments)))
 
-    if _NJIT is not None:
-        _register(function, together, split)
+    _UNTOLD.append((together, function, split))
     return together
 
 
-def _register(
-    function: Callable[..., Any],
-    together: Callable[..., None] | None = None,
-    split: frozenset[int] = frozenset(),
-) -> None:
-    """Tell numba what code to write for a call of a straight-line function, or of its side-by-side form."""
-    from numba import types
-    from numba.core.typing.templates import AbstractTemplate, infer_global, signature
-    from numba.extending import lower_builtin
-
-    name: Any = together or function
-    names = list(inspect.signature(function).parameters)
-    traces: dict[int, Trace] = {}
-
-    def the_trace(kinds: Any) -> Trace:
-        sized = [names.index(one) for one, shape in STRAIGHT_LINES[function].items() if callable(shape)]
-        known = [kinds[k].shape[-1] for k in sized if isinstance(kinds[k], types.NestedArray)]
-        n = 0 if not sized else known[0] if known else SIZES[0]
-        if n not in traces:
-            traces[n] = Trace(function, shapes_of(function, n))
-        return traces[n]
-
-    class Template(AbstractTemplate):  # type: ignore[misc]  # numba has no types
-        key = name
-
-        def generic(self, arguments: Any, _keywords: Any) -> Any:
-            trace = the_trace(arguments)
-            for k in split:
-                if arguments[k].layout != "C":
-                    raise TypeError(f"argument {k + 1} of {function.__name__} side by side has gaps")
-            kinds = [types.boolean if trace.is_condition(place) else types.float64 for place in trace.returns]
-            result = types.none if not kinds else kinds[0] if trace.single else types.Tuple(kinds)
-            return signature(result, *arguments)
-
-    infer_global(name, types.Function(Template))
-
-    @lower_builtin(name, types.VarArg(types.Any))  # type: ignore[untyped-decorator]  # numba has no types
-    def lower(context: Any, builder: Any, signed: Any, arguments: Any) -> Any:
-        trace = the_trace(signed.args)
-        results = _write(trace, context, builder, signed.args, arguments, split)
-        if not results:
-            return context.get_dummy_value()
-        if trace.single:
-            return results[0]
-        return context.make_tuple(builder, signed.return_type, results)
+_UNTOLD: list[tuple[Callable[..., Any], Callable[..., Any], frozenset[int]]] = []
+"""Straight-line functions that numba has not been told of: name, function, arguments that are side by side."""
 
 
-def _write(trace: Trace, context: Any, builder: Any, kinds: Any, arguments: Any, split: frozenset[int]) -> list[Any]:
-    """Write a trace's code for arguments of numba's kinds."""
-    from llvmlite import ir
-    from numba import types
-    from numba.core import cgutils
+def _tell_numba(compiler: Any) -> None:
+    """Tell it of the straight-line functions that there are by now."""
+    while _UNTOLD:
+        name, function, split = _UNTOLD.pop()
+        sized = [one for one, shape in STRAIGHT_LINES[function].items() if callable(shape)]
 
-    from relnav.codegen.machine_code import emit, emit_side_by_side
+        @cache
+        def trace_of(n: int, function: Callable[..., Any] = function) -> Trace:
+            return Trace(function, shapes_of(function, n))
 
-    double, byte, word = ir.DoubleType(), ir.IntType(8), ir.IntType(64)
-    arrays: dict[int, Any] = {}
-
-    def array(k: int) -> Any:
-        if k not in arrays:
-            made = context.make_array(kinds[k])(context, builder, arguments[k])
-            arrays[k] = builder.bitcast(made.data, byte.as_pointer()), cgutils.unpack_tuple(builder, made.strides)
-        return arrays[k]
-
-    def address(k: int, index: tuple[int, ...]) -> Any:
-        base, strides = array(k)
-        size = ir.Constant(word, 8 * index[-1])
-        for i, stride in zip(index[:-1], strides[:-1], strict=True):
-            size = builder.add(size, builder.mul(stride, ir.Constant(word, i)))
-        return builder.bitcast(builder.gep(base, [size]), double.as_pointer())
-
-    numbers = [
-        None if isinstance(kind, types.Array) else context.cast(builder, argument, kind, types.float64)
-        for kind, argument in zip(kinds, arguments, strict=True)
-    ]
-    if not split:
-        return emit(trace, builder, numbers, address)
-    lanes = {
-        k: [builder.gep(array(k)[0], [ir.Constant(word, 8 * trace.size(k) * lane)]) for lane in range(LANES)]
-        for k in split
-    }
-    emit_side_by_side(trace, builder, numbers, address, lanes)
-    return []
+        compiler.register(name, function, sized, SIZES[0], trace_of, split)

@@ -8,12 +8,20 @@ LLVM's intermediate language and handed to its caller as it is, which saves half
 
 import copy
 import gc
+import hashlib
 from collections.abc import Callable
-from typing import Any
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import Any, ClassVar
 
 from numba.core import types
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.codegen import JITCodeLibrary
 from numba.core.registry import CPUDispatcher, cpu_target
+
+from relnav.codegen import store
+from relnav.codegen.python_call import write_python_call
 
 
 class _Unfinished(JITCodeLibrary):  # type: ignore[misc]  # numba has no types, here and below
@@ -44,9 +52,9 @@ class _Whole(JITCodeLibrary):  # type: ignore[misc]
 
 
 class _Target:
-    """numba's processor target with another class of libraries."""
+    """numba's processor target with another class of libraries, and with our calls from Python if asked for."""
 
-    def __init__(self, library: type[JITCodeLibrary]) -> None:
+    def __init__(self, library: type[JITCodeLibrary], *, own_calls: bool = False) -> None:
         numbas = cpu_target.target_context
         generator = copy.copy(numbas.codegen())
         generator._library_class = library
@@ -54,7 +62,58 @@ class _Target:
             generator.set_env = lambda _name, _env: None  # it does not run by itself
         self.typing_context = cpu_target.typing_context
         self.target_context = numbas.subtarget(_internal_codegen=generator)
+        if own_calls:
+            self.target_context.create_cpython_wrapper = partial(write_python_call, self.target_context)
         self.options = cpu_target.options
+
+
+def _digest(data: bytes) -> bytes:
+    return hashlib.blake2b(data, digest_size=8).digest()
+
+
+class _Place(_CacheLocator):  # type: ignore[misc]
+    """numba's files lie in our folder, under our stamp too: numba's own is that of the defining file alone."""
+
+    def __init__(self, function: Callable[..., Any], file: Path) -> None:
+        self._line, self._file = function.__code__.co_firstlineno, file
+
+    @classmethod
+    def from_function(cls, function: Callable[..., Any], file: str) -> "_Place | None":
+        return cls(function, Path(file)) if Path(file).is_file() else None
+
+    def get_cache_path(self) -> str:
+        return str(store.folder())
+
+    def get_source_stamp(self) -> tuple[str, bytes]:
+        return store.package_stamp(), _digest(self._file.read_bytes())
+
+    def get_disambiguator(self) -> str:
+        return f"{_digest(bytes(self._file)).hex()}-{self._line}"
+
+
+class _Files(CompileResultCacheImpl):  # type: ignore[misc]
+    _locator_classes = (_Place,)
+
+
+class _Cache(FunctionCache):  # type: ignore[misc]
+    """A damaged file is as if it were not there, and a full disk is no error."""
+
+    _impl_class = _Files
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # whatever unpickling half a file raises
+            self._start_anew()
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        with suppress(OSError):
+            super().save_overload(sig, data)
+
+    def _start_anew(self) -> None:
+        with suppress(OSError):
+            self.flush()
 
 
 class _Inner(CPUDispatcher):  # type: ignore[misc]
@@ -67,10 +126,11 @@ class Outer(CPUDispatcher):  # type: ignore[misc]
     """A kernel as Python sees it."""
 
     targetdescr = _Target(_Whole)
+    _more: ClassVar[dict[str, bool]] = {}
 
     def __init__(self, function: Callable[..., Any], options: dict[str, Any], *, shared: bool) -> None:
         """Options as numba's; shared: other kernels link the finished code, instead of compiling it into their own."""
-        super().__init__(function, targetoptions={"nopython": True, **options})
+        super().__init__(function, targetoptions={"nopython": True, **self._more, **options})
         bare = {"nopython": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **options}
         self._inner = self if shared else _Inner(function, targetoptions=bare)
 
@@ -84,6 +144,18 @@ class Outer(CPUDispatcher):  # type: ignore[misc]
             if collects:
                 gc.enable()
 
+    def enable_caching(self) -> None:
+        """Keep what is compiled in our folder; not a function that stands in no file."""
+        with suppress(RuntimeError):
+            self._cache = _Cache(self.py_func)
+
     @property
     def _numba_type_(self) -> Any:
         return types.Dispatcher(self._inner)
+
+
+class PythonEntry(Outer):
+    """The same, called from Python by `python_call`: not through numba's dispatcher."""
+
+    targetdescr = _Target(_Whole, own_calls=True)
+    _more: ClassVar[dict[str, bool]] = {"no_cfunc_wrapper": True}

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import entry, kernel
 from relnav.dynamics import clohessy_wiltshire as circular
 from relnav.dynamics.process_noise import acceleration_noise_into, eccentric_acceleration_into
 from relnav.dynamics.yamanaka_ankersen import anomaly_step, from_anomalies_into, mean_from_true_anomaly
@@ -51,7 +51,7 @@ def true_anomaly_at(orbit: Vector, t: float) -> tuple[float, float]:
     return sine, cosine
 
 
-@kernel
+@entry
 def frame_rate(orbit: Vector, t: float) -> float:
     """Rate at which `lvlh_ccsds` turns about -y at t s on the log's clock, rad/s: h / r^2 of the target."""
     e = orbit[1]

@@ -7,7 +7,6 @@ chi-square with as many degrees of freedom as were summed.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri, ndtri
 
 from relnav.arrays import Codes, Matrix, Vector
 
@@ -55,6 +54,8 @@ class Consistency:
 
 def chi_square_interval(dof: int, probability: float = 0.95) -> tuple[float, float]:
     """Two-sided interval of a chi-square variable divided by its dof; Wilson-Hilferty above 1e6 dof."""
+    from scipy.special import chdtri, ndtri  # half a second, and not every filter's user asks
+
     tail = 0.5 * (1.0 - probability)
     if dof > 1_000_000:
         k = 2.0 / (9.0 * dof)

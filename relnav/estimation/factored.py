@@ -12,10 +12,10 @@ costs what Joseph's form costs and keeps all digits where that one and the textb
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
-from relnav.codegen.kernel import kernel, quotient, select, square, straight_line, vector
+from relnav.codegen.kernel import entry, quotient, select, square, straight_line, vector
 
 
-@kernel
+@entry
 def factorize_into(p: Matrix, ld: Matrix) -> bool:
     """Write the factors of the symmetric p (n, n) into ld; False if p is not positive semidefinite.
 

@@ -1,4 +1,4 @@
-"""Model folders: which there are, and from `model.toml` and `published.toml` to values in SI units."""
+"""From `model.toml` and `published.toml` to values in SI units."""
 
 import dataclasses
 import difflib
@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 from relnav.accuracy.published import Claim, ClaimException, Published
-from relnav.errors import ModelError, UnknownModelError
+from relnav.errors import ModelError
+from relnav.files.model_folders import find_model
 from relnav.files.orbit_altitude import mean_motion_of_altitude
 from relnav.files.plausibility import implausible
 from relnav.files.psd_calibration import named_calibration
@@ -28,40 +29,6 @@ Changes = Mapping[str, Any] | None
 BeaconName = Literal["three_beacon_psd", "three_beacon_psd_rbar"]
 MarkerName = Literal["three_marker_vision", "three_marker_vision_flat"]
 StarName = Literal["dual_field_star", "ground_camera"]
-
-
-def models_root() -> Path:
-    """Folder of the shipped models: inside the package when installed, beside it in a checkout."""
-    package = Path(__file__).resolve().parents[1]
-    inside = package / "models"
-    return inside if inside.is_dir() else package.parent / "models"
-
-
-def list_models() -> list[str]:
-    """Names of the shipped models, sorted."""
-    return sorted(folder.parent.name for folder in models_root().glob("*/model.toml"))
-
-
-def find_model(name_or_path: str | os.PathLike[str]) -> Path:
-    """The `model.toml` that a shipped name, a folder or a file stands for.
-
-    Raises
-    ------
-    UnknownModelError
-        If there is none; a close match is suggested.
-    """
-    name = os.fspath(name_or_path)
-    shipped = models_root() / name / "model.toml"
-    if name in list_models():
-        return shipped
-    path = Path(name)
-    if path.is_dir() and (path / "model.toml").is_file():
-        return path / "model.toml"
-    if path.is_file():
-        return path
-    near = difflib.get_close_matches(name, list_models(), n=1)
-    hint = f"did you mean '{near[0]}'?" if near else f"shipped models are {', '.join(list_models())}"
-    raise UnknownModelError(f"no model '{name}', neither shipped nor a folder or file; {hint}")
 
 
 @overload

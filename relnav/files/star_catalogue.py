@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 
 from relnav.errors import InputError
-from relnav.files.models import models_root
+from relnav.files.model_folders import models_root
 from relnav.sensors.dual_field.catalogue import StarCatalogue
 
 NAME = "star_catalogue/hip2_hp75.npz"

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import entry, kernel, plain
 
 
 def dcm_from_quaternion(quaternion: Vector) -> Matrix:
@@ -27,15 +27,17 @@ def dcm_from_quaternion(quaternion: Vector) -> Matrix:
 
 def is_rotation(dcm: Matrix) -> bool:
     """Whether a matrix is a rotation (3, 3): finite, orthonormal to 1e-6 in every entry, determinant +1."""
-    if dcm.shape != (3, 3):
-        return False
-    (a, b, c), (d, e, f), (g, h, i) = dcm.tolist()
-    off = (
-        a * a + b * b + c * c - 1.0, d * d + e * e + f * f - 1.0, g * g + h * h + i * i - 1.0,
-        a * d + b * e + c * f, a * g + b * h + c * i, d * g + e * h + f * i,
-    )  # fmt: skip
+    return dcm.shape == (3, 3) and plain(are_a_rotation)(*dcm.ravel().tolist())
+
+
+@kernel
+def are_a_rotation(a: float, b: float, c: float, d: float, e: float, f: float, g: float, h: float, i: float) -> bool:
+    """Whether the rows (a, b, c), (d, e, f), (g, h, i) are a rotation, as `is_rotation` says."""
+    lengths = max(abs(a * a + b * b + c * c - 1.0), abs(d * d + e * e + f * f - 1.0), abs(g * g + h * h + i * i - 1.0))
+    angles = max(abs(a * d + b * e + c * f), abs(a * g + b * h + c * i), abs(d * g + e * h + f * i))
     determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-    return all(abs(value) < 1e-6 for value in off) and determinant > 0.0
+    finite = math.isfinite(a + b + c + d + e + f + g + h + i)  # else max may pass a NaN over
+    return finite and lengths < 1e-6 and angles < 1e-6 and determinant > 0.0
 
 
 def quaternion_from_dcm(dcm: Matrix) -> Vector:
@@ -58,7 +60,7 @@ def quaternion_from_dcm(dcm: Matrix) -> Vector:
     return -unit if unit[3] < 0.0 else unit
 
 
-@kernel
+@entry
 def dcm_from_quaternion_into(q: Vector, out: Matrix) -> bool:
     """Write the rotation matrix of the quaternion q (4,), normalised, into out; False if its norm is not near 1."""
     norm2 = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]

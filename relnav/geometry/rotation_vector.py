@@ -13,10 +13,10 @@ import math
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import entry
 
 
-@kernel
+@entry
 def turn_by_rotation_vector(dcm: Matrix, v: Vector, out: Matrix) -> None:
     """Write dcm exp([v x]) into out (3, 3), which may not be dcm: Rodrigues' formula, regular at v = 0."""
     angle2 = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
@@ -34,7 +34,7 @@ def turn_by_rotation_vector(dcm: Matrix, v: Vector, out: Matrix) -> None:
         out[i, 2] = c * d2 + a * (d0 * v[1] - d1 * v[0]) + along * v[2]
 
 
-@kernel
+@entry
 def rotation_vector_into(dcm: Matrix, reference: Matrix, out: Vector) -> None:
     """Write the rotation vector v (3,) rad with dcm = reference exp([v x]) into out, its length at most pi."""
     trace = 0.0

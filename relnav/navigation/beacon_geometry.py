@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
-from relnav.codegen.kernel import kernel, quotient, straight_line
+from relnav.codegen.kernel import entry, kernel, quotient, straight_line
 from relnav.navigation.memory import SPOTS, Memory
 from relnav.sensors.measurement import MISALIGNED, OK, SWAPPED
 from relnav.sensors.three_beacon.fix import RAYS_ROW, solve_fix
@@ -30,7 +30,7 @@ def _combine_attitude(dock: Matrix, mount: Matrix, cam_from_dock: Matrix, offset
             cam_from_dock[i, j] = mount[i, 0] * dock[j, 0] + mount[i, 1] * dock[j, 1] + mount[i, 2] * dock[j, 2]
 
 
-@kernel
+@entry
 def attitude_changed(kept: Record, sensor: Record) -> None:
     """Derive what follows from `mount` and `dock`; called whenever `mount` was written."""
     _combine_attitude(kept["dock"], kept["mount"], sensor["cam_from_dock"], sensor["offset"])

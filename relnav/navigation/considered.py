@@ -30,7 +30,7 @@ The noise of the attitude that comes with an image turns all its spots together:
 """
 
 from relnav.arrays import Matrix, Record, Vector
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import entry, kernel
 from relnav.estimation.considered import add_covariance_times, subtract_taken, update_sensitivities
 from relnav.estimation.factored import add_rank_one
 from relnav.estimation.rows import Observed
@@ -160,7 +160,7 @@ def add_attitude_noise(m: Memory, track: Record) -> None:
         add_rank_one(track["ld"], effect[axis])
 
 
-@kernel
+@entry
 def add_considered(ld: Matrix, sensitivities: Matrix) -> None:
     """Replace a filter's own factors (6, 6) by those of what is reported, P + S S^T."""
     for j in range(sensitivities.shape[0]):

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
-from relnav.codegen.kernel import kernel, select, straight_line
+from relnav.codegen.kernel import entry, select, straight_line
 from relnav.estimation.factored import compose_into
 from relnav.geometry.spherical import range_azimuth_elevation, range_azimuth_elevation_jacobian
 from relnav.navigation.smoothing import unpack_factors
@@ -24,7 +24,7 @@ UPPER_THREE = np.triu_indices(3)
 
 
 @straight_line(state=(6,), packed=(21,), dock=(3, 3), port=(3,), lever=(3,), out=(VIEW_ROWS,))
-def _view(state: Vector, packed: Vector, dock: Matrix, port: Vector, lever: Vector, out: Vector) -> None:
+def view_epoch(state: Vector, packed: Vector, dock: Matrix, port: Vector, lever: Vector, out: Vector) -> None:
     """Cai et al. (1996) eq. (13) and J P J^T for one state with packed factors; no angles at the poles x = y = 0."""
     ld, covariance = np.zeros((6, 6)), np.zeros((6, 6))
     s, p, to_angles, j = np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
@@ -55,13 +55,13 @@ def _view(state: Vector, packed: Vector, dock: Matrix, port: Vector, lever: Vect
             at += 1
 
 
-@kernel
+@entry
 def _views(
     state: Matrix, factor: Matrix, dock: Matrix, port: Vector, lever: Matrix, out: Matrix, scratch: Vector
 ) -> None:
     held = lever.shape[0] == 1
     for e in range(state.shape[0]):
-        _view(state[e], factor[e], dock, port, lever[0 if held else e], scratch)
+        view_epoch(state[e], factor[e], dock, port, lever[0 if held else e], scratch)
         for row in range(VIEW_ROWS):
             out[row, e] = scratch[row]
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from relnav.arrays import Codes, Matrix, Stack, Vector, one_piece
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import entry, kernel
 from relnav.estimation.rows import copy_track
 from relnav.geometry.rotation import dcm_from_quaternion_into
 from relnav.mission import Model
@@ -74,7 +74,7 @@ def _take_inputs(m: Memory, e: int, control: Matrix, quaternion: Matrix, sigma: 
             m.beacons[i]["lasting_sigma"] = lasting[e, i]
 
 
-@kernel
+@entry
 def _run(
     block: Vector,
     t: Vector,
@@ -126,7 +126,7 @@ def _run(
                     considered[e, k, i] = np.nan
 
 
-@kernel
+@entry
 def _join(state: Matrix, factor: Matrix, considered: Stack, ld: Matrix) -> None:
     """Add what is considered (n, m, 6) to the packed factors (n, 21) of states (n, 6); ld (6, 6) is scratch."""
     for e in range(factor.shape[0]):

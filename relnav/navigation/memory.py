@@ -46,6 +46,9 @@ SENSOR = np.dtype(
         ("projection", _I),
         ("method", _I),
         ("attitude_known", _I),
+        ("held", _F, (3, 3)),  # the model's attitude, and whether it is known, for steps that are told no other
+        ("held_known", _I),
+        ("turned", _I),  # `mount` holds another attitude
         ("attitude_sigma", _F),  # of the stated attitude, each axis: what lasts
         ("attitude_noise", _F),  # and what is new at every image
         ("field_center", _F, 2),  # where what lasts in the spots was calibrated
@@ -134,7 +137,7 @@ KEPT = np.dtype(
         ("result", RESULT),
     ]
 )
-"""What a record keeps; behind it in memory stand the innovations and what one sigma of each lasting error does."""
+"""What results from an epoch; behind it in memory stand the innovations."""
 FIXED = np.dtype(
     [
         ("restart_after", _I),
@@ -156,9 +159,7 @@ FIXED = np.dtype(
 )
 """All that does not depend on the number of beacons."""
 FIXED_SIZE = FIXED.itemsize // 8
-KEPT_FROM = FIXED_SIZE - KEPT.itemsize // 8
-"""Place of the first number that a record keeps."""
-_BEACON_SIZE, _GROUP_SIZE, _KEPT_SIZE = BEACON.itemsize // 8, GROUP.itemsize // 8, KEPT.itemsize // 8
+_BEACON_SIZE, _GROUP_SIZE = BEACON.itemsize // 8, GROUP.itemsize // 8
 
 
 class Memory(NamedTuple):
@@ -251,28 +252,6 @@ named = plain(views)
 """The memory by names, from Python."""
 
 
-class Snapshot(NamedTuple):
-    """What a record keeps, by names; see `Memory`."""
-
-    kept: Record
-    innovations: Vector
-    sensitivities: Matrix
-
-
-def snapshot(memory: bytes) -> Snapshot:
-    """A record's copy of the memory from `KEPT_FROM` to the track's sensitivities, by names."""
-    numbers = np.frombuffer(memory)
-    kept = numbers[:_KEPT_SIZE].view(KEPT)[0]
-    a = _KEPT_SIZE + 2 * int(kept["clock"]["beacons"])
-    return Snapshot(kept, numbers[_KEPT_SIZE:a], numbers[a:].reshape(-1, MOTION))
-
-
-def kept_until(block: Vector) -> int:
-    """Place behind the last number that a record keeps."""
-    m = named(block)
-    return FIXED_SIZE + m.innovations.size + m.sensitivities.size
-
-
 def new_memory(model: Model, method: str, projection: str) -> Vector:
     """A filter that has seen nothing yet."""
     sensor, noise, settings = model.sensor, model.process_noise, model.filter
@@ -296,6 +275,8 @@ def new_memory(model: Model, method: str, projection: str) -> Vector:
         projection=PROJECTIONS[projection],
         method=METHODS[method],
         attitude_known=model.attitude.mode == "lvlh_hold",
+        held=model.dcm_cam_from_lvlh,
+        held_known=model.attitude.mode == "lvlh_hold",
         attitude_sigma=model.attitude.sigma_rad,
         attitude_noise=model.attitude.noise_rad,
         field_center=(0.0, 0.0) if calibration is None else calibration.center_m,

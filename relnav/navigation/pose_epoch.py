@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from relnav.arrays import Matrix, Record, Stack, Vector
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import entry, kernel
 from relnav.estimation.considered import join_considered
 from relnav.navigation.pose_memory import POSE, PoseMemory, pose_views
 from relnav.navigation.pose_propagation import copy_rows
@@ -158,7 +158,7 @@ def write_epoch(m: PoseMemory, out: Record, apart: Matrix) -> None:
         factor[i] = math.nan
 
 
-@kernel
+@entry
 def read_epoch(block: Vector, out: Record, apart: Stack) -> None:
     """`write_epoch` of a filter's memory into the first of out (1,) and of apart (1, m, 12)."""
     write_epoch(pose_views(block), out[0], apart[0])

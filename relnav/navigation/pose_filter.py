@@ -18,7 +18,7 @@ import math
 import numpy as np
 
 from relnav.arrays import Matrix, Record, Stack, Vector
-from relnav.codegen.kernel import entry, kernel, straight_line
+from relnav.codegen.kernel import kernel, shared_entry, straight_line
 from relnav.codegen.trace import Shape
 from relnav.estimation.considered import update_sensitivities
 from relnav.estimation.factored import orthogonalise, spread
@@ -241,7 +241,7 @@ def _confirm(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) -> int:
     return CONFIRMED
 
 
-@entry
+@shared_entry
 def pose_step(block: Vector, t: float, chaser: Matrix, spots: Matrix, covariances: Stack) -> int:
     """Go on to t and use the spots (n, 2) px of an image taken there, (0, 2) = none; what to look for afterwards.
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from relnav.arrays import Matrix, Record, Stack, Vector, one_piece
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import entry
 from relnav.geometry.rotation import dcm_from_quaternion, dcm_from_quaternion_into
 from relnav.mission import VisionMission
 from relnav.navigation.arguments import controls, quaternions
@@ -20,7 +20,7 @@ from relnav.navigation.relative_pose import NO_COVARIANCES, Event, PoseNavigator
 CHUNK = 8192
 
 
-@kernel
+@entry
 def _run(
     block: Vector,
     first: int,

@@ -4,10 +4,10 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtri
 
 from relnav.arrays import Flags, Matrix, Record, Stack
 from relnav.estimation.factored import compose, factorize
+from relnav.estimation.gating import chi_square_limit
 from relnav.geometry.rotation_vector import rotation_vector_between, turned
 from relnav.mission import VisionMission
 from relnav.navigation.memory import fill
@@ -80,7 +80,7 @@ def roots(
     """
     result = measure(spots, mission, spot_covariance_px2=covariances)
     used = np.array(result.labels) >= 0
-    worst = float(chdtri(result.dof, MISFIT_PROBABILITY)) if result.dof > 0 else math.inf
+    worst = chi_square_limit(1.0 - MISFIT_PROBABILITY, result.dof) if result.dof > 0 else math.inf
     out = []
     for root in result.roots:
         if root.score - result.roots[0].score > DROP or root.misfit > worst:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from relnav.arrays import Matrix, Record, Stack, Vector
-from relnav.codegen.kernel import kernel, straight_line
+from relnav.codegen.kernel import entry, kernel, straight_line
 from relnav.dynamics.relative_motion import transition_into
 from relnav.estimation.considered import is_felt
 from relnav.estimation.smoothing import backward_model, carry_noise_back, smooth_step
@@ -102,7 +102,7 @@ def _smooth_sensitivities(gain: Matrix, own: Matrix, behind: Matrix, predicted: 
                     behind[c, i] += gain[i, j] * predicted[c, j]
 
 
-@kernel
+@entry
 def _smooth(block: Vector, epochs: Record, apart: Stack, after: Vector, effects: Stack) -> None:
     """Smooth filtered events in place, from their last to their first; after: `LATER`, of the event behind them.
 

@@ -1,16 +1,18 @@
 """What the filter says of one epoch, and of a whole log."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import degrees
+from struct import Struct
 from typing import Any
 
 import numpy as np
 
 from relnav.arrays import Codes, Flags, Matrix, Stack, Vector
 from relnav.estimation.consistency import Consistency, nis_consistency
-from relnav.navigation.considered import add_considered
-from relnav.navigation.docking_view import LOWER, UPPER, symmetric, views
-from relnav.navigation.memory import Snapshot, snapshot
+from relnav.navigation.docking_view import UPPER, symmetric, views
+from relnav.navigation.epoch_report import REPORT
 from relnav.navigation.status import STARTED, UPDATED, EpochStatus
 from relnav.sensors.measurement import Status
 
@@ -19,89 +21,81 @@ DIAGONAL = np.flatnonzero(np.equal(*UPPER))
 """Which of the 21 elements are variances."""
 
 
-class FilterRecord:
-    """State of the filter just after one epoch. It is a copy: later steps do not change it.
+_FLOAT = np.dtype(np.float64)
+_AT = {name: place for name, (_, place, *_) in REPORT.fields.items()}  # type: ignore[union-attr]  # it has fields
+_T, _NIS, _STATE, _COVARIANCE = _AT["t"], _AT["nis"], _AT["state"], _AT["covariance"]
+_RANGE, _AZIMUTH, _ELEVATION = (_AT["docking"] + 8 * k for k in range(3))
+_SIGMA_RANGE, _SIGMA_AZIMUTH, _SIGMA_ELEVATION = (_AT["docking_sigma"] + 8 * k for k in range(3))
+_real: Callable[[bytes, int], tuple[float]] = Struct("d").unpack_from
+_whole: Callable[[bytes, int], tuple[int]] = Struct("q").unpack_from
 
-    Every attribute is computed when asked for, in SI units and radians; without a state yet they are NaN.
+
+class FilterRecord:
+    """State of the filter just after one epoch. It is a copy, and read-only: later steps do not change it.
+
+    SI units and radians; without a state yet they are NaN.
     """
 
     __slots__ = ("_memory",)
 
     def __init__(self, memory: bytes) -> None:
-        """Take a copy of what `memory.KEPT` names."""
+        """Take what `epoch_report.REPORT` names, and the innovations behind it."""
         self._memory = memory
-
-    @property
-    def _kept(self) -> Snapshot:
-        return snapshot(self._memory)
 
     @property
     def t_s(self) -> float:
         """Time of the epoch, the log's own clock."""
-        return float(self._kept.kept["clock"]["t"])
+        return _real(self._memory, _T)[0]
 
     @property
     def has_state(self) -> bool:
         """Whether the filter has started."""
-        return bool(self._kept.kept["clock"]["running"] > 0)
+        return _whole(self._memory, _AT["has_state"])[0] > 0
 
     @property
     def state(self) -> Vector:
         """Chaser relative to target, `lvlh_ccsds`: position m, velocity m/s in the rotating frame, (6,)."""
-        return self._kept.kept["track"]["state"].copy() if self.has_state else np.full(6, np.nan)
+        return np.ndarray((6,), _FLOAT, self._memory, _STATE)
 
     @property
     def covariance(self) -> Matrix:
         """Covariance of `state`, (6, 6), with what a calibration's lasting error adds."""
-        covariance: Matrix = symmetric(self._view()[9:])[0]
-        return covariance
-
-    def _view(self) -> Matrix:
-        """`docking_view.VIEW_ROWS` of this epoch, (30, 1)."""
-        kept, _, sensitivities = self._kept
-        mount, dock = kept["mount"], kept["dock"]
-        lever = mount[:, :3].T @ mount[:, 3]
-        ld = np.full((6, 6), np.nan)
-        if self.has_state:
-            ld = kept["track"]["ld"].copy()
-            add_considered(ld, sensitivities)
-        return views(self.state[None], ld[LOWER][None], dock[:, :3], dock[:, 3], lever[None])
+        return np.ndarray((6, 6), _FLOAT, self._memory, _COVARIANCE)
 
     @property
     def range_m(self) -> float:
         """Distance of the camera from O."""
-        return float(self._view()[0, 0])
+        return _real(self._memory, _RANGE)[0]
 
     @property
     def azimuth_rad(self) -> float:
         """Azimuth of the camera in the docking frame, atan2(y, x)."""
-        return float(self._view()[1, 0])
+        return _real(self._memory, _AZIMUTH)[0]
 
     @property
     def elevation_rad(self) -> float:
         """Elevation of the camera in the docking frame, atan2(-z, hypot(x, y))."""
-        return float(self._view()[2, 0])
+        return _real(self._memory, _ELEVATION)[0]
 
     @property
     def docking_covariance(self) -> Matrix:
         """Covariance of (range m, azimuth rad, elevation rad), (3, 3)."""
-        covariance: Matrix = symmetric(self._view()[3:9])[0]
-        return covariance
+        return np.ndarray((3, 3), _FLOAT, self._memory, _AT["docking_covariance"])
 
     @property
     def sigma_range_m(self) -> float:
         """1-sigma of the range."""
-        return float(np.sqrt(self._view()[3, 0]))
+        return _real(self._memory, _SIGMA_RANGE)[0]
 
     @property
     def sigma_azimuth_rad(self) -> float:
         """1-sigma of the azimuth."""
-        return float(np.sqrt(self._view()[6, 0]))
+        return _real(self._memory, _SIGMA_AZIMUTH)[0]
 
     @property
     def sigma_elevation_rad(self) -> float:
         """1-sigma of the elevation."""
-        return float(np.sqrt(self._view()[8, 0]))
+        return _real(self._memory, _SIGMA_ELEVATION)[0]
 
     @property
     def innovation(self) -> Vector:
@@ -109,47 +103,47 @@ class FilterRecord:
 
         Of everything that was seen, before the gate; NaN for the rest.
         """
-        return self._kept.innovations.copy()
+        return np.frombuffer(self._memory, _FLOAT, offset=REPORT.itemsize)
 
     @property
     def nis(self) -> float:
         """Normalised innovation squared of everything that was seen, before the gate; NaN if nothing was."""
-        return float(self._kept.kept["result"]["nis"])
+        return _real(self._memory, _NIS)[0]
 
     @property
     def dof(self) -> int:
         """Degrees of freedom of `nis`."""
-        return int(self._kept.kept["result"]["dof"])
+        return _whole(self._memory, _AT["dof"])[0]
 
     @property
     def status(self) -> EpochStatus:
         """What became of the epoch."""
-        return EpochStatus(int(self._kept.kept["result"]["status"]))
+        return EpochStatus(_whole(self._memory, _AT["status"])[0])
 
     @property
     def measurement_status(self) -> Status:
         """Why the image could not be used, if it could not."""
-        return Status(int(self._kept.kept["result"]["reason"]))
+        return Status(_whole(self._memory, _AT["reason"])[0])
 
     @property
     def rejected_streak(self) -> int:
         """Consecutive epochs, up to this one, with at least half of what was seen rejected."""
-        return int(self._kept.kept["clock"]["rejected"])
+        return _whole(self._memory, _AT["rejected"])[0]
 
     @property
     def accepted(self) -> bool:
         """Whether everything that was seen was used."""
-        return int(self._kept.kept["result"]["status"]) in (UPDATED, STARTED)
+        return _whole(self._memory, _AT["status"])[0] in (UPDATED, STARTED)
 
     def __repr__(self) -> str:
         """One line for the console."""
         if not self.has_state:
             return f"FilterRecord(t_s={self.t_s:.12g}, {self.status.name}: {self.measurement_status.name})"
-        rae, s = self._view()[:3, 0], np.sqrt(self._view()[[3, 6, 8], 0])
         return (
-            f"FilterRecord(t_s={self.t_s:.12g}, {self.status.name}, range {rae[0]:.4f} +- {s[0]:.4f} m, "
-            f"azimuth {np.degrees(rae[1]):.4f} +- {np.degrees(s[1]):.4f} deg, "
-            f"elevation {np.degrees(rae[2]):.4f} +- {np.degrees(s[2]):.4f} deg)"
+            f"FilterRecord(t_s={self.t_s:.12g}, {self.status.name}, "
+            f"range {self.range_m:.4f} +- {self.sigma_range_m:.4f} m, "
+            f"azimuth {degrees(self.azimuth_rad):.4f} +- {degrees(self.sigma_azimuth_rad):.4f} deg, "
+            f"elevation {degrees(self.elevation_rad):.4f} +- {degrees(self.sigma_elevation_rad):.4f} deg)"
         )
 
 

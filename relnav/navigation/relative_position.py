@@ -2,21 +2,34 @@
 
 from collections.abc import Callable
 from importlib.metadata import version
+from types import BuiltinFunctionType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Vector, number, numbers, one_piece
-from relnav.codegen.kernel import is_compiled, only_for
+from relnav.codegen.kernel import plain, ready
 from relnav.geometry.rotation import is_rotation
 from relnav.mission import Model
 from relnav.navigation.arguments import choose, start_values, vector
-from relnav.navigation.beacon_geometry import attitude_changed
-from relnav.navigation.memory import KEPT_FROM, MOTION, fill, kept_until, named
+from relnav.navigation.epoch_report import (
+    ACCELERATION,
+    ATTITUDE,
+    DELTA_V,
+    SPOT_SIGMA,
+    navigate,
+    new_report,
+    take_inputs,
+    write_report,
+)
+from relnav.navigation.memory import MOTION, fill, named
 from relnav.navigation.record import FilterRecord
 from relnav.navigation.reference_engine import ReferenceEngine
-from relnav.navigation.step import WRONG_SHAPE, step
+from relnav.navigation.step import wrong_use
+
+NOTHING, NO_MATRIX = np.empty(0), np.empty((0, 0))
+"""What is not told."""
 
 
 class Navigator:
@@ -58,19 +71,14 @@ class Navigator:
         self, model: Model, method: str = "fix", *, projection: str | None = None, engine: str = "compiled"
     ) -> None:
         self._block = choose(model, method, projection, engine)
-        self._step: Callable[[Vector, float, Matrix], int] = only_for(step, self._block, 0.0, np.zeros((1, 2)))
-        self._reference = ReferenceEngine(self._block) if engine == "filterpy" else None
-        if self._reference is not None:
-            reference = self._reference
-            self._step = lambda _block, t, spots: reference.step(t, spots)
         self._named = named(self._block)
         self._beacons = len(self._named.beacons)
-        self._held = self._named.kept["mount"][:, :3].copy()
-        self._held_known = int(self._named.sensor["attitude_known"])
-        self._kept = self._block[KEPT_FROM : kept_until(self._block)]
-        self._changed = False
-        self._any_type = self._reference is not None or not is_compiled()  # nothing else refuses other types of numbers
+        self._report, self._kept = new_report(self._beacons)
+        self._reference = ReferenceEngine(self._block) if engine == "filterpy" else None
+        given = self._block, 0.0, NO_MATRIX, 0, NOTHING, NOTHING, NO_MATRIX, NO_MATRIX, self._report
+        self._navigate: Callable[..., Any] = ready(navigate, *given) if self._reference is None else self._by_reference
         self._calibration = model.calibration
+        self._at_once = isinstance(self._navigate, BuiltinFunctionType) and self._calibration is None
         self._projection, self._engine = projection, engine
         self.model = model
         self.method = method
@@ -108,7 +116,6 @@ class Navigator:
             "version": version("relnav"),
             "arguments": (self.model, self.method, self._projection, self._engine),
             "memory": self._block.copy(),
-            "changed": self._changed,
             "reference": None if self._reference is None else self._reference.tracks(),
         }
 
@@ -123,7 +130,6 @@ class Navigator:
         model, method, projection, engine = state["arguments"]
         self.__init__(model, method, projection=projection, engine=engine)  # type: ignore[misc]  # made anew, as it was
         self._block[:] = state["memory"]
-        self._changed = state["changed"]
         if self._reference is not None:
             self._reference.restore(*state["reference"])
 
@@ -166,37 +172,44 @@ class Navigator:
             For wrong use: shapes, a time that does not advance, control or attitude that is not finite. The filter
             is then unchanged.
         """
-        if type(spots_m) is not np.ndarray or self._any_type:
-            t_s, spots_m = number("t_s", t_s), one_piece("spots_m", spots_m)
-        told = not (acceleration_m_s2 is delta_v_m_s is dcm_cam_from_lvlh is spot_sigma_m is None)
-        if not (told or self._changed or self._calibration is not None):
-            self._take(t_s, spots_m)
-            return FilterRecord(self._kept.tobytes())
-        before, changed = self._block.copy(), self._changed
+        told = ACCELERATION if acceleration_m_s2 is not None else 0
+        if delta_v_m_s is not None:
+            told |= DELTA_V
+        if dcm_cam_from_lvlh is not None:
+            told |= ATTITUDE
+        if spot_sigma_m is not None:
+            told |= SPOT_SIGMA
         try:
-            self._set(acceleration_m_s2, delta_v_m_s, dcm_cam_from_lvlh, spot_sigma_m)
-            if self._calibration is not None:
-                spots_m, lasting = self._calibration.corrected(one_piece("spots_m", spots_m))
-                if lasting.shape == (self._beacons,):  # else `step` says what is wrong with the spots
-                    self._named.beacons["lasting_sigma"] = lasting
-            self._take(t_s, spots_m)
-        except ValueError:
-            self._block[:], self._changed = before, changed
-            raise
+            if self._at_once and (
+                self._navigate(
+                    self._block,
+                    t_s,
+                    spots_m,
+                    told,
+                    acceleration_m_s2,
+                    delta_v_m_s,
+                    dcm_cam_from_lvlh,
+                    spot_sigma_m,
+                    self._report,
+                )
+                is True
+            ):
+                return FilterRecord(self._kept.tobytes())
+        except OverflowError:  # a time beyond all floats: refused below
+            pass
+        self._take(t_s, spots_m, told, self._checked(acceleration_m_s2, delta_v_m_s, dcm_cam_from_lvlh, spot_sigma_m))
         return FilterRecord(self._kept.tobytes())
 
-    def _take(self, t_s: float, spots_m: Matrix) -> None:
-        try:
-            outcome = self._step(self._block, t_s, spots_m)
-        except (
-            TypeError,
-            IndexError,
-            OverflowError,
-        ):  # another type of numbers, or an array that is not one piece of memory
-            t_s, spots_m = number("t_s", t_s), one_piece("spots_m", spots_m)
-            outcome = self._step(self._block, t_s, spots_m) if spots_m.ndim == 2 else WRONG_SHAPE
-        if outcome < 0:
-            raise self._wrong_use(t_s, spots_m)
+    def _take(self, t_s: float, spots_m: ArrayLike, told: int, inputs: tuple[Matrix, ...]) -> None:
+        """Take an image whose numbers are of any type, or that is to be corrected, or say what is wrong with it."""
+        t, spots, before = number("t_s", t_s), one_piece("spots_m", spots_m), self._block.copy()
+        if self._calibration is not None:
+            spots, lasting = self._calibration.corrected(spots)
+            if lasting.shape == (self._beacons,):  # else the spots are refused below
+                self._named.beacons["lasting_sigma"] = lasting
+        if spots.ndim != 2 or self._navigate(self._block, t, spots, told, *inputs, self._report) is not True:
+            self._block[:] = before
+            raise self._wrong_use(t_s, spots)
 
     def _wrong_use(self, t_s: float, spots: Matrix) -> ValueError:
         if spots.shape != (self._beacons, 2):
@@ -206,30 +219,34 @@ class Navigator:
         last = float(self._named.clock["t"])
         return ValueError(f"t_s must be finite and after the last step's {last!r} s; got {t_s!r}")
 
-    def _set(
+    def _checked(
         self,
         acceleration: ArrayLike | None,
         delta_v: ArrayLike | None,
         dcm: ArrayLike | None,
         spot_sigma: ArrayLike | None,
-    ) -> None:
-        """Write this step's control, attitude and noise; what is left out is zero, the model's, or the last one."""
-        a = None if acceleration is None else vector("acceleration_m_s2", acceleration, (3,))
-        v = None if delta_v is None else vector("delta_v_m_s", delta_v, (3,))
-        c = self._held if dcm is None else vector("dcm_cam_from_lvlh", dcm, (3, 3))
+    ) -> tuple[Matrix, ...]:
+        """What is told as arrays in one piece, empty where nothing is; ValueError for what cannot be taken."""
+        a = NOTHING if acceleration is None else vector("acceleration_m_s2", acceleration, (3,))
+        v = NOTHING if delta_v is None else vector("delta_v_m_s", delta_v, (3,))
+        c = NO_MATRIX if dcm is None else vector("dcm_cam_from_lvlh", dcm, (3, 3))
         if dcm is not None and not is_rotation(c):
             raise ValueError("dcm_cam_from_lvlh must be a rotation matrix (orthonormal, determinant +1)")
-        m = self._named
-        if spot_sigma is not None:
-            sigma = numbers("spot_sigma_m", spot_sigma)
-            if sigma.shape != (self._beacons, 2) or np.any(sigma <= 0.0) or np.any(np.isinf(sigma)):
-                raise ValueError(
-                    f"spot_sigma_m has shape ({self._beacons}, 2), above zero and finite; got {sigma.tolist()}"
-                )
-            np.copyto(m.beacons["spot_sigma"], sigma, where=sigma > 0.0)
-        m.motion["acceleration"] = 0.0 if a is None else a
-        m.motion["delta_v"] = 0.0 if v is None else v
-        m.kept["mount"][:, :3] = c
-        m.sensor["attitude_known"] = self._held_known or dcm is not None
-        attitude_changed(m.kept, m.sensor)
-        self._changed = not (a is None and v is None and dcm is None)
+        sigma = NO_MATRIX if spot_sigma is None else numbers("spot_sigma_m", spot_sigma)
+        if spot_sigma is not None and (
+            sigma.shape != (self._beacons, 2) or np.any(sigma <= 0.0) or np.any(np.isinf(sigma))
+        ):
+            raise ValueError(
+                f"spot_sigma_m has shape ({self._beacons}, 2), above zero and finite; got {sigma.tolist()}"
+            )
+        return tuple(np.ascontiguousarray(value) for value in (a, v, c, sigma))
+
+    def _by_reference(self, block: Vector, t: float, spots: Matrix, told: int, *more: Any) -> bool:
+        """`navigate` with the reference engine's step."""
+        *inputs, report = more
+        assert self._reference is not None
+        if plain(wrong_use)(self._named, t, spots) != 0 or not take_inputs(block, told, *inputs):
+            return False
+        self._reference.step(t, spots)
+        write_report(block, report)
+        return True

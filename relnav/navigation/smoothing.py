@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from relnav.arrays import Codes, Matrix, Record, Stack, Vector
-from relnav.codegen.kernel import kernel, side_by_side, straight_line, variant
+from relnav.codegen.kernel import entry, kernel, side_by_side, straight_line, variant
 from relnav.codegen.trace import LANES
 from relnav.dynamics.clohessy_wiltshire import PHI_PATTERN
 from relnav.dynamics.relative_motion import depends_on_dt_alone, transition_into
@@ -130,7 +130,7 @@ def _same_step(step: Record, acceleration: Vector, t: Vector, control: Matrix, c
     return True
 
 
-@kernel
+@entry
 def smooth_run(
     block: Vector,
     t: Vector,

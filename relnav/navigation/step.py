@@ -14,7 +14,7 @@ it; an image that is used, or shows nothing, ends the row and the trial.
 import math
 
 from relnav.arrays import Matrix, Record, Vector
-from relnav.codegen.kernel import entry, kernel
+from relnav.codegen.kernel import kernel, shared_entry
 from relnav.estimation.rows import copy_track
 from relnav.navigation.beacon_geometry import prior_is_tight, uses_coordinates
 from relnav.navigation.beacon_start import start
@@ -77,7 +77,17 @@ def _half_rejected(spots: Matrix, used: int) -> bool:
     return 2 * used <= seen
 
 
-@entry
+@kernel
+def wrong_use(m: Memory, t: float, spots: Matrix) -> int:
+    """What is wrong with an image's shape or time: a negative number, or 0."""
+    if spots.shape[0] != m.beacons.shape[0] or spots.shape[1] != 2:
+        return WRONG_SHAPE
+    if not (m.clock["t"] < t and t < math.inf):
+        return WRONG_TIME
+    return 0
+
+
+@shared_entry
 def step(block: Vector, t: float, spots: Matrix) -> int:
     """Take the image (n, 2) m of time t s into the filter; returns an epoch status, details in the result.
 
@@ -86,10 +96,9 @@ def step(block: Vector, t: float, spots: Matrix) -> int:
     """
     m = views(block)
     clock, result = m.clock, m.result
-    if spots.shape[0] != m.beacons.shape[0] or spots.shape[1] != 2:
-        return WRONG_SHAPE
-    if not (clock["t"] < t and t < math.inf):
-        return WRONG_TIME
+    wrong = wrong_use(m, t, spots)
+    if wrong != 0:
+        return wrong
     running = clock["running"] > 0
     if running or clock["trial"] > 0:
         prepare_step(m.step, m.motion, m.scratch, clock["t"], t - clock["t"])

@@ -29,7 +29,7 @@ with warnings.catch_warnings(record=True) as caught:
     print(outer(2.0))
 from toy.codegen import kernel
 print(kernel.is_compiled())
-print(sum(getattr(outer, "stats", None).cache_hits.values()) if hasattr(outer, "stats") else 0)
+print(sum(outer.dispatcher.stats.cache_hits.values()) if hasattr(outer, "dispatcher") else 0)
 for entry in caught:
     print(entry.category.__name__, entry.message)
 """
@@ -42,16 +42,15 @@ def toy(root, tmp_path):
     package.mkdir(parents=True)
     (package / "__init__.py").write_text("")
     (package / "codegen").mkdir()
-    for name in ("__init__.py", "kernel.py", "trace.py", "cache.py", "whole_program.py"):
-        text = (root / "relnav" / "codegen" / name).read_text()
-        (package / "codegen" / name).write_text(text.replace("from relnav.", "from toy."))
+    for path in (root / "relnav" / "codegen").glob("*.py"):
+        (package / "codegen" / path.name).write_text(path.read_text().replace("from relnav.", "from toy."))
     (package / "callee.py").write_text(CALLEE.format(factor=3.0))
     (package / "caller.py").write_text(CALLER)
     return package
 
 
 def call(python, toy, **environment):
-    variables = {"RELNAV_JIT": "1", "HOME": str(toy.parent / "home")} | environment
+    variables = {"RELNAV_JIT": "1", "HOME": str(toy.parent / "home"), "NUMBA_CACHE_DIR": ""} | environment
     done = python(CALL, path=toy.parent, environment=variables)
     assert done.returncode == 0, done.stderr
     result, compiled, hits, *warned = done.stdout.splitlines()
@@ -59,6 +58,16 @@ def call(python, toy, **environment):
 
 
 def test_compiled_code_is_kept_from_one_process_to_the_next(python, toy):
+    assert call(python, toy) == (7.0, True, 0, [])
+    assert call(python, toy) == (7.0, True, 1, [])
+
+
+@pytest.mark.parametrize("part", ["nbi", "nbc"])
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_half_a_file_is_as_if_it_were_not_there(python, toy, part, share):
+    assert call(python, toy) == (7.0, True, 0, [])
+    (path,) = (toy / "__pycache__" / "compiled").glob(f"caller.outer*.{part}")
+    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
     assert call(python, toy) == (7.0, True, 0, [])
     assert call(python, toy) == (7.0, True, 1, [])
 
@@ -73,7 +82,7 @@ def test_a_changed_callee_is_never_run_in_its_old_form(python, toy):
 
 def test_any_change_of_any_file_changes_the_stamp(python, toy):
     def stamp():
-        done = python("from toy.codegen.cache import package_stamp; print(package_stamp())", path=toy.parent)
+        done = python("from toy.codegen.store import package_stamp; print(package_stamp())", path=toy.parent)
         assert done.returncode == 0, done.stderr
         return done.stdout.strip()
 
@@ -99,7 +108,7 @@ def test_where_nothing_can_be_written_it_works_with_one_warning(python, toy):
     block_the_package(toy)
     blocked = toy.parent / "blocked"
     blocked.write_text("in the way")
-    environment = {"HOME": str(blocked / "home"), "XDG_CACHE_HOME": str(blocked / "cache")}
+    environment = {"HOME": str(blocked / "home"), "XDG_CACHE_HOME": str(blocked / "cache"), "NUMBA_CACHE_DIR": ""}
     result, compiled, _, warned = call(python, toy, **environment)
     assert (result, compiled) == (7.0, True)
     assert len(warned) == 1
@@ -118,7 +127,7 @@ def test_a_cache_folder_that_cannot_be_made_is_no_error(python, toy):
 
 def test_a_read_only_install_keeps_its_code_in_the_users_folder(python, toy):
     block_the_package(toy)
-    environment = {"XDG_CACHE_HOME": str(toy.parent / "cache")}
+    environment = {"XDG_CACHE_HOME": str(toy.parent / "cache"), "NUMBA_CACHE_DIR": ""}
     assert call(python, toy, **environment) == (7.0, True, 0, [])
     assert call(python, toy, **environment) == (7.0, True, 1, [])
 

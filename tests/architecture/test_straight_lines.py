@@ -59,7 +59,7 @@ def caller(function):
     exec(
         f"def call({names}):\n    return called({names})\n", space
     )  # numba needs a function with these very parameters
-    return compiler._NJIT(**compiler._OPTIONS)(space["call"])
+    return compiler.kernel(space["call"])
 
 
 OPERATIONS = {

@@ -44,17 +44,14 @@ def test_short_log_needs_no_compiler(fresh, short_log, tmp_path, run):
 
 
 def test_at_hand_only_under_the_stamp_of_this_version(monkeypatch, tmp_path):
-    from relnav.codegen import cache
+    from relnav.codegen import store
 
-    folder = tmp_path / "navigation_0123"
-    folder.mkdir()
-    index = folder / "log._run-1.py311.nbi"
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "none"))
-    monkeypatch.setattr(cache, "__file__", str(tmp_path / "package" / "codegen" / "cache.py"))
-    monkeypatch.setattr(cache, "package_stamp", lambda: "abc")
-    assert not cache.compiled_code_at_hand()
-    index.write_bytes(b"...xyz...")
-    assert not cache.compiled_code_at_hand()
-    index.write_bytes(b"...abc...")
-    assert cache.compiled_code_at_hand()
+    monkeypatch.setattr(store, "folder", lambda: tmp_path)
+    monkeypatch.setattr(store, "SHIPPED", tmp_path / "none")
+    assert not store.at_hand("some.kernel")
+    monkeypatch.setattr(store, "package_stamp", lambda: "abc")
+    store.save(store.Code("some.kernel", "float", "f", [], b"code"))
+    assert store.at_hand("some.kernel")
+    assert not store.at_hand("some.kernel", "another.kernel")
+    monkeypatch.setattr(store, "package_stamp", lambda: "xyz")
+    assert not store.at_hand("some.kernel")

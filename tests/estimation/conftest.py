@@ -24,7 +24,7 @@ def compiled(function):
     names = ", ".join(inspect.signature(function).parameters)
     space = {"called": function}
     exec(f"def call({names}):\n    return called({names})\n", space)
-    return compiler._NJIT(**compiler._OPTIONS)(space["call"])
+    return compiler.kernel(space["call"])
 
 
 @pytest.fixture(scope="session")

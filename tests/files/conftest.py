@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from relnav.files.models import models_root
+from relnav.files.model_folders import models_root
 
 HEADER = "t_s,spot_a_x_um,spot_a_y_um,spot_b_x_um,spot_b_y_um,spot_c_x_um,spot_c_y_um"
 ROW = "{t},-1500,0,1500,0,0,0"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import relnav
-from relnav.files.models import find_model, models_root
+from relnav.files.model_folders import find_model, models_root
 
 NAMES = ["three_beacon_psd", "three_beacon_psd_rbar"]
 

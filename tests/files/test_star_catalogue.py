@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import relnav
-from relnav.files.models import models_root
+from relnav.files.model_folders import models_root
 from relnav.files.star_catalogue import NAME, load_star_catalogue
 
 ROOT = Path(__file__).parents[2]

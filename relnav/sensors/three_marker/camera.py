@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from relnav.arrays import Codes, Flags, Matrix, Stack, Vector
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import entry, kernel
 from relnav.geometry.distortion import distort, undistort, undistort_point
 from relnav.geometry.pinhole import central_projection, central_projection_jacobian
 from relnav.sensors.three_marker.sensor import MarkerCamera
@@ -102,7 +102,7 @@ def normalise_spot(
     )
 
 
-@kernel
+@entry
 def usable_into(spots: Matrix, covariance: Stack, lens: Vector, image: Matrix, weights: Matrix, which: Codes) -> int:
     """Write the spots (n, 2) px that can be used into image (n, 2) and weights (n, 3), which they are into which (n,).
 

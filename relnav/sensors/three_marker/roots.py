@@ -7,7 +7,7 @@ score.
 import math
 
 from relnav.arrays import Matrix, Stack, Vector
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import entry, kernel
 from relnav.geometry.linear_algebra import cholesky, solve_lower, solve_lower_transposed
 from relnav.geometry.p3p import solve_p3p
 from relnav.geometry.pose_refinement import BEHIND, PIVOT, pose_information, refine_pose
@@ -84,7 +84,7 @@ def is_among(pose: Matrix, poses: Stack, information: Stack, difference: Vector)
     return False
 
 
-@kernel
+@entry
 def explain_into(
     image: Matrix, weights: Matrix, points: Matrix, poses: Stack, information: Stack, misfit: Vector, work: Stack
 ) -> int:
@@ -116,7 +116,7 @@ def explain_into(
     return count
 
 
-@kernel
+@entry
 def rank_into(
     poses: Stack, information: Stack, misfit: Vector, count: int, belief: Vector, work: Stack, roots: Matrix
 ) -> float:
@@ -203,7 +203,7 @@ def least_certain_axis(covariance: Matrix, axis: Vector, m: Matrix, square: Matr
     return variance
 
 
-@kernel
+@entry
 def explains_its_error(root: Vector, image: Matrix, weights: Matrix, points: Matrix, work: Stack) -> bool:
     """Whether the spots' misfit about a root (50,) is what its covariance says: k^2 within a factor of 2, k sigma away.
 

@@ -1,0 +1,80 @@
+"""Compiles the filters while a wheel is built, so that a fresh install gives its first estimate at once.
+
+What is compiled is the package's own code, run here as a user runs it (`FLIGHTS`), beacons and markers side by side;
+the files that it leaves are put into the wheel (`relnav/codegen/store.py`), which then is one for this platform and
+this Python. On another processor of that platform they do not fit and are left alone. RELNAV_PREBUILD=0 in the
+environment builds a wheel without them, for any platform: `py3-none-any`.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+try:
+    from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+except ImportError:  # run as one of the flights
+    BuildHookInterface = object
+
+ROOT = Path(__file__).resolve().parent
+PLACE = "relnav/compiled"
+
+
+class Prebuild(BuildHookInterface):
+    """Adds the compiled code to a wheel."""
+
+    PLUGIN_NAME = "custom"
+
+    def initialize(self, version, build_data):
+        """Compile before the wheel is packed; an editable install compiles when it is first used."""
+        if self.target_name != "wheel" or version == "editable" or os.environ.get("RELNAV_PREBUILD") == "0":
+            return
+        self._folder = tempfile.TemporaryDirectory()
+        environment = os.environ | {"NUMBA_CACHE_DIR": self._folder.name, "PYTHONPATH": str(ROOT), "RELNAV_JIT": "1"}
+        began = [subprocess.Popen([sys.executable, __file__, name], env=environment, cwd=ROOT) for name in FLIGHTS]
+        for name, process in zip(FLIGHTS, began, strict=True):
+            if process.wait() != 0:
+                self._folder.cleanup()
+                raise RuntimeError(
+                    f"compiling for {name} failed (see above); RELNAV_PREBUILD=0 builds without compiled code"
+                )
+        for path in sorted(Path(self._folder.name).glob("relnav_*/*.code")):
+            build_data["force_include"][str(path)] = f"{PLACE}/{path.name}"
+        build_data["pure_python"], build_data["infer_tag"] = False, True
+
+    def finalize(self, version, build_data, artifact_path):  # noqa: ARG002  (as hatchling calls it)
+        """Nothing is left in the tree."""
+        if hasattr(self, "_folder"):
+            self._folder.cleanup()
+
+
+def beacons():
+    """An image at a time, everything read, and a log forward and backward."""
+    import numpy as np
+
+    import relnav
+
+    image = np.array([[-0.0015, 0.0], [0.0015, 0.0], [0.0, 0.0]])
+    model, t = relnav.load_model("three_beacon_psd"), 0.1 * np.arange(5)
+    navigator = relnav.Navigator(model)
+    for k in t.tolist():
+        record = navigator.step(k, image, acceleration_m_s2=[1e-6, 0.0, 0.0], dcm_cam_from_lvlh=model.dcm_cam_from_lvlh)
+    repr(record), record.covariance
+    repr(relnav.filter_epochs(model, t, np.tile(image, (len(t), 1, 1)), smooth=True).range_m)
+
+
+def markers():
+    """The same with markers."""
+    import relnav
+
+    navigator = relnav.PoseNavigator(relnav.load_model("three_marker_vision"))
+    for k in range(3):
+        record = navigator.step(0.1 * k, [[562.0, 531.0], [459.0, 532.0], [511.0, 478.0]])
+    repr(record), record.covariance, record.docking
+
+
+FLIGHTS = {"beacons": beacons, "markers": markers}
+
+if __name__ == "__main__":
+    FLIGHTS[sys.argv[1]]()

@@ -1,0 +1,45 @@
+"""numba at work: from a function of scalar loops to machine code. Imported when something has to be compiled."""
+
+from collections.abc import Callable
+from typing import Any
+
+from numba import njit, typeof, types
+
+from relnav.codegen import lowering, store
+from relnav.codegen.python_call import takes
+from relnav.codegen.whole_program import Outer, PythonEntry
+
+# Kernels work on the memory that they are given: without reference counts (_nrt) they are a quarter faster.
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": False, "boundscheck": False, "_nrt": False}
+register = lowering.register
+
+FORMS = ("kernel", "entry", "shared entry", "inlined")
+
+
+def dispatcher(function: Callable[..., Any], form: str) -> Any:
+    """Numba's form of a function."""
+    if form == "inlined":
+        return njit(inline="always", **OPTIONS)(function)
+    if form == "entry":  # its finished code is kept by us
+        return PythonEntry(function, OPTIONS, shared=False)
+    compiled = (PythonEntry if form == "shared entry" else Outer)(function, OPTIONS, shared=form == "shared entry")
+    if store.folder() is not None:
+        compiled.enable_caching()
+    return compiled
+
+
+def finish(name: str, compiled: Any, arguments: tuple[Any, ...]) -> tuple[store.Code, Callable[..., Any]]:
+    """Finished code for arguments of these kinds, to be kept, and the function as Python calls it."""
+    kinds = tuple(_writable(typeof(argument)) for argument in arguments)
+    if not takes(kinds):
+        raise TypeError(f"{name} takes numbers, arrays and records; got {kinds}")
+    compiled.compile(kinds)
+    result = compiled.overloads[kinds]
+    library, symbol = result.library, result.fndesc.llvm_cpython_wrapper_name
+    needs = sorted(f.name for f in library._final_module.functions if f.is_declaration and "." not in f.name)
+    code = store.Code(name, store.kinds_of(arguments), symbol, needs, library._get_compiled_object())
+    return code, store.python_function(name, library.get_pointer_to_function(symbol))
+
+
+def _writable(kind: Any) -> Any:
+    return types.Array(kind.dtype, kind.ndim, kind.layout) if isinstance(kind, types.Array) else kind

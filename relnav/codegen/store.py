@@ -1,0 +1,209 @@
+"""Finished machine code: written to files, found again under the stamp of this very package, and loaded without numba.
+
+A file holds one kernel for one kind of arguments, with what it was made for (this package's content, this processor,
+this Python) and a digest. What does not fit, or is damaged, is as if it were not there: it is compiled anew. A wheel
+carries the files of the filters (`SHIPPED`); what is compiled later is kept in the first folder that can be written.
+"""
+
+import hashlib
+import json
+import os
+import sys
+import sysconfig
+import tempfile
+import warnings
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+PACKAGE = Path(__file__).resolve().parent.parent
+SHIPPED = PACKAGE / "compiled"
+"""What the package's own build has compiled (`hatch_build.py`)."""
+SUFFIX = ".code"
+
+_HELD: list[Any] = []
+"""Loaded code, and Python's descriptions of it: both must outlive every call."""
+
+
+class Code(NamedTuple):
+    """Finished code of one kernel for arguments of these kinds.
+
+    symbol: name of the function that Python calls (`python_call`); needs: what it calls outside.
+    """
+
+    name: str
+    kinds: str
+    symbol: str
+    needs: list[str]
+    machine_code: bytes
+
+
+@cache
+def package_stamp() -> str:
+    """Digest of every source file of the package, about 10 ms."""
+    digest = hashlib.blake2b(digest_size=16)
+    for path in sorted(PACKAGE.rglob("*.py")):
+        digest.update(str(path.relative_to(PACKAGE)).encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+@cache
+def machine() -> str:
+    """Digest of processor and Python: code made for others is not run."""
+    from llvmlite import binding
+
+    processor = binding.get_process_triple(), binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
+    made_for = *processor, str(sysconfig.get_config_var("SOABI")), sys.implementation.cache_tag
+    return hashlib.blake2b("\n".join(map(str, made_for)).encode(), digest_size=8).hexdigest()
+
+
+def kinds_of(arguments: tuple[Any, ...]) -> str:
+    """What the arguments of a kernel are, as far as its code depends on it; whether an array is read-only does not."""
+    return ", ".join(map(_kind, arguments))
+
+
+def _kind(argument: Any) -> str:
+    dtype = getattr(argument, "dtype", None)
+    if dtype is None or not hasattr(argument, "flags"):
+        return type(argument).__name__
+    item = f"V{dtype.itemsize}" if dtype.fields else dtype.str
+    if argument.ndim == 0:
+        return item
+    flags = argument.flags
+    return f"{item}[{argument.ndim}{'C' if flags.c_contiguous else 'F' if flags.f_contiguous else 'A'}]"
+
+
+@cache
+def folder() -> Path | None:
+    """Where code is kept: NUMBA_CACHE_DIR, beside the package, or the user's cache; None if none can be written."""
+    own = "relnav_" + hashlib.blake2b(str(PACKAGE).encode(), digest_size=8).hexdigest()
+    asked, shared = os.environ.get("NUMBA_CACHE_DIR"), os.environ.get("XDG_CACHE_HOME")
+    home = os.path.expanduser("~")  # as it is where no home is known: then it is no absolute path
+    places = [Path(asked) / own] if asked else []
+    places.append(PACKAGE / "__pycache__" / "compiled")
+    if shared or os.path.isabs(home):
+        places.append(Path(shared or os.path.join(home, ".cache")) / own)
+    refused = ""
+    for place in places:
+        try:
+            place.mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=place).close()
+        except OSError as error:
+            refused = refused or str(error)
+        else:
+            return place
+    warnings.warn(
+        f"no folder for compiled code can be written ({refused}): relnav compiles anew in every process; "
+        "set NUMBA_CACHE_DIR to a writable folder",
+        RuntimeWarning,
+        stacklevel=2,
+    )
+    return None
+
+
+def _path(place: Path, name: str, kinds: str) -> Path:
+    digest = hashlib.blake2b(f"{kinds} {machine()}".encode(), digest_size=6).hexdigest()
+    return place / f"{name}-{digest}{SUFFIX}"
+
+
+def save(code: Code, place: Path | None = None) -> None:
+    """Write a file of code; a full or read-only disk is no error."""
+    place = place or folder()
+    if place is None:
+        return
+    header: dict[str, Any] = {"stamp": package_stamp(), "machine": machine(), "digest": _digest(code.machine_code)}
+    header |= {"kinds": code.kinds, "symbol": code.symbol, "needs": code.needs}
+    path = _path(place, code.name, code.kinds)
+    unfinished = path.with_suffix(f".{os.getpid()}")
+    try:
+        unfinished.write_bytes(json.dumps(header).encode() + b"\n" + code.machine_code)
+        unfinished.replace(path)
+    except OSError:
+        unfinished.unlink(missing_ok=True)
+
+
+def _digest(machine_code: bytes) -> str:
+    return hashlib.blake2b(machine_code, digest_size=16).hexdigest()
+
+
+def _read(path: Path) -> Code | None:
+    """A file of code, if it is whole and fits."""
+    try:
+        head, _, machine_code = path.read_bytes().partition(b"\n")
+        header = json.loads(head)
+        fits = header["stamp"] == package_stamp() and header["machine"] == machine()
+        if not fits or header["digest"] != _digest(machine_code):
+            return None
+        return Code(path.name.rpartition("-")[0], header["kinds"], header["symbol"], header["needs"], machine_code)
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def kept(name: str) -> list[Code]:
+    """All code of a kernel that fits, what was shipped first; of the same kinds of arguments only one."""
+    found: dict[str, Code] = {}
+    for place in (SHIPPED, folder()):
+        try:
+            paths = sorted(place.glob(f"{name}-*{SUFFIX}")) if place is not None else []
+        except OSError:  # a folder that may not be read
+            continue
+        for code in map(_read, paths):
+            if code is not None:
+                found.setdefault(code.kinds, code)
+    return list(found.values())
+
+
+def load(code: Code) -> Callable[..., Any] | None:
+    """The function, from a file's code; None if something that it calls is not to be had in this process."""
+    from llvmlite import binding
+
+    _start_llvm()
+    target = binding.Target.from_triple(binding.get_process_triple())
+    engine = binding.create_mcjit_compiler(
+        binding.parse_assembly(""), target.create_target_machine(codemodel="jitdefault", jit=True)
+    )
+    if not all(binding.address_of_symbol(name) for name in code.needs):
+        return None
+    engine.add_object_file(binding.ObjectFileRef.from_data(code.machine_code))
+    engine.finalize_object()
+    _HELD.append(engine)
+    return python_function(code.name, engine.get_function_address(code.symbol))
+
+
+@cache
+def _start_llvm() -> None:
+    from llvmlite import binding
+
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
+
+
+def python_function(name: str, address: int) -> Callable[..., Any]:
+    """Machine code of `python_call` as a function of Python."""
+    import ctypes
+
+    import numpy as np
+
+    class Definition(ctypes.Structure):
+        _fields_ = (
+            ("name", ctypes.c_char_p),
+            ("address", ctypes.c_void_p),
+            ("flags", ctypes.c_int),
+            ("doc", ctypes.c_char_p),
+        )
+
+    fastcall = 0x0080
+    definition = Definition(name.rpartition(".")[2].encode(), address, fastcall, None)
+    make = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)(
+        ("PyCFunction_NewEx", ctypes.pythonapi)
+    )
+    _HELD.append(definition)
+    function: Callable[..., Any] = make(ctypes.addressof(definition), (np.ndarray, np.void), None)
+    return function
+
+
+def at_hand(*names: str) -> bool:
+    """Whether there is code of all these kernels: asked before numpy and numba are imported."""
+    return all(kept(name) for name in names)

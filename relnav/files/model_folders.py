@@ -1,0 +1,60 @@
+"""Model folders: which there are, what they are called, and which one a name stands for; without reading their values.
+
+Apart from `files.models`, because a list of titles is wanted at once and values need numpy and pydantic.
+"""
+
+import difflib
+import os
+import tomllib
+from pathlib import Path
+
+from relnav.errors import UnknownModelError
+from relnav.files.wording import shown
+
+
+def models_root() -> Path:
+    """Folder of the shipped models: inside the package when installed, beside it in a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    inside = package / "models"
+    return inside if inside.is_dir() else package.parent / "models"
+
+
+def list_models() -> list[str]:
+    """Names of the shipped models, sorted."""
+    return sorted(folder.parent.name for folder in models_root().glob("*/model.toml"))
+
+
+def find_model(name_or_path: str | os.PathLike[str]) -> Path:
+    """The `model.toml` that a shipped name, a folder or a file stands for.
+
+    Raises
+    ------
+    UnknownModelError
+        If there is none; a close match is suggested.
+    """
+    name = os.fspath(name_or_path)
+    shipped = models_root() / name / "model.toml"
+    if name in list_models():
+        return shipped
+    path = Path(name)
+    if path.is_dir() and (path / "model.toml").is_file():
+        return path / "model.toml"
+    if path.is_file():
+        return path
+    near = difflib.get_close_matches(name, list_models(), n=1)
+    hint = f"did you mean '{near[0]}'?" if near else f"shipped models are {', '.join(list_models())}"
+    raise UnknownModelError(f"no model '{name}', neither shipped nor a folder or file; {hint}")
+
+
+def sensor_type(name_or_path: str | os.PathLike[str]) -> str:
+    """What a model file says that it is of; empty for a file that does not say it or cannot be read."""
+    try:
+        return str(tomllib.loads(find_model(name_or_path).read_text(encoding="utf-8")).get("sensor_type", ""))
+    except (UnknownModelError, OSError, ValueError):
+        return ""
+
+
+def shipped_titles() -> dict[str, str]:
+    """Title of every shipped model by its name."""
+    files = {name: (models_root() / name / "model.toml").read_text(encoding="utf-8") for name in list_models()}
+    return {name: shown(tomllib.loads(text).get("title", name)) for name, text in files.items()}

@@ -1,0 +1,205 @@
+"""One call of the filter: what a caller tells of an epoch is taken in, the step made, and what readers ask written out.
+
+All of it is compiled as one function (`navigate`), because a call that validates and reads in Python costs ten times
+the filter. Who tells nothing hands over empty arrays, and `told` says what is told.
+"""
+
+import math
+
+import numpy as np
+
+from relnav.arrays import Matrix, Record, Vector
+from relnav.codegen.kernel import entry, kernel
+from relnav.estimation.rows import copy_track
+from relnav.geometry.rotation import are_a_rotation
+from relnav.navigation.beacon_geometry import attitude_changed
+from relnav.navigation.considered import add_considered
+from relnav.navigation.docking_view import VIEW_ROWS, view_epoch
+from relnav.navigation.memory import Memory, views
+from relnav.navigation.smoothing import pack_factors
+from relnav.navigation.step import step, wrong_use
+
+ACCELERATION, DELTA_V, ATTITUDE, SPOT_SIGMA = 1, 2, 4, 8
+"""Bits of `told`."""
+
+_F, _I = np.float64, np.int64
+REPORT = np.dtype(
+    [
+        ("t", _F),
+        ("nis", _F),
+        ("dof", _I),
+        ("status", _I),
+        ("reason", _I),
+        ("rejected", _I),
+        ("has_state", _I),
+        ("docking", _F, 3),  # range, azimuth, elevation
+        ("docking_sigma", _F, 3),
+        ("docking_covariance", _F, (3, 3)),
+        ("state", _F, 6),
+        ("covariance", _F, (6, 6)),
+    ]
+)
+"""What a record says; behind it stand the innovations, two numbers a beacon."""
+REPORT_SIZE = REPORT.itemsize // 8
+_LOWER_SIZE = 21
+_SCRATCH = VIEW_ROWS + _LOWER_SIZE + 6
+
+
+def new_report(beacons: int) -> tuple[Vector, Vector]:
+    """Room for what `navigate` writes, and the part of it that a record keeps."""
+    report = np.zeros(REPORT_SIZE + 2 * beacons + _SCRATCH)
+    return report, report[: REPORT_SIZE + 2 * beacons]
+
+
+@kernel
+def _are_finite(values: Vector) -> bool:
+    return values.shape[0] == 3 and math.isfinite(values[0] + values[1] + values[2])
+
+
+@kernel
+def _can_be_taken(m: Memory, told: int, acceleration: Vector, delta_v: Vector, dcm: Matrix, spot_sigma: Matrix) -> bool:
+    """Whether what is told has the shapes and values that `Navigator.step` asks for."""
+    if told & ACCELERATION and not _are_finite(acceleration):
+        return False
+    if told & DELTA_V and not _are_finite(delta_v):
+        return False
+    if told & ATTITUDE:
+        if dcm.shape[0] != 3 or dcm.shape[1] != 3:
+            return False
+        if not are_a_rotation(
+            dcm[0, 0], dcm[0, 1], dcm[0, 2], dcm[1, 0], dcm[1, 1], dcm[1, 2], dcm[2, 0], dcm[2, 1], dcm[2, 2]
+        ):
+            return False
+    if told & SPOT_SIGMA:
+        if spot_sigma.shape[0] != m.beacons.shape[0] or spot_sigma.shape[1] != 2:
+            return False
+        for i in range(spot_sigma.shape[0]):
+            for k in range(2):
+                if spot_sigma[i, k] <= 0.0 or spot_sigma[i, k] == math.inf:
+                    return False
+    return True
+
+
+@entry
+def take_inputs(
+    block: Vector, told: int, acceleration: Vector, delta_v: Vector, dcm: Matrix, spot_sigma: Matrix
+) -> bool:
+    """Write this step's control, attitude and noise; what is not told is zero, the model's, or the last one.
+
+    False, and nothing is written, if something that is told cannot be taken.
+    """
+    m = views(block)
+    if not _can_be_taken(m, told, acceleration, delta_v, dcm, spot_sigma):
+        return False
+    push, impulse, mount, held = m.motion["acceleration"], m.motion["delta_v"], m.kept["mount"], m.sensor["held"]
+    for j in range(3):
+        push[j] = acceleration[j] if told & ACCELERATION else 0.0
+        impulse[j] = delta_v[j] if told & DELTA_V else 0.0
+    if told & ATTITUDE or m.sensor["turned"] > 0:
+        for i in range(3):
+            for j in range(3):
+                mount[i, j] = dcm[i, j] if told & ATTITUDE else held[i, j]
+        m.sensor["turned"] = 1 if told & ATTITUDE else 0
+        m.sensor["attitude_known"] = 1 if told & ATTITUDE else m.sensor["held_known"]
+        attitude_changed(m.kept, m.sensor)
+    if told & SPOT_SIGMA:
+        for i in range(spot_sigma.shape[0]):
+            own = m.beacons[i]["spot_sigma"]
+            for k in range(2):
+                if spot_sigma[i, k] > 0.0:
+                    own[k] = spot_sigma[i, k]
+    return True
+
+
+@kernel
+def _describe_state(m: Memory, out: Record, scratch: Vector) -> None:
+    """State, covariance, and both as the docking sensor sees them."""
+    track, mount, dock = m.track, m.kept["mount"], m.kept["dock"]
+    ld = track["ld"]
+    if m.sensitivities.shape[0] > 0:
+        copy_track(track, m.work)
+        ld = m.work["ld"]
+        add_considered(ld, m.sensitivities)
+    view, packed = scratch[:VIEW_ROWS], scratch[VIEW_ROWS : VIEW_ROWS + _LOWER_SIZE]
+    lever, port = scratch[VIEW_ROWS + _LOWER_SIZE : _SCRATCH - 3], scratch[_SCRATCH - 3 : _SCRATCH]
+    for i in range(3):
+        lever[i] = mount[0, i] * mount[0, 3] + mount[1, i] * mount[1, 3] + mount[2, i] * mount[2, 3]
+        port[i] = dock[i, 3]
+    pack_factors(ld, packed)
+    view_epoch(track["state"], packed, dock[:, :3], port, lever, view)
+    docking, sigma, joint, state, covariance = (
+        out["docking"],
+        out["docking_sigma"],
+        out["docking_covariance"],
+        out["state"],
+        out["covariance"],
+    )
+    at = 3
+    for i in range(3):
+        docking[i] = view[i]
+        sigma[i] = math.sqrt(view[at])
+        for k in range(i, 3):
+            joint[i, k], joint[k, i] = view[at], view[at]
+            at += 1
+    for i in range(6):
+        state[i] = track["state"][i]
+        for k in range(i, 6):
+            covariance[i, k], covariance[k, i] = view[at], view[at]
+            at += 1
+
+
+@kernel
+def _describe_nothing(out: Record) -> None:
+    docking, sigma, joint, state, covariance = (
+        out["docking"],
+        out["docking_sigma"],
+        out["docking_covariance"],
+        out["state"],
+        out["covariance"],
+    )
+    for i in range(3):
+        docking[i], sigma[i] = math.nan, math.nan
+        for k in range(3):
+            joint[i, k] = math.nan
+    for i in range(6):
+        state[i] = math.nan
+        for k in range(6):
+            covariance[i, k] = math.nan
+
+
+@entry
+def write_report(block: Vector, report: Vector) -> None:
+    """Write what readers may ask of the last epoch (`new_report`)."""
+    m = views(block)
+    out = report[:REPORT_SIZE].view(REPORT)[0]
+    clock, result = m.clock, m.result
+    out["t"], out["nis"], out["dof"] = clock["t"], result["nis"], result["dof"]
+    out["status"], out["reason"], out["rejected"] = result["status"], result["reason"], clock["rejected"]
+    out["has_state"] = clock["running"]
+    numbers = m.innovations.shape[0]
+    for k in range(numbers):
+        report[REPORT_SIZE + k] = m.innovations[k]
+    if clock["running"] > 0:
+        _describe_state(m, out, report[REPORT_SIZE + numbers :])
+    else:
+        _describe_nothing(out)
+
+
+@entry
+def navigate(
+    block: Vector,
+    t: float,
+    spots: Matrix,
+    told: int,
+    acceleration: Vector,
+    delta_v: Vector,
+    dcm: Matrix,
+    spot_sigma: Matrix,
+    report: Vector,
+) -> bool:
+    """`take_inputs`, `step` and `write_report`; False, and nothing is done, for wrong use."""
+    if wrong_use(views(block), t, spots) != 0 or not take_inputs(block, told, acceleration, delta_v, dcm, spot_sigma):
+        return False
+    step(block, t, spots)
+    write_report(block, report)
+    return True
