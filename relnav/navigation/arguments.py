@@ -77,3 +77,11 @@ def quaternions(name: str, n: int, given: Matrix | None) -> Matrix:
     if np.any(np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) > 9e-4):
         raise ValueError(f"{name} must hold unit quaternions (x, y, z, w)")
     return quaternion
+
+
+def not_negative(name: str, value: float) -> float:
+    """A finite number that is zero or more; ValueError names it otherwise."""
+    out = number(name, value)
+    if not 0.0 <= out < math.inf:
+        raise ValueError(f"{name} is zero or more, and finite; got {value!r}")
+    return out

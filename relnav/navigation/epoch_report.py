@@ -19,7 +19,7 @@ from relnav.navigation.memory import Memory, views
 from relnav.navigation.smoothing import pack_factors
 from relnav.navigation.step import step, wrong_use
 
-ACCELERATION, DELTA_V, ATTITUDE, SPOT_SIGMA = 1, 2, 4, 8
+ACCELERATION, DELTA_V, ATTITUDE, SPOT_SIGMA, ATTITUDE_NOISE = 1, 2, 4, 8, 16
 """Bits of `told`."""
 
 _F, _I = np.float64, np.int64
@@ -57,11 +57,15 @@ def _are_finite(values: Vector) -> bool:
 
 
 @kernel
-def _can_be_taken(m: Memory, told: int, acceleration: Vector, delta_v: Vector, dcm: Matrix, spot_sigma: Matrix) -> bool:
+def _can_be_taken(
+    m: Memory, told: int, acceleration: Vector, delta_v: Vector, dcm: Matrix, spot_sigma: Matrix, attitude_noise: float
+) -> bool:
     """Whether what is told has the shapes and values that `Navigator.step` asks for."""
     if told & ACCELERATION and not _are_finite(acceleration):
         return False
     if told & DELTA_V and not _are_finite(delta_v):
+        return False
+    if told & ATTITUDE_NOISE and not 0.0 <= attitude_noise < math.inf:
         return False
     if told & ATTITUDE:
         if dcm.shape[0] != 3 or dcm.shape[1] != 3:
@@ -82,14 +86,20 @@ def _can_be_taken(m: Memory, told: int, acceleration: Vector, delta_v: Vector, d
 
 @entry
 def take_inputs(
-    block: Vector, told: int, acceleration: Vector, delta_v: Vector, dcm: Matrix, spot_sigma: Matrix
+    block: Vector,
+    told: int,
+    acceleration: Vector,
+    delta_v: Vector,
+    dcm: Matrix,
+    spot_sigma: Matrix,
+    attitude_noise: float,
 ) -> bool:
     """Write this step's control, attitude and noise; what is not told is zero, the model's, or the last one.
 
     False, and nothing is written, if something that is told cannot be taken.
     """
     m = views(block)
-    if not _can_be_taken(m, told, acceleration, delta_v, dcm, spot_sigma):
+    if not _can_be_taken(m, told, acceleration, delta_v, dcm, spot_sigma, attitude_noise):
         return False
     push, impulse, mount, held = m.motion["acceleration"], m.motion["delta_v"], m.kept["mount"], m.sensor["held"]
     for j in range(3):
@@ -102,6 +112,8 @@ def take_inputs(
         m.sensor["turned"] = 1 if told & ATTITUDE else 0
         m.sensor["attitude_known"] = 1 if told & ATTITUDE else m.sensor["held_known"]
         attitude_changed(m.kept, m.sensor)
+    if told & ATTITUDE_NOISE:
+        m.sensor["attitude_noise"] = attitude_noise
     if told & SPOT_SIGMA:
         for i in range(spot_sigma.shape[0]):
             own = m.beacons[i]["spot_sigma"]
@@ -195,10 +207,13 @@ def navigate(
     delta_v: Vector,
     dcm: Matrix,
     spot_sigma: Matrix,
+    attitude_noise: float,
     report: Vector,
 ) -> bool:
     """`take_inputs`, `step` and `write_report`; False, and nothing is done, for wrong use."""
-    if wrong_use(views(block), t, spots) != 0 or not take_inputs(block, told, acceleration, delta_v, dcm, spot_sigma):
+    if wrong_use(views(block), t, spots) != 0:
+        return False
+    if not take_inputs(block, told, acceleration, delta_v, dcm, spot_sigma, attitude_noise):
         return False
     step(block, t, spots)
     write_report(block, report)

@@ -17,7 +17,7 @@ from relnav.dynamics.rigid_body import lvlh_rate
 from relnav.geometry.rotation import is_rotation
 from relnav.geometry.rotation_vector import turned
 from relnav.mission import VisionMission
-from relnav.navigation.arguments import start_values
+from relnav.navigation.arguments import not_negative, start_values
 from relnav.navigation.memory import fill, orbit_values
 from relnav.navigation.pose_epoch import EPOCH, JOINED, read_epoch
 from relnav.navigation.pose_filter import NEW_ROOTS, NOTHING, pose_step
@@ -54,6 +54,8 @@ class Event:
     dcm_chaser_from_lvlh : (3, 3)
     row : bool
         An epoch of the log, not the exposure of a late image.
+    attitude_noise_rad : float
+        1-sigma of what is new in the chaser's attitude.
     """
 
     t_s: float
@@ -63,6 +65,7 @@ class Event:
     covariance_px2: Stack
     dcm_chaser_from_lvlh: Matrix
     row: bool = True
+    attitude_noise_rad: float = 0.0
 
 
 class PoseNavigator:
@@ -148,6 +151,7 @@ class PoseNavigator:
         dcm_chaser_from_lvlh: ArrayLike | None = None,
         chaser_rate_rad_s: ArrayLike | None = None,
         spot_covariance_px2: ArrayLike | None = None,
+        attitude_noise_rad: float | None = None,
     ) -> PoseRecord:
         """Go on to t_s, and use the image that arrived there.
 
@@ -169,6 +173,8 @@ class PoseNavigator:
         spot_covariance_px2 : (n, 2, 2), optional
             Of each spot; the camera's spot noise if left out. A spot whose covariance is not finite, symmetric and
             positive definite counts as not seen.
+        attitude_noise_rad : float, optional
+            1-sigma about each axis of what is new in the chaser's attitude at the exposure; the model's if left out.
 
         Raises
         ------
@@ -183,6 +189,8 @@ class PoseNavigator:
         if not math.isfinite(exposed) or exposed > t_s:
             raise ValueError(f"image_t_s must be finite and not after t_s = {t_s!r}; got {image_t_s!r}")
         event = self._event(t_s, acceleration_m_s2, delta_v_m_s, dcm_chaser_from_lvlh)
+        if attitude_noise_rad is not None:
+            event = replace(event, attitude_noise_rad=not_negative("attitude_noise_rad", attitude_noise_rad))
         image = self._with_image(event, spots_px, spot_covariance_px2)
         rate = None if chaser_rate_rad_s is None else _vector("chaser_rate_rad_s", chaser_rate_rad_s)
         too_late = False
@@ -203,7 +211,8 @@ class PoseNavigator:
             raise ValueError("dcm_chaser_from_lvlh is a rotation matrix (3, 3)")
         push = self._nothing if acceleration is None else _vector("acceleration_m_s2", acceleration)
         impulse = self._nothing if delta_v is None else _vector("delta_v_m_s", delta_v)
-        return Event(t_s, push, impulse, NO_SPOTS, NO_COVARIANCES, attitude)
+        noise = self.mission.chaser.attitude_noise_rad
+        return Event(t_s, push, impulse, NO_SPOTS, NO_COVARIANCES, attitude, attitude_noise_rad=noise)
 
     def _with_image(self, event: Event, spots_px: ArrayLike | None, covariance: ArrayLike | None) -> Event:
         if spots_px is None:
@@ -297,6 +306,7 @@ def take(memory: Vector, mission: VisionMission, event: Event) -> None:
     """Take an event into the filter: the compiled step, and what it wants of the closed form."""
     m = pose_named(memory)
     m.motion["acceleration"], m.motion["delta_v"] = event.acceleration_m_s2, event.delta_v_m_s
+    m.camera["attitude_noise"] = event.attitude_noise_rad
     wants = pose_step(memory, event.t_s, event.dcm_chaser_from_lvlh, event.spots_px, event.covariance_px2)
     if wants != NOTHING:
         look_for_roots(memory, mission, event, wants)

@@ -12,10 +12,11 @@ from relnav.arrays import Matrix, Vector, number, numbers, one_piece
 from relnav.codegen.kernel import plain, ready
 from relnav.geometry.rotation import is_rotation
 from relnav.mission import Model
-from relnav.navigation.arguments import choose, start_values, vector
+from relnav.navigation.arguments import choose, not_negative, start_values, vector
 from relnav.navigation.epoch_report import (
     ACCELERATION,
     ATTITUDE,
+    ATTITUDE_NOISE,
     DELTA_V,
     SPOT_SIGMA,
     navigate,
@@ -42,8 +43,8 @@ class Navigator:
     method : {"fix", "spots"}
         Measurement model: the closed form's range, azimuth and elevation, or the detector coordinates themselves. `fix`
         needs three spots and makes no use of the camera's attitude, but refuses images that contradict a stated one by
-        more than its sigma explains. `spots` uses any of them and finds the angles ten times better;
-        an error of the attitude goes straight into them, and the covariance does not know of it.
+        more than its sigma explains. `spots` uses any of them and finds the angles ten times better, as long as the
+        attitude is right: its error goes into them, and the covariance includes what the model states of it.
     projection : {"perspective", "parallel"}, optional
         Closed form of `fix` and of every start; the model's own if left out.
     engine : {"compiled", "filterpy"}
@@ -75,7 +76,7 @@ class Navigator:
         self._beacons = len(self._named.beacons)
         self._report, self._kept = new_report(self._beacons)
         self._reference = ReferenceEngine(self._block) if engine == "filterpy" else None
-        given = self._block, 0.0, NO_MATRIX, 0, NOTHING, NOTHING, NO_MATRIX, NO_MATRIX, self._report
+        given = self._block, 0.0, NO_MATRIX, 0, NOTHING, NOTHING, NO_MATRIX, NO_MATRIX, 0.0, self._report
         self._navigate: Callable[..., Any] = ready(navigate, *given) if self._reference is None else self._by_reference
         self._calibration = model.calibration
         self._at_once = isinstance(self._navigate, BuiltinFunctionType) and self._calibration is None
@@ -142,6 +143,7 @@ class Navigator:
         delta_v_m_s: ArrayLike | None = None,
         dcm_cam_from_lvlh: ArrayLike | None = None,
         spot_sigma_m: ArrayLike | None = None,
+        attitude_noise_rad: float | None = None,
     ) -> FilterRecord:
         """Take one image, and return the state after it.
 
@@ -160,6 +162,9 @@ class Navigator:
         spot_sigma_m : (3, 2), optional
             1-sigma of the spots' noise from now on; where it is NaN, or left out, the last one stays. What a
             calibration leaves comes on top.
+        attitude_noise_rad : float, optional
+            1-sigma about each axis of what is new in the attitude, from now on; the model's if never said. What lasts
+            in it stands in the model (`[attitude] sigma_deg`).
 
         Returns
         -------
@@ -179,6 +184,9 @@ class Navigator:
             told |= ATTITUDE
         if spot_sigma_m is not None:
             told |= SPOT_SIGMA
+        noise = 0.0
+        if attitude_noise_rad is not None:
+            told, noise = told | ATTITUDE_NOISE, not_negative("attitude_noise_rad", attitude_noise_rad)
         try:
             if self._at_once and (
                 self._navigate(
@@ -190,6 +198,7 @@ class Navigator:
                     delta_v_m_s,
                     dcm_cam_from_lvlh,
                     spot_sigma_m,
+                    noise,
                     self._report,
                 )
                 is True
@@ -197,10 +206,11 @@ class Navigator:
                 return FilterRecord(self._kept.tobytes())
         except OverflowError:  # a time beyond all floats: refused below
             pass
-        self._take(t_s, spots_m, told, self._checked(acceleration_m_s2, delta_v_m_s, dcm_cam_from_lvlh, spot_sigma_m))
+        inputs = self._checked(acceleration_m_s2, delta_v_m_s, dcm_cam_from_lvlh, spot_sigma_m)
+        self._take(t_s, spots_m, told, (*inputs, noise))
         return FilterRecord(self._kept.tobytes())
 
-    def _take(self, t_s: float, spots_m: ArrayLike, told: int, inputs: tuple[Matrix, ...]) -> None:
+    def _take(self, t_s: float, spots_m: ArrayLike, told: int, inputs: tuple[Any, ...]) -> None:
         """Take an image whose numbers are of any type, or that is to be corrected, or say what is wrong with it."""
         t, spots, before = number("t_s", t_s), one_piece("spots_m", spots_m), self._block.copy()
         if self._calibration is not None:

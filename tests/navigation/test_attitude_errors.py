@@ -96,3 +96,26 @@ def test_both_engines_agree_with_noise_of_the_attitude():
     assert np.array_equal(ours.status, theirs.status)
     assert np.nanmax(np.abs(ours.state - theirs.state) / ours.sigma) < 1e-6
     np.testing.assert_allclose(ours.sigma, theirs.sigma, rtol=1e-6)
+
+
+def test_noise_told_with_an_image_is_that_of_the_model():
+    told, model = model_of(0.1, 0.0), model_of(0.1, 0.05)
+    log = simulate(model, APPROACH, Faults(), seed=3)
+    spots = turned_spots(model, log, 3, 0.1, 0.05)[:100]
+    whole = relnav.filter_epochs(
+        model, log.t_s[:100], spots, acceleration_m_s2=log.acceleration_m_s2[:100], method="spots"
+    )
+    navigator = relnav.Navigator(told, method="spots")
+    for k in range(100):
+        noise = {"attitude_noise_rad": model.attitude.noise_rad} if k == 0 else {}
+        record = navigator.step(log.t_s[k], spots[k], acceleration_m_s2=log.acceleration_m_s2[k], **noise)
+        np.testing.assert_array_equal(record.state, whole.state[k])
+
+
+@pytest.mark.parametrize("wrong", [-1e-3, np.nan, np.inf, "much"])
+def test_noise_that_is_none_is_refused_by_name(wrong):
+    beacons = relnav.Navigator(relnav.load_model("three_beacon_psd"))
+    markers = relnav.PoseNavigator(relnav.load_model("three_marker_vision"))
+    for navigator, spots in ((beacons, np.zeros((3, 2))), (markers, np.full((3, 2), np.nan))):
+        with pytest.raises(ValueError, match="attitude_noise_rad"):
+            navigator.step(0.0, spots, attitude_noise_rad=wrong)
