@@ -29,7 +29,8 @@ with warnings.catch_warnings(record=True) as caught:
     print(outer(2.0))
 from toy.codegen import kernel
 print(kernel.is_compiled())
-print(sum(outer.dispatcher.stats.cache_hits.values()) if hasattr(outer, "dispatcher") else 0)
+made = getattr(outer, "dispatcher", None)
+print(sum(made.stats.cache_hits.values()) if hasattr(made, "stats") else 0)
 for entry in caught:
     print(entry.category.__name__, entry.message)
 """

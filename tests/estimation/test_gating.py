@@ -6,13 +6,20 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from relnav.estimation.gating import chi_square_limit, gate_limits
+from relnav.estimation.gating import chi_square_limit, chi_square_tail, gate_limits
 
 
 @pytest.mark.parametrize("probability", [0.5, 0.95, 0.99, 0.9999, 1.0 - 1e-9])
 @pytest.mark.parametrize("dof", [1, 2, 3, 6, 100])
 def test_against_scipy(probability: float, dof: int) -> None:
     assert chi_square_limit(probability, dof) == pytest.approx(chi2.ppf(probability, dof), rel=1e-9)
+
+
+@pytest.mark.parametrize("dof", [1, 2, 3, 4, 5, 17, 18, 99, 1000, 1001])
+def test_tails_against_scipy(dof: int) -> None:
+    for value in dof * np.array([1e-3, 0.1, 0.5, 1.0, 1.5, 3.0, 10.0]):
+        assert chi_square_tail(value, dof) == pytest.approx(chi2.sf(value, dof), rel=1e-9, abs=1e-300)
+    assert chi_square_tail(0.0, dof) == chi_square_tail(-1.0, dof) == 1.0
 
 
 def test_printed_table_values() -> None:
