@@ -359,4 +359,3 @@ class Vehicle:
         """Inertial rate of a target that is held in `lvlh_ccsds`, target axes, (3,)."""
         rate: Vector = -self.orbit.mean_motion_rad_s * self.target.dcm_target_from_lvlh[:, 1]
         return rate
-

@@ -98,7 +98,9 @@ class VehicleMotion:
         if dt <= 0.0:
             return state
         return replace(
-            state, t_s=t_s, dcm_inertial_from_chaser=turned(state.dcm_inertial_from_chaser, self.chaser_rate(state) * dt)
+            state,
+            t_s=t_s,
+            dcm_inertial_from_chaser=turned(state.dcm_inertial_from_chaser, self.chaser_rate(state) * dt),
         )
 
     def _lose_gyro(self, state: VehicleState) -> VehicleState:
@@ -118,7 +120,7 @@ class VehicleMotion:
         t, dt = state.settled_s, t_s - state.settled_s
         f, values = state.command_m_s2, state.values.copy()
         to_lvlh = self.frame.dcm_lvlh_from_inertial(t_s) @ dcm_inertial_from_chaser
-        pushed = f + np.cross(values[THRUST_DIRECTION], f) if f.any() else f
+        pushed = f + cross_matrix(values[THRUST_DIRECTION]) @ f
         acceleration = (1.0 + values[THRUST_SCALE]) * (to_lvlh @ pushed) + values[SLOW_ACCELERATION]
         phi, q, effect, work = np.empty((6, 6)), np.empty((6, 6)), np.empty(6), np.empty((6, 6))
         relative_motion.propagate_into(self.frame.vector, t, dt, acceleration, self._density, phi, q, effect, work)
@@ -129,7 +131,8 @@ class VehicleMotion:
             self._body, dt, dcm, rate, self._torque_density, turn, spread, np.empty((50, 6))
         ):
             raise ValueError(f"the target's rate, {np.linalg.norm(rate):.3g} rad/s, is no longer known: start anew")
-        fade, drift = gauss_markov.propagate(self._slow_sigma, self._slow_time, dt)
+        fade, drift = np.empty((3, 3)), np.empty((3, 3))
+        gauss_markov.propagate_into(self._slow_sigma, self._slow_time, dt, fade, drift)
         F, Q = np.eye(MOVING, DRIVING), np.zeros((MOVING, MOVING))
         F[:6, :6], F[6:12, 6:12] = phi, turn
         F[SLOW_ACCELERATION, SLOW_ACCELERATION] = fade
@@ -169,4 +172,3 @@ def carried(covariance: Matrix, transition: Matrix, noise: Matrix) -> Matrix:
     P[:moving, :moving] += noise
     out: Matrix = 0.5 * (P + P.T)
     return out
-

@@ -7,7 +7,6 @@ import numpy as np
 from relnav.arrays import Matrix, Vector
 from relnav.dynamics.relative_motion import orbit_vector, true_anomaly_at
 from relnav.estimation.attitude import reset
-from relnav.geometry.orbital_attitude import dcm_lvlh_from_inertial
 from relnav.geometry.rotation_vector import turned
 from relnav.spacecraft import InertialOrbit, Vehicle
 from relnav.vehicle.layout import CHASER_ATTITUDE, TARGET_ATTITUDE, TARGET_RATE, Layout
@@ -84,14 +83,14 @@ class OrbitFrame:
         cp, sp = np.cos(orbit.perigee_argument_rad), np.sin(orbit.perigee_argument_rad)
         node = np.array([[cn, -sn * ci], [sn, cn * ci], [0.0, si]])
         self._plane = node @ np.array([[cp, -sp], [sp, cp]])  # columns: toward perigee, and a quarter turn on
-        self._eccentricity = orbit.eccentricity
+        self._normal = np.cross(self._plane[:, 0], self._plane[:, 1])
 
     def dcm_lvlh_from_inertial(self, t_s: float) -> Matrix:
         """v_lvlh = dcm @ v_inertial, (3, 3)."""
         sine, cosine = true_anomaly_at(self.vector, t_s)
-        r = self._plane @ np.array([cosine, sine])
-        v = self._plane @ np.array([-sine, self._eccentricity + cosine])
-        return dcm_lvlh_from_inertial(r, v)
+        out, dcm = self._plane @ np.array([cosine, sine]), np.empty((3, 3))
+        dcm[0], dcm[1], dcm[2] = self._plane @ np.array([-sine, cosine]), -self._normal, -out
+        return dcm
 
 
 def start_state(

@@ -62,26 +62,32 @@ class Updater:
         chosen, nis, dof, groups = self._gate(rows, S)
         if not chosen.any():
             return state, Outcome(nis, dof, groups, 0, (0.0, 0.0, 0.0))
-        K = self._gain(PHt[:, chosen], S[np.ix_(chosen, chosen)])
-        correction = K @ rows.residual[chosen]
+        pick, K = self._pick(chosen), self._gain(PHt, S, chosen)
+        correction = K @ rows.residual[pick]
         if _is_wide(state):
             for _ in range(ITERATIONS - 1):
                 trial = rows_at(state.corrected(correction, P))
-                if not np.isfinite(trial.residual[chosen]).all():
+                if not np.isfinite(trial.residual[pick]).all():
                     break
                 rows = trial
                 PHt = P @ rows.jacobian.T
                 S = rows.jacobian @ PHt + rows.noise
-                K = self._gain(PHt[:, chosen], S[np.ix_(chosen, chosen)])
-                correction = K @ (rows.residual + rows.jacobian @ correction)[chosen]
-        left = K @ PHt[:, chosen].T
-        after = P - left - left.T + K @ S[np.ix_(chosen, chosen)] @ K.T
+                K = self._gain(PHt, S, chosen)
+                correction = K @ (rows.residual + rows.jacobian @ correction)[pick]
+        left = K @ PHt[:, pick].T
+        after = P - left - left.T + K @ S[pick][:, pick] @ K.T
         after = 0.5 * (after + after.T)
         gains = (_shrunk(P, after, POSITION), _shrunk(P, after, TARGET_ATTITUDE), _shrunk(P, after, CHASER_ATTITUDE))
         return state.corrected(correction, after), Outcome(nis, dof, groups, int(chosen.sum()) // rows.group, gains)
 
-    def _gain(self, PHt: Matrix, S: Matrix) -> Matrix:
-        K: Matrix = np.ascontiguousarray(np.linalg.solve(S, PHt.T).T, dtype=np.float64)
+    @staticmethod
+    def _pick(chosen: Flags) -> Flags | slice:
+        """An index of the chosen rows, quick where it is all of them."""
+        return slice(None) if chosen.all() else chosen
+
+    def _gain(self, PHt: Matrix, S: Matrix, chosen: Flags) -> Matrix:
+        pick = self._pick(chosen)
+        K: Matrix = np.ascontiguousarray(np.linalg.solve(S[pick][:, pick], PHt[:, pick].T).T, dtype=np.float64)
         K[self._considered] = 0.0
         return K
 
@@ -94,6 +100,9 @@ class Updater:
         size = rows.group
         whole = np.isfinite(rows.residual).reshape(-1, size).all(axis=1)
         seen: list[int] = np.flatnonzero(whole).tolist()
+        everything = self._nis(rows, S, seen)
+        if seen and everything <= self._limits[size]:  # no part of it has more
+            return np.repeat(whole, size), everything, size * len(seen), len(seen)
         good = [k for k in seen if self._nis(rows, S, [k]) <= self._limits[size]]
         while good and not self._nis(rows, S, good) <= self._limits[size * len(good)]:
             if len(good) <= 2:
@@ -103,7 +112,7 @@ class Updater:
             del good[int(np.argmin(without))]
         chosen = np.zeros(whole.shape, dtype=bool)
         chosen[good] = True
-        return np.repeat(chosen, size), self._nis(rows, S, seen), size * len(seen), len(seen)
+        return np.repeat(chosen, size), everything, size * len(seen), len(seen)
 
     @staticmethod
     def _nis(rows: Rows, S: Matrix, groups: list[int]) -> float:
