@@ -333,8 +333,8 @@ class Vehicle:
         found = _KINDS.get(type(self.models[name]))
         if found is None:
             raise ValueError(
-                f"sensor.{name}.model: three_beacon, three_marker, dual_field, aps_sun or birefringent_sun is expected; "
-                f"{self.sensor[name].model} is a {type(self.models[name]).__name__}"
+                f"sensor.{name}.model: a three_beacon, three_marker, dual_field, aps_sun or birefringent_sun model is "
+                f"expected; {self.sensor[name].model} is a {type(self.models[name]).__name__}"
             )
         return found
 

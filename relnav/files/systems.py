@@ -68,6 +68,7 @@ SYSTEMS: dict[str, System] = {
         mission="relnav.spacecraft:Vehicle",
         accuracy="relnav.accuracy.rendezvous:measure",
         runs=6,
+        progress_steps=3,
         parts="relnav.files.vehicle_parts:sensor_models",
     ),
 }

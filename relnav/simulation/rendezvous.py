@@ -9,6 +9,7 @@ torques of the stated sizes.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -141,7 +142,12 @@ class Truth:
         """The slow acceleration, (3,) m/s^2; zero unless as believed."""
         return np.array([np.interp(t_s, self._times, self.slow_acceleration[:, i]) for i in range(3)])
 
+    def times_of(self, ranges_m: Sequence[float]) -> Vector:
+        """When the planned port distance passes each of these, (k,) s; the end for what it does not reach."""
+        return np.array([np.interp(-reach, -self._profile[:, 0], self._times) for reach in ranges_m])
+
     def _fly(self, profile: Matrix) -> None:
+        self._profile = profile
         vehicle, flight, rng = self.vehicle, self._flight, self._rng
         count = len(profile)
         self._times: Vector = np.arange(count, dtype=np.float64) * STEP_S
@@ -206,7 +212,7 @@ class Truth:
         self, x: Vector, profile: Vector, dcm_chaser: Matrix, dcm_target: Matrix, rate: Vector, frame_rate: float
     ) -> Vector:
         """Acceleration, chaser axes, that brings the chaser's port onto the axis of the target's."""
-        reach = np.array(self.vehicle.target.port_position_m) + [profile[0], 0.0, 0.0]
+        reach = np.array(self.vehicle.target.port_position_m) + np.array([profile[0], 0.0, 0.0])
         goal = dcm_target @ reach - dcm_chaser.T @ np.array(self.vehicle.chaser.port_position_m)
         turning = dcm_target @ rate - [0.0, frame_rate, 0.0]
         speed = dcm_target @ [profile[1], 0.0, 0.0] + np.cross(turning, dcm_target @ reach)

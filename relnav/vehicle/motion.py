@@ -164,7 +164,7 @@ class VehicleMotion:
 
 
 def carried(covariance: Matrix, transition: Matrix, noise: Matrix) -> Matrix:
-    """P after a step: the first errors move by transition (m, k) of the first k and take noise (m, m), the rest last."""
+    """P after a step: the first m errors move by transition (m, k) of the first k and take noise (m, m)."""
     moving, driving = transition.shape
     P = covariance.copy()
     P[:moving] = transition @ covariance[:driving]
