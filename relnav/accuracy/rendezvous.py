@@ -106,10 +106,18 @@ def checkpoint(run: VehicleRun, estimate: VehicleEstimate) -> Checkpoint:
 
 
 def fly(
-    run: VehicleRun, ranges_m: Sequence[float] = RANGES_M, without: Sequence[str] = (), told: Told | None = None
+    run: VehicleRun,
+    ranges_m: Sequence[float] = RANGES_M,
+    without: Sequence[str] = (),
+    told: Told | None = None,
+    *,
+    believed: Vehicle | None = None,
 ) -> list[Checkpoint]:
-    """A run through the filter, looked at where the planned port distance passes each range, without some sensors."""
-    nav = VehicleNavigator(run.truth.vehicle)
+    """A run through the filter, looked at where the planned port distance passes each range, without some sensors.
+
+    believed: the vehicle as the filter takes it; as the run has it if left out.
+    """
+    nav = VehicleNavigator(run.truth.vehicle if believed is None else believed)
     nav.on_outcome = None if told is None else told.add
     left = [float(t) for t in run.truth.times_of(ranges_m)]
     found = []

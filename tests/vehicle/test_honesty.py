@@ -1,0 +1,130 @@
+"""The covariance says what the errors are, with what lasts drawn once a run; one that ignores it does not.
+
+Sampled slower than the shipped vehicle so that many runs are quick; bands are chi-square over runs, 99.99 % each.
+"""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import relnav
+from relnav.accuracy.rendezvous import fly, groups_of, honesty, port_figures
+from relnav.estimation.consistency import chi_square_interval
+from relnav.simulation.rendezvous import Rendezvous
+from relnav.simulation.vehicle_sensors import simulate_rendezvous
+from relnav.vehicle.layout import layout_of
+from relnav.vehicle.navigator import VehicleNavigator
+
+RUNS = 10
+SLOW = {"gyro.rate_hz": 20.0, "sensor.star.rate_hz": 2.0, "sensor.psd.rate_hz": 2.5, "sensor.camera.rate_hz": 2.0,
+        "sensor.sun_aps.rate_hz": 0.2, "sensor.sun_birefringent.rate_hz": 0.2}  # fmt: skip
+FLIGHT = Rendezvous(start_m=5.5, final_m=2.5, fast_m_s=0.1, slow_m_s=0.1)
+
+
+@pytest.fixture(scope="module")
+def slow():
+    """From 5.5 m; hand-over stands there too."""
+    vehicle = relnav.load_model("rendezvous_demo", changes=SLOW)
+    near = dataclasses.replace(vehicle.hand_over, port_distance_m=(5.5, 0.0, 0.0), position_sigma_m=0.1)
+    return dataclasses.replace(vehicle, hand_over=near)
+
+
+@pytest.fixture(scope="module")
+def runs(slow):
+    flight = dataclasses.replace(FLIGHT, as_believed=True)
+    return [simulate_rendezvous(slow, flight, seed=40 + k) for k in range(RUNS)]
+
+
+@pytest.fixture(scope="module")
+def ends(runs):
+    return [fly(run, (2.5,))[0] for run in runs]
+
+
+def test_every_block_is_honest(slow, ends):
+    places = layout_of(slow).by_name
+    for name, blocks in groups_of(slow).items():
+        ratio, dof = honesty(ends, places, blocks)
+        lower, upper = chi_square_interval(dof, 0.9999)
+        assert lower < ratio < upper, name
+    moving = "position velocity target_attitude target_rate chaser_attitude gyro_bias slow_acceleration"
+    ratio, dof = honesty(ends, places, moving)
+    lower, upper = chi_square_interval(dof, 0.9999)
+    assert lower < ratio < upper
+
+
+def test_it_has_learnt_something(slow, ends):
+    """Millimetres and hundredths of a degree, from a tenth of a metre and half a degree."""
+    error, sigma = port_figures(ends)
+    assert sigma[:3].max() < 0.005
+    assert np.degrees(sigma[6:9]).max() < 0.06
+    assert error[:3].max() < 0.008
+
+
+def test_alignment_ignored_is_overconfident(slow, runs):
+    """The same flights before a filter that takes its sensors for perfect: it is wrong by many of its sigmas."""
+    perfect = {
+        name: dataclasses.replace(
+            mounted,
+            mount_sigma_rad=1e-9,
+            **({"lever_sigma_m": 1e-9, "points_sigma_m": 1e-9, "focal_sigma": 1e-9} if mounted.position_m else {}),
+        )
+        for name, mounted in slow.sensor.items()
+    }
+    believed = dataclasses.replace(slow, sensor=perfect)
+    points = [fly(run, (2.5,), believed=believed)[0] for run in runs[:4]]
+    ratio, dof = honesty(points, layout_of(believed).by_name, "port")
+    assert ratio > 3.0 * chi_square_interval(dof, 0.9999)[1]
+
+
+def test_what_is_considered_is_never_corrected(slow, runs):
+    nav = VehicleNavigator(slow)
+    for seen in sorted(runs[0].observations, key=lambda observation: observation.t_s)[:300]:
+        nav.observe(seen.sensor, seen.t_s, seen.value)
+    estimate, places = nav.state(), nav.layout.by_name
+    prior, now = nav.layout.prior, estimate.covariance
+    for name in ("camera.mount", "camera.lever", "psd.mount", "star.mount"):
+        assert (estimate.values[places[name]] == 0.0).all()
+        np.testing.assert_allclose(now[places[name], places[name]], prior[places[name], places[name]], rtol=1e-12)
+    assert (estimate.values[places["camera.points"]] != 0.0).all()
+    sigma = np.sqrt(np.diagonal(now))
+    assert np.linalg.eigvalsh(now / np.outer(sigma, sigma)).min() > 1e-9
+
+
+@pytest.mark.parametrize("lost", [("gyro",), ("star",), ("star", "sun_aps", "sun_birefringent"), ("camera",), ("psd",)])
+def test_a_sensor_lost_for_ten_seconds(slow, runs, lost):
+    """Errors stay within four of their sigmas meanwhile and after, and the covariance says that it knows less."""
+    run, nav = runs[1], VehicleNavigator(slow)
+    from relnav.accuracy.rendezvous import checkpoint
+
+    sigma = []
+    for seen in sorted(run.observations, key=lambda observation: observation.t_s):
+        if len(sigma) < 3 and seen.t_s >= (9.9, 19.9, 29.0)[len(sigma)]:
+            estimate = nav.state(seen.t_s)
+            point = checkpoint(run, estimate)
+            sigma.append(np.sqrt(np.diagonal(point.port_covariance)))
+            assert np.abs(point.port_error / sigma[-1]).max() < 4.0
+            assert estimate.gyro_lost == ("gyro" in lost and len(sigma) == 2)
+        if seen.sensor not in lost or not 10.0 <= seen.t_s < 20.0:
+            nav.observe(seen.sensor, seen.t_s, seen.value)
+    assert len(sigma) == 3
+    if "gyro" in lost:
+        assert sigma[1][9:].min() > 3.0 * sigma[0][9:].min()  # the relative rate
+        assert sigma[2][9:].max() < 1.2 * sigma[0][9:].max()
+
+
+def test_late_images_are_not_taken_as_current(slow, runs):
+    """The camera's images 0.5 s late, stamped when they came: many sigmas off. Stamped when exposed: the same bits."""
+    observations = sorted(runs[2].observations, key=lambda observation: observation.t_s)
+    in_order, late = VehicleNavigator(slow), VehicleNavigator(slow)
+    arriving = sorted(observations, key=lambda seen: seen.t_s + 0.5 * (seen.sensor == "camera"))
+    for seen, came in zip(observations[:400], arriving[:400], strict=True):
+        in_order.observe(seen.sensor, seen.t_s, seen.value)
+        late.observe(came.sensor, came.t_s, came.value)
+    rest = set(map(id, observations[:400])) ^ set(map(id, arriving[:400]))
+    for nav, had in ((in_order, observations[:400]), (late, arriving[:400])):
+        for seen in observations:
+            if id(seen) in rest and not any(seen is one for one in had):
+                nav.observe(seen.sensor, seen.t_s, seen.value)
+    assert in_order.state().covariance.tobytes() == late.state().covariance.tobytes()
+    assert in_order.state().port.position_m.tobytes() == late.state().port.position_m.tobytes()
