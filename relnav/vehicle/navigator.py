@@ -182,6 +182,11 @@ class VehicleNavigator:
             return Observed.REJECTED
         return verdict
 
+    @property
+    def newest_s(self) -> float:
+        """Time of the last observation; of the start before the first."""
+        return self._timeline.newest_s
+
     def state(self, t_s: float | None = None) -> VehicleEstimate:
         """The estimate now (after the last observation), or at a time within the replay window or up to 60 s ahead.
 

@@ -12,22 +12,50 @@ NAME = "rendezvous_demo"
 MARKERS = 'model = { value = "three_marker_vision"'
 
 # name: (text in the file, what stands there instead, key, rest of the message)
+LEVER = 'lever_sigma_mm = { value = 0.3'
+FOCAL = 'focal_role = { value = "estimated"'
+POSITION = "position_m = { value = [0.9, -0.25, 0.0]"
+FIRST = "first_s = { value = 0.03"
 CASES = {
     "a rate of zero": ("rate_hz = { value = 5.0", "rate_hz = { value = 0.0", "sensor.camera.rate_hz", "greater than 0"),
-    "misspelt": ("lever_sigma_mm = { value = 1.0, source = \"assumed\", why = \"drawing", "lever_sigm_mm = { value = 1.0, source = \"assumed\", why = \"drawing", "sensor.camera.lever_sigm_mm", "did you mean 'lever_sigma_mm'?"),
-    "another unit": ("random_walk_deg_sqrt_h", "random_walk_deg_s", "gyro.random_walk_deg_s", "write one of random_walk_rad_sqrt_s"),
-    "a role": ('focal_role = { value = "estimated", source = "derived", why = "approaching', 'focal_role = { value = "ignored", source = "derived", why = "approaching', "sensor.camera.focal_role", "'estimated' or 'considered'; got 'ignored'"),
-    "no such model": (MARKERS, MARKERS.replace("vision", "visoin"), "sensor.camera.model", "no model 'three_marker_visoin'"),
+    "misspelt": (
+        LEVER,
+        LEVER.replace("sigma", "sigm"),
+        "sensor.camera.lever_sigm_mm",
+        "did you mean 'lever_sigma_mm'?",
+    ),
+    "another unit": (
+        "random_walk_deg_sqrt_h",
+        "random_walk_deg_s",
+        "gyro.random_walk_deg_s",
+        "write one of random_walk_rad_sqrt_s",
+    ),
+    "a role": (
+        FOCAL,
+        FOCAL.replace("estimated", "ignored"),
+        "sensor.camera.focal_role",
+        "'estimated' or 'considered'; got 'ignored'",
+    ),
+    "no such model": (
+        MARKERS,
+        MARKERS.replace("vision", "visoin"),
+        "sensor.camera.model",
+        "no model 'three_marker_visoin'",
+    ),
     "a section": ("[hand_over]", "[handover]", "handover", "did you mean [hand_over]?"),
-}  # fmt: skip
+}
 LATE = {
     "a clock": ("2026-03-20T12:00:00Z", "yesterday", "epoch_utc is a date with its zone"),
-    "a star sensor with a lens": ("first_s = { value = 0.03", "position_m = [1.0, 0.0, 0.0]\nfirst_s = { value = 0.03", "sensor.star.position_m: model dual_field_star sees no lights"),
-    "a camera that is nowhere": ("position_m = { value = [0.9, -0.25, 0.0]", "#", "sensor.camera: model three_marker_vision sees lights; position_m"),
-    "a star sensor without noise": ("noise_rad = { value", "#noise_rad = { value", "sensor.star.noise_rad is needed"),
+    "a star sensor with a lens": (
+        FIRST,
+        f"position_m = [1.0, 0.0, 0.0]\n{FIRST}",
+        "sensor.star.position_m: model dual_field_star sees no lights",
+    ),
+    "a camera that is nowhere": (POSITION, "#", "sensor.camera: model three_marker_vision sees lights; position_m"),
+    "a star sensor without noise": ("noise_rad = { value", "#", "sensor.star.noise_rad is needed"),
     "a taken name": ("[sensor.camera]", "[sensor.gyro]", "sensor.gyro: this name is taken"),
-    "a vehicle on a vehicle": (MARKERS, MARKERS.replace("three_marker_vision", "ground_camera"), "sees no lights"),
-}  # fmt: skip
+    "a star camera with lights": (MARKERS, MARKERS.replace("three_marker_vision", "ground_camera"), "sees no lights"),
+}
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import relnav
-from relnav.accuracy.rendezvous import fly, groups_of, honesty, port_figures
+from relnav.accuracy.rendezvous import checkpoint, fly, groups_of, honesty, port_figures
 from relnav.estimation.consistency import chi_square_interval
 from relnav.simulation.rendezvous import Rendezvous
 from relnav.simulation.vehicle_sensors import simulate_rendezvous
@@ -53,7 +53,7 @@ def test_every_block_is_honest(slow, ends):
     assert lower < ratio < upper
 
 
-def test_it_has_learnt_something(slow, ends):
+def test_it_has_learnt_something(ends):
     """Millimetres and hundredths of a degree, from a tenth of a metre and half a degree."""
     error, sigma = port_figures(ends)
     assert sigma[:3].max() < 0.005
@@ -95,8 +95,6 @@ def test_what_is_considered_is_never_corrected(slow, runs):
 def test_a_sensor_lost_for_ten_seconds(slow, runs, lost):
     """Errors stay within four of their sigmas meanwhile and after, and the covariance says that it knows less."""
     run, nav = runs[1], VehicleNavigator(slow)
-    from relnav.accuracy.rendezvous import checkpoint
-
     sigma = []
     for seen in sorted(run.observations, key=lambda observation: observation.t_s):
         if len(sigma) < 3 and seen.t_s >= (9.9, 19.9, 29.0)[len(sigma)]:
@@ -109,22 +107,25 @@ def test_a_sensor_lost_for_ten_seconds(slow, runs, lost):
             nav.observe(seen.sensor, seen.t_s, seen.value)
     assert len(sigma) == 3
     if "gyro" in lost:
-        assert sigma[1][9:].min() > 3.0 * sigma[0][9:].min()  # the relative rate
+        assert sigma[1][9:].min() > 1.5 * sigma[0][9:].max()  # the relative rate
         assert sigma[2][9:].max() < 1.2 * sigma[0][9:].max()
 
 
 def test_late_images_are_not_taken_as_current(slow, runs):
-    """The camera's images 0.5 s late, stamped when they came: many sigmas off. Stamped when exposed: the same bits."""
-    observations = sorted(runs[2].observations, key=lambda observation: observation.t_s)
-    in_order, late = VehicleNavigator(slow), VehicleNavigator(slow)
+    """Images come half a second late. By their time of exposure: as if they had not been late, to the last bit."""
+    observations = sorted((seen for seen in runs[2].observations if seen.t_s < 12.0), key=lambda seen: seen.t_s)
     arriving = sorted(observations, key=lambda seen: seen.t_s + 0.5 * (seen.sensor == "camera"))
-    for seen, came in zip(observations[:400], arriving[:400], strict=True):
+    in_order, late, stamped_late = (VehicleNavigator(slow) for _ in range(3))
+    for seen, came in zip(observations, arriving, strict=True):
         in_order.observe(seen.sensor, seen.t_s, seen.value)
         late.observe(came.sensor, came.t_s, came.value)
-    rest = set(map(id, observations[:400])) ^ set(map(id, arriving[:400]))
-    for nav, had in ((in_order, observations[:400]), (late, arriving[:400])):
-        for seen in observations:
-            if id(seen) in rest and not any(seen is one for one in had):
-                nav.observe(seen.sensor, seen.t_s, seen.value)
-    assert in_order.state().covariance.tobytes() == late.state().covariance.tobytes()
-    assert in_order.state().port.position_m.tobytes() == late.state().port.position_m.tobytes()
+        delay = 0.5 * (came.sensor == "camera")
+        stamped_late.observe(came.sensor, came.t_s + delay, came.value)
+    one, other = in_order.state(12.0), late.state(12.0)
+    assert one.covariance.tobytes() == other.covariance.tobytes()
+    assert one.port.position_m.tobytes() == other.port.position_m.tobytes()
+    good, bad = (checkpoint(runs[2], nav.state(12.0)) for nav in (late, stamped_late))
+    off = [abs(point.port_error[0]) / point.port_covariance[0, 0] ** 0.5 for point in (good, bad)]
+    assert off[0] < 4.0
+    assert abs(bad.port_error[0]) > 3.0 * abs(good.port_error[0])
+    assert off[1] > 3.0
