@@ -53,16 +53,21 @@ def widths(vehicle: Vehicle) -> dict[str, int]:
     return count
 
 
-def write_vehicle_log(run: VehicleRun, path: Path, metadata: dict[str, str]) -> None:
-    """Write the observations of a simulated run (.csv), in the order in which they arrive.
+def check_log_format(path: Path) -> None:
+    """Refuse a log of another kind than .csv: a vehicle's log names its sensors in words.
 
     Raises
     ------
     UsageError
-        For another ending: a vehicle's log names its sensors in words.
+        Naming the ending that can be written.
     """
     if path.suffix.lower() != ".csv" and not (path.suffix == "" and is_stream(path)):
         raise UsageError(f"{path}: a vehicle's log ends in .csv; got '{path.suffix}'")
+
+
+def write_vehicle_log(run: VehicleRun, path: Path, metadata: dict[str, str]) -> None:
+    """Write the observations of a simulated run (.csv), in the order in which they arrive."""
+    check_log_format(path)
     width = max(widths(run.truth.vehicle).values())
     with replacing(path, ".csv") as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         head = {"relnav": relnav_version()} | metadata

@@ -33,8 +33,8 @@ class SensorHealth:
     refused : int
         Observations in a row of which nothing was.
     nis_ratio : float
-        NIS over its degrees of freedom, before the gate, faded over some ten observations; NaN before the first. About
-        one, and less where considered errors take part.
+        NIS over its degrees of freedom, before the gate, faded over some ten observations; NaN before the first. One in
+        the mean; where errors are considered, innovations hang together and it wanders, to three and more.
     """
 
     last_used_s: float = float("nan")

@@ -12,7 +12,7 @@ NAME = "rendezvous_demo"
 MARKERS = 'model = { value = "three_marker_vision"'
 
 # name: (text in the file, what stands there instead, key, rest of the message)
-LEVER = 'lever_sigma_mm = { value = 0.3'
+LEVER = "lever_sigma_mm = { value = 0.3"
 FOCAL = 'focal_role = { value = "estimated"'
 POSITION = "position_m = { value = [0.9, -0.25, 0.0]"
 FIRST = "first_s = { value = 0.03"
