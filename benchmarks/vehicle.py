@@ -17,8 +17,13 @@ from relnav.estimation.consistency import chi_square_interval
 from relnav.simulation.vehicle_sensors import simulate_rendezvous
 from relnav.vehicle.layout import layout_of
 
-BARS = (("port, mm", slice(0, 3), 1e3, 2.0), ("attitude, deg", slice(6, 9), np.degrees(1.0), 0.06),
-        ("target rate, deg/s", slice(9, 12), np.degrees(1.0), 0.006), ("velocity, mm/s", slice(3, 6), 1e3, 0.15))  # fmt: skip
+BARS = (
+    ("port, mm", slice(0, 3), 1e3, 2.0),
+    ("attitude, deg", slice(6, 9), np.degrees(1.0), 0.06),
+    ("target rate, deg/s", slice(9, 12), np.degrees(1.0), 0.006),
+    ("velocity, mm/s", slice(3, 6), 1e3, 0.15),
+)
+"""Name, which of the port's twelve, unit, and the bar at the last distance."""
 
 
 def one(seed: int) -> tuple[list[Checkpoint], float, float]:

@@ -63,6 +63,8 @@ class StarTracker(_Mounted):
         own = self.noise if covariance is None else numbers(f"{self.name}'s covariance", covariance)
         if own.shape != (3, 3):
             raise ValueError(f"{self.name}: a covariance (3, 3) rad^2 in sensor axes is expected; got {own.shape}")
+        if not (np.allclose(own, own.T) and np.linalg.eigvalsh(own).min() > 0.0):
+            raise ValueError(f"{self.name}: a covariance is symmetric and positive definite; got {own.tolist()}")
         if not np.isfinite(q).all():
             return np.full(9, np.nan), own
         return dcm_from_quaternion(q).ravel(), own

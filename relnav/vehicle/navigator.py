@@ -99,7 +99,15 @@ class _Tracked:
 
 
 class VehicleNavigator:
-    """Five sensors, a gyro and the thrusters of one vehicle in one filter."""
+    """Five sensors, a gyro and the thrusters of one vehicle in one filter.
+
+    Attributes
+    ----------
+    vehicle, layout
+        What flies, and the blocks of its errors.
+    on_outcome : callable or None
+        Called with every (event, outcome), again where it is done again: what each observation told.
+    """
 
     def __init__(
         self,

@@ -20,7 +20,7 @@ from relnav.geometry.pinhole import central_projection, central_projection_jacob
 from relnav.geometry.rotation_vector import turned
 from relnav.mission import Model as BeaconMission
 from relnav.sensors.three_beacon.sensor import ThreeBeaconSensor
-from relnav.sensors.three_marker.camera import image_of, on_image
+from relnav.sensors.three_marker.camera import image_of, on_image, usable_covariance
 from relnav.sensors.three_marker.sensor import MarkerCamera
 from relnav.spacecraft import Vehicle
 from relnav.vehicle.layout import CHASER_ATTITUDE, POSITION, TARGET_ATTITUDE, Layout
@@ -47,12 +47,13 @@ class PointSensor:
         )
 
     def taken(self, value: ArrayLike, covariance: ArrayLike | None) -> tuple[Vector, Matrix]:
-        """A caller's spots (n, 2) as numbers, flat, and their noise (2 n, 2 n); what is off the detector is NaN.
+        """A caller's spots (n, 2) as numbers, flat, and their noise (2 n, 2 n); what is off the detector, or has a
+        covariance that is none, is NaN.
 
         Raises
         ------
         ValueError
-            For another shape, or a covariance that is none.
+            For another shape.
         """
         spots, count = numbers(self.name, value), len(self._points)
         if spots.shape != (count, 2):
@@ -70,7 +71,8 @@ class PointSensor:
             own = numbers(f"{self.name}'s covariance", covariance)
             if own.shape != (count, 2, 2):
                 raise ValueError(f"{self.name}: covariances of {count} spots are ({count}, 2, 2); got {own.shape}")
-            for k in range(count):
+            inside &= usable_covariance(own)
+            for k in np.flatnonzero(inside):
                 noise[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = own[k]
         return np.where(inside[:, None], spots, np.nan).ravel(), noise
 

@@ -15,6 +15,7 @@ from relnav.simulation.rendezvous import Rendezvous
 from relnav.simulation.vehicle_sensors import simulate_rendezvous
 from relnav.vehicle.layout import layout_of
 from relnav.vehicle.navigator import VehicleNavigator
+from relnav.vehicle.timeline import Observed
 
 RUNS = 10
 SLOW = {"gyro.rate_hz": 20.0, "sensor.star.rate_hz": 2.0, "sensor.psd.rate_hz": 2.5, "sensor.camera.rate_hz": 2.0,
@@ -129,3 +130,32 @@ def test_late_images_are_not_taken_as_current(slow, runs):
     assert off[0] < 4.0
     assert abs(bad.port_error[0]) > 3.0 * abs(good.port_error[0])
     assert off[1] > 3.0
+
+
+def test_an_eccentric_orbit(slow):
+    """By Yamanaka and Ankersen, e = 0.1: the frame turns unevenly, and chaser, target and frame still agree."""
+    orbit = dataclasses.replace(slow.orbit, eccentricity=0.1, true_anomaly_rad=1.0)
+    vehicle = dataclasses.replace(slow, orbit=orbit)
+    flight = dataclasses.replace(FLIGHT, final_m=4.0, as_believed=True)
+    run = simulate_rendezvous(vehicle, flight, seed=77)
+    point = fly(run, (4.0,))[0]
+    scaled = point.port_error / np.sqrt(np.diagonal(point.port_covariance))
+    assert np.abs(scaled).max() < 4.0
+    round_orbit = dataclasses.replace(vehicle, orbit=dataclasses.replace(orbit, eccentricity=0.0))
+    lost = fly(run, (4.0,), believed=round_orbit)[0]
+    assert np.abs(lost.error[3:6] / np.sqrt(np.diagonal(lost.covariance)[3:6])).max() > 5.0
+
+
+def test_a_glint_is_left_out(slow, runs):
+    """One of six beacons seen 0.5 mm from where it is: the others are believed."""
+    clean, struck = VehicleNavigator(slow), VehicleNavigator(slow)
+    for seen in sorted((seen for seen in runs[3].observations if seen.t_s < 8.0), key=lambda seen: seen.t_s):
+        value = seen.value
+        if seen.sensor == "psd" and seen.t_s > 5.0 and np.isfinite(value[2]).all():
+            value = value.copy()
+            value[2] += 5e-4
+        clean.observe(seen.sensor, seen.t_s, seen.value)
+        assert struck.observe(seen.sensor, seen.t_s, value) is Observed.ACCEPTED
+    one, other = clean.state(), struck.state()
+    assert np.abs((one.port.position_m - other.port.position_m) / one.port.sigma[:3]).max() < 1.5
+    assert other.sensors["psd"].nis_ratio > 5.0 * one.sensors["psd"].nis_ratio
