@@ -47,8 +47,9 @@ class PointSensor:
         )
 
     def taken(self, value: ArrayLike, covariance: ArrayLike | None) -> tuple[Vector, Matrix]:
-        """A caller's spots (n, 2) as numbers, flat, and their noise (2 n, 2 n); what is off the detector, or has a
-        covariance that is none, is NaN.
+        """A caller's spots (n, 2) as numbers, flat, and their noise (2 n, 2 n).
+
+        NaN is a spot off the detector, or with a covariance that is none.
 
         Raises
         ------
