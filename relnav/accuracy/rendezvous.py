@@ -16,7 +16,7 @@ from relnav.geometry.rotation_vector import attitude_error, rotation_vector_betw
 from relnav.simulation.rendezvous import Rendezvous
 from relnav.simulation.vehicle_sensors import VehicleRun, simulate_rendezvous
 from relnav.spacecraft import Vehicle
-from relnav.vehicle.layout import layout_of
+from relnav.vehicle.layout import CHASER_ATTITUDE, layout_of
 from relnav.vehicle.navigator import VehicleEstimate, VehicleNavigator
 from relnav.vehicle.timeline import Event
 from relnav.vehicle.update import Outcome
@@ -174,6 +174,11 @@ def _error_rows(points: Sequence[Checkpoint], method: str, range_m: float) -> li
         for statistic, values in (("rms error an axis", error), ("rms reported 1-sigma", sigma)):
             value = float(np.sqrt(np.mean(values[part] ** 2)))
             rows.append(information(name, method, f"at {range_m:g} m", value, unit, statistic, range_m))
+    own = np.stack([point.error[CHASER_ATTITUDE] for point in points])
+    said = np.stack([np.diagonal(point.covariance)[CHASER_ATTITUDE] for point in points])
+    for statistic, squares in (("rms error an axis", own**2), ("rms reported 1-sigma", said)):
+        value = float(np.sqrt(np.mean(squares)))
+        rows.append(information("chaser attitude", method, f"at {range_m:g} m", value, "deg", statistic, range_m))
     return rows
 
 
