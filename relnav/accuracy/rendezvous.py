@@ -4,7 +4,7 @@ Every run draws anew what lasts (mountings, levers, lights, lenses, thrusters), 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -226,6 +226,8 @@ def measure(
     runs: int = 6,
     seed: int = 7,
     progress: Callable[[int], None] | None = None,
+    flight: Rendezvous | None = None,
+    short: Rendezvous = SHORT,
 ) -> ClaimsReport:
     """Fly a vehicle many times: errors and honesty by distance, beside the papers, and without each sensor in turn.
 
@@ -238,24 +240,29 @@ def measure(
     seed : int
         Of everything random.
     progress : callable, optional
-        Called with 1 after each run, `STAGES` times `runs`.
+        Called with 1 three times a run.
+    flight, short : Rendezvous
+        The approach, `Rendezvous()` if left out, and what is flown as believed and without each sensor.
     """
     told, done = Told(), progress or (lambda _count: None)
     by_range: list[list[Checkpoint]] = [[] for _ in RANGES_M]
     believed: list[Checkpoint] = []
-    short: dict[str, list[Checkpoint]] = {}
+    without_one: dict[str, list[Checkpoint]] = {}
+    end = (short.final_m,)
     lacks = {"all sensors": (), **{f"without {name}": (name,) for name in ("gyro", *vehicle.sensor)}}
     for k in range(runs):
-        for points, point in zip(by_range, fly(simulate_rendezvous(vehicle, seed=seed + k), told=told), strict=True):
+        for points, point in zip(
+            by_range, fly(simulate_rendezvous(vehicle, flight, seed=seed + k), told=told), strict=True
+        ):
             points.append(point)
         done(1)
-        flight = Rendezvous(start_m=SHORT.start_m, slow_m_s=SHORT.slow_m_s, as_believed=True)
-        believed += fly(simulate_rendezvous(vehicle, flight, seed=seed + runs + k), (1.0,))
+        as_believed = replace(short, as_believed=True)
+        believed += fly(simulate_rendezvous(vehicle, as_believed, seed=seed + runs + k), end)
         done(1)
         if k < (runs + 1) // 2:
-            run = simulate_rendezvous(vehicle, SHORT, seed=seed + 2 * runs + k)
+            run = simulate_rendezvous(vehicle, short, seed=seed + 2 * runs + k)
             for name, without in lacks.items():
-                short.setdefault(name, []).extend(fly(run, (1.0,), without))
+                without_one.setdefault(name, []).extend(fly(run, end, without))
         done(1)
     rows = []
     for range_m, points in zip(RANGES_M, by_range, strict=True):
@@ -268,12 +275,8 @@ def measure(
         rows += _error_rows(points, "all sensors, from 30 m", range_m)
     for range_m, points in zip(RANGES_M, by_range, strict=True):
         rows += _honesty_rows(points, vehicle, "honesty, truth of its own", range_m, two_sided=False)
-    rows += _honesty_rows(believed, vehicle, "honesty, truth as believed", 1.0, two_sided=True)
-    for name, points in short.items():
-        rows += _error_rows(points, f"{name}, from {SHORT.start_m:g} m", 1.0)
+    rows += _honesty_rows(believed, vehicle, "honesty, truth as believed", short.final_m, two_sided=True)
+    for name, points in without_one.items():
+        rows += _error_rows(points, f"{name}, from {short.start_m:g} m", short.final_m)
     notes = (*_told_lines(told), *_learnt_lines(by_range[-1], vehicle))
     return ClaimsReport(vehicle.name, runs, seed, tuple(rows), notes)
-
-
-STAGES = 3
-"""Steps of progress a run."""

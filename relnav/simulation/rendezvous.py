@@ -116,7 +116,8 @@ class Truth:
         t = np.atleast_1d(t_s)[:, None]
         turn = self._first_turn * np.exp(-t / SETTLING_S)
         for period, phase in zip(SWAY_PERIODS_S, self._phases, strict=True):
-            turn = turn + SWAY_RAD * np.exp(-SETTLING_S / (t + 1e-9)) * np.sin(2.0 * math.pi * t / period + phase)
+            grown = SWAY_RAD * np.exp(-SETTLING_S / np.maximum(t, 1e-9))
+            turn = turn + grown * np.sin(2.0 * math.pi * t / period + phase)
         return Rotation.from_rotvec(-turn) * Rotation.from_matrix(self.vehicle.chaser.dcm_chaser_from_lvlh)
 
     def chaser_from_inertial(self, t_s: Vector) -> Rotation:
@@ -143,8 +144,9 @@ class Truth:
         return np.array([np.interp(t_s, self._times, self.slow_acceleration[:, i]) for i in range(3)])
 
     def times_of(self, ranges_m: Sequence[float]) -> Vector:
-        """When the planned port distance passes each of these, (k,) s; the end for what it does not reach."""
-        return np.array([np.interp(-reach, -self._profile[:, 0], self._times) for reach in ranges_m])
+        """When the planned port distance passes each of these, (k,) s; a step within the ends for what is beyond."""
+        times = [np.interp(-reach, -self._profile[:, 0], self._times) for reach in ranges_m]
+        return np.clip(np.array(times, dtype=np.float64), STEP_S, self.end_s - STEP_S)
 
     def _fly(self, profile: Matrix) -> None:
         self._profile = profile
