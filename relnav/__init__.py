@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from relnav.sensors import three_marker as three_marker
     from relnav.sensors.measurement import Measurement as Measurement
     from relnav.sensors.measurement import Status as Status
+    from relnav.vehicle.navigator import VehicleNavigator as VehicleNavigator
 else:  # hidden from type checkers: to them a name that is not above is an error
 
     def _homes():

@@ -18,6 +18,8 @@ UNITS = {
     "arcsec": math.pi / 648000.0,
     "px": 1.0,
     "s": 1.0,
+    "m/s": 1.0,
+    "deg/s": math.pi / 180.0,
     "probability": 1.0,
     "ratio": 1.0,
 }

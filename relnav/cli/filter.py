@@ -56,17 +56,20 @@ def command(
     (CSV, one row a slot) has t_s, beacon (a, b, c or dark), and adc_{x1,x2,y1,y2} or current_{x1,x2,y1,y2}_na instead
     of spots; with --method spots every spot then enters the filter at its own time, else images do, joined at C's
     time. Of a marker model: spot_a_x_px, spot_a_y_px, ... and
-    q_chaser_from_lvlh_{x,y,z,w}, image_t_s; the track then holds attitude and rate, and port from port.
+    q_chaser_from_lvlh_{x,y,z,w}, image_t_s; the track then holds attitude and rate, and port from port. Of a vehicle:
+    t_s, sensor, v0, v1, ..., one row an observation in any order; the track holds port from port every second.
 
     Exit code 5: the filter never started, and the track holds no state.
     """
     _choose_engine(log, model)
     from relnav.cli import NOT_STARTED
     from relnav.cli.marker_filter import filter_markers
+    from relnav.cli.vehicle import filter_vehicle, refuse_others
     from relnav.files.atomic import Outputs, check_distinct, check_folder
     from relnav.files.models import load_mission, load_model
     from relnav.files.tables import check_format, write_json
     from relnav.mission import VisionMission
+    from relnav.spacecraft import Vehicle
 
     if out is not None:
         check_format(out)
@@ -75,6 +78,9 @@ def command(
         check_folder(json_path)
     check_distinct(log, out, json_path)
     mission = load_model(model)
+    if isinstance(mission, Vehicle):
+        refuse_others()
+        return filter_vehicle(log, mission, out, json_path, quiet=quiet)
     if isinstance(mission, VisionMission):
         return filter_markers(
             log, mission, out, json_path, quiet=quiet, smooth=smooth, refused=_given(method, projection)

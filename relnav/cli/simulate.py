@@ -62,13 +62,18 @@ def command(
     distortion_um: float,
     quiet: bool,
 ) -> None:
-    """Simulate an approach of MODEL: two-body truth under closed-loop guidance, imaged with noise and faults."""
+    """Simulate an approach of MODEL: two-body truth under closed-loop guidance, imaged with noise and faults.
+
+    Of a vehicle: from its hand-over to --final-range (1 m), seen by all its sensors; it takes --seed and --truth.
+    """
     from relnav.cli.simulators import Options, simulator_of
+    from relnav.cli.vehicle import refuse_others, simulate_vehicle
     from relnav.errors import UsageError
     from relnav.files.atomic import Outputs, check_distinct, check_folder
     from relnav.files.models import load_model
     from relnav.files.tables import check_format
     from relnav.simulation.trajectory import Approach
+    from relnav.spacecraft import Vehicle
 
     for path in (out, truth):
         if path is not None:
@@ -76,6 +81,11 @@ def command(
             check_folder(path)
     check_distinct(out, truth)
     mission = load_model(model)
+    if isinstance(mission, Vehicle):
+        refuse_others()
+        given = click.get_current_context().get_parameter_source("final_range_m")
+        final = final_range_m if given is click.core.ParameterSource.COMMANDLINE else None
+        return simulate_vehicle(mission, out, truth, seed, final, quiet=quiet)
     try:
         approach = Approach(
             duration_s=duration_s,

@@ -15,7 +15,7 @@ from relnav.files.orbit_altitude import mean_motion_of_altitude
 from relnav.files.plausibility import implausible
 from relnav.files.psd_calibration import named_calibration
 from relnav.files.systems import SYSTEMS, resolve
-from relnav.files.toml_values import build, change_value, read_toml
+from relnav.files.toml_values import Problems, build, change_value, read_toml
 from relnav.files.wording import shown
 from relnav.mission import Model, VisionMission
 from relnav.sensors.three_beacon.calibration import Calibration
@@ -24,6 +24,7 @@ if TYPE_CHECKING:  # at run time a model's class is imported when it is loaded
     from relnav.sensors.aps_sun.sensor import ApsSunModel
     from relnav.sensors.birefringent_sun.sensor import BirefringentSunModel
     from relnav.sensors.dual_field.sensor import StarSensor
+    from relnav.spacecraft import Vehicle
 
 Changes = Mapping[str, Any] | None
 BeaconName = Literal["three_beacon_psd", "three_beacon_psd_rbar"]
@@ -49,6 +50,10 @@ def load_model(name_or_path: Literal["aps_sun"], changes: Changes = None) -> "Ap
 
 @overload
 def load_model(name_or_path: Literal["birefringent_sun"], changes: Changes = None) -> "BirefringentSunModel": ...
+
+
+@overload
+def load_model(name_or_path: Literal["rendezvous_demo"], changes: Changes = None) -> "Vehicle": ...
 
 
 @overload  # only the file tells
@@ -87,7 +92,8 @@ def load_model(name_or_path: str | os.PathLike[str], changes: Changes = None) ->
     cls = resolve(system.mission)
     extras = resolve(system.extras)() if system.extras else {}
     sections, optional = _sections(cls)
-    sections = {name: section for name, section in sections.items() if name not in extras}
+    named = _named_sections(cls, table, problems)
+    sections = {name: section for name, section in sections.items() if name not in extras} | named
     for key, value in (changes or {}).items():
         change_value(table, sections, key, value)
     mean_motion_of_altitude(table, problems)
@@ -106,6 +112,12 @@ def load_model(name_or_path: str | os.PathLike[str], changes: Changes = None) ->
             continue
         values[name] = build(section, table.get(name, {}), name, problems, provenance)
     problems.raise_if_any()
+    for place in named:
+        group, _, name = place.partition(".")
+        values.setdefault(group, {})[name] = values.pop(place)
+    if system.parts:
+        extras |= resolve(system.parts)(values, path, problems)
+        problems.raise_if_any()
     label = path.parent.name if path.name == "model.toml" else path.stem
     try:
         mission = cls(name=label, title=shown(title), provenance=provenance, path=str(path), **values, **extras)
@@ -128,6 +140,26 @@ def _sections(cls: Any) -> tuple[dict[str, Any], set[str]]:
             if choices[0] is not hint:
                 optional.add(name)
     return sections, optional
+
+
+def _named_sections(cls: Any, table: dict[str, Any], problems: Problems) -> dict[str, Any]:
+    """Sections that a file may have many of, [sensor.camera], [sensor.psd]: of a field that maps names to a dataclass.
+
+    They are taken out of their common table, so that each stands under its whole name.
+    """
+    sections: dict[str, Any] = {}
+    for group, hint in typing.get_type_hints(cls).items():
+        kinds = typing.get_args(hint)
+        if typing.get_origin(hint) is not Mapping or not dataclasses.is_dataclass(kinds[-1]):
+            continue
+        entries = table.pop(group, {})
+        if not isinstance(entries, dict) or not all(isinstance(entry, dict) for entry in entries.values()):
+            problems.add(group, f"sections with a name each are expected, written [{group}.NAME]")
+            continue
+        for name, entry in entries.items():
+            table[f"{group}.{name}"] = entry
+            sections[f"{group}.{name}"] = kinds[-1]
+    return sections
 
 
 def load_mission(name_or_path: str | os.PathLike[str]) -> Model:

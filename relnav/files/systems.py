@@ -24,6 +24,8 @@ class System:
         How often `progress` is called for a run.
     extras : str
         Function () -> dict of what the mission holds beside the sections of its file.
+    parts : str
+        Function (values, path, problems) -> dict of what the sections, as they were read, name: other models.
     """
 
     mission: str
@@ -32,6 +34,7 @@ class System:
     runs: int = 200
     progress_steps: int = 1
     extras: str = ""
+    parts: str = ""
 
 
 SYSTEMS: dict[str, System] = {
@@ -60,6 +63,13 @@ SYSTEMS: dict[str, System] = {
         accuracy="relnav.accuracy.dual_field:measure",
         runs=500,
         extras="relnav.files.star_catalogue:mission_extras",
+    ),
+    "vehicle": System(
+        mission="relnav.spacecraft:Vehicle",
+        accuracy="relnav.accuracy.rendezvous:measure",
+        runs=6,
+        progress_steps=3,
+        parts="relnav.files.vehicle_parts:sensor_models",
     ),
 }
 

@@ -49,6 +49,9 @@ UNITS: dict[str, tuple[str, float]] = {
     "w_m3_sr": ("w_m3_sr", 1.0),
     "kg_m2": ("kg_m2", 1.0),
     "rad2_s3": ("rad2_s3", 1.0),
+    "rad_sqrt_s": ("rad_sqrt_s", 1.0),
+    "deg_sqrt_h": ("rad_sqrt_s", math.pi / 10800.0),
+    "rad_s_sqrt_s": ("rad_s_sqrt_s", 1.0),
 }
 
 

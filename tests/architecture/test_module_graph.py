@@ -9,8 +9,6 @@ import relnav
 
 KNOWN_ALONE = {
     # nothing but their tests uses these. To be decided: public, used, or gone.
-    "relnav.dynamics.ephemeris",
-    "relnav.dynamics.gauss_markov",
     "relnav.sensors.birefringent_sun.patent",
     "relnav.sensors.sun_attitude",
     "relnav.simulation.marker_images",

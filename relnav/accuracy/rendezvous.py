@@ -1,0 +1,282 @@
+"""What a vehicle's filter delivers at the docking port, against truth: errors, honesty by block, what each sensor buys.
+
+Every run draws anew what lasts (mountings, levers, lights, lenses, thrusters), the start, the orbit and all noise.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from relnav.accuracy.claims import ClaimRow, ClaimsReport, claim_row, information
+from relnav.accuracy.published import Published
+from relnav.arrays import Matrix, Vector
+from relnav.estimation.consistency import chi_square_interval, nees
+from relnav.geometry.rotation_vector import attitude_error, rotation_vector_between
+from relnav.simulation.rendezvous import Rendezvous
+from relnav.simulation.vehicle_sensors import VehicleRun, simulate_rendezvous
+from relnav.spacecraft import Vehicle
+from relnav.vehicle.layout import CHASER_ATTITUDE, layout_of
+from relnav.vehicle.navigator import VehicleEstimate, VehicleNavigator
+from relnav.vehicle.timeline import Event
+from relnav.vehicle.update import Outcome
+
+RANGES_M = (25.0, 10.0, 6.5, 5.0, 3.0, 1.0)
+SHORT = Rendezvous(start_m=12.0, slow_m_s=0.06)
+"""For what a sensor buys: the last twelve metres, faster."""
+GROUPS = {
+    "port": "port",
+    "motion": "position velocity",
+    "target": "target_attitude target_rate",
+    "chaser attitude": "chaser_attitude",
+    "gyro bias": "gyro_bias",
+    "thrusters": "thrust.scale thrust.direction",
+}
+"""Blocks whose honesty is told; alignments are added by sensor."""
+HONEST = 0.9999
+"""Probability of the interval in which an honest NEES lies."""
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """Errors at one port distance, truth less estimate.
+
+    Attributes
+    ----------
+    port_error, port_covariance : (12,), (12, 12)
+        Position m, velocity m/s, attitude rad, rate rad/s, target axes.
+    error, covariance : (n,), (n, n)
+        Of the filter's state, by its layout.
+    """
+
+    port_error: Vector
+    port_covariance: Matrix
+    error: Vector
+    covariance: Matrix
+
+
+@dataclass
+class Told:
+    """What each sensor told, nats: of position, target attitude and chaser attitude."""
+
+    by_sensor: dict[str, Vector] = field(default_factory=dict)
+
+    def add(self, event: Event, outcome: Outcome) -> None:
+        """Count an observation in."""
+        self.by_sensor[event.source] = self.by_sensor.get(event.source, np.zeros(3)) + np.array(outcome.gains)
+
+
+def true_port(run: VehicleRun, t_s: float) -> tuple[Vector, Matrix]:
+    """Truth at the port: (position, velocity, zeros, rate) (12,), target axes, and dcm_target_from_chaser (3, 3).
+
+    Velocity and the chaser's rate are differences of positions and attitudes over 20 ms.
+    """
+    truth, h = run.truth, 0.01
+    t = np.array([t_s - h, t_s, t_s + h])
+    chaser, target = truth.chaser_from_frame(t), truth.frame_from_target(t)
+    own, other = np.array(truth.vehicle.chaser.port_position_m), np.array(truth.vehicle.target.port_position_m)
+    place = target.inv().apply(truth.motion(t)[:, :3] + chaser.inv().apply(own)) - other
+    body = truth.chaser_from_inertial(t).inv()
+    dcm: Matrix = (target[1].inv() * chaser[1].inv()).as_matrix()
+    rate = truth.target_rate(t[1:2])[0] - dcm @ ((body[0].inv() * body[2]).as_rotvec() / (2.0 * h))
+    return np.concatenate([place[1], (place[2] - place[0]) / (2.0 * h), np.zeros(3), rate]), dcm
+
+
+def checkpoint(run: VehicleRun, estimate: VehicleEstimate) -> Checkpoint:
+    """An estimate against truth."""
+    truth, t = run.truth, np.array([estimate.t_s])
+    error = -estimate.values
+    place = estimate.layout.by_name
+    motion = truth.motion(t)[0]
+    error[place["position"]] += motion[:3]
+    error[place["velocity"]] += motion[3:]
+    error[place["target_rate"]] += truth.target_rate(t)[0]
+    error[place["gyro_bias"]] += run.bias_at(estimate.t_s)
+    error[place["slow_acceleration"]] += truth.slow_acceleration_at(estimate.t_s)
+    for name, value in run.lasting.items():
+        error[place[name]] += value
+    target, chaser = truth.frame_from_target(t)[0].as_matrix(), truth.chaser_from_inertial(t)[0].as_matrix()
+    error[place["target_attitude"]] = rotation_vector_between(target, estimate.dcm_lvlh_from_target)
+    error[place["chaser_attitude"]] = rotation_vector_between(chaser.T, estimate.dcm_inertial_from_chaser)
+    port, (true, dcm) = estimate.port, true_port(run, estimate.t_s)
+    own = np.concatenate([port.position_m, port.velocity_m_s, np.zeros(3), port.rate_rad_s])
+    port_error = true - own
+    port_error[6:9] = attitude_error(port.dcm_target_from_chaser, dcm)
+    return Checkpoint(port_error, port.covariance, error, estimate.covariance)
+
+
+def fly(
+    run: VehicleRun,
+    ranges_m: Sequence[float] = RANGES_M,
+    without: Sequence[str] = (),
+    told: Told | None = None,
+    *,
+    believed: Vehicle | None = None,
+) -> list[Checkpoint]:
+    """A run through the filter, looked at where the planned port distance passes each range, without some sensors.
+
+    believed: the vehicle as the filter takes it; as the run has it if left out.
+    """
+    nav = VehicleNavigator(run.truth.vehicle if believed is None else believed)
+    nav.on_outcome = None if told is None else told.add
+    left = [float(t) for t in run.truth.times_of(ranges_m)]
+    found = []
+    for seen in sorted(run.observations, key=lambda observation: observation.t_s):
+        while left and seen.t_s >= left[0]:
+            found.append(checkpoint(run, nav.state(left.pop(0))))
+        if seen.sensor not in without:
+            nav.observe(seen.sensor, seen.t_s, seen.value)
+    return found + [checkpoint(run, nav.state(t)) for t in left]
+
+
+def honesty(points: Sequence[Checkpoint], places: dict[str, slice], names: str) -> tuple[float, int]:
+    """Mean NEES over its degrees of freedom, and these; of some blocks, or of the port's twelve ("port").
+
+    One point a run: what lasts is drawn once a run, so that only runs are independent.
+    """
+    if names == "port":
+        errors = np.stack([point.port_error for point in points])
+        covariances = np.stack([point.port_covariance for point in points])
+    else:
+        index = np.concatenate([np.arange(places[name].start, places[name].stop) for name in names.split()])
+        errors = np.stack([point.error[index] for point in points])
+        covariances = np.stack([point.covariance[np.ix_(index, index)] for point in points])
+    return float(np.mean(nees(errors, covariances))) / errors.shape[1], errors.size
+
+
+def port_figures(points: Sequence[Checkpoint]) -> tuple[Vector, Vector]:
+    """Rms error and rms reported 1-sigma of the port's twelve over runs, (12,) each."""
+    errors = np.stack([point.port_error for point in points])
+    variances = np.stack([np.diagonal(point.port_covariance) for point in points])
+    return np.sqrt(np.mean(errors**2, axis=0)), np.sqrt(np.mean(variances, axis=0))
+
+
+def groups_of(vehicle: Vehicle) -> dict[str, str]:
+    """`GROUPS`, and the alignment of each sensor."""
+    names = list(layout_of(vehicle).by_name)
+    return GROUPS | {f"{s} alignment": " ".join(n for n in names if n.startswith(f"{s}.")) for s in vehicle.sensor}
+
+
+PARTS = (
+    ("port along", slice(0, 1), "m"),
+    ("port across", slice(1, 3), "m"),
+    ("closing rate", slice(3, 4), "m/s"),
+    ("attitude", slice(6, 9), "deg"),
+    ("rate", slice(9, 12), "deg/s"),
+)
+"""Quantities at the port: name, which of the twelve, unit."""
+
+
+def _error_rows(points: Sequence[Checkpoint], method: str, range_m: float) -> list[ClaimRow]:
+    error, sigma = port_figures(points)
+    rows = []
+    for name, part, unit in PARTS:
+        for statistic, values in (("rms error an axis", error), ("rms reported 1-sigma", sigma)):
+            value = float(np.sqrt(np.mean(values[part] ** 2)))
+            rows.append(information(name, method, f"at {range_m:g} m", value, unit, statistic, range_m))
+    own = np.stack([point.error[CHASER_ATTITUDE] for point in points])
+    said = np.stack([np.diagonal(point.covariance)[CHASER_ATTITUDE] for point in points])
+    for statistic, squares in (("rms error an axis", own**2), ("rms reported 1-sigma", said)):
+        value = float(np.sqrt(np.mean(squares)))
+        rows.append(information("chaser attitude", method, f"at {range_m:g} m", value, "deg", statistic, range_m))
+    return rows
+
+
+def _honesty_rows(
+    points: Sequence[Checkpoint], vehicle: Vehicle, method: str, range_m: float, *, two_sided: bool
+) -> list[ClaimRow]:
+    rows, places = [], layout_of(vehicle).by_name
+    for name, blocks in groups_of(vehicle).items():
+        ratio, dof = honesty(points, places, blocks)
+        lower, upper = chi_square_interval(dof, HONEST)
+        met = ratio <= upper and (ratio >= lower or not two_sided)
+        text = f"NEES/n, {'in [' + format(lower, '.2f') + ', ' if two_sided else 'up to '}{upper:.2f}" + "]" * two_sided
+        rows.append(information(name, method, f"at {range_m:g} m", ratio, "ratio", text, range_m, met=met))
+    return rows
+
+
+def _told_lines(told: Told) -> list[str]:
+    total = sum(told.by_sensor.values(), np.zeros(3))
+    lines = []
+    for name, gains in told.by_sensor.items():
+        shares = 100.0 * gains / total
+        lines.append(
+            f"{name} told {shares[0]:.0f} % of what was learnt of position, {shares[1]:.0f} % of the target's attitude "
+            f"and {shares[2]:.0f} % of the chaser's"
+        )
+    return lines
+
+
+def _learnt_lines(points: Sequence[Checkpoint], vehicle: Vehicle) -> list[str]:
+    layout = layout_of(vehicle)
+    variance = np.mean([np.diagonal(point.covariance) for point in points], axis=0)
+    lines = []
+    for block in layout.blocks:
+        if "." in block.name and block.sigma > 0.0:
+            left = float(np.sqrt(np.mean(variance[block.place]))) / block.sigma
+            seen = "considered" if block.role == "considered" else f"{100.0 * left:.0f} % of its 1-sigma is left"
+            lines.append(f"{block.name}: {seen}")
+    return lines
+
+
+def measure(
+    vehicle: Vehicle,
+    published: Published,
+    *,
+    runs: int = 6,
+    seed: int = 7,
+    progress: Callable[[int], None] | None = None,
+    flight: Rendezvous | None = None,
+    short: Rendezvous = SHORT,
+) -> ClaimsReport:
+    """Fly a vehicle many times: errors and honesty by distance, beside the papers, and without each sensor in turn.
+
+    Parameters
+    ----------
+    vehicle, published
+        Vehicle, and what its sensors' papers claim.
+    runs : int
+        Approaches, each with everything drawn anew; the comparison without each sensor flies half as many.
+    seed : int
+        Of everything random.
+    progress : callable, optional
+        Called with 1 three times a run.
+    flight, short : Rendezvous
+        The approach, `Rendezvous()` if left out, and what is flown as believed and without each sensor.
+    """
+    told, done = Told(), progress or (lambda _count: None)
+    by_range: list[list[Checkpoint]] = [[] for _ in RANGES_M]
+    believed: list[Checkpoint] = []
+    without_one: dict[str, list[Checkpoint]] = {}
+    end = (short.final_m,)
+    lacks = {"all sensors": (), **{f"without {name}": (name,) for name in ("gyro", *vehicle.sensor)}}
+    for k in range(runs):
+        for points, point in zip(
+            by_range, fly(simulate_rendezvous(vehicle, flight, seed=seed + k), told=told), strict=True
+        ):
+            points.append(point)
+        done(1)
+        as_believed = replace(short, as_believed=True)
+        believed += fly(simulate_rendezvous(vehicle, as_believed, seed=seed + runs + k), end)
+        done(1)
+        if k < (runs + 1) // 2:
+            run = simulate_rendezvous(vehicle, short, seed=seed + 2 * runs + k)
+            for name, without in lacks.items():
+                without_one.setdefault(name, []).extend(fly(run, end, without))
+        done(1)
+    rows = []
+    for range_m, points in zip(RANGES_M, by_range, strict=True):
+        error, _ = port_figures(points)
+        for claim in published.claims:
+            if range_m == 6.5 and claim.quantity == "range":
+                rows.append(
+                    claim_row(claim, published, "fused", float(error[0]), range_m=range_m, statistic="rms error")
+                )
+        rows += _error_rows(points, "all sensors, from 30 m", range_m)
+    for range_m, points in zip(RANGES_M, by_range, strict=True):
+        rows += _honesty_rows(points, vehicle, "honesty, truth of its own", range_m, two_sided=False)
+    rows += _honesty_rows(believed, vehicle, "honesty, truth as believed", short.final_m, two_sided=True)
+    for name, points in without_one.items():
+        rows += _error_rows(points, f"{name}, from {short.start_m:g} m", short.final_m)
+    notes = (*_told_lines(told), *_learnt_lines(by_range[-1], vehicle))
+    return ClaimsReport(vehicle.name, runs, seed, tuple(rows), notes)

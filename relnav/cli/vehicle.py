@@ -1,0 +1,124 @@
+"""`relnav simulate` and `relnav filter` for a vehicle: a log of all its sensors, and the port's track."""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from relnav.cli.printing import say
+from relnav.errors import UsageError
+
+if TYPE_CHECKING:
+    from relnav.spacecraft import Vehicle
+    from relnav.vehicle.navigator import VehicleEstimate
+
+OPTIONS = ("model", "out", "truth", "seed", "final_range_m", "quiet", "log", "json_path")
+
+
+def simulate_vehicle(
+    vehicle: "Vehicle", out: Path, truth: Path | None, seed: int, final_range_m: float | None, *, quiet: bool
+) -> None:
+    """Fly a rendezvous from the file's hand-over and write what its sensors see."""
+    from relnav.files.atomic import Outputs
+    from relnav.files.vehicle_log import check_log_format, write_port_truth, write_vehicle_log
+    from relnav.simulation.rendezvous import Rendezvous
+    from relnav.simulation.vehicle_sensors import simulate_rendezvous
+
+    check_log_format(out)
+    start = vehicle.hand_over.port_distance_m[0]
+    final = Rendezvous.final_m if final_range_m is None else final_range_m
+    try:
+        run = simulate_rendezvous(vehicle, Rendezvous(start_m=start, final_m=final), seed=seed)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    metadata = {"model": vehicle.name, "seed": str(seed)}
+    with Outputs() as outputs:
+        write_vehicle_log(run, outputs.path(out, ".csv"), metadata)
+        if truth is not None:
+            write_port_truth(run, outputs.path(truth, ".csv"), metadata)
+    if not quiet:
+        log = f"log: {out} ({len(run.observations)} observations, model {vehicle.name}, seed {seed})"
+        say([log, *([f"truth: {truth}"] if truth is not None else [])], out, truth)
+
+
+def filter_vehicle(log: Path, vehicle: "Vehicle", out: Path | None, json_path: Path | None, *, quiet: bool) -> int:
+    """Filter LOG, write what was asked for, print a summary."""
+    from relnav.files.atomic import Outputs
+    from relnav.files.tables import write_json
+    from relnav.files.vehicle_log import filter_rows, read_vehicle_log, write_port_track
+
+    last: list[VehicleEstimate] = []
+
+    def passing(estimates: "Iterable[VehicleEstimate]") -> "Iterator[VehicleEstimate]":
+        for estimate in estimates:
+            last[:] = [estimate]
+            yield estimate
+
+    rows = read_vehicle_log(log, vehicle)
+    parts = passing(filter_rows(rows, vehicle))
+    with Outputs() as outputs:
+        if out is not None:
+            write_port_track(parts, outputs.path(out, ".csv"), {"model": vehicle.name, "log": log.name})
+        for _ in parts:
+            pass
+        figures = _figures(last[0], vehicle, len(rows))
+        if json_path is not None:
+            write_json(figures, outputs.path(json_path))
+    if not quiet:
+        say([*_lines(figures, log.name), *([f"track: {out}"] if out is not None else [])], out, json_path)
+    return 0
+
+
+def refuse_others() -> None:
+    """Refuse options that a vehicle has no use for.
+
+    Raises
+    ------
+    UsageError
+        Naming the first.
+    """
+    context = click.get_current_context()
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        given = context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
+        if given and name not in OPTIONS:
+            raise UsageError(f"{parameter.opts[0]} is not for a vehicle: its file and log say what there is to say")
+
+
+def _figures(last: "VehicleEstimate", vehicle: "Vehicle", observations: int) -> dict[str, Any]:
+    import numpy as np
+
+    sigma = last.port.sigma
+    return {
+        "model": vehicle.name,
+        "observations": observations,
+        "t_s": last.t_s,
+        "port_m": last.port.position_m.tolist(),
+        "sigma_port_m": sigma[:3].tolist(),
+        "sigma_port_velocity_m_s": sigma[3:6].tolist(),
+        "sigma_turn_deg": np.degrees(sigma[6:9]).tolist(),
+        "sigma_rate_deg_s": np.degrees(sigma[9:]).tolist(),
+        "sensors": {
+            name: {"last_used_s": health.last_used_s, "refused": health.refused, "nis_per_dof": health.nis_ratio}
+            for name, health in last.sensors.items()
+        },
+    }
+
+
+def _lines(figures: dict[str, Any], name: str) -> list[str]:
+    def triple(key: str, factor: float = 1.0, digits: str = ".4g") -> str:
+        return ", ".join(format(factor * value, digits) for value in figures[key])
+
+    lines = [
+        f"{name}: {figures['observations']} observations, model {figures['model']}",
+        f"port from port at {figures['t_s']:.2f} s, target axes: {triple('port_m', digits='.3f')} m",
+        f"  1-sigma {triple('sigma_port_m', 1e3)} mm, {triple('sigma_port_velocity_m_s', 1e3)} mm/s, attitude "
+        f"{triple('sigma_turn_deg')} deg, rate {triple('sigma_rate_deg_s')} deg/s",
+    ]
+    for sensor, health in figures["sensors"].items():
+        if health["last_used_s"] != health["last_used_s"]:
+            lines.append(f"{sensor}: never used")
+        else:
+            lines.append(f"{sensor}: last used at {health['last_used_s']:.2f} s, NIS/n {health['nis_per_dof']:.2f}")
+    return lines

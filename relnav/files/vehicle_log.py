@@ -1,0 +1,193 @@
+"""A vehicle's log, one row an observation, and what its filter makes of it, one row a second.
+
+Columns of a log (.csv): t_s, sensor, v0, v1, ... A row has as many values as its sensor gives, in SI or px as
+`VehicleNavigator.observe` takes them, and leaves the others empty; of lights an empty pair is a spot not seen. A sun
+direction is followed by xx, xy, xz, yy, yz, zz of its covariance. Rows may stand in any order.
+"""
+
+import csv
+import math
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from relnav.accuracy.rendezvous import true_port
+from relnav.arrays import Vector
+from relnav.errors import LogError, UsageError
+from relnav.files.atomic import is_stream, replacing
+from relnav.files.tables import Table, relnav_version, write_table
+from relnav.files.text_table import MOST_ROWS, TextTable
+from relnav.files.wording import printable, shown
+from relnav.sensors.sun_direction import SunDirection, direction_with_covariance
+from relnav.simulation.vehicle_sensors import Value, VehicleRun
+from relnav.spacecraft import POINTS, RESERVED, STAR, Vehicle
+from relnav.vehicle.navigator import LONGEST_PREDICTION_S, VehicleEstimate, VehicleNavigator
+
+_UPPER_3, _UPPER_12 = np.triu_indices(3), np.triu_indices(12)
+_NAMES = ("x", "y", "z", "vx", "vy", "vz", *(f"{kind}_{axis}" for kind in ("turn", "rate") for axis in "xyz"))
+_UNITS = ("m",) * 3 + ("m_s",) * 3 + ("deg",) * 3 + ("deg_s",) * 3
+_ATTITUDE = tuple(f"q_target_from_chaser_{axis}" for axis in "xyzw")
+_PORT = tuple(f"{_NAMES[k]}_{_UNITS[k]}" for k in (0, 1, 2, 3, 4, 5, 9, 10, 11))
+TRUTH_COLUMNS = ("t_s", *_PORT, *_ATTITUDE)
+TRACK_COLUMNS = (
+    *TRUTH_COLUMNS,
+    *(f"sigma_{name}_{unit}" for name, unit in zip(_NAMES, _UNITS, strict=True)),
+    "gyro_lost",
+    *(f"cov_{_NAMES[i]}_{_NAMES[j]}" for i, j in zip(*_UPPER_12, strict=True)),
+)
+"""Port from port, target axes; the covariance in SI (m, m/s, rad, rad/s), turn as in `PortState`."""
+_DEGREES = np.array([1.0] * 6 + [180.0 / math.pi] * 6)
+
+Row = tuple[str, float, Value]
+"""Sensor, time, value."""
+
+
+def widths(vehicle: Vehicle) -> dict[str, int]:
+    """How many values a row of each sensor has."""
+    count = dict.fromkeys(RESERVED, 3)
+    for name in vehicle.sensor:
+        kind = vehicle.kind(name)
+        count[name] = 2 * len(vehicle.points_m(name)) if kind == POINTS else 4 if kind == STAR else 9
+    return count
+
+
+def check_log_format(path: Path) -> None:
+    """Refuse a log of another kind than .csv: a vehicle's log names its sensors in words.
+
+    Raises
+    ------
+    UsageError
+        Naming the ending that can be written.
+    """
+    if path.suffix.lower() != ".csv" and not (path.suffix == "" and is_stream(path)):
+        raise UsageError(f"{path}: a vehicle's log ends in .csv; got '{path.suffix}'")
+
+
+def write_vehicle_log(run: VehicleRun, path: Path, metadata: dict[str, str]) -> None:
+    """Write the observations of a simulated run (.csv), in the order in which they arrive."""
+    check_log_format(path)
+    width = max(widths(run.truth.vehicle).values())
+    with replacing(path, ".csv") as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        head = {"relnav": relnav_version()} | metadata
+        file.writelines(f"# {printable(key)} = {printable(value)}\n" for key, value in head.items())
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(("t_s", "sensor", *(f"v{k}" for k in range(width))))
+        for seen in run.observations:
+            numbers = _numbers(seen.value)
+            cells = ["" if math.isnan(value) else repr(value) for value in numbers]
+            writer.writerow((repr(seen.t_s), seen.sensor, *cells, *[""] * (width - len(cells))))
+
+
+def _numbers(value: Value) -> list[float]:
+    if isinstance(value, SunDirection):
+        return [*value.direction.tolist(), *value.covariance[_UPPER_3].tolist()]
+    flat: list[float] = value.ravel().tolist()
+    return flat
+
+
+def read_vehicle_log(path: Path, vehicle: Vehicle) -> list[Row]:
+    """The observations of a log (.csv), by time.
+
+    Raises
+    ------
+    LogError
+        For what is no such log; the message names the line.
+    """
+    table, counts = TextTable(path), widths(vehicle)
+    if table.names[:2] != ["t_s", "sensor"] or table.names[2:] != [f"v{k}" for k in range(len(table.names) - 2)]:
+        raise LogError(
+            f"{path}:{table.line}: a vehicle's log has columns t_s, sensor, v0, v1, ...; got "
+            f"{shown(', '.join(table.names), 120)}"
+        )
+    rows: list[Row] = []
+    for line, text in table.rows():
+        cells = table.cells(line, text)
+        name, t_s = cells[1].strip(), table.number(cells[0], line, "t_s")
+        if name not in counts:
+            known = ", ".join(counts)
+            raise LogError(f"{path}:{line}: no sensor '{shown(name, 80)}' in model {vehicle.name}; there are {known}")
+        if not math.isfinite(t_s):
+            raise LogError(f"{path}:{line}: column 't_s': a time is expected; got {shown(repr(cells[0]), 80)}")
+        values = [table.number(cell, line, f"v{k}") for k, cell in enumerate(cells[2:])]
+        count = counts[name]
+        if len(values) < count or not all(math.isnan(value) for value in values[count:]):
+            raise LogError(f"{path}:{line}: {name} has {count} values, v0 to v{count - 1}; the other cells stay empty")
+        rows.append((name, t_s, _value(np.array(values[:count]), name, vehicle, f"{path}:{line}")))
+        if len(rows) > MOST_ROWS:
+            raise LogError(f"{path}: more than {MOST_ROWS} rows; split the log in time")
+    if not rows:
+        raise LogError(f"{path}: no row after the header; one an observation is expected")
+    return sorted(rows, key=lambda row: row[1])
+
+
+def _value(values: Vector, name: str, vehicle: Vehicle, where: str) -> Value:
+    kind = None if name in RESERVED else vehicle.kind(name)
+    if kind == POINTS:
+        return values.reshape(-1, 2)
+    if not np.isfinite(values).all():
+        raise LogError(f"{where}: {name} has {len(values)} values; one is empty: leave the row out if nothing was seen")
+    if kind is None or kind == STAR:
+        return values
+    covariance = np.empty((3, 3))
+    covariance[_UPPER_3] = covariance.T[_UPPER_3] = values[3:]
+    if abs(np.linalg.norm(values[:3]) - 1.0) > 1e-6:
+        raise LogError(f"{where}: {name}: v0 to v2 are a unit vector; got {values[:3].tolist()}")
+    return direction_with_covariance(values[:3].copy(), covariance)
+
+
+def filter_rows(rows: Iterable[Row], vehicle: Vehicle, every_s: float = 1.0) -> Iterator[VehicleEstimate]:
+    """The estimate every so many seconds, and at the end, from observations in the order of time.
+
+    Raises
+    ------
+    LogError
+        For an observation that the filter cannot take.
+    """
+    nav: VehicleNavigator | None = None
+    due = 0.0
+    for name, t_s, value in rows:
+        if nav is None:
+            nav, due = VehicleNavigator(vehicle, t_s=t_s), t_s + every_s
+        while due <= t_s:
+            if due <= nav.newest_s + LONGEST_PREDICTION_S:
+                yield nav.state(due)
+            due += every_s
+        try:
+            nav.observe(name, t_s, value)
+        except ValueError as error:
+            raise LogError(f"at {t_s!r} s: {error}") from error
+    if nav is not None:
+        yield nav.state()
+
+
+def write_port_track(estimates: Iterable[VehicleEstimate], path: Path, metadata: dict[str, str]) -> None:
+    """Write estimates (.csv or .parquet), one row each, in `TRACK_COLUMNS`."""
+
+    def parts() -> Iterator[Table]:
+        for one in estimates:
+            port = one.port
+            attitude = Rotation.from_matrix(port.dcm_target_from_chaser).as_quat(canonical=True)
+            row = [one.t_s, *port.position_m, *port.velocity_m_s, *np.degrees(port.rate_rad_s), *attitude]
+            row += [*(_DEGREES * port.sigma), float(one.gyro_lost), *port.covariance[_UPPER_12]]
+            yield [np.array([value]) for value in row]
+
+    write_table(path, TRACK_COLUMNS, parts(), _head(metadata), (TRACK_COLUMNS.index("gyro_lost"),))
+
+
+def write_port_truth(run: VehicleRun, path: Path, metadata: dict[str, str]) -> None:
+    """Write the true port from port (.csv or .parquet) every second, in `TRUTH_COLUMNS`."""
+
+    def parts() -> Iterator[Table]:
+        for t in range(1, math.floor(run.truth.end_s)):
+            port, dcm = true_port(run, float(t))
+            attitude = Rotation.from_matrix(dcm).as_quat(canonical=True)
+            row = [float(t), *port[:6], *np.degrees(port[9:]), *attitude]
+            yield [np.array([value]) for value in row]
+
+    write_table(path, TRUTH_COLUMNS, parts(), _head(metadata), ())
+
+
+def _head(metadata: dict[str, str]) -> dict[str, str]:
+    return {"relnav": relnav_version(), "frame": "target axes: the chaser's port from the target's"} | metadata

@@ -1,0 +1,28 @@
+"""The sensors of a vehicle file: each names a model, which is loaded from the shipped ones or beside the file."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from relnav.errors import ModelError, UnknownModelError
+from relnav.files.toml_values import Problems
+
+
+def sensor_models(values: Mapping[str, Any], path: Path, problems: Problems) -> dict[str, Any]:
+    """Models of the sensors of a vehicle, by the sensors' names, as its field `models`."""
+    from relnav.files.models import list_models, load_model  # which asks for this file
+
+    found: dict[str, Any] = {}
+    for name, mounted in values.get("sensor", {}).items():
+        key, beside = f"sensor.{name}.model", path.parent / mounted.model
+        try:
+            found[name] = load_model(mounted.model if mounted.model in list_models() else beside)
+        except UnknownModelError:
+            problems.add(
+                key,
+                f"no model '{mounted.model}', neither shipped ({', '.join(list_models())}) nor a file or folder beside "
+                "this one",
+            )
+        except ModelError as error:
+            problems.add(key, f"its model cannot be used: {error}")
+    return {"models": found}

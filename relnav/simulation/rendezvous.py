@@ -1,0 +1,275 @@
+"""The truth of a rendezvous: two orbits, two bodies that turn, thrusters that are off for a whole run.
+
+Nothing here is the filter's: both orbits are integrated in inertial space (two-body, J2, drag), the target is a rigid
+body under its own control, and the chaser's attitude is a smooth function of time. Only the frame in which relative
+motion is told, `lvlh_ccsds` of the orbit that the vehicle file states, is the same; the true orbit is another.
+
+With `as_believed` truth is as the filter believes it to be: the stated orbit, and white and slow accelerations and
+torques of the stated sizes.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+from scipy.spatial.transform import Rotation, Slerp
+
+from relnav.arrays import Matrix, Stack, Vector
+from relnav.simulation.orbits import J2_EARTH, MU_EARTH_M3_S2, lvlh_axes, runge_kutta_step
+from relnav.simulation.target_rotation import true_anomaly_rad
+from relnav.spacecraft import InertialOrbit, Vehicle
+
+STEP_S = 0.1
+GUIDANCE_PERIOD_S = 1.0
+BANDWIDTH_RAD_S = 0.06
+"""Of the guidance, critically damped."""
+CONTROL_RAD_S, CONTROL_DAMPING = 0.01, 0.9
+"""Of the target's attitude."""
+SWAY_RAD, SWAY_PERIODS_S = math.radians(0.08), (60.0, 170.0)
+"""Of the chaser's attitude about the held one, each axis and period; what is off at the start fades in SETTLING_S."""
+SETTLING_S = 40.0
+
+
+@dataclass(frozen=True)
+class Rendezvous:
+    """An approach along the axis of the target's port, whatever way it points.
+
+    Attributes
+    ----------
+    start_m, final_m : float
+        Port from port.
+    fast_m_s, slow_m_s, slow_from_m : float
+        Closing rate, and that from where the approach is slow.
+    eccentricity : float
+        By which the true orbit departs from the stated one, anomaly drawn.
+    air_density_kg_m3, drag_m2_kg, drag_difference_m2_kg : float
+        Cd A / m of the target, and by how much the chaser's is more.
+    as_believed : bool
+        Truth as the filter believes it to be.
+    """
+
+    start_m: float = 30.0
+    final_m: float = 1.0
+    fast_m_s: float = 0.1
+    slow_m_s: float = 0.03
+    slow_from_m: float = 5.0
+    eccentricity: float = 1e-3
+    air_density_kg_m3: float = 1e-12
+    drag_m2_kg: float = 0.01
+    drag_difference_m2_kg: float = 0.01
+    as_believed: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.final_m < self.start_m:
+            raise ValueError(f"0 < final_m < start_m is expected; got {self.final_m!r}, {self.start_m!r}")
+        if not (self.fast_m_s > 0.0 and self.slow_m_s > 0.0):
+            raise ValueError(f"closing rates are positive; got {self.fast_m_s!r}, {self.slow_m_s!r}")
+
+    def profile(self) -> Matrix:
+        """Port distance and its rate, (m, 2), every STEP_S from start to end; the rate changes over metres."""
+        rows, reach = [], self.start_m
+        while reach > self.final_m:
+            brake = (reach - self.slow_from_m) * BANDWIDTH_RAD_S + self.slow_m_s
+            speed = min(max(brake, self.slow_m_s), self.fast_m_s)
+            rows.append([reach, -speed])
+            reach -= speed * STEP_S
+        return np.array([*rows, [reach, -self.slow_m_s]])
+
+
+class Truth:
+    """What truly happened, at any time of the run.
+
+    Attributes
+    ----------
+    vehicle : Vehicle
+        As its file states it.
+    end_s : float
+    lasting : dict
+        Errors that last, by the names of the filter's blocks without those of sensors: "thrust.scale",
+        "thrust.direction".
+    commands : list of (t_s, (3,))
+        Commanded accelerations, chaser axes, each until the next.
+    slow_acceleration : (m, 3)
+        At each step; zero unless as believed.
+    """
+
+    def __init__(self, vehicle: Vehicle, flight: Rendezvous, rng: np.random.Generator) -> None:
+        self.vehicle, self._flight, self._rng = vehicle, flight, rng
+        start, thrust = vehicle.hand_over, vehicle.thrust
+        self.lasting = {
+            "thrust.scale": rng.normal(size=1) * thrust.scale_sigma,
+            "thrust.direction": rng.normal(size=3) * thrust.direction_sigma_rad,
+        }
+        self._first_turn = rng.normal(size=3) * start.chaser_attitude_sigma_rad
+        self._phases = rng.uniform(0.0, 2.0 * math.pi, (len(SWAY_PERIODS_S), 3))
+        self.commands: list[tuple[float, Vector]] = []
+        self._fly(flight.profile())
+
+    def dcm_frame_from_inertial(self, t_s: Vector) -> Stack:
+        """`lvlh_ccsds` of the stated orbit, (k, 3, 3)."""
+        return stated_frames(self.vehicle.orbit, np.atleast_1d(t_s))
+
+    def chaser_from_frame(self, t_s: Vector) -> Rotation:
+        """The chaser's attitude against that frame, at times (k,)."""
+        t = np.atleast_1d(t_s)[:, None]
+        turn = self._first_turn * np.exp(-t / SETTLING_S)
+        for period, phase in zip(SWAY_PERIODS_S, self._phases, strict=True):
+            grown = SWAY_RAD * np.exp(-SETTLING_S / np.maximum(t, 1e-9))
+            turn = turn + grown * np.sin(2.0 * math.pi * t / period + phase)
+        return Rotation.from_rotvec(-turn) * Rotation.from_matrix(self.vehicle.chaser.dcm_chaser_from_lvlh)
+
+    def chaser_from_inertial(self, t_s: Vector) -> Rotation:
+        """Its inertial attitude, at times (k,)."""
+        return self.chaser_from_frame(t_s) * Rotation.from_matrix(self.dcm_frame_from_inertial(t_s))
+
+    def motion(self, t_s: Vector) -> Matrix:
+        """Centre of mass from centre of mass and its rate in that frame, (k, 6)."""
+        t = np.atleast_1d(t_s)
+        return np.concatenate([self._position(t), self._position(t, 1)], axis=1)
+
+    def frame_from_target(self, t_s: Vector) -> Rotation:
+        """The target's attitude against that frame, at times (k,)."""
+        t = np.atleast_1d(t_s)
+        return Rotation.from_matrix(self.dcm_frame_from_inertial(t)) * self._target(t)
+
+    def target_rate(self, t_s: Vector) -> Matrix:
+        """Inertial rate of the target, its axes, (k, 3) rad/s."""
+        t = np.atleast_1d(t_s)
+        return np.stack([np.interp(t, self._times, self._rates[:, i]) for i in range(3)], axis=1)
+
+    def slow_acceleration_at(self, t_s: float) -> Vector:
+        """The slow acceleration, (3,) m/s^2; zero unless as believed."""
+        return np.array([np.interp(t_s, self._times, self.slow_acceleration[:, i]) for i in range(3)])
+
+    def times_of(self, ranges_m: Sequence[float]) -> Vector:
+        """When the planned port distance passes each of these, (k,) s; a step within the ends for what is beyond."""
+        times = [np.interp(-reach, -self._profile[:, 0], self._times) for reach in ranges_m]
+        return np.clip(np.array(times, dtype=np.float64), STEP_S, self.end_s - STEP_S)
+
+    def _fly(self, profile: Matrix) -> None:
+        self._profile = profile
+        vehicle, flight, rng = self.vehicle, self._flight, self._rng
+        count = len(profile)
+        self._times: Vector = np.arange(count, dtype=np.float64) * STEP_S
+        self.end_s = float(self._times[-1])
+        frames = self.dcm_frame_from_inertial(self._times)
+        bodies = self.chaser_from_frame(self._times).as_matrix()
+        r, v, w0 = stated_state(vehicle.orbit, 0.0)
+        y = np.zeros((4, 3))
+        y[0], y[1] = r, v
+        if not flight.as_believed:
+            phase = rng.uniform(0.0, 2.0 * math.pi)
+            size = flight.eccentricity * np.linalg.norm(v)
+            y[1] += size * (np.sin(phase) * r / np.linalg.norm(r) + 0.5 * np.cos(phase) * v / np.linalg.norm(v))
+        begin = vehicle.hand_over
+        place = vehicle.start_position_m + rng.normal(size=3) * begin.position_sigma_m
+        speed = np.array(begin.velocity_m_s) + rng.normal(size=3) * begin.velocity_sigma_m_s
+        y[2] = y[0] + frames[0].T @ place
+        y[3] = y[1] + frames[0].T @ (speed + np.cross(w0, place))
+        air = 0.0 if flight.as_believed else flight.air_density_kg_m3
+        ballistic = flight.drag_m2_kg, flight.drag_m2_kg + flight.drag_difference_m2_kg
+        environment = np.array([MU_EARTH_M3_S2, 0.0 if flight.as_believed else J2_EARTH, air, *ballistic])
+        self.slow_acceleration = self._slow(count)
+        turn = rng.normal(size=3) * begin.target_attitude_sigma_rad
+        rate = vehicle.start_rate_rad_s + rng.normal(size=3) * begin.target_rate_sigma_rad_s
+        q = Rotation.from_matrix(frames[0].T @ vehicle.target.dcm_target_from_lvlh.T) * Rotation.from_rotvec(turn)
+        track, attitudes, self._rates = np.empty((count, 6)), [], np.empty((count, 3))
+        white = math.sqrt(vehicle.motion.acceleration_noise_density_m2_s3 / STEP_S) * flight.as_believed
+        axes, work, held = np.empty((3, 3)), np.empty((23, 3)), np.zeros(3)
+        for k in range(count):
+            frame_rate = (
+                w0 if vehicle.orbit.eccentricity == 0.0 else stated_state(vehicle.orbit, float(self._times[k]))[2]
+            )
+            track[k, :3] = frames[k] @ (y[2] - y[0])
+            track[k, 3:] = frames[k] @ (y[3] - y[1]) - np.cross(frame_rate, track[k, :3])
+            attitudes.append(q)
+            self._rates[k] = rate
+            if k % round(GUIDANCE_PERIOD_S / STEP_S) == 0:
+                held = self._command(
+                    track[k], profile[k], bodies[k], frames[k] @ q.as_matrix(), rate, float(frame_rate[1])
+                )
+                self.commands.append((float(self._times[k]), held))
+            executed = (1.0 + self.lasting["thrust.scale"]) * (held + np.cross(self.lasting["thrust.direction"], held))
+            lvlh_axes(y[0], y[1], axes)
+            inertial = frames[k].T @ (bodies[k].T @ executed + self.slow_acceleration[k] + white * rng.normal(size=3))
+            runge_kutta_step(y, axes @ inertial, environment, STEP_S, work)
+            q, rate = self._turn_target(q, rate, y[0], frames[k])
+        self._position = CubicHermiteSpline(self._times, track[:, :3], track[:, 3:])
+        self._target = Slerp(self._times, Rotation.concatenate(attitudes))
+
+    def _slow(self, count: int) -> Matrix:
+        """The slow acceleration as the filter believes in it, (m, 3); zero otherwise."""
+        motion, out = self.vehicle.motion, np.zeros((count, 3))
+        if self._flight.as_believed:
+            fade = math.exp(-STEP_S / motion.slow_acceleration_time_s)
+            sigma = motion.slow_acceleration_sigma_m_s2
+            out[0] = sigma * self._rng.normal(size=3)
+            for k in range(1, count):
+                out[k] = fade * out[k - 1] + sigma * math.sqrt(1.0 - fade**2) * self._rng.normal(size=3)
+        return out
+
+    def _command(
+        self, x: Vector, profile: Vector, dcm_chaser: Matrix, dcm_target: Matrix, rate: Vector, frame_rate: float
+    ) -> Vector:
+        """Acceleration, chaser axes, that brings the chaser's port onto the axis of the target's."""
+        reach = np.array(self.vehicle.target.port_position_m) + np.array([profile[0], 0.0, 0.0])
+        goal = dcm_target @ reach - dcm_chaser.T @ np.array(self.vehicle.chaser.port_position_m)
+        turning = dcm_target @ rate - [0.0, frame_rate, 0.0]
+        speed = dcm_target @ [profile[1], 0.0, 0.0] + np.cross(turning, dcm_target @ reach)
+        order = BANDWIDTH_RAD_S * (BANDWIDTH_RAD_S * (goal - x[:3]) + 2.0 * (speed - x[3:]))
+        n = -frame_rate
+        order = order - [2.0 * n * x[5], -n * n * x[1], 3.0 * n * n * x[2] - 2.0 * n * x[3]]
+        command: Vector = dcm_chaser @ np.clip(order, -0.02, 0.02)
+        return command
+
+    def _turn_target(self, q: Rotation, rate: Vector, r: Vector, frame: Matrix) -> tuple[Rotation, Vector]:
+        """Inertial attitude and rate of the target after a step: Euler's equations at its middle."""
+        vehicle = self.vehicle
+        J, n = np.array(vehicle.target.inertia_kg_m2), vehicle.orbit.mean_motion_rad_s
+        held = Rotation.from_matrix(frame.T @ vehicle.target.dcm_target_from_lvlh.T)
+        if self._flight.as_believed:
+            density = vehicle.target.rate_noise_density_rad2_s3
+            push = math.sqrt(density / STEP_S) * self._rng.normal(size=3)
+        else:
+            off, fast = (held.inv() * q).as_rotvec(), rate - vehicle.start_rate_rad_s
+            push = -CONTROL_RAD_S * (CONTROL_RAD_S * off + 2.0 * CONTROL_DAMPING * fast)
+
+        def acceleration(q: Rotation, w: Vector) -> Vector:
+            o = q.inv().apply(-r / np.linalg.norm(r))
+            torque = 3.0 * n * n * np.cross(o, J @ o) - np.cross(w, J @ w)
+            out: Vector = np.linalg.solve(J, torque) + push
+            return out
+
+        first = acceleration(q, rate)
+        middle = acceleration(q * Rotation.from_rotvec(0.5 * STEP_S * rate), rate + 0.5 * STEP_S * first)
+        return q * Rotation.from_rotvec(STEP_S * (rate + 0.5 * STEP_S * first)), rate + STEP_S * middle
+
+
+def _anomaly(orbit: InertialOrbit, t_s: Vector) -> Vector:
+    """True anomaly on the stated orbit at times (k,), rad."""
+    if orbit.eccentricity == 0.0:
+        return orbit.true_anomaly_rad + orbit.mean_motion_rad_s * t_s
+    return np.array([true_anomaly_rad(float(t), orbit) for t in t_s])
+
+
+def stated_frames(orbit: InertialOrbit, t_s: Vector) -> Stack:
+    """`lvlh_ccsds` of the stated orbit against inertial axes at times (k,): along, minus normal, down; (k, 3, 3)."""
+    theta = _anomaly(orbit, t_s)
+    angles = np.empty((len(theta), 3))
+    angles[:, 0], angles[:, 1] = orbit.ascending_node_rad, orbit.inclination_rad
+    angles[:, 2] = orbit.perigee_argument_rad + theta
+    axes = Rotation.from_euler("ZXZ", angles).as_matrix()
+    return np.stack([axes[:, :, 1], -axes[:, :, 2], -axes[:, :, 0]], axis=1)
+
+
+def stated_state(orbit: InertialOrbit, t_s: float) -> tuple[Vector, Vector, Vector]:
+    """Inertial position and velocity on the stated orbit, and the rate of its `lvlh_ccsds` in that frame's axes."""
+    n, e, at = orbit.mean_motion_rad_s, orbit.eccentricity, np.array([t_s])
+    theta = float(_anomaly(orbit, at)[0])
+    ((along, _, down),) = stated_frames(orbit, at)
+    p = (MU_EARTH_M3_S2 / n**2) ** (1.0 / 3.0) * (1.0 - e * e)
+    speed, distance = math.sqrt(MU_EARTH_M3_S2 / p), p / (1.0 + e * math.cos(theta))
+    v = speed * ((1.0 + e * math.cos(theta)) * along - e * math.sin(theta) * down)
+    return -distance * down, v, np.array([0.0, -math.sqrt(MU_EARTH_M3_S2 * p) / distance**2, 0.0])

@@ -1,0 +1,361 @@
+"""What flies: a chaser with its sensors, gyro and thrusters, and the target it docks with; the vehicle file in SI.
+
+Axes: `chaser` is what mountings are told from, `target` the docking axes (x out toward the chaser), both from their
+centre of mass. A sensor is named in the vehicle file and described by a model (`relnav models`); the vehicle file says
+where it sits, how often it looks, and how well it is aligned.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from functools import cached_property
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from annotated_types import Ge, Gt, Le, Lt
+
+from relnav.arrays import Matrix, Vector
+from relnav.dynamics.ephemeris import seconds_since_j2000
+from relnav.dynamics.rigid_body import RigidBody
+from relnav.geometry.rotation import dcm_from_quaternion
+from relnav.mission import IDENTITY, NonNegative, Orbit, Positive, Quaternion, Triple, VisionMission
+from relnav.mission import Model as BeaconMission
+from relnav.sensors.aps_sun.sensor import ApsSunModel
+from relnav.sensors.birefringent_sun.sensor import BirefringentSunModel
+from relnav.sensors.dual_field.sensor import StarSensor
+
+Role = Literal["estimated", "considered"]
+"""Of an error that lasts: learnt by the filter, or only counted in its covariance (Schmidt 1966)."""
+RESERVED = ("gyro", "thrust")
+"""Names under which samples of the gyro and commands to the thrusters are observed."""
+
+
+@dataclass(frozen=True)
+class InertialOrbit(Orbit):
+    """The target's orbit in inertial (ICRS) axes at zero of the log's clock: it defines the frame of the state.
+
+    Position and velocity are estimated in the `lvlh_ccsds` of this orbit. Off the true one by some milliradians it is
+    still an exactly known frame; what it does to the motion is part of the slow acceleration.
+
+    Attributes
+    ----------
+    inclination_rad, ascending_node_rad, perigee_argument_rad : float
+    epoch_utc : str
+        When the log's clock is zero, ISO 8601 with zone: "2026-03-20T12:00:00Z". The sun's direction needs it.
+    """
+
+    inclination_rad: float = 0.0
+    ascending_node_rad: float = 0.0
+    perigee_argument_rad: float = 0.0
+    epoch_utc: str = "2026-01-01T00:00:00Z"
+
+    def __post_init__(self) -> None:
+        try:
+            seconds_since_j2000(datetime.fromisoformat(self.epoch_utc))
+        except ValueError as error:
+            raise ValueError(
+                f'epoch_utc is a date with its zone, "2026-03-20T12:00:00Z"; got {self.epoch_utc!r}: {error}'
+            ) from None
+
+    @cached_property
+    def epoch_s(self) -> float:
+        """TT seconds since J2000.0 of the clock's zero."""
+        return seconds_since_j2000(datetime.fromisoformat(self.epoch_utc))
+
+
+@dataclass(frozen=True)
+class ChaserBody:
+    """The chaser.
+
+    Attributes
+    ----------
+    q_chaser_from_lvlh : (4,)
+        Attitude that it is meant to hold, v_chaser = R v_lvlh, scalar last.
+    port_position_m : (3,)
+        Its docking port from its centre of mass.
+    """
+
+    q_chaser_from_lvlh: Quaternion = IDENTITY
+    port_position_m: Triple = (0.0, 0.0, 0.0)
+
+    @cached_property
+    def dcm_chaser_from_lvlh(self) -> Matrix:
+        """The held attitude, (3, 3)."""
+        return dcm_from_quaternion(np.array(self.q_chaser_from_lvlh))
+
+
+@dataclass(frozen=True)
+class TargetBody:
+    """The target as a body that turns.
+
+    Attributes
+    ----------
+    inertia_kg_m2 : (3, 3)
+    rate_noise_density_rad2_s3 : float
+        Density of white angular acceleration, each axis: its control and all torques but the gravity gradient.
+    q_target_from_lvlh : (4,)
+        Attitude that it is meant to hold, v_target = R v_lvlh, scalar last.
+    port_position_m : (3,)
+        Its docking port from its centre of mass.
+    """
+
+    inertia_kg_m2: tuple[Triple, Triple, Triple]
+    rate_noise_density_rad2_s3: NonNegative
+    q_target_from_lvlh: Quaternion = IDENTITY
+    port_position_m: Triple = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        RigidBody(np.array(self.inertia_kg_m2), 0.0)
+
+    @cached_property
+    def dcm_target_from_lvlh(self) -> Matrix:
+        """The held attitude, (3, 3)."""
+        return dcm_from_quaternion(np.array(self.q_target_from_lvlh))
+
+
+@dataclass(frozen=True)
+class Gyro:
+    """Three rate-integrating gyros along the chaser's axes.
+
+    Attributes
+    ----------
+    rate_hz : float
+        Samples a second; a sample is the mean rate over the period that begins at its time.
+    random_walk_rad_sqrt_s : float
+        Angle random walk, each axis.
+    bias_sigma_rad_s : float
+        1-sigma of each axis' bias at the start.
+    bias_walk_rad_s_sqrt_s : float
+        What the bias gains in one second.
+    lost_after_periods : float
+        Without a sample for so many periods the gyro counts as lost: the last rate is held, and walks.
+    lost_rate_walk_rad_s_sqrt_s : float
+        How the chaser's rate then walks, each axis.
+    """
+
+    rate_hz: Positive
+    random_walk_rad_sqrt_s: Positive
+    bias_sigma_rad_s: Positive
+    bias_walk_rad_s_sqrt_s: NonNegative
+    lost_after_periods: Annotated[float, Ge(1.0)] = 2.5
+    lost_rate_walk_rad_s_sqrt_s: Positive = 1e-4
+
+
+@dataclass(frozen=True)
+class Thrust:
+    """What is known of the thrusters; a command is an acceleration in chaser axes that holds until the next.
+
+    Attributes
+    ----------
+    scale_sigma, direction_sigma_rad : float
+        1-sigma of the relative error of the size, and of the turn about each axis; both last.
+    role : {"estimated", "considered"}
+    """
+
+    scale_sigma: NonNegative
+    direction_sigma_rad: NonNegative
+    role: Role = "estimated"
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How far the real motion departs from that about the stated orbit, each axis.
+
+    Attributes
+    ----------
+    acceleration_noise_density_m2_s3 : float
+        Of white acceleration.
+    slow_acceleration_sigma_m_s2, slow_acceleration_time_s : float
+        Of a Gauss-Markov acceleration in `lvlh_ccsds`: differential drag, J2, the orbit that is not quite the stated.
+    """
+
+    acceleration_noise_density_m2_s3: NonNegative
+    slow_acceleration_sigma_m_s2: NonNegative
+    slow_acceleration_time_s: Positive
+
+
+@dataclass(frozen=True)
+class HandOver:
+    """What is known when the filter starts: 1-sigma about the values, each axis.
+
+    Attributes
+    ----------
+    port_distance_m : (3,)
+        The chaser's port from the target's, target axes at the held attitude.
+    velocity_m_s : (3,)
+        In `lvlh_ccsds`.
+    position_sigma_m, velocity_sigma_m_s : float
+    chaser_attitude_sigma_rad, target_attitude_sigma_rad : float
+        About the held attitudes.
+    target_rate_sigma_rad_s : float
+        About that of the held attitude.
+    """
+
+    port_distance_m: Triple
+    velocity_m_s: Triple
+    position_sigma_m: Positive
+    velocity_sigma_m_s: Positive
+    chaser_attitude_sigma_rad: Annotated[float, Gt(0.0), Le(0.2)]
+    target_attitude_sigma_rad: Annotated[float, Gt(0.0), Le(0.2)]
+    target_rate_sigma_rad_s: Positive
+
+
+@dataclass(frozen=True)
+class VehicleFilter:
+    """What the filter believes.
+
+    Attributes
+    ----------
+    gate_probability : float
+        With which a good spot or direction passes the gate.
+    replay_window_s : float
+        An observation may come this long after a later one, and is then inserted where it belongs.
+    """
+
+    gate_probability: Annotated[float, Gt(0.0), Lt(1.0)] = 0.9999
+    replay_window_s: Annotated[float, Ge(0.0), Le(60.0)] = 2.0
+
+
+@dataclass(frozen=True)
+class MountedSensor:
+    """A sensor on the chaser.
+
+    Attributes
+    ----------
+    model : str
+        Name of a shipped model, or a path from the vehicle file's folder.
+    rate_hz, first_s, delay_s : float
+        Images a second, time of the first, and how long after its exposure an image is there; of the last two a filter
+        asks nothing, a simulator does.
+    q_sensor_from_chaser : (4,)
+        v_sensor = R v_chaser, scalar last.
+    noise_rad : (3,)
+        Of a star sensor: 1-sigma of its attitude about its own axes.
+    mount_sigma_rad, mount_role
+        Of the turn of the sensor against the chaser, each axis.
+    position_m, lever_sigma_m, lever_role
+        Its lens from the centre of mass, chaser axes.
+    pattern_position_m, extra_points_m
+        Where the model's pattern of lights has its origin, target axes from the centre of mass; further lights of it.
+    points_sigma_m, points_role
+        Of each coordinate of each light.
+    focal_sigma, focal_role
+        Relative, of the focal length.
+    """
+
+    model: str
+    rate_hz: Positive
+    q_sensor_from_chaser: Quaternion = IDENTITY
+    first_s: NonNegative = 0.0
+    delay_s: NonNegative = 0.0
+    noise_rad: tuple[Positive, Positive, Positive] | None = None
+    mount_sigma_rad: NonNegative = 0.0
+    mount_role: Role = "considered"
+    position_m: Triple | None = None
+    lever_sigma_m: NonNegative = 0.0
+    lever_role: Role = "considered"
+    pattern_position_m: Triple | None = None
+    extra_points_m: tuple[Triple, ...] = ()
+    points_sigma_m: NonNegative = 0.0
+    points_role: Role = "estimated"
+    focal_sigma: NonNegative = 0.0
+    focal_role: Role = "estimated"
+
+    @cached_property
+    def dcm_sensor_from_chaser(self) -> Matrix:
+        """The nominal mounting, (3, 3)."""
+        return dcm_from_quaternion(np.array(self.q_sensor_from_chaser))
+
+
+POINTS, STAR, SUN = "points", "star", "sun"
+_KINDS = {
+    BeaconMission: POINTS,
+    VisionMission: POINTS,
+    StarSensor: STAR,
+    ApsSunModel: SUN,
+    BirefringentSunModel: SUN,
+}
+_OF_POINTS = (
+    "position_m", "lever_sigma_m", "pattern_position_m", "extra_points_m", "points_sigma_m", "focal_sigma"
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """A chaser that docks with a target.
+
+    `sensor` maps a name to how the sensor is mounted, in the order of the file; `models` the same name to what it is.
+    `provenance` and `path` as for every model.
+    """
+
+    name: str
+    title: str
+    orbit: InertialOrbit
+    chaser: ChaserBody
+    target: TargetBody
+    gyro: Gyro
+    thrust: Thrust
+    motion: Motion
+    hand_over: HandOver
+    filter: VehicleFilter
+    sensor: Mapping[str, MountedSensor]
+    models: Mapping[str, Any] = field(repr=False)
+    provenance: Mapping[str, str] = field(default_factory=dict, repr=False)
+    path: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.sensor:
+            raise ValueError("a vehicle has sensors: write one section [sensor.NAME] for each")
+        for name, mounted in self.sensor.items():
+            if name in RESERVED:
+                raise ValueError(f"sensor.{name}: this name is taken; call the sensor something else")
+            kind = self.kind(name)
+            given = [key for key in _OF_POINTS if getattr(mounted, key) not in (None, 0.0, ())]
+            if kind != POINTS and given:
+                raise ValueError(f"sensor.{name}.{given[0]}: model {mounted.model} sees no lights; leave it out")
+            if kind == POINTS and (mounted.position_m is None or mounted.pattern_position_m is None):
+                raise ValueError(
+                    f"sensor.{name}: model {mounted.model} sees lights; position_m (the lens, chaser axes) and "
+                    "pattern_position_m (their origin, target axes) are needed"
+                )
+            if (kind == STAR) != (mounted.noise_rad is not None):
+                need = "is needed" if kind == STAR else "is for star sensors; leave it out"
+                raise ValueError(f"sensor.{name}.noise_rad {need}, model {mounted.model}")
+
+    def kind(self, name: str) -> str:
+        """What a sensor gives: `POINTS`, `STAR` or `SUN`.
+
+        Raises
+        ------
+        ValueError
+            For a model that no vehicle carries.
+        """
+        found = _KINDS.get(type(self.models[name]))
+        if found is None:
+            raise ValueError(
+                f"sensor.{name}.model: a three_beacon, three_marker, dual_field, aps_sun or birefringent_sun model is "
+                f"expected; {self.sensor[name].model} is a {type(self.models[name]).__name__}"
+            )
+        return found
+
+    def points_m(self, name: str) -> Matrix:
+        """The lights that a sensor looks at, (n, 3) m, target axes from its centre of mass."""
+        model, mounted = self.models[name], self.sensor[name]
+        own = model.sensor.beacons_dock_m if isinstance(model, BeaconMission) else model.markers.points_m
+        points: Matrix = np.array(mounted.pattern_position_m) + np.vstack([own, *mounted.extra_points_m])
+        return points
+
+    @property
+    def start_position_m(self) -> Vector:
+        """The chaser's centre of mass from the target's at hand-over with both attitudes held, `lvlh_ccsds`, (3,)."""
+        target, chaser = self.target, self.chaser
+        port = np.array(target.port_position_m) + np.array(self.hand_over.port_distance_m)
+        position: Vector = target.dcm_target_from_lvlh.T @ port
+        position = position - chaser.dcm_chaser_from_lvlh.T @ np.array(chaser.port_position_m)
+        return position
+
+    @property
+    def start_rate_rad_s(self) -> Vector:
+        """Inertial rate of a target that is held in `lvlh_ccsds`, target axes, (3,)."""
+        rate: Vector = -self.orbit.mean_motion_rad_s * self.target.dcm_target_from_lvlh[:, 1]
+        return rate

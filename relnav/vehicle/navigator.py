@@ -1,0 +1,275 @@
+"""One navigator for a whole vehicle: observations in any order in, the state at the docking port out."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from relnav.arrays import Matrix, Vector, number, numbers
+from relnav.sensors.sun_direction import SunDirection
+from relnav.spacecraft import POINTS, STAR, Vehicle
+from relnav.vehicle.directions import StarTracker, SunSensor
+from relnav.vehicle.layout import Layout, layout_of
+from relnav.vehicle.motion import VehicleMotion
+from relnav.vehicle.points import PointSensor
+from relnav.vehicle.port import PortState, port_state
+from relnav.vehicle.state import OrbitFrame, VehicleState, start_state
+from relnav.vehicle.timeline import Event, Observed, Timeline
+from relnav.vehicle.update import Outcome, Updater
+
+LONGEST_PREDICTION_S = 60.0
+_NOTHING = np.zeros((0, 0))
+
+
+@dataclass(frozen=True)
+class SensorHealth:
+    """How a sensor fares.
+
+    Attributes
+    ----------
+    last_used_s : float
+        When something of it was believed last; NaN if never.
+    refused : int
+        Observations in a row of which nothing was.
+    nis_ratio : float
+        NIS over its degrees of freedom, before the gate, faded over some ten observations; NaN before the first. One in
+        the mean; where errors are considered, innovations hang together and it wanders, to three and more.
+    """
+
+    last_used_s: float = float("nan")
+    refused: int = 0
+    nis_ratio: float = float("nan")
+
+    def after(self, t_s: float, outcome: Outcome) -> "SensorHealth":
+        """The same after another observation."""
+        if outcome.groups == 0:
+            return self
+        now = outcome.nis / outcome.dof
+        mean = now if np.isnan(self.nis_ratio) else 0.9 * self.nis_ratio + 0.1 * now
+        if outcome.used == 0:
+            return SensorHealth(self.last_used_s, self.refused + 1, mean)
+        return SensorHealth(t_s, 0, mean)
+
+
+@dataclass(frozen=True)
+class VehicleEstimate:
+    """What the navigator knows at one time.
+
+    Attributes
+    ----------
+    t_s : float
+    port : PortState
+        Port from port, target axes, with joint covariance.
+    motion : (6,)
+        Centre of mass from centre of mass and its rate, `lvlh_ccsds` of the vehicle file's orbit.
+    dcm_lvlh_from_target, target_rate_rad_s : (3, 3), (3,)
+    dcm_inertial_from_chaser, chaser_rate_rad_s : (3, 3), (3,)
+    values, covariance : (n,), (n, n)
+        All additive values and all errors, by `layout`.
+    layout : Layout
+    sensors : mapping
+        How each fares, by name.
+    gyro_lost : bool
+    final_before_s : float
+        No observation is taken that is older: what the filter made of the time before stands.
+    """
+
+    t_s: float
+    port: PortState
+    motion: Vector
+    dcm_lvlh_from_target: Matrix
+    target_rate_rad_s: Vector
+    dcm_inertial_from_chaser: Matrix
+    chaser_rate_rad_s: Vector
+    values: Vector
+    covariance: Matrix
+    layout: Layout
+    sensors: Mapping[str, SensorHealth]
+    gyro_lost: bool
+    final_before_s: float
+
+
+@dataclass(frozen=True)
+class _Tracked:
+    """A state, and how each sensor has fared until then."""
+
+    state: VehicleState
+    health: Mapping[str, SensorHealth]
+
+
+class VehicleNavigator:
+    """Five sensors, a gyro and the thrusters of one vehicle in one filter.
+
+    Attributes
+    ----------
+    vehicle, layout
+        What flies, and the blocks of its errors.
+    on_outcome : callable or None
+        Called with every (event, outcome), again where it is done again: what each observation told.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        *,
+        t_s: float = 0.0,
+        position_m: ArrayLike | None = None,
+        velocity_m_s: ArrayLike | None = None,
+    ) -> None:
+        """Start the filter.
+
+        Parameters
+        ----------
+        vehicle : Vehicle
+            `relnav.load_model("rendezvous_demo")`, or your own file.
+        t_s : float
+            When: nothing before it is used.
+        position_m, velocity_m_s : (3,), optional
+            The chaser's centre of mass from the target's, `lvlh_ccsds` of the file's orbit; [hand_over] if left out.
+
+        Raises
+        ------
+        ValueError
+            For what is no vehicle, or arguments of another shape.
+        """
+        if not isinstance(vehicle, Vehicle):
+            raise ValueError(
+                f"a vehicle is expected, as relnav.load_model('rendezvous_demo') gives; got a {type(vehicle).__name__}"
+            )
+        place = _three("position_m", vehicle.start_position_m if position_m is None else position_m)
+        speed = _three("velocity_m_s", vehicle.hand_over.velocity_m_s if velocity_m_s is None else velocity_m_s)
+        self.vehicle, self.layout = vehicle, layout_of(vehicle)
+        self._frame = OrbitFrame(vehicle.orbit)
+        self._motion = VehicleMotion(vehicle, self._frame)
+        self._sensors = {name: self._sensor(name) for name in vehicle.sensor}
+        rows = max([3, *(2 * len(vehicle.points_m(n)) for n in vehicle.sensor if vehicle.kind(n) == POINTS)])
+        self._updater = Updater(self.layout, vehicle.filter.gate_probability, rows)
+        self._places = {name: k for k, name in enumerate(["gyro", "thrust", *vehicle.sensor])}
+        start = start_state(vehicle, self.layout, self._frame, number("t_s", t_s), place, speed)
+        health = dict.fromkeys(vehicle.sensor, SensorHealth())
+        self._timeline: Timeline[_Tracked, Outcome | None]
+        self._timeline = Timeline(_Tracked(start, health), start.t_s, vehicle.filter.replay_window_s, self._apply)
+        self.on_outcome: Callable[[Event, Outcome], None] | None = None
+
+    def observe(
+        self, sensor: str, t_s: float, value: ArrayLike | SunDirection, covariance: ArrayLike | None = None
+    ) -> Observed:
+        """Take an observation in, in any order within the replay window.
+
+        Parameters
+        ----------
+        sensor : str
+            A sensor's name in the vehicle file, "gyro" or "thrust".
+        t_s : float
+            When it was exposed; of a gyro sample or a command, from when on it holds.
+        value
+            Of lights, their spots (n, 2), m or px as the sensor's model has them, NaN = not seen. Of a star sensor, the
+            quaternion (4,) of v_sensor = R v_inertial, scalar last. Of a sun sensor, the SunDirection that its
+            `measure` returns. "gyro": the mean rate (3,) rad/s over the sample's period. "thrust": the commanded
+            acceleration (3,) m/s^2. Both in chaser axes.
+        covariance : optional
+            Of its noise: (n, 2, 2) of spots, (3, 3) rad^2 in sensor axes of a star sensor; the file's if left out.
+
+        Raises
+        ------
+        ValueError
+            For another name, shape or time.
+        """
+        if sensor not in self._places:
+            raise ValueError(f"no sensor '{sensor}' in {self.vehicle.name}; there are {', '.join(self._places)}")
+        if sensor in self._sensors:
+            taken, noise = self._sensors[sensor].taken(value, covariance)  # type: ignore[arg-type]  # each tells its own
+            if not np.isfinite(taken).any():
+                return Observed.REJECTED
+        else:
+            taken, noise = _three(sensor, value), _NOTHING  # type: ignore[arg-type]  # a SunDirection is told there
+        event = Event(number("t_s", t_s), self._places[sensor], sensor, taken.copy(), noise)
+        verdict, outcome = self._timeline.insert(event)
+        if outcome is not None and outcome.used == 0 and verdict is not Observed.TOO_OLD:
+            return Observed.REJECTED
+        return verdict
+
+    @property
+    def newest_s(self) -> float:
+        """Time of the last observation; of the start before the first."""
+        return self._timeline.newest_s
+
+    def state(self, t_s: float | None = None) -> VehicleEstimate:
+        """The estimate now (after the last observation), or at a time within the replay window or up to 60 s ahead.
+
+        Raises
+        ------
+        ValueError
+            For another time.
+        """
+        newest = self._timeline.newest_s
+        if t_s is None:
+            return self._estimate(self._timeline.newest, newest)
+        time = number("t_s", t_s)
+        return self.propagate(time) if time > newest else self._estimate(self._timeline.before(time), time)
+
+    def propagate(self, t_s: float) -> VehicleEstimate:
+        """What the estimate will be at t_s if nothing more is seen, at most 60 s ahead; the filter is left as it is.
+
+        Raises
+        ------
+        ValueError
+            For another time.
+        """
+        time, newest = number("t_s", t_s), self._timeline.newest_s
+        if not newest <= time <= newest + LONGEST_PREDICTION_S:
+            raise ValueError(
+                f"t_s lies between the last observation ({newest:g} s) and {LONGEST_PREDICTION_S:g} s after it; "
+                f"got {time!r}"
+            )
+        return self._estimate(self._timeline.newest, time)
+
+    def _sensor(self, name: str) -> PointSensor | StarTracker | SunSensor:
+        kind = self.vehicle.kind(name)
+        if kind == POINTS:
+            return PointSensor(self.vehicle, name, self.layout, self._frame)
+        return (StarTracker if kind == STAR else SunSensor)(self.vehicle, name, self.layout)
+
+    def _apply(self, tracked: _Tracked, event: Event) -> tuple[_Tracked, Outcome | None]:
+        """The state after an event; the outcome of one that the filter had to believe."""
+        state = self._motion.advance(tracked.state, event.t_s)
+        if event.source == "gyro":
+            return replace(tracked, state=self._motion.with_sample(state, event.value)), None
+        if event.source == "thrust":
+            return replace(tracked, state=self._motion.with_command(state, event.value)), None
+        sensor = self._sensors[event.source]
+        state, outcome = self._updater.take(
+            self._motion.settled(state), lambda at: sensor.rows(at, event.value, event.noise)
+        )
+        if self.on_outcome is not None:
+            self.on_outcome(event, outcome)
+        health = {**tracked.health, event.source: tracked.health[event.source].after(event.t_s, outcome)}
+        return _Tracked(state, health), outcome
+
+    def _estimate(self, tracked: _Tracked, t_s: float) -> VehicleEstimate:
+        state = self._motion.settled(self._motion.advance(tracked.state, t_s))
+        rate = self._motion.chaser_rate(state)
+        port, _ = port_state(self.vehicle, self._frame, state, rate)
+        return VehicleEstimate(
+            t_s=t_s,
+            port=port,
+            motion=state.values[:6].copy(),
+            dcm_lvlh_from_target=state.dcm_lvlh_from_target.copy(),
+            target_rate_rad_s=state.values[9:12].copy(),
+            dcm_inertial_from_chaser=state.dcm_inertial_from_chaser.copy(),
+            chaser_rate_rad_s=rate,
+            values=state.values.copy(),
+            covariance=state.covariance.copy(),
+            layout=self.layout,
+            sensors=dict(tracked.health),
+            gyro_lost=self._motion.is_lost(state),
+            final_before_s=self._timeline.newest_s - self.vehicle.filter.replay_window_s,
+        )
+
+
+def _three(name: str, value: ArrayLike) -> Vector:
+    array = numbers(name, value)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise ValueError(f"{name}: three finite numbers are expected; got {array.tolist()}")
+    return array

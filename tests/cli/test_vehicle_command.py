@@ -1,0 +1,90 @@
+"""A vehicle on the command line: its log, its track against truth, rows in any order, and what is refused."""
+
+import random
+import re
+
+import numpy as np
+import pytest
+
+from relnav.files.models import find_model
+
+HEADER = "t_s,sensor,v0,v1,v2,v3,v4,v5,v6,v7,v8,v9,v10,v11"
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    """The shipped vehicle, sampled slower."""
+    text = find_model("rendezvous_demo").read_text(encoding="utf-8")
+    for rate in ("100.0", "10.0", "5.0"):
+        assert f"rate_hz = {{ value = {rate}" in text
+        text = text.replace(f"rate_hz = {{ value = {rate}", f"rate_hz = {{ value = {float(rate) / 5.0}")
+    path = tmp_path_factory.mktemp("vehicle") / "slow.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def table(path):
+    lines = [line for line in path.read_text().splitlines() if line[0] != "#"]
+    return np.genfromtxt(lines, delimiter=",", names=True)
+
+
+@pytest.fixture
+def log(run, model, tmp_path):
+    arguments = ["--final-range", "29", "--out", tmp_path / "log.csv", "--truth", tmp_path / "truth.csv", "--seed", "5"]
+    code, out, error = run("simulate", model, *arguments)
+    assert (code, error) == (0, "")
+    assert re.match(r"log: .*log\.csv \(\d+ observations, model slow, seed 5\)", out)
+    return tmp_path / "log.csv"
+
+
+def test_the_track_is_that_of_the_truth_in_any_order_of_rows(run, model, log, tmp_path):
+    code, out, error = run("filter", log, "--model", model, "--out", tmp_path / "track.csv")
+    assert (code, error) == (0, "")
+    assert "star: last used at" in out
+    track, truth = table(tmp_path / "track.csv"), table(tmp_path / "truth.csv")
+    assert len(track) >= len(truth) >= 8
+    for k, t in enumerate(truth["t_s"]):
+        assert track["t_s"][k] == t
+        for name in ("x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s", "rate_x_deg_s", "rate_z_deg_s"):
+            assert abs(track[name][k] - truth[name][k]) < 4.5 * track[f"sigma_{name}"][k], (name, t)
+    assert track["sigma_x_m"][-1] < 0.2
+    head, *rows = [line for line in log.read_text().splitlines() if line[0] != "#"]
+    random.Random(1).shuffle(rows)
+    (tmp_path / "shuffled").mkdir()
+    other = tmp_path / "shuffled" / "log.csv"
+    other.write_text("\n".join([head, *rows]) + "\n")
+    assert run("filter", other, "--model", model, "--out", tmp_path / "other.csv", "--quiet")[0] == 0
+    assert (tmp_path / "other.csv").read_bytes() == (tmp_path / "track.csv").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("0.1,lidar,1,2,3" + "," * 9, "log.csv:2: no sensor 'lidar' in model slow; there are gyro, thrust, camera"),
+        ("0.1,gyro,1,2" + "," * 10, "log.csv:2: gyro has 3 values; one is empty"),
+        ("0.1,gyro,1,2,3,4" + "," * 8, "log.csv:2: gyro has 3 values, v0 to v2; the other cells stay empty"),
+        ("0.1,gyro,1,2,three" + "," * 9, "log.csv:2: column 'v2': 'three' is not a number"),
+        (",gyro,1,2,3" + "," * 9, "log.csv:2: column 't_s': a time is expected; got ''"),
+        ("0.1,gyro,1,2,3", "log.csv:2: 14 cells are expected as in the header; got 5"),
+        ("0.1,sun_aps,1,1,0,1,1,1,1,1,1,,,", "log.csv:2: sun_aps: v0 to v2 are a unit vector"),
+        ("", "no row after the header; one an observation is expected"),
+    ],
+)
+def test_a_bad_row_is_told_by_its_line(run, model, tmp_path, row, message):
+    path = tmp_path / "log.csv"
+    path.write_text(f"{HEADER}\n{row}\n")
+    code, _, error = run("filter", path, "--model", model)
+    assert code == 3
+    assert message in error
+
+
+def test_what_is_not_for_a_vehicle(run, model, vbar_log, tmp_path):
+    code, _, error = run("filter", vbar_log, "--model", model)
+    assert (code, "a vehicle's log has columns t_s, sensor, v0, v1, ..." in error) == (3, True)
+    code, _, error = run("filter", vbar_log, "--model", model, "--smooth")
+    assert (code, "--smooth is not for a vehicle" in error) == (2, True)
+    code, _, error = run("simulate", model, "--out", tmp_path / "log.csv", "--j2")
+    assert (code, "--j2 is not for a vehicle" in error) == (2, True)
+    code, _, error = run("simulate", model, "--out", tmp_path / "log.parquet")
+    assert (code, "a vehicle's log ends in .csv" in error) == (2, True)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,108 @@
+"""The answer depends on the events alone: any order within the window gives the same bits."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from relnav.vehicle.navigator import VehicleNavigator
+from relnav.vehicle.timeline import Event, Observed, Timeline
+
+
+def numbers_of(estimate):
+    """Everything a navigator says, as bytes."""
+    port = [getattr(estimate.port, field.name).tobytes() for field in dataclasses.fields(estimate.port)]
+    arrays = ("motion", "dcm_lvlh_from_target", "dcm_inertial_from_chaser", "values", "covariance")
+    return port + [getattr(estimate, name).tobytes() for name in arrays] + [repr(dict(estimate.sensors))]
+
+
+def fed(vehicle, observations):
+    nav = VehicleNavigator(vehicle)
+    return nav, [nav.observe(seen.sensor, seen.t_s, seen.value) for seen in observations]
+
+
+@pytest.fixture(scope="module")
+def begin(short_run):
+    """All that was seen in the first half second."""
+    return sorted((seen for seen in short_run.observations if seen.t_s < 0.5), key=lambda seen: seen.t_s)
+
+
+@pytest.fixture(scope="module")
+def in_order(vehicle, begin):
+    return numbers_of(fed(vehicle, begin)[0].state())
+
+
+@settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(seed=st.integers(0, 2**32 - 1), lateness=st.sampled_from([0.05, 0.2, 1.0]))
+def test_any_order_gives_the_same_bits(vehicle, begin, in_order, seed, lateness):
+    rng = np.random.default_rng(seed)
+    arrival = [seen.t_s + rng.uniform(0.0, lateness) for seen in begin]
+    nav, verdicts = fed(vehicle, [begin[k] for k in np.argsort(arrival, kind="stable")])
+    assert Observed.TOO_OLD not in verdicts
+    assert Observed.REPLAYED in verdicts
+    assert numbers_of(nav.state()) == in_order
+
+
+def test_twice_is_once(vehicle, begin, in_order):
+    nav, verdicts = fed(vehicle, [seen for seen in begin for _ in range(2)])
+    assert verdicts[1::2] == [Observed.REJECTED] * len(begin)
+    assert numbers_of(nav.state()) == in_order
+
+
+def test_asking_changes_nothing(vehicle, begin, in_order):
+    nav, _ = fed(vehicle, begin[:30])
+    for t in (0.2, 0.21, 5.0):
+        nav.state(t)
+    nav.propagate(30.0)
+    for seen in begin[30:]:
+        nav.observe(seen.sensor, seen.t_s, seen.value)
+    assert numbers_of(nav.state()) == in_order
+
+
+def test_the_past_is_what_it_was(vehicle, begin):
+    """state(t) in the window is state() of the observations until then."""
+    nav, _ = fed(vehicle, begin)
+    until, _ = fed(vehicle, [seen for seen in begin if seen.t_s <= 0.3])
+    at = nav.state(0.3)
+    assert numbers_of(at) == numbers_of(until.state(0.3))
+    assert at.t_s == 0.3
+
+
+def test_a_refused_call_leaves_the_filter_as_it_was(vehicle, begin, in_order):
+    nav, _ = fed(vehicle, begin)
+    for call in (
+        lambda: nav.observe("lidar", 1.0, np.zeros(3)),
+        lambda: nav.observe("camera", 1.0, np.zeros(3)),
+        lambda: nav.observe("gyro", np.nan, np.zeros(3)),
+        lambda: nav.observe("gyro", 1e6, np.zeros(3)),
+        lambda: nav.observe("thrust", 1.0, np.full(3, np.nan)),
+        lambda: nav.observe("sun_aps", 1.0, np.zeros(3)),
+        lambda: nav.state(-1.0),
+        lambda: nav.propagate(100.0),
+    ):
+        with pytest.raises(ValueError, match=r"expected|lies|later|no sensor|at most"):
+            call()
+    assert numbers_of(nav.state()) == in_order
+
+
+def test_too_old_and_not_seen(vehicle, begin):
+    nav, _ = fed(vehicle, begin)
+    nav.observe("gyro", 3.5, np.zeros(3))
+    late = begin[0]
+    assert nav.observe(late.sensor, 1.2, late.value) is Observed.TOO_OLD
+    assert nav.observe("camera", 3.5, np.full((3, 2), np.nan)) is Observed.REJECTED
+    assert VehicleNavigator(vehicle, t_s=2.0).observe("gyro", 1.9, np.zeros(3)) is Observed.TOO_OLD
+
+
+@settings(max_examples=50, deadline=None)
+@given(times=st.lists(st.integers(0, 40), min_size=1, max_size=25), data=st.data())
+def test_a_timeline_is_a_fold_over_sorted_events(times, data):
+    """With a toy state that remembers everything in order: (value, ...)."""
+    events = [Event(float(t), t % 3, "toy", np.array([float(k)]), np.zeros((0, 0))) for k, t in enumerate(times)]
+    wanted = tuple(event.value[0] for event in sorted(events, key=lambda event: event.key))
+    timeline = Timeline((), 0.0, 100.0, lambda state, event: ((*state, event.value[0]), None))
+    for event in data.draw(st.permutations(events)):
+        timeline.insert(event)
+    assert timeline.newest == wanted
