@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from relnav.cli.picture import Picture
 from relnav.cli.printing import InputPath, OutputPath, say
 
 if TYPE_CHECKING:
@@ -35,6 +36,14 @@ PLAIN_BELOW_BYTES = 1_000_000
 )
 @click.option("--smooth", is_flag=True, help="Run backward too: every state then rests on all measurements.")
 @click.option("--out", type=OutputPath(), help="Track to write, .csv or .parquet; - is standard output, CSV.")
+@click.option("--plot", type=OutputPath(), help="Draw the run, .png, .pdf or .svg: approach, state, measurements.")
+@click.option(
+    "--corridor-deg",
+    type=click.FloatRange(min=0.0, max=80.0, min_open=True),
+    default=10.0,
+    show_default=True,
+    help="Half angle of your approach corridor, for the picture.",
+)
 @click.option("--json", "json_path", type=OutputPath(), help="Write the summary as one JSON object.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
@@ -44,6 +53,8 @@ def command(
     projection: str | None,
     smooth: bool,
     out: Path | None,
+    plot: Path | None,
+    corridor_deg: float,
     json_path: Path | None,
     quiet: bool,
 ) -> int:
@@ -73,22 +84,25 @@ def command(
         check_folder(out)
     if json_path is not None:
         check_folder(json_path)
-    check_distinct(log, out, json_path)
+    picture = Picture(plot, corridor_deg)
+    check_distinct(log, out, plot, json_path)
     mission = load_model(model)
     if isinstance(mission, VisionMission):
         return filter_markers(
-            log, mission, out, json_path, quiet=quiet, smooth=smooth, refused=_given(method, projection)
+            log, mission, out, json_path, picture, quiet=quiet, smooth=smooth, refused=_given(method, projection)
         )
+    picture.of(mission)
     mission = load_mission(model)
     with Outputs() as outputs:
         track = outputs.path(out, ".csv") if out is not None else None
         figures = _filter(
-            log, mission, track, method or "fix", projection, smooth, show_bar=not quiet and sys.stderr.isatty()
+            log, mission, track, method or "fix", projection, smooth, picture, not quiet and sys.stderr.isatty()
         )
+        picture.draw(outputs, log)
         if json_path is not None:
             write_json(figures.to_dict(), outputs.path(json_path))
     if not quiet:
-        say([*figures.lines(log.name), *([f"track: {out}"] if out is not None else [])], out, json_path)
+        say([*figures.lines(log.name), *picture.said([("track", out)])], out, plot, json_path)
     return 0 if figures.started else NOT_STARTED
 
 
@@ -111,12 +125,21 @@ def _choose_engine(log: Path) -> None:
 
 
 def _filter(
-    log: Path, mission: Any, track: Path | None, method: str, projection: str | None, smooth: bool, show_bar: bool
+    log: Path,
+    mission: Any,
+    track: Path | None,
+    method: str,
+    projection: str | None,
+    smooth: bool,
+    picture: Picture,
+    show_bar: bool,
 ) -> "RunSummary":
     from relnav.files.filter_file import filter_file
 
     if not show_bar or log.stat().st_size < BAR_FROM_BYTES:
-        return filter_file(log, mission, track, method=method, projection=projection, smooth=smooth)
+        return filter_file(
+            log, mission, track, method=method, projection=projection, smooth=smooth, watch=picture.watch
+        )
     with click.progressbar(length=0, label="epochs", file=sys.stderr, show_eta=False, show_percent=False) as bar:
 
         def progress(done: int) -> None:
@@ -124,4 +147,13 @@ def _filter(
             bar.label = f"{bar.length} epochs" + (" of three passes" if smooth else "")
             bar.update(done)
 
-        return filter_file(log, mission, track, method=method, projection=projection, smooth=smooth, progress=progress)
+        return filter_file(
+            log,
+            mission,
+            track,
+            method=method,
+            projection=projection,
+            smooth=smooth,
+            progress=progress,
+            watch=picture.watch,
+        )

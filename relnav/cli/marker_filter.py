@@ -10,6 +10,7 @@ from relnav.errors import UsageError
 
 if TYPE_CHECKING:
     from relnav.arrays import Vector
+    from relnav.cli.picture import Picture
     from relnav.mission import VisionMission
     from relnav.navigation.pose_record import PoseSolution
 
@@ -19,6 +20,7 @@ def filter_markers(
     mission: "VisionMission",
     out: Path | None,
     json_path: Path | None,
+    picture: "Picture",
     *,
     quiet: bool,
     smooth: bool,
@@ -33,18 +35,20 @@ def filter_markers(
     if refused:
         raise UsageError(f"{refused} is for three-beacon models; {mission.name} has one filter, on its spots")
     summary = Summary(mission.name)
-    parts = summary.passing(marker_solutions(log, mission, smooth=smooth))
+    picture.of(mission)
+    parts = picture.passing(summary.passing(marker_solutions(log, mission, smooth=smooth)))
     with Outputs() as outputs:
         if out is not None:
             stated = {"log": log.name} | ({"smoothed": "yes"} if smooth else {})
             write_track(parts, mission.name, outputs.path(out, ".csv"), stated)
         for _ in parts:
             pass
+        picture.draw(outputs, log)
         figures = summary.figures()
         if json_path is not None:
             write_json(figures, outputs.path(json_path))
     if not quiet:
-        say([*lines(figures, log.name), *([f"track: {out}"] if out is not None else [])], out, json_path)
+        say([*lines(figures, log.name), *picture.said([("track", out)])], out, picture.path, json_path)
     return 0 if figures["epochs_with_state"] else NOT_STARTED
 
 

@@ -53,6 +53,7 @@ def filter_file(
     projection: str | None = None,
     smooth: bool = False,
     progress: Callable[[int], None] | None = None,
+    watch: Callable[[Solution], None] | None = None,
 ) -> RunSummary:
     """Filter a log of spots from file to file; memory does not grow with the log.
 
@@ -66,6 +67,8 @@ def filter_file(
         The track, `.csv` or `.parquet`, as `write` writes it; whole or not at all.
     progress : callable, optional
         Called with the number of epochs just worked through; with `smooth` each counts three times.
+    watch : callable, optional
+        Called with every part of the solution, in order: for pictures, and for what else is gathered on the way.
 
     Returns
     -------
@@ -80,7 +83,7 @@ def filter_file(
     mission = load_mission(model) if isinstance(model, str) else model
     source = opened(Path(path))
     if is_raw_log(source):
-        return _filter_raw_file(source, mission, out, method, projection, smooth)
+        return _filter_raw_file(source, mission, out, method, projection, smooth, watch)
     log = LogFile(source)
     check_beacons(log.path, log.columns.beacons, mission.name, len(mission.beacons_lvlh_m))
     run = _Run(log, LogFilter(mission, method, projection=projection), progress)
@@ -90,6 +93,8 @@ def filter_file(
     def parts() -> Iterator[Table]:
         for solution in run.smoothed() if smooth else run.filtered():
             summary.take(solution)
+            if watch is not None:
+                watch(solution)
             yield rows_of(solution)
 
     if out is None:
@@ -111,6 +116,7 @@ def _filter_raw_file(
     method: str,
     projection: str | None,
     smooth: bool,
+    watch: Callable[[Solution], None] | None,
 ) -> RunSummary:
     """A raw log is filtered in memory: a start may have to be looked for in the rest of it."""
     solution = filter_raw_log(source, model, method=method, projection=projection, smooth=smooth)
@@ -119,6 +125,8 @@ def _filter_raw_file(
     summary.ignored = said.get("ignored columns", "")
     summary.notes = (f"slots: {said['slots']}; spot noise {said['spot noise']}", f"beacons: {said['beacons']}")
     summary.take(solution)
+    if watch is not None:
+        watch(solution)
     if out is not None:
         write(solution, out)
     return summary

@@ -220,3 +220,10 @@ def load_published(model: Any) -> Published:
     exceptions = [build(ClaimException, entry, "exception", problems, None) for entry in table.get("exception", [])]
     problems.raise_if_any()
     return Published(tuple(claims), tuple(exceptions))
+
+
+def mission_of(solution: Any) -> Any:
+    """What a solution was made with: its own mission, or the shipped model of its name; None if there is none."""
+    if hasattr(solution, "mission"):
+        return solution.mission
+    return load_model(solution.model) if solution.model in list_models() else None

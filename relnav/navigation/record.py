@@ -11,6 +11,7 @@ from relnav.estimation.consistency import Consistency, nis_consistency
 from relnav.navigation.considered import add_considered
 from relnav.navigation.docking_view import LOWER, UPPER, symmetric, views
 from relnav.navigation.memory import Snapshot, snapshot
+from relnav.navigation.presented import Presented
 from relnav.navigation.status import STARTED, UPDATED, EpochStatus
 from relnav.sensors.measurement import Status
 
@@ -153,8 +154,8 @@ class FilterRecord:
         )
 
 
-@dataclass(frozen=True)
-class Solution:
+@dataclass(frozen=True, repr=False)
+class Solution(Presented):
     """A filtered log: arrays over its n epochs, SI units and radians, NaN before the filter has started.
 
     Attributes
