@@ -12,6 +12,7 @@ from relnav.files.run_view import FLAGS, RunView
 WORDS = ("no state yet", "used whole", "used in part", "rejected", "no measurement", "started")
 COLOURS = (QUIET, SPREAD, PUBLISHED, GATE, "#b9c2cc", ESTIMATE)
 """For each EpochStatus."""
+MOST_STEPS = 30
 
 
 def draw_measurements(figure: Any, view: RunView) -> None:
@@ -28,7 +29,8 @@ def draw_measurements(figure: Any, view: RunView) -> None:
         _draw_innovation(axis, view, quantity.column)
         axis.set_title(f"{quantity.label}: measured minus predicted")
         axis.set_ylabel(quantity.unit)
-        axis.tick_params(labelbottom=k // columns == rows - 1)
+        if k // columns < rows - 1:
+            axis.tick_params(labelbottom=False)
     nis = figure.add_subplot(grid[rows, :], sharex=first)
     bars = figure.add_subplot(grid[rows + 1, :], sharex=nis)
     status = figure.add_subplot(grid[rows + 2, :], sharex=nis)
@@ -60,11 +62,11 @@ def _draw_innovation(axis: Any, view: RunView, column: str) -> None:
         gate = view.largest(f"gate_{column}")
         for sign in (-1.0, 1.0):
             axis.plot(t, sign * gate, color=GATE, lw=1.1, label=f"gate, {100.0 * view.gate_probability:g} %")
-    widest = [1.25 * float(np.nanpercentile(gate, 90))] if np.isfinite(gate).any() else []
     size = np.abs(values[np.isfinite(values)])
-    if size.size:
-        widest.append(1.1 * float(np.percentile(size, 99.0)))
-    limit = max(widest, default=1.0) or 1.0
+    limit = 8.0 * float(np.median(size)) if size.size else 1.0  # 5.4 sigma of a normal error, whatever glints do
+    if np.isfinite(gate).any():
+        limit = max(1.25 * float(np.nanpercentile(gate, 90)), 0.5 * limit)
+    limit = limit or 1.0
     axis.axhline(0.0, color=QUIET, lw=0.7)
     _dots(axis, t, values, limit, -limit)
     axis.margins(x=0.01)
@@ -72,18 +74,22 @@ def _draw_innovation(axis: Any, view: RunView, column: str) -> None:
 
 def _draw_nis(axis: Any, view: RunView) -> None:
     t, nis = view.thin.times(), view.line("nis")
-    limit = 10.0
+    limit, usual = 10.0, ""
     bounds = [(0.95, PUBLISHED, "95 % of honest images lie below")]
     if not math.isnan(view.gate_probability):
         bounds.append((view.gate_probability, GATE, f"gate, {100.0 * view.gate_probability:g} %"))
     for probability, colour, label in bounds:
         line = view.nis_limit(probability)
-        if np.isfinite(line).any():
+        known = np.isfinite(line)
+        if known.any():
+            often, count = np.unique(line[known], return_counts=True)
+            if int((np.diff(line[known]) != 0.0).sum()) > MOST_STEPS:  # the steps would be a thicket: the usual one
+                line, usual = np.full(len(t), often[count.argmax()]), "; bounds of the usual number of spots"
             axis.plot(t, line, color=colour, lw=1.1, drawstyle="steps-mid", label=label)
             limit = 1.15 * float(np.nanmax(line))
     _dots(axis, t, nis, limit, 0.0)
     axis.set_ylim(0.0, 1.04 * limit)
-    axis.set_title("NIS of everything seen, before the gate")
+    axis.set_title(f"NIS of everything seen, before the gate{usual}")
     axis.set_ylabel("NIS")
 
 

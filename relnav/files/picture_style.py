@@ -69,7 +69,7 @@ def one_legend(figure: Any) -> None:
         label: handle for axis in figure.axes for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)
     }
     if entries:
-        figure.legend(list(entries.values()), list(entries), loc="outside lower left", ncols=len(entries))
+        figure.legend(list(entries.values()), list(entries), loc="outside lower left", ncols=min(5, len(entries)))
 
 
 def plain_decades(axis: Any) -> None:

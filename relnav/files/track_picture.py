@@ -157,7 +157,8 @@ def _draw_spread(axis: Any, view: RunView, quantity: Quantity, times: float, cla
     if view.has(quantity.sigma):
         spread = times * view.largest(quantity.sigma)
         axis.semilogy(view.thin.times(), spread, color=SPREAD, label=name)
-        title += f": {spread[np.isfinite(spread)][-1]:.2g} {quantity.unit} at the end"
+        ends = f"ends at {spread[np.isfinite(spread)][-1]:.2g} {quantity.unit}"
+        axis.set_title(ends, loc="right", fontsize=8, fontweight="normal", color=SPREAD)
         plain_decades(axis)
     if claim is not None:
         axis.axhline(claim.value, color=PUBLISHED, ls=(0, (5, 2)), label="published figure")
@@ -202,15 +203,15 @@ def _draw_states(figure: Any, view: RunView) -> None:
             axis.tick_params(labelbottom=False)
             spread = figure.add_subplot(grid[2 * row + 1, column], sharex=first)
             _draw_spread(spread, view, quantity, 3.0, None)
-            spread.set_title(spread.get_title(loc="left").partition(": ")[2], fontweight="normal", color=SPREAD)
+            spread.set_title("")
             spread.set_ylabel(f"3-sigma, {quantity.unit}")
             spread.tick_params(labelbottom=row + 1 == len(rows) and not turns)
     for column, name in enumerate(turns):
         axis = figure.add_subplot(grid[-1, column], sharex=first)
         axis.semilogy(view.thin.times(), 3.0 * view.largest(name), color=SPREAD, label="reported 3-sigma")
         plain_decades(axis)
-        axis.set_title(f"Target attitude about {'xyz'[column]}, 3-sigma")
-        axis.set_ylabel("deg")
+        axis.set_title(f"Target attitude, {'xyz'[column]}")
+        axis.set_ylabel("3-sigma, deg")
     for axis in figure.axes[-3:] if turns else figure.axes[-6:][1::2]:
         axis.set_xlabel("time, s")
     one_legend(figure)
