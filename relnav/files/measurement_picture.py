@@ -12,7 +12,6 @@ from relnav.files.run_view import FLAGS, RunView
 WORDS = ("no state yet", "used whole", "used in part", "rejected", "no measurement", "started")
 COLOURS = (QUIET, SPREAD, PUBLISHED, GATE, "#b9c2cc", ESTIMATE)
 """For each EpochStatus."""
-MOST_STEPS = 30
 
 
 def draw_measurements(figure: Any, view: RunView) -> None:
@@ -79,12 +78,9 @@ def _draw_nis(axis: Any, view: RunView) -> None:
     if not math.isnan(view.gate_probability):
         bounds.append((view.gate_probability, GATE, f"gate, {100.0 * view.gate_probability:g} %"))
     for probability, colour, label in bounds:
-        line = view.nis_limit(probability)
-        known = np.isfinite(line)
-        if known.any():
-            often, count = np.unique(line[known], return_counts=True)
-            if int((np.diff(line[known]) != 0.0).sum()) > MOST_STEPS:  # the steps would be a thicket: the usual one
-                line, usual = np.full(len(t), often[count.argmax()]), "; bounds of the usual number of spots"
+        line, alone = view.nis_bound(probability)
+        if np.isfinite(line).any():
+            usual = "; bounds of the usual number of spots" if alone else ""
             axis.plot(t, line, color=colour, lw=1.1, drawstyle="steps-mid", label=label)
             limit = 1.15 * float(np.nanmax(line))
     _dots(axis, t, nis, limit, 0.0)

@@ -227,3 +227,15 @@ def mission_of(solution: Any) -> Any:
     if hasattr(solution, "mission"):
         return solution.mission
     return load_model(solution.model) if solution.model in list_models() else None
+
+
+def model_values(model: Any) -> dict[str, dict[str, Any]]:
+    """What a loaded model's file says: key path -> its value as written, and where that comes from."""
+    table, _ = read_toml(Path(model.path))
+    values = {
+        f"{section}.{key}": raw["value"] if isinstance(raw, dict) else raw
+        for section, entries in table.items()
+        if isinstance(entries, dict)
+        for key, raw in entries.items()
+    }
+    return {key: {"value": value, "source": model.provenance.get(key, "unstated")} for key, value in values.items()}

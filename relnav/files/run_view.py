@@ -24,6 +24,8 @@ from relnav.navigation.status import EpochStatus
 
 FLAGS = tuple(f"is_{status.name.lower()}" for status in EpochStatus)
 MOST_EVENTS = 200
+MOST_STEPS = 30
+"""Of a bound that changes with the number of spots seen, before it is a thicket."""
 BARS = 40
 """Averages of NIS over a run."""
 
@@ -152,6 +154,15 @@ class RunView:
         dof = self.largest("dof")
         limits = {d: chi_square_limit(probability, int(d)) for d in np.unique(dof[dof > 0]).tolist()}
         return np.array([limits.get(d, math.nan) for d in dof.tolist()])
+
+    def nis_bound(self, probability: float) -> tuple[Vector, bool]:
+        """The same to draw; where it would be a thicket, that of the usual number of spots alone, and True."""
+        line = self.nis_limit(probability)
+        known = np.isfinite(line)
+        if int((np.diff(line[known]) != 0.0).sum()) <= MOST_STEPS:
+            return line, False
+        often, count = np.unique(line[known], return_counts=True)
+        return np.full(len(line), often[count.argmax()]), True
 
     def nis_bars(self) -> list[NisBar]:
         """Averages over stretches of the run."""
