@@ -56,7 +56,7 @@ def to_dataframe(solution: Any) -> Any:
     columns, stated = track_table(solution)
     frame = pandas.DataFrame({name: np.asarray(column) for name, column in columns.items()})
     frame["status"] = np.asarray(solution.status)
-    frame.attrs = {"units": {name: unit_of(name) for name in frame.columns}, **stated}
+    frame.attrs = {**stated, "units": {name: unit_of(name) for name in frame.columns}}
     return frame
 
 

@@ -6,7 +6,7 @@ A `RunView` is gathered part after part from solutions, or from the columns of a
 import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -232,19 +232,19 @@ class RunWatcher:
     def _count(self, t: Vector, status: Any) -> None:
         codes, numbers = np.unique(status, return_counts=True)
         self._counts.update(dict(zip(codes.tolist(), numbers.tolist(), strict=True)))
-        changes = np.flatnonzero(np.diff(status, prepend=self._last_status))
-        ends = np.append(changes[1:], len(status)) - 1
-        for begin, end in zip(changes.tolist(), ends.tolist(), strict=True):
-            code = int(status[begin])
+        begins = np.append(0, np.flatnonzero(np.diff(status)) + 1)
+        ends = np.append(begins[1:], len(status)) - 1
+        for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
+            code, last = int(status[begin]), self._events[-1] if self._events else None
             if code in (EpochStatus.UPDATED, EpochStatus.PREDICTED):
                 continue
-            if len(self._events) < MOST_EVENTS:
-                event = Event(float(t[begin]), float(t[end]), EpochStatus(code).name, end - begin + 1)
-                self._events.append(event)
+            if begin == 0 and code == self._last_status and last is not None and self._left == 0:
+                self._events[-1] = replace(last, end_s=float(t[end]), epochs=last.epochs + end + 1)
+            elif len(self._events) < MOST_EVENTS:
+                self._events.append(Event(float(t[begin]), float(t[end]), EpochStatus(code).name, end - begin + 1))
             else:
                 self._left += 1
-        if len(status):
-            self._last_status = int(status[-1])
+        self._last_status = int(status[-1])
 
     def view(self, log: str = "", title: str = "", metadata: dict[str, str] | None = None) -> RunView:
         """What was gathered; log, title and metadata in place of the solution's own, if given."""

@@ -141,6 +141,6 @@ def _grouped(
     unseen = np.isnan(groups)
     first_low = np.where(unseen, np.inf, groups).argmin(axis=2)
     first_high = np.where(unseen, -np.inf, groups).argmax(axis=2)
-    sums = np.nan_to_num(summed).reshape(len(summed), -1, size).sum(axis=2)
+    sums = np.nan_to_num(summed).reshape(len(summed), groups.shape[1], size).sum(axis=2)
     low, high = np.fmin.reduce(groups, axis=2), np.fmax.reduce(groups, axis=2)
     return t[::size].copy(), t[size - 1 :: size].copy(), low, high, first_low <= first_high, sums

@@ -37,7 +37,7 @@ CORRIDOR_DEG = 10.0
 def track_figures(view: RunView, corridor_deg: float = CORRIDOR_DEG) -> list[Any]:
     """The sheets, a figure each."""
     sheets = []
-    for title, draw in _sheets(corridor_deg).items():
+    for title, draw in _sheets(view, corridor_deg).items():
         with styled():
             figure = new_figure(WIDTH, HEIGHT)
             draw(figure, view)
@@ -49,9 +49,10 @@ def track_figures(view: RunView, corridor_deg: float = CORRIDOR_DEG) -> list[Any
 def track_figure(view: RunView, corridor_deg: float = CORRIDOR_DEG) -> Any:
     """The sheets in one figure, one below the other."""
     with styled():
-        sheets = _sheets(corridor_deg)
+        sheets = _sheets(view, corridor_deg)
         figure = new_figure(WIDTH, len(sheets) * HEIGHT)
-        for part, (title, draw) in zip(figure.subfigures(len(sheets), 1), sheets.items(), strict=True):
+        parts = figure.subfigures(len(sheets), 1, squeeze=False)[:, 0]
+        for part, (title, draw) in zip(parts, sheets.items(), strict=True):
             draw(part, view)
             _head(part, view, title)
     return figure
@@ -65,7 +66,10 @@ def draw_track(view: RunView, path: Path, corridor_deg: float = CORRIDOR_DEG) ->
         save([track_figure(view, corridor_deg)], path)
 
 
-def _sheets(corridor_deg: float) -> dict[str, Any]:
+def _sheets(view: RunView, corridor_deg: float) -> dict[str, Any]:
+    """What there is to draw, by title; without a state only the measurements."""
+    if not view.docking():
+        return {"Measurements (the filter never started)": draw_measurements}
     return {
         "Approach": lambda figure, view: _draw_approach(figure, view, corridor_deg),
         "State and its 3-sigma": _draw_states,
@@ -229,6 +233,9 @@ def plot_solution(solution: Any, path: Any, model: Any, corridor_deg: float) -> 
     for begin in range(0, len(solution), ROWS_AT_ONCE):
         watcher.take(solution.part(begin, begin + ROWS_AT_ONCE))
     view = watcher.view()
-    if path is not None:
+    figure = track_figure(view, corridor_deg)
+    if path is not None and path.suffix.lower() == ".pdf":
         draw_track(view, path, corridor_deg)
-    return track_figure(view, corridor_deg)
+    elif path is not None:
+        save([figure], path)
+    return figure
