@@ -41,6 +41,8 @@ class TrackFile:
         self._file = LogFile(path, _parse)
         self.path, self.metadata = path, self._file.metadata
         self.names = tuple(self._file.columns.index)
+        if not self.metadata.get("frame", "lvlh_ccsds").startswith("lvlh_ccsds"):
+            raise LogError(f"{path}: a track in lvlh_ccsds is expected; its head says {self.metadata['frame']}")
         self._started = False
 
     def parts(self) -> Iterator[dict[str, Any]]:

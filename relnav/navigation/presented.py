@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from relnav.navigation.in_frame import FramedTrack, in_frame
+
 if TYPE_CHECKING:
     import os
 
@@ -32,7 +34,7 @@ class Presented:
             x, y, z = solution.state[last, :3]
             lines.append(f"  at {solution.t_s[last]:.9g} s: position {x:.4f}, {y:.4f}, {z:.4f} m (lvlh_ccsds)")
             lines.append(f"  {solution.nis_consistency()} (epochs used whole)")
-        lines.append("  .plot()  .to_dataframe()  .to_xarray()  relnav.write(solution, path)")
+        lines.append("  .plot()  .in_frame('rsw')  .to_dataframe()  .to_xarray()  relnav.write(solution, path)")
         return "\n".join(lines)
 
     def plot(
@@ -60,6 +62,34 @@ class Presented:
             For another ending.
         """
         return _above("track_picture", "plot_solution")(self, path, model, corridor_deg)
+
+    def in_frame(
+        self, frame: str, *, orientation_deg: tuple[float, float, float] | None = None, model: Any = None
+    ) -> FramedTrack:
+        """States and covariances turned into another frame.
+
+        Parameters
+        ----------
+        frame : {"lvlh_ccsds", "rsw", "dock", "eci_relative", "eci"}
+            What each is: `relnav.navigation.in_frame.FRAMES`. `rsw` is RTN, RIC, Hill.
+        orientation_deg : (3,), optional
+            Inertial frames: inclination, right ascension of the ascending node, argument of perigee of the target's
+            orbit, whose shape and phase are the model's. The orbit is taken as exact and two-body.
+        model : Model or VisionMission, optional
+            What it was filtered with, if that is no shipped model.
+
+        Returns
+        -------
+        FramedTrack
+            `t_s`, `state` (n, 6), `covariance` (n, 6, 6), `frame`, `metadata`.
+
+        Raises
+        ------
+        UsageError
+            For an unknown frame, or one that needs what was not given.
+        """
+        mission = _above("models", "mission_of")(self) if model is None else model
+        return in_frame(self, frame, mission, orientation_deg)
 
     def to_dataframe(self) -> Any:
         """A pandas.DataFrame with the columns of the track; `attrs` holds units and metadata.

@@ -75,7 +75,7 @@ def test_it_says_what_was_assumed_and_where_figures_come_from(page):
 
 def test_a_long_track_keeps_its_peaks(tmp_path, track):
     lines = track.read_text().splitlines()
-    head = [k for k, line in enumerate(lines) if line.startswith("t_s")][0]
+    head = next(k for k, line in enumerate(lines) if line.startswith("t_s"))
     names, row = lines[head].split(","), lines[-1].split(",")
     nis = names.index("nis")
     out = []
