@@ -1,4 +1,4 @@
-"""CCSDS Attitude Ephemeris Message (CCSDS 504.0-B-1, section 4), keyword = value: attitude of the target in space.
+"""CCSDS Attitude Ephemeris Message (CCSDS 504.0-B-2, section 4), keyword = value: attitude of the target in space.
 
 `q_lvlh_from_target` of a marker track with the orbit's orientation makes the attitude of the target's axes against
 inertial ones.
@@ -27,7 +27,7 @@ def write_aem(solution: Any, path: Path, settings: dict[str, Any]) -> None:
     quaternions = Rotation.from_matrix(np.swapaxes(eci_from_target, 1, 2)).as_quat(canonical=True)
     times = stamps(epoch, solution.t_s[known], "an AEM")
     lines = [
-        "CCSDS_AEM_VERS = 1.0",
+        "CCSDS_AEM_VERS = 2.0",
         f"CREATION_DATE = {creation()}",
         "ORIGINATOR = RELNAV",
         "META_START",
@@ -37,12 +37,10 @@ def write_aem(solution: Any, path: Path, settings: dict[str, Any]) -> None:
         "CENTER_NAME = EARTH",
         "REF_FRAME_A = EME2000",
         "REF_FRAME_B = SC_BODY_1",
-        "ATTITUDE_DIR = A2B",
         "TIME_SYSTEM = UTC",
         f"START_TIME = {times[0]}",
         f"STOP_TIME = {times[-1]}",
         "ATTITUDE_TYPE = QUATERNION",
-        "QUATERNION_TYPE = LAST",
         "META_STOP",
         "DATA_START",
         *(
