@@ -100,11 +100,12 @@ def filter_file(
     summary = RunSummary(load_published(mission), mission.filter.gate_probability)
     summary.ignored = listed(log.columns.ignored)
 
-    turned = frame != "lvlh_ccsds"
+    turned, of_log = frame != "lvlh_ccsds", log_metadata(log.path, log.metadata, log.columns.ignored)
 
     def parts() -> Iterator[Table]:
         for solution in run.smoothed() if smooth else run.filtered():
             summary.take(solution)
+            solution.metadata.update(of_log)
             if watch is not None:
                 watch(solution)
             yield rows_of(solution, in_frame(solution, frame, mission, orientation_deg) if turned else None)
@@ -115,7 +116,7 @@ def filter_file(
     else:
         stated = head(mission.name, method, smooth) | (said if turned else {})
         stated |= {"considered": mission.considered} if mission.considered else {}
-        stated |= log_metadata(log.path, log.metadata, log.columns.ignored)
+        stated |= of_log
         write_table(Path(out), COLUMNS, parts(), stated, INTEGERS)
     summary.hint, summary.notes = run.hint(summary.started), run.spacing()
     return summary

@@ -89,7 +89,9 @@ def in_frame(
             shift = np.concatenate([-dcm @ mission.port_position_m, np.zeros(3)])
         turn = np.asarray(np.kron(np.eye(2), dcm)[None], dtype=np.float64)
     turned = np.einsum("nij,nj->ni", np.broadcast_to(turn, (len(t), 6, 6)), state) + shift
-    return FramedTrack(t, turned, turn @ covariance @ np.swapaxes(turn, 1, 2), frame, said)
+    turned_covariance = turn @ covariance @ np.swapaxes(turn, 1, 2)
+    symmetric = 0.5 * (turned_covariance + np.swapaxes(turned_covariance, 1, 2))
+    return FramedTrack(t, turned, symmetric, frame, said)
 
 
 def frame_words(frame: str, mission: Any, orientation_deg: tuple[float, float, float] | None) -> dict[str, str]:

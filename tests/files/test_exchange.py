@@ -12,7 +12,8 @@ from relnav.errors import UsageError
 from relnav.files import data_frames
 from relnav.files.marker_logs import filter_marker_log, write_marker_log
 from relnav.files.tracks import EXCHANGE, joined
-from relnav.simulation.marker_flight import fly_markers
+from relnav.simulation.marker_flight import simulate_flight
+from relnav.simulation.trajectory import Approach
 
 EPOCH = "2026-07-02T12:00:00"
 ORIENTATION_DEG = (51.6, 130.0, 40.0)
@@ -95,7 +96,7 @@ def test_mcap_by_its_own_reader(solution, tmp_path):
 def poses(tmp_path_factory):
     mission = relnav.load_model("three_marker_vision")
     path = tmp_path_factory.mktemp("poses") / "log.csv"
-    write_marker_log(fly_markers(mission, duration_s=4.0, rate_hz=2.0, seed=1), path)
+    write_marker_log(simulate_flight(mission, Approach(duration_s=4.0, rate_hz=2.0), seed=1), path)
     return filter_marker_log(path, mission)
 
 
