@@ -3,13 +3,13 @@
 import os
 from collections.abc import Iterator
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from relnav.errors import UsageError
+from relnav.files.systems import resolve
 from relnav.files.tables import COLUMNS, INTEGERS, Table, check_format, head, rows_of, write_table
 from relnav.navigation.in_frame import frame_words, in_frame
 from relnav.navigation.pose_record import PoseSolution
@@ -17,14 +17,14 @@ from relnav.navigation.record import PER_EPOCH, Solution
 
 ROWS_AT_ONCE = 65_536
 EXCHANGE = {
-    ".oem": "oem:write_oem",
-    ".aem": "aem:write_aem",
-    ".mat": "matlab:write_mat",
-    ".nc": "netcdf:write_netcdf",
-    ".h5": "netcdf:write_netcdf",
-    ".mcap": "mcap_file:write_mcap",
+    ".oem": "relnav.files.oem:write_oem",
+    ".aem": "relnav.files.aem:write_aem",
+    ".mat": "relnav.files.matlab:write_mat",
+    ".nc": "relnav.files.netcdf:write_netcdf",
+    ".h5": "relnav.files.netcdf:write_netcdf",
+    ".mcap": "relnav.files.mcap_file:write_mcap",
 }
-"""Ending -> what writes it, in `relnav.files`, as a function of (solution, path, settings)."""
+"""Ending -> what writes it, as a function of (solution, path, settings)."""
 
 
 def write(
@@ -89,8 +89,7 @@ def write(
 
 def write_exchange(solution: Any, path: Path, settings: dict[str, Any]) -> None:
     """Write a solution in one of the formats of `EXCHANGE`."""
-    module, name = EXCHANGE[path.suffix.lower()].split(":")
-    getattr(import_module(f"relnav.files.{module}"), name)(solution, path, settings)
+    resolve(EXCHANGE[path.suffix.lower()])(solution, path, settings)
 
 
 def joined(parts: list[Any]) -> Any:

@@ -61,7 +61,7 @@ class Presented:
         UsageError
             For another ending.
         """
-        return _above("track_picture", "plot_solution")(self, path, model, corridor_deg)
+        return _above("relnav.files.track_picture:plot_solution")(self, path, model, corridor_deg)
 
     def in_frame(
         self, frame: str, *, orientation_deg: tuple[float, float, float] | None = None, model: Any = None
@@ -88,7 +88,7 @@ class Presented:
         UsageError
             For an unknown frame, or one that needs what was not given.
         """
-        mission = _above("models", "mission_of")(self) if model is None else model
+        mission = _above("relnav.files.models:mission_of")(self) if model is None else model
         return in_frame(self, frame, mission, orientation_deg)
 
     def to_dataframe(self) -> Any:
@@ -99,7 +99,7 @@ class Presented:
         UsageError
             If pandas is not installed; says how to.
         """
-        return _above("data_frames", "to_dataframe")(self)
+        return _above("relnav.files.data_frames:to_dataframe")(self)
 
     def to_xarray(self) -> Any:
         """An xarray.Dataset over time: state, covariance and the rest, units as attributes.
@@ -109,8 +109,9 @@ class Presented:
         UsageError
             If xarray is not installed; says how to.
         """
-        return _above("data_frames", "to_xarray")(self)
+        return _above("relnav.files.data_frames:to_xarray")(self)
 
 
-def _above(module: str, name: str) -> Any:
-    return getattr(import_module(f"relnav.files.{module}"), name)
+def _above(place: str) -> Any:
+    module, name = place.split(":")
+    return getattr(import_module(module), name)
