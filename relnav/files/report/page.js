@@ -15,16 +15,22 @@
   const colour = name => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
   const short = v => (v == null ? "" : Math.abs(v) >= 1e5 || (v !== 0 && Math.abs(v) < 1e-3) ? v.toExponential(2) : String(+v.toPrecision(5)));
   const whole = [time[0], time[time.length - 1] > time[0] ? time[time.length - 1] : time[0] + 1];
-  let shown = whole.slice(), busy = false;
+  let shown = whole.slice();
   const charts = new Map();
+
+  /* Charts in sight follow at once, the others when they come into sight. */
+  const seen = new Set(), stale = new Set();
+  const follow = u => u.setScale("x", { min: shown[0], max: shown[1] });
+  function chosen(low, high) {
+    const hair = 1e-9 * (whole[1] - whole[0]);
+    if (Math.abs(low - shown[0]) > hair || Math.abs(high - shown[1]) > hair) show(low, high);
+  }
 
   function show(low, high) {
     const least = (whole[1] - whole[0]) / Math.max(10, time.length);
     if (high - low < least) { const m = (low + high) / 2; low = m - least / 2; high = m + least / 2; }
     shown = [Math.max(whole[0], low), Math.min(whole[1], high)];
-    busy = true;
-    charts.forEach(u => u.setScale("x", { min: shown[0], max: shown[1] }));
-    busy = false;
+    charts.forEach((u, box) => (seen.has(box) ? follow(u) : stale.add(box)));
     document.getElementById("span").textContent = short(shown[0]) + " s to " + short(shown[1]) + " s";
   }
   function zoom(factor) {
@@ -52,7 +58,7 @@
       const dots = line.kind === "dots";
       add(values, { label: line.label, stroke: colour(line.colour), width: 1.4, dash: line.dash ? [6, 4] : undefined,
         paths: dots ? () => null : line.kind === "steps" ? uPlot.paths.stepped({ align: 1 }) : undefined,
-        points: dots ? { show: true, size: 2.5, fill: colour(line.colour), stroke: colour(line.colour) } : { show: false } });
+        points: { show: false } });
     }
     return { data, series, bands };
   }
@@ -72,14 +78,20 @@
     };
   }
 
-  /* What lies outside the limits of dots is shown at the border, so that nothing is hidden. */
+  /* Dots; what lies outside the limits is shown at the border, so that nothing is hidden. */
   function beyond(u, chart) {
     if (!chart.limits || !chart.lines.some(line => line.kind === "dots")) return;
     const c = u.ctx, b = u.bbox, s = 4 * devicePixelRatio, values = column(chart.lines.find(line => line.kind === "dots").column);
+    const dot = 2 * devicePixelRatio, low = u.scales.x.min, high = u.scales.x.max;
+    c.fillStyle = colour("dots");
+    for (let k = 0; k < time.length; k++) {
+      if (values[k] == null || time[k] < low || time[k] > high || values[k] < chart.limits[0] || values[k] > chart.limits[1]) continue;
+      c.fillRect(u.valToPos(time[k], "x", true) - dot / 2, u.valToPos(values[k], "y", true) - dot / 2, dot, dot);
+    }
     c.fillStyle = colour("gate");
     for (let k = 0; k < time.length; k++) {
       const above = values[k] > chart.limits[1];
-      if (values[k] == null || !(above || values[k] < chart.limits[0]) || time[k] < shown[0] || time[k] > shown[1]) continue;
+      if (values[k] == null || !(above || values[k] < chart.limits[0]) || time[k] < low || time[k] > high) continue;
       const x = u.valToPos(time[k], "x", true), y = above ? b.top : b.top + b.height, d = above ? 1 : -1;
       c.beginPath(); c.moveTo(x, y); c.lineTo(x - s, y + d * 1.6 * s); c.lineTo(x + s, y + d * 1.6 * s); c.fill();
     }
@@ -95,14 +107,12 @@
       scales: { x: { time: false }, y: log ? { distr: 3 } : { range: room(chart) } },
       legend: { live: true }, hooks: {
         draw: [v => beyond(v, chart)],
-        setScale: [(v, key) => { if (key === "x" && !busy && v.status === 1) show(v.scales.x.min, v.scales.x.max); }],
+        setScale: [(v, key) => { if (key === "x" && v.status === 1) chosen(v.scales.x.min, v.scales.x.max); }],
       },
       cursor: { sync: { key: "run", filters: { pub: kind => kind === "mousemove" || kind === "mouseleave" } }, drag: { x: true, y: false } },
     }, data, box);
     charts.set(box, u);
-    busy = true;
-    u.setScale("x", { min: shown[0], max: shown[1] });
-    busy = false;
+    follow(u);
     u.over.addEventListener("dblclick", () => show(whole[0], whole[1]));
   }
 
@@ -118,7 +128,7 @@
         splits: () => rows.map((r, i) => n - i - 0.5), values: () => rows.map(r => r.label) }],
       cursor: { sync: { key: "run", filters: { pub: kind => kind === "mousemove" || kind === "mouseleave" } }, drag: { x: true, y: false } },
       hooks: {
-        setScale: [(v, key) => { if (key === "x" && !busy && v.status === 1) show(v.scales.x.min, v.scales.x.max); }],
+        setScale: [(v, key) => { if (key === "x" && v.status === 1) chosen(v.scales.x.min, v.scales.x.max); }],
         draw: [v => {
           const c = v.ctx, least = devicePixelRatio * 1.5;
           c.save(); c.beginPath(); c.rect(v.bbox.left, v.bbox.top, v.bbox.width, v.bbox.height); c.clip();
@@ -139,15 +149,17 @@
       },
     }, [time, time.map(() => null)], box);
     charts.set(box, u);
-    busy = true; u.setScale("x", { min: shown[0], max: shown[1] }); busy = false;
+    follow(u);
     u.over.addEventListener("dblclick", () => show(whole[0], whole[1]));
   }
 
   const waiting = new Map();
   const make = (box, chart) => (chart.rows ? timeline : build)(box, chart);
   const watcher = new IntersectionObserver(entries => entries.forEach(entry => {
+    if (entry.isIntersecting) seen.add(entry.target); else seen.delete(entry.target);
+    if (entry.isIntersecting && stale.delete(entry.target) && charts.has(entry.target)) follow(charts.get(entry.target));
     if (entry.isIntersecting && waiting.has(entry.target)) { make(entry.target, waiting.get(entry.target)); waiting.delete(entry.target); }
-  }), { rootMargin: "400px" });
+  }), { rootMargin: "200px" });
   const all = [];
   for (const chart of run.charts) {
     const card = document.createElement("div"), head = document.createElement("h3"), box = document.createElement("div");
@@ -156,7 +168,7 @@
     document.getElementById(chart.section).append(card);
     all.push([box, chart]); waiting.set(box, chart); watcher.observe(box);
   }
-  const finish = () => { waiting.forEach((chart, box) => make(box, chart)); waiting.clear(); };
+  const finish = () => { stale.forEach(box => follow(charts.get(box))); stale.clear(); waiting.forEach((chart, box) => make(box, chart)); waiting.clear(); };
   const again = () => { for (const [box, chart] of all) if (charts.has(box)) make(box, chart); space(); };
   new ResizeObserver(() => charts.forEach((u, box) => { if (Math.abs(u.width - box.clientWidth) > 1) u.setSize({ width: box.clientWidth, height: u.height }); space(); })).observe(document.body);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
