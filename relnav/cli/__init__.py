@@ -26,6 +26,7 @@ COMMANDS = {
     "accuracy": ("relnav.cli.accuracy", "Measure what a sensor system reaches, beside what its paper claims."),
     "calibrate": ("relnav.cli.calibrate", "Calibrate a sensor from its bench measurements."),
     "filter": ("relnav.cli.filter", "Filter a log of spots into a track with covariance."),
+    "report": ("relnav.cli.report", "Show a run or an accuracy report on one page of its own."),
     "simulate": ("relnav.cli.simulate", "Simulate an approach: a log of spots and its truth."),
     "models": ("relnav.cli.models", "List the shipped models, or show one with its sources."),
     "stars": ("relnav.cli.stars", "Star frames: inertial attitude from the spots of one image."),

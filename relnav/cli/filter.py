@@ -2,12 +2,15 @@
 
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from relnav.cli.picture import Picture
 from relnav.cli.printing import InputPath, OutputPath, say
+from relnav.cli.track_output import TrackOutput
 
 if TYPE_CHECKING:
     from relnav.accuracy.run_summary import RunSummary
@@ -34,7 +37,33 @@ PLAIN_BELOW_BYTES = 1_000_000
     help="Closed form: exact for real optics, or as printed in the paper. Default: the model's.",
 )
 @click.option("--smooth", is_flag=True, help="Run backward too: every state then rests on all measurements.")
-@click.option("--out", type=OutputPath(), help="Track to write, .csv or .parquet; - is standard output, CSV.")
+@click.option(
+    "--out",
+    type=OutputPath(),
+    help="Track to write, .csv or .parquet (- is standard output, CSV), .oem, .aem, .mat, .nc, .h5 or .mcap.",
+)
+@click.option(
+    "--frame",
+    type=click.Choice(["lvlh_ccsds", "rsw", "dock", "eci_relative", "eci"]),
+    default="lvlh_ccsds",
+    show_default=True,
+    help="Frame of the track's states and covariances; rsw is RTN, RIC, Hill.",
+)
+@click.option(
+    "--orbit-deg",
+    type=float,
+    nargs=3,
+    help="For eci: inclination, right ascension of the ascending node, argument of perigee of the target's orbit.",
+)
+@click.option("--epoch", help="For .oem and .aem: UTC of the log's t = 0, 2026-07-02T12:00:00.")
+@click.option("--plot", type=OutputPath(), help="Draw the run, .png, .pdf or .svg: approach, state, measurements.")
+@click.option(
+    "--corridor-deg",
+    type=click.FloatRange(min=0.0, max=80.0, min_open=True),
+    default=10.0,
+    show_default=True,
+    help="Half angle of your approach corridor, for the picture.",
+)
 @click.option("--json", "json_path", type=OutputPath(), help="Write the summary as one JSON object.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
@@ -44,6 +73,11 @@ def command(
     projection: str | None,
     smooth: bool,
     out: Path | None,
+    frame: str,
+    orbit_deg: tuple[float, float, float] | None,
+    epoch: str | None,
+    plot: Path | None,
+    corridor_deg: float,
     json_path: Path | None,
     quiet: bool,
 ) -> int:
@@ -67,34 +101,37 @@ def command(
     from relnav.cli.vehicle import filter_vehicle, refuse_others
     from relnav.files.atomic import Outputs, check_distinct, check_folder
     from relnav.files.models import load_mission, load_model
-    from relnav.files.tables import check_format, write_json
+    from relnav.files.tables import write_json
     from relnav.mission import VisionMission
     from relnav.spacecraft import Vehicle
 
-    if out is not None:
-        check_format(out)
-        check_folder(out)
+    track = TrackOutput(out, frame, orbit_deg, epoch)
+    track.check()
     if json_path is not None:
         check_folder(json_path)
-    check_distinct(log, out, json_path)
+    picture = Picture(plot, corridor_deg)
+    check_distinct(log, out, plot, json_path)
     mission = load_model(model)
     if isinstance(mission, Vehicle):
         refuse_others()
         return filter_vehicle(log, mission, out, json_path, quiet=quiet)
     if isinstance(mission, VisionMission):
         return filter_markers(
-            log, mission, out, json_path, quiet=quiet, smooth=smooth, refused=_given(method, projection)
+            log, mission, track, json_path, picture, quiet=quiet, smooth=smooth, refused=_given(method, projection)
         )
+    picture.of(mission)
     mission = load_mission(model)
     with Outputs() as outputs:
-        track = outputs.path(out, ".csv") if out is not None else None
+        show_bar = not quiet and sys.stderr.isatty()
         figures = _filter(
-            log, mission, track, method or "fix", projection, smooth, show_bar=not quiet and sys.stderr.isatty()
+            log, mission, track, track.table(outputs), method or "fix", projection, smooth, picture, show_bar
         )
+        track.finish(outputs, mission)
+        picture.draw(outputs, log)
         if json_path is not None:
             write_json(figures.to_dict(), outputs.path(json_path))
     if not quiet:
-        say([*figures.lines(log.name), *([f"track: {out}"] if out is not None else [])], out, json_path)
+        say([*figures.lines(log.name), *picture.said([("track", out)])], out, plot, json_path)
     return 0 if figures.started else NOT_STARTED
 
 
@@ -119,12 +156,38 @@ def _choose_engine(log: Path, model: str) -> None:
 
 
 def _filter(
-    log: Path, mission: Any, track: Path | None, method: str, projection: str | None, smooth: bool, show_bar: bool
+    log: Path,
+    mission: Any,
+    track: TrackOutput,
+    table: Path | None,
+    method: str,
+    projection: str | None,
+    smooth: bool,
+    picture: Picture,
+    show_bar: bool,
 ) -> "RunSummary":
     from relnav.files.filter_file import filter_file
 
+    def watch(part: Any) -> None:
+        picture.watch(part)
+        track.watch(part)
+
+    def run(progress: Callable[[int], None] | None) -> "RunSummary":
+        return filter_file(
+            log,
+            mission,
+            table,
+            method=method,
+            projection=projection,
+            smooth=smooth,
+            progress=progress,
+            watch=watch,
+            frame=track.frame,
+            orientation_deg=track.orbit_deg,
+        )
+
     if not show_bar or log.stat().st_size < BAR_FROM_BYTES:
-        return filter_file(log, mission, track, method=method, projection=projection, smooth=smooth)
+        return run(None)
     with click.progressbar(length=0, label="epochs", file=sys.stderr, show_eta=False, show_percent=False) as bar:
 
         def progress(done: int) -> None:
@@ -132,4 +195,4 @@ def _filter(
             bar.label = f"{bar.length} epochs" + (" of three passes" if smooth else "")
             bar.update(done)
 
-        return filter_file(log, mission, track, method=method, projection=projection, smooth=smooth, progress=progress)
+        return run(progress)

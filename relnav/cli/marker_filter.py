@@ -10,6 +10,8 @@ from relnav.errors import UsageError
 
 if TYPE_CHECKING:
     from relnav.arrays import Vector
+    from relnav.cli.picture import Picture
+    from relnav.cli.track_output import TrackOutput
     from relnav.mission import VisionMission
     from relnav.navigation.pose_record import PoseSolution
 
@@ -17,8 +19,9 @@ if TYPE_CHECKING:
 def filter_markers(
     log: Path,
     mission: "VisionMission",
-    out: Path | None,
+    track: "TrackOutput",
     json_path: Path | None,
+    picture: "Picture",
     *,
     quiet: bool,
     smooth: bool,
@@ -33,18 +36,24 @@ def filter_markers(
     if refused:
         raise UsageError(f"{refused} is for three-beacon models; {mission.name} has one filter, on its spots")
     summary = Summary(mission.name)
-    parts = summary.passing(marker_solutions(log, mission, smooth=smooth))
+    picture.of(mission)
+    if track.frame != "lvlh_ccsds" and track.table_asked:
+        raise UsageError("--frame turns tables of three-beacon models; of a marker track only an .oem")
+    parts = track.passing(picture.passing(summary.passing(marker_solutions(log, mission, smooth=smooth))))
     with Outputs() as outputs:
-        if out is not None:
+        table = track.table(outputs)
+        if table is not None:
             stated = {"log": log.name} | ({"smoothed": "yes"} if smooth else {})
-            write_track(parts, mission.name, outputs.path(out, ".csv"), stated)
+            write_track(parts, mission.name, table, stated)
         for _ in parts:
             pass
+        track.finish(outputs, mission)
+        picture.draw(outputs, log)
         figures = summary.figures()
         if json_path is not None:
             write_json(figures, outputs.path(json_path))
     if not quiet:
-        say([*lines(figures, log.name), *([f"track: {out}"] if out is not None else [])], out, json_path)
+        say([*lines(figures, log.name), *picture.said([("track", track.path)])], track.path, picture.path, json_path)
     return 0 if figures["epochs_with_state"] else NOT_STARTED
 
 

@@ -9,24 +9,13 @@ from relnav.cli.printing import OutputPath, say
 
 
 def _show(name: str) -> dict[str, Any]:
-    from relnav.files.model_folders import find_model
-    from relnav.files.models import load_model, load_published
-    from relnav.files.toml_values import read_toml
+    from relnav.files.models import load_model, load_published, model_values
 
     model = load_model(name)
-    table, _ = read_toml(find_model(name))
-    values = {
-        f"{section}.{key}": raw["value"] if isinstance(raw, dict) else raw
-        for section, entries in table.items()
-        if isinstance(entries, dict)
-        for key, raw in entries.items()
-    }
     return {
         "name": model.name,
         "title": model.title,
-        "values": {
-            key: {"value": value, "source": model.provenance.get(key, "unstated")} for key, value in values.items()
-        },
+        "values": model_values(model),
         "published": [vars(claim) for claim in load_published(name).claims],
     }
 

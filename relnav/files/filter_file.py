@@ -23,11 +23,11 @@ from relnav.files.raw_filter import filter_raw_log
 from relnav.files.raw_logs import is_raw_log
 from relnav.files.spool import Spool
 from relnav.files.tables import COLUMNS, INTEGERS, Table, head, rows_of, write_table
-from relnav.files.text_table import TextTable
 from relnav.files.tracks import write
 from relnav.files.wording import listed
 from relnav.mission import Model
 from relnav.navigation.arguments import controls
+from relnav.navigation.in_frame import frame_words, in_frame
 from relnav.navigation.log import Epochs, LogFilter
 from relnav.navigation.record import Solution
 
@@ -53,6 +53,9 @@ def filter_file(
     projection: str | None = None,
     smooth: bool = False,
     progress: Callable[[int], None] | None = None,
+    watch: Callable[[Solution], None] | None = None,
+    frame: str = "lvlh_ccsds",
+    orientation_deg: tuple[float, float, float] | None = None,
 ) -> RunSummary:
     """Filter a log of spots from file to file; memory does not grow with the log.
 
@@ -66,6 +69,10 @@ def filter_file(
         The track, `.csv` or `.parquet`, as `write` writes it; whole or not at all.
     progress : callable, optional
         Called with the number of epochs just worked through; with `smooth` each counts three times.
+    watch : callable, optional
+        Called with every part of the solution, in order: for pictures, and for what else is gathered on the way.
+    frame, orientation_deg
+        Frame of the track's states, as for `Solution.in_frame`.
 
     Returns
     -------
@@ -78,49 +85,50 @@ def filter_file(
         As `filter_log` and `write`.
     """
     mission = load_mission(model) if isinstance(model, str) else model
+    said = frame_words(frame, mission, orientation_deg)
     source = opened(Path(path))
     if is_raw_log(source):
-        return _filter_raw_file(source, mission, out, method, projection, smooth)
+        whole = filter_raw_log(source, mission, method=method, projection=projection, smooth=smooth)
+        if watch is not None:
+            watch(whole)
+        if out is not None:
+            write(whole, out, frame=frame, orientation_deg=orientation_deg, model=mission)
+        return _raw_summary(whole, mission)
     log = LogFile(source)
     check_beacons(log.path, log.columns.beacons, mission.name, len(mission.beacons_lvlh_m))
     run = _Run(log, LogFilter(mission, method, projection=projection), progress)
     summary = RunSummary(load_published(mission), mission.filter.gate_probability)
     summary.ignored = listed(log.columns.ignored)
 
+    turned, of_log = frame != "lvlh_ccsds", log_metadata(log.path, log.metadata, log.columns.ignored)
+
     def parts() -> Iterator[Table]:
         for solution in run.smoothed() if smooth else run.filtered():
             summary.take(solution)
-            yield rows_of(solution)
+            solution.metadata.update(of_log)
+            if watch is not None:
+                watch(solution)
+            yield rows_of(solution, in_frame(solution, frame, mission, orientation_deg) if turned else None)
 
     if out is None:
         for _ in parts():
             pass
     else:
-        stated = head(mission.name, method, smooth)
+        stated = head(mission.name, method, smooth) | (said if turned else {})
         stated |= {"considered": mission.considered} if mission.considered else {}
-        stated |= log_metadata(log.path, log.metadata, log.columns.ignored)
+        stated |= of_log
         write_table(Path(out), COLUMNS, parts(), stated, INTEGERS)
     summary.hint, summary.notes = run.hint(summary.started), run.spacing()
     return summary
 
 
-def _filter_raw_file(
-    source: Path | TextTable,
-    model: Model,
-    out: str | os.PathLike[str] | None,
-    method: str,
-    projection: str | None,
-    smooth: bool,
-) -> RunSummary:
-    """A raw log is filtered in memory: a start may have to be looked for in the rest of it."""
-    solution = filter_raw_log(source, model, method=method, projection=projection, smooth=smooth)
+def _raw_summary(solution: Solution, model: Model) -> RunSummary:
+    """Of a raw log, which is filtered in memory: a start may have to be looked for in the rest of it."""
     summary = RunSummary(load_published(model), model.filter.gate_probability)
     said = solution.metadata
     summary.ignored = said.get("ignored columns", "")
     summary.notes = (f"slots: {said['slots']}; spot noise {said['spot noise']}", f"beacons: {said['beacons']}")
     summary.take(solution)
-    if out is not None:
-        write(solution, out)
     return summary
 
 

@@ -1,12 +1,12 @@
 """From a log file to a solution: the offline use of the filter."""
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, overload
 
 from relnav.errors import UsageError
 from relnav.files.filter_file import log_metadata
+from relnav.files.frame_logs import FrameLog, is_frame
 from relnav.files.logs import check_beacons, opened, read_log
 from relnav.files.marker_logs import filter_marker_log
 from relnav.files.models import BeaconName, MarkerName, flown, load_model
@@ -20,7 +20,7 @@ from relnav.navigation.record import Solution
 
 @overload
 def filter_log(
-    path: str | os.PathLike[str],
+    path: Any,
     model: Model | BeaconName,
     *,
     method: str | None = ...,
@@ -31,14 +31,12 @@ def filter_log(
 
 
 @overload
-def filter_log(
-    path: str | os.PathLike[str], model: VisionMission | MarkerName, *, smooth: bool = ...
-) -> PoseSolution: ...
+def filter_log(path: Any, model: VisionMission | MarkerName, *, smooth: bool = ...) -> PoseSolution: ...
 
 
 @overload  # which of the two, only the model's file tells
 def filter_log(
-    path: str | os.PathLike[str],
+    path: Any,
     model: str,
     *,
     method: str | None = ...,
@@ -49,7 +47,7 @@ def filter_log(
 
 
 def filter_log(
-    path: str | os.PathLike[str],
+    path: Any,
     model: Model | VisionMission | str,
     *,
     method: str | None = None,
@@ -64,8 +62,9 @@ def filter_log(
 
     Parameters
     ----------
-    path : str or path
-        The log: `t_s`, `spot_a_x_um`, ... (any length unit; empty = not seen), optionally `sigma_spot_a_x_um`, ... (all
+    path : str, path or DataFrame
+        The log, a file or a table in memory (pandas, polars): `t_s`,
+        `spot_a_x_um`, ... (any length unit; empty = not seen), optionally `sigma_spot_a_x_um`, ... (all
         of them; empty = as before), `accel_x_m_s2`, ...,
         `delta_v_x_m_s`, ..., `q_cam_from_lvlh_x`, ... Or a raw log, a row a slot: `t_s`, `beacon`, four currents.
     model : Model, VisionMission or str
@@ -100,8 +99,8 @@ def filter_log(
             raise UsageError(f"{keyword} is for three-beacon models; {mission.name} has one filter, on its spots")
         return filter_marker_log(path, mission, smooth=smooth)
     method = "fix" if method is None else method
-    source = opened(Path(path))
-    if is_raw_log(source):
+    source = FrameLog(path) if is_frame(path) else opened(Path(path))
+    if not isinstance(source, FrameLog) and is_raw_log(source):
         return filter_raw_log(source, mission, method=method, projection=projection, smooth=smooth)
     log = read_log(source)
     check_beacons(log.path, log.spots_m.shape[1], mission.name, len(mission.beacons_lvlh_m))

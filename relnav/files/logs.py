@@ -180,9 +180,9 @@ def opened(path: Path) -> Path | TextTable:
     return path if path.suffix.lower() == ".parquet" else TextTable(path)
 
 
-def read_log(path: Path | TextTable) -> Log:
+def read_log(path: Path | TextTable | LogFile) -> Log:
     """Read a log whole: Parquet if the file's name ends so, else CSV. Errors as for `LogFile`."""
-    pieces = list(LogFile(path).chunks())
+    pieces = list((path if isinstance(path, LogFile) else LogFile(path)).chunks())
     if len(pieces) == 1:
         return pieces[0]
 

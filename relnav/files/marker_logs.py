@@ -1,16 +1,17 @@
 """Marker logs as files: simulated ones and their truth out, a log in, its track of position and attitude out."""
 
-import os
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from relnav.arrays import Matrix, Stack, Vector
 from relnav.errors import LogError
+from relnav.files.frame_logs import FrameLog, is_frame
 from relnav.files.log_columns import ACCELERATION, DELTA_V, markers, parse_header
 from relnav.files.logs import LogFile
 from relnav.files.spool import Spool
@@ -48,8 +49,8 @@ _WHOLE_NUMBERS = ("dof", "used", "status", "hypotheses", "observable", "too_late
 _INTEGERS = tuple(TRACK_COLUMNS.index(name) for name in _WHOLE_NUMBERS)
 
 
-def filter_marker_log(path: str | os.PathLike[str], mission: VisionMission, *, smooth: bool = False) -> PoseSolution:
-    """Filter a log of marker spots (CSV or Parquet, one row an epoch).
+def filter_marker_log(path: Any, mission: VisionMission, *, smooth: bool = False) -> PoseSolution:
+    """Filter a log of marker spots (CSV, Parquet or a DataFrame, one row an epoch).
 
     Columns: `t_s`; `spot_a_x_px`, `spot_a_y_px`, ... one pair a marker in the model's order (empty = not seen);
     optionally `image_t_s` (middle of the exposure, if not t_s), `accel_{x,y,z}_m_s2`, `delta_v_{x,y,z}_m_s`
@@ -64,9 +65,7 @@ def filter_marker_log(path: str | os.PathLike[str], mission: VisionMission, *, s
     return replace(parts[0], epochs=np.concatenate([part.epochs for part in parts]))
 
 
-def marker_solutions(
-    path: str | os.PathLike[str], mission: VisionMission, *, smooth: bool = False
-) -> Iterator[PoseSolution]:
+def marker_solutions(path: Any, mission: VisionMission, *, smooth: bool = False) -> Iterator[PoseSolution]:
     """The same, piece after piece, in bounded memory: filtered as the log is read, or smoothed at its end.
 
     To be smoothed, what passed is kept in a temporary file (1.5 kB an epoch), gone through backward, and handed out.
@@ -102,12 +101,11 @@ def marker_solutions(
             yield PoseSolution(mission, epochs, smoothed=True)
 
 
-def _chunks(
-    path: str | os.PathLike[str], mission: VisionMission
-) -> Iterator[tuple[Vector, Stack, Matrix, Matrix, Vector | None]]:
+def _chunks(path: Any, mission: VisionMission) -> Iterator[tuple[Vector, Stack, Matrix, Matrix, Vector | None]]:
     """Times, spots, control, chaser attitude and exposures of a log, a few thousand rows at a time."""
     layout = markers(len(mission.markers.positions_m))
-    log = LogFile(Path(path), partial(parse_header, layout=layout))
+    parse = partial(parse_header, layout=layout)
+    log = FrameLog(path, parse) if is_frame(path) else LogFile(Path(path), parse)
     for values in log.tables():
         t, spots = log.group(values, ("t",)), log.group(values, layout.spots)
         assert t is not None
@@ -150,6 +148,11 @@ def write_track(parts: Iterable[PoseSolution], model: str, path: Path, metadata:
     _write(path, TRACK_COLUMNS, map(_rows, parts), {"model": model} | (metadata or {}), _INTEGERS)
 
 
+def track_columns(solution: PoseSolution) -> dict[str, Vector]:
+    """The columns of a track by their names."""
+    return dict(zip(TRACK_COLUMNS, _rows(solution), strict=True))
+
+
 def _rows(solution: PoseSolution) -> Table:
     doubtful = np.where(np.isfinite(solution.ambiguity), solution.ambiguity, np.nan)
     return [
@@ -190,5 +193,13 @@ def _write(
     path: Path, columns: tuple[str, ...], parts: Iterable[Table], metadata: dict[str, str], integers: tuple[int, ...]
 ) -> None:
     check_format(path)
-    head = {"relnav": relnav_version(), "frame": "lvlh_ccsds; ports and turns in target axes"} | metadata
-    write_table(path, columns, iter(parts), head, integers)
+    write_table(path, columns, iter(parts), _head(metadata), integers)
+
+
+def _head(metadata: dict[str, str]) -> dict[str, str]:
+    return {"relnav": relnav_version(), "frame": "lvlh_ccsds; ports and turns in target axes"} | metadata
+
+
+def track_head(solution: PoseSolution) -> dict[str, str]:
+    """What the head of its track states."""
+    return _head({"model": solution.model} | ({"smoothed": "yes"} if solution.smoothed else {}))

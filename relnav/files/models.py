@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 
 from relnav.accuracy.published import Claim, ClaimException, Published
 from relnav.errors import ModelError
-from relnav.files.model_folders import find_model
+from relnav.files.model_folders import find_model, list_models
 from relnav.files.orbit_altitude import mean_motion_of_altitude
 from relnav.files.plausibility import implausible
 from relnav.files.psd_calibration import named_calibration
@@ -219,3 +219,22 @@ def load_published(model: Any) -> Published:
     exceptions = [build(ClaimException, entry, "exception", problems, None) for entry in table.get("exception", [])]
     problems.raise_if_any()
     return Published(tuple(claims), tuple(exceptions))
+
+
+def mission_of(solution: Any) -> Any:
+    """What a solution was made with: its own mission, or the shipped model of its name; None if there is none."""
+    if hasattr(solution, "mission"):
+        return solution.mission
+    return load_model(solution.model) if solution.model in list_models() else None
+
+
+def model_values(model: Any) -> dict[str, dict[str, Any]]:
+    """What a loaded model's file says: key path -> its value as written, and where that comes from."""
+    table, _ = read_toml(Path(model.path))
+    values = {
+        f"{section}.{key}": raw["value"] if isinstance(raw, dict) else raw
+        for section, entries in table.items()
+        if isinstance(entries, dict)
+        for key, raw in entries.items()
+    }
+    return {key: {"value": value, "source": model.provenance.get(key, "unstated")} for key, value in values.items()}

@@ -3,9 +3,10 @@
 import math
 from typing import Any, TypeGuard
 
+from relnav.dynamics.two_body import MU_EARTH_M3_S2
 from relnav.files.toml_values import Problems
 from relnav.files.units import UNITS, split_unit, to_si
-from relnav.simulation.orbits import EARTH_RADIUS_M, MU_EARTH_M3_S2
+from relnav.simulation.orbits import EARTH_RADIUS_M
 
 
 def mean_motion_of_altitude(table: dict[str, Any], problems: Problems) -> None:

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from relnav.dynamics.two_body import MU_EARTH_M3_S2
 from relnav.geometry.rotation import dcm_from_quaternion
 from relnav.mission import Model, Orbit, VisionMission
-from relnav.simulation.orbits import EARTH_RADIUS_M, MU_EARTH_M3_S2
+from relnav.simulation.orbits import EARTH_RADIUS_M
 
 FASTEST_RAD_S = 1.25 * math.sqrt(MU_EARTH_M3_S2 / EARTH_RADIUS_M**3)
 """A quarter more than at the ground: a body's fastest orbit is sqrt(4/3 pi G density), and no planet is denser."""

@@ -14,6 +14,7 @@ from relnav.errors import UsageError
 from relnav.files.atomic import is_stream, replacing
 from relnav.files.wording import printable
 from relnav.navigation.docking_view import UPPER
+from relnav.navigation.in_frame import FramedTrack
 from relnav.navigation.record import DIAGONAL, Solution
 
 STATE = ("x", "y", "z", "vx", "vy", "vz")
@@ -57,24 +58,27 @@ Table = list[Vector]
 """Rows as columns: one array (m,) for each."""
 
 
-def rows_of(part: Solution) -> Table:
-    """The columns `COLUMNS` of some epochs."""
+def rows_of(part: Solution, turned: FramedTrack | None = None) -> Table:
+    """The columns `COLUMNS` of some epochs; with their states and covariances in another frame, if that is given."""
     view, degrees = part.view, 180.0 / np.pi
     sigma_docking = np.sqrt(view[[3, 6, 8]])
+    state, covariance = part.state, view[9:]
+    if turned is not None:
+        state, covariance = turned.state, turned.covariance[:, UPPER[0], UPPER[1]].T
     return [
         part.t_s,
-        *part.state.T,
+        *state.T,
         view[0],
         view[1] * degrees,
         view[2] * degrees,
-        *np.sqrt(view[9:][DIAGONAL]),
+        *np.sqrt(covariance[DIAGONAL]),
         sigma_docking[0],
         sigma_docking[1] * degrees,
         sigma_docking[2] * degrees,
         part.nis,
         part.dof,
         part.accepted,
-        *view[9:],
+        *covariance,
     ]
 
 

@@ -1,44 +1,102 @@
-"""A solution as a file: the public `write`, whichever filter it comes from."""
+"""A solution as a file: the public `write`, whichever filter it comes from, in the format that the ending names."""
 
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from relnav.errors import UsageError
+from relnav.files.systems import resolve
 from relnav.files.tables import COLUMNS, INTEGERS, Table, check_format, head, rows_of, write_table
+from relnav.navigation.in_frame import frame_words, in_frame
 from relnav.navigation.pose_record import PoseSolution
-from relnav.navigation.record import Solution
+from relnav.navigation.record import PER_EPOCH, Solution
 
 ROWS_AT_ONCE = 65_536
+EXCHANGE = {
+    ".oem": "relnav.files.oem:write_oem",
+    ".aem": "relnav.files.aem:write_aem",
+    ".mat": "relnav.files.matlab:write_mat",
+    ".nc": "relnav.files.netcdf:write_netcdf",
+    ".h5": "relnav.files.netcdf:write_netcdf",
+    ".mcap": "relnav.files.mcap_file:write_mcap",
+}
+"""Ending -> what writes it, as a function of (solution, path, settings)."""
 
 
-def write(solution: Solution | PoseSolution, path: str | os.PathLike[str]) -> None:
-    """Write a solution as a table, one row an epoch; numbers are exact (read back, they are the same).
+def write(
+    solution: Solution | PoseSolution,
+    path: str | os.PathLike[str],
+    *,
+    frame: str = "lvlh_ccsds",
+    orientation_deg: tuple[float, float, float] | None = None,
+    model: Any = None,
+    epoch: str | None = None,
+) -> None:
+    """Write a solution, one row an epoch; in a table numbers are exact (read back, they are the same).
 
     Parameters
     ----------
     solution : Solution or PoseSolution
         From `filter_log`.
     path : str or path
-        Ends in `.csv` or `.parquet` (needs pyarrow). Empty cells: no state yet. The file appears whole or not at all.
+        Ends in `.csv` or `.parquet` (needs pyarrow): a table; empty cells: no state yet. `.mat`: MATLAB; `.nc`, `.h5`:
+        netCDF-4, which is HDF5, with CF units (needs xarray and h5netcdf); `.mcap`: poses with covariance for Foxglove
+        (needs mcap); `.oem`, `.aem`: CCSDS ephemeris with covariance, and attitude of the target. The file appears
+        whole or not at all.
+    frame, orientation_deg, model
+        Frame of states and covariances, as for `Solution.in_frame`; of tables and `.oem` of beacons.
+    epoch : str, optional
+        UTC of the log's t = 0, ISO; `.oem` and `.aem` need it.
 
     Raises
     ------
     UsageError
-        For another ending, or a folder that does not exist.
+        For another ending, a folder that does not exist, a package that is missing, or a frame that cannot be.
     """
     target = Path(path)
+    settings = {"frame": frame, "orientation_deg": orientation_deg, "model": model, "epoch": epoch}
+    if target.suffix.lower() in EXCHANGE:
+        write_exchange(solution, target, settings)
+        return
     check_format(target)
     if not isinstance(solution, Solution):
         from relnav.files.marker_logs import write_track  # scipy's rotations, which a beacon log does not need
 
+        if frame != "lvlh_ccsds":
+            raise UsageError("the table of a marker track is in lvlh_ccsds; solution.in_frame(...) turns its states")
         write_track([solution], solution.model, target, {"smoothed": "yes"} if solution.smoothed else {})
         return
-    stated = head(solution.model, solution.method, solution.smoothed)
+    from relnav.files.models import mission_of
+
+    mission = mission_of(solution) if model is None else model
+    turned = frame != "lvlh_ccsds"
+    said = frame_words(frame, mission, orientation_deg)
+    stated = head(solution.model, solution.method, solution.smoothed) | (said if turned else {})
     stated |= {key: str(value) for key, value in solution.metadata.items()}
-    write_table(target, COLUMNS, _parts(solution), stated, INTEGERS)
+
+    def parts() -> Iterator[Table]:
+        """Part after part: a long solution's covariances are never all in memory."""
+        for begin in range(0, len(solution), ROWS_AT_ONCE):
+            part = solution.part(begin, begin + ROWS_AT_ONCE)
+            yield rows_of(part, in_frame(part, frame, mission, orientation_deg) if turned else None)
+
+    write_table(target, COLUMNS, parts(), stated, INTEGERS)
 
 
-def _parts(solution: Solution) -> Iterator[Table]:
-    """Part after part: a long solution's covariances are never all in memory."""
-    for begin in range(0, len(solution), ROWS_AT_ONCE):
-        yield rows_of(solution.part(begin, begin + ROWS_AT_ONCE))
+def write_exchange(solution: Any, path: Path, settings: dict[str, Any]) -> None:
+    """Write a solution in one of the formats of `EXCHANGE`."""
+    resolve(EXCHANGE[path.suffix.lower()])(solution, path, settings)
+
+
+def joined(parts: list[Any]) -> Any:
+    """Consecutive parts of a solution as one."""
+    first = parts[0]
+    if not isinstance(first, Solution):
+        return replace(first, epochs=np.concatenate([part.epochs for part in parts]))
+    names = [*PER_EPOCH, *(["lever_lvlh_m"] if len(first.lever_lvlh_m) == len(first) > 1 else [])]
+    arrays: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    return replace(first, restarts=parts[-1].restarts, **arrays)

@@ -5,12 +5,13 @@ from pathlib import Path
 from typing import Any
 
 from relnav.errors import ModelError, UnknownModelError
+from relnav.files.model_folders import list_models
 from relnav.files.toml_values import Problems
 
 
 def sensor_models(values: Mapping[str, Any], path: Path, problems: Problems) -> dict[str, Any]:
     """Models of the sensors of a vehicle, by the sensors' names, as its field `models`."""
-    from relnav.files.models import list_models, load_model  # which asks for this file
+    from relnav.files.models import load_model  # which asks for this file
 
     found: dict[str, Any] = {}
     for name, mounted in values.get("sensor", {}).items():

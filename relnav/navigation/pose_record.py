@@ -12,6 +12,7 @@ from relnav.estimation.factored import compose
 from relnav.mission import VisionMission
 from relnav.navigation.docking_port import DockingState, docking_states
 from relnav.navigation.pose_epoch import unpacked
+from relnav.navigation.presented import Presented
 from relnav.navigation.status import EpochStatus
 
 
@@ -139,8 +140,8 @@ class PoseRecord:
         return f"PoseRecord(t_s={self.t_s:.12g}, {self.status.name}, position {x:.4f}, {y:.4f}, {z:.4f} m)"
 
 
-@dataclass(frozen=True)
-class PoseSolution:
+@dataclass(frozen=True, repr=False)
+class PoseSolution(Presented):
     """Estimates over the n epochs of a log, NaN while there was none; arrays are worked out when asked for.
 
     Attributes

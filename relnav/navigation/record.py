@@ -13,6 +13,7 @@ from relnav.arrays import Codes, Flags, Matrix, Stack, Vector
 from relnav.estimation.consistency import Consistency, nis_consistency
 from relnav.navigation.docking_view import UPPER, symmetric, views
 from relnav.navigation.epoch_report import REPORT
+from relnav.navigation.presented import Presented
 from relnav.navigation.status import STARTED, UPDATED, EpochStatus
 from relnav.sensors.measurement import Status
 
@@ -147,8 +148,8 @@ class FilterRecord:
         )
 
 
-@dataclass(frozen=True)
-class Solution:
+@dataclass(frozen=True, repr=False)
+class Solution(Presented):
     """A filtered log: arrays over its n epochs, SI units and radians, NaN before the filter has started.
 
     Attributes

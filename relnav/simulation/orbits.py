@@ -9,7 +9,6 @@ import math
 from relnav.arrays import Matrix, Vector
 from relnav.codegen.kernel import kernel
 
-MU_EARTH_M3_S2 = 3.986004418e14  # IERS Conventions (2010), table 1.1
 EARTH_RADIUS_M = 6378136.6  # the same table
 J2_EARTH = 1.0826359e-3  # the same table
 

@@ -17,7 +17,8 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from relnav.arrays import Matrix, Stack, Vector
-from relnav.simulation.orbits import J2_EARTH, MU_EARTH_M3_S2, lvlh_axes, runge_kutta_step
+from relnav.dynamics.two_body import MU_EARTH_M3_S2
+from relnav.simulation.orbits import J2_EARTH, lvlh_axes, runge_kutta_step
 from relnav.simulation.target_rotation import true_anomaly_rad
 from relnav.spacecraft import InertialOrbit, Vehicle
 

@@ -7,8 +7,9 @@ import numpy as np
 
 from relnav.arrays import Matrix, Vector
 from relnav.codegen.kernel import kernel
+from relnav.dynamics.two_body import MU_EARTH_M3_S2
 from relnav.mission import Model, VisionMission
-from relnav.simulation.orbits import J2_EARTH, MU_EARTH_M3_S2, place_chaser, relative_state, runge_kutta_step
+from relnav.simulation.orbits import J2_EARTH, place_chaser, relative_state, runge_kutta_step
 
 
 @dataclass(frozen=True)

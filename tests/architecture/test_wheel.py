@@ -41,7 +41,9 @@ def test_top_level_is_only_relnav(names):
 
 def test_every_source_and_nothing_else(names, root, sources):
     inside = {name for name in names if name.startswith("relnav/") and not name.startswith("relnav/models/")}
-    expected = {str(path.relative_to(root)) for path in sources} | {"relnav/py.typed"}
+    page = {str(path.relative_to(root)) for path in (root / "relnav/files/report").rglob("*") if path.is_file()}
+    assert {"relnav/files/report/uplot/LICENSE", "relnav/files/report/page.js"} <= page
+    expected = {str(path.relative_to(root)) for path in sources} | {"relnav/py.typed"} | page
     assert inside == expected
 
 

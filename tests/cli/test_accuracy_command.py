@@ -3,7 +3,7 @@
 import json
 
 from relnav.cli import run
-from relnav.files.models import find_model
+from relnav.files.model_folders import find_model
 
 SMALL = ["--runs", "3", "--seed", "1"]
 

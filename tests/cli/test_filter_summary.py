@@ -138,7 +138,7 @@ def test_restarts_and_rejections_are_counted(run, short_log, tmp_path):
 
 
 def test_a_model_without_published_figures(run, short_log, tmp_path):
-    from relnav.files.models import find_model
+    from relnav.files.model_folders import find_model
 
     (tmp_path / "model.toml").write_text(find_model("three_beacon_psd").read_text())
     code, out, _ = run("filter", short_log, "--model", tmp_path)

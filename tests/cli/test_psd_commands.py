@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from relnav.files.models import find_model
+from relnav.files.model_folders import find_model
 from relnav.simulation.distortion import typical_distortion
 
 

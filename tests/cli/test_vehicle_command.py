@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from relnav.files.models import find_model
+from relnav.files.model_folders import find_model
 
 HEADER = "t_s,sensor,v0,v1,v2,v3,v4,v5,v6,v7,v8,v9,v10,v11"
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import relnav
-from relnav.simulation.orbits import EARTH_RADIUS_M, MU_EARTH_M3_S2
+from relnav.dynamics.two_body import MU_EARTH_M3_S2
+from relnav.simulation.orbits import EARTH_RADIUS_M
 
 HOSTILE = {
     "type is an array": "sensor_type = []",

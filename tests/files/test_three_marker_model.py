@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import relnav
-from relnav.files.models import find_model
+from relnav.files.model_folders import find_model
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import relnav
-from relnav.files.models import find_model
+from relnav.files.model_folders import find_model
 
 NAME = "rendezvous_demo"
 MARKERS = 'model = { value = "three_marker_vision"'

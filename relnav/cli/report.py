@@ -1,0 +1,121 @@
+"""`relnav report`: one page that shows a run or an accuracy report, and holds all it needs."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from relnav.cli.printing import InputPath, OutputPath, say
+
+
+@click.command(epilog="Example: relnav report track.csv --out run.html")
+@click.argument("source", type=InputPath())
+@click.option("--out", type=OutputPath(), required=True, help="Page to write, .html; it asks no network for anything.")
+@click.option("--model", help="What was flown, if SOURCE does not say it, or to filter SOURCE as a log.")
+@click.option("--method", type=click.Choice(["fix", "spots"]), help="To filter a log: as for `relnav filter`.")
+@click.option("--smooth", is_flag=True, help="To filter a log: run backward too.")
+@click.option(
+    "--corridor-deg",
+    type=click.FloatRange(min=0.0, max=80.0, min_open=True),
+    default=10.0,
+    show_default=True,
+    help="Half angle of your approach corridor.",
+)
+@click.option(
+    "--capture-m",
+    type=click.FloatRange(min=0.0),
+    default=0.0,
+    help="Radius of the port's capture limit, to draw; yours.",
+)
+@click.option("--quiet", is_flag=True, help="Print nothing.")
+def command(
+    source: Path,
+    out: Path,
+    model: str | None,
+    method: str | None,
+    smooth: bool,
+    corridor_deg: float,
+    capture_m: float,
+    quiet: bool,
+) -> None:
+    """Show SOURCE on one page: a track (.csv, .parquet), an accuracy report (.json), or a log with its --model.
+
+    A log is filtered first: its page shows innovations and gates, which a track does not hold.
+    """
+    from relnav.files.atomic import Outputs, check_distinct, check_folder
+    from relnav.files.report_page import check_page
+
+    check_page(out)
+    check_folder(out)
+    check_distinct(source, out)
+    if source.suffix.lower() == ".json":
+        from relnav.files.accuracy_page import read_report, write_accuracy_page
+
+        report = read_report(source)
+        with Outputs() as outputs:
+            write_accuracy_page(report, outputs.path(out, ".html"))
+    else:
+        view, mission, notes = _run(source, model, method, smooth)
+        from relnav.files.run_page import write_run_page
+
+        with Outputs() as outputs:
+            write_run_page(view, mission, outputs.path(out, ".html"), corridor_deg, capture_m, notes)
+    if not quiet:
+        say([f"page: {out}"], out)
+
+
+def _run(source: Path, model: str | None, method: str | None, smooth: bool) -> tuple[Any, Any, tuple[str, ...]]:
+    """What there is to see of a track, or of a log that is filtered for it; its mission; notes for the reader."""
+    from relnav.errors import UsageError
+    from relnav.files.logs import opened
+    from relnav.files.model_folders import list_models
+    from relnav.files.models import flown, load_model
+    from relnav.files.run_page import GROUPS
+    from relnav.files.run_view import watcher_of
+    from relnav.files.track_file import TrackFile, is_track
+
+    head = opened(source)
+    if is_track(_names(head, source)):
+        track = TrackFile(source)
+        stated = track.metadata.get("model", "")
+        known = model or (stated if stated in list_models() else "")
+        mission = flown(load_model(known)) if known else None
+        watcher = watcher_of(mission, GROUPS)
+        for part in track.parts():
+            watcher.take_columns(part)
+        how = track.metadata.get("method", "")
+        title = (stated or model or "track") + (f", method {how}" if how else "")
+        note = "A track holds no innovations; `relnav report LOG --model MODEL` shows them with their gates."
+        return watcher.view(source.name, title, track.metadata), mission, (note,)
+    if model is None:
+        raise UsageError(f"{source}: no track, and to be filtered as a log it needs --model (see `relnav models`)")
+    mission = flown(load_model(model))
+    watcher = watcher_of(mission, GROUPS)
+    _filter(source, mission, method, smooth, watcher)
+    return watcher.view(source.name), mission, ()
+
+
+def _names(head: Any, source: Path) -> list[str]:
+    if isinstance(head, Path):
+        from relnav.files.parquet import open_parquet
+
+        return open_parquet(source)[1]
+    names: list[str] = head.names
+    return names
+
+
+def _filter(source: Path, mission: Any, method: str | None, smooth: bool, watcher: Any) -> None:
+    from relnav.errors import UsageError
+    from relnav.mission import VisionMission
+
+    if isinstance(mission, VisionMission):
+        from relnav.files.marker_logs import marker_solutions
+
+        if method is not None:
+            raise UsageError(f"--method is for three-beacon models; {mission.name} has one filter, on its spots")
+        for part in marker_solutions(source, mission, smooth=smooth):
+            watcher.take(part)
+        return
+    from relnav.files.filter_file import filter_file
+
+    filter_file(source, mission, method=method or "fix", smooth=smooth, watch=watcher.take)

@@ -1,0 +1,72 @@
+"""The track that `relnav filter` writes: a table as it goes, or another program's format once the run is whole."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from relnav.files.atomic import Outputs
+
+
+@dataclass
+class TrackOutput:
+    """Where to write it, and in which frame; `orbit_deg` and `epoch` are what some formats and frames need."""
+
+    path: Path | None
+    frame: str
+    orbit_deg: tuple[float, float, float] | None
+    epoch: str | None
+    _parts: list[Any] = field(default_factory=list)
+
+    @property
+    def _exchanged(self) -> bool:
+        from relnav.files.tracks import EXCHANGE
+
+        return self.path is not None and self.path.suffix.lower() in EXCHANGE
+
+    def check(self) -> None:
+        """Refuse, before any work is done, what cannot be written.
+
+        Raises
+        ------
+        UsageError
+            Naming the file.
+        """
+        if self.path is None:
+            return
+        from relnav.files.atomic import check_folder
+        from relnav.files.tables import check_format
+
+        if not self._exchanged:
+            check_format(self.path)
+        check_folder(self.path)
+
+    @property
+    def table_asked(self) -> bool:
+        """Whether it is a table."""
+        return self.path is not None and not self._exchanged
+
+    def table(self, outputs: "Outputs") -> Path | None:
+        """Where the filter writes a table as it goes; None if it does not."""
+        return outputs.path(self.path, ".csv") if self.path is not None and self.table_asked else None
+
+    def watch(self, part: Any) -> None:
+        """Keep the next epochs, if the format needs them all."""
+        if self._exchanged:
+            self._parts.append(part)
+
+    def passing(self, parts: Iterable[Any]) -> Iterator[Any]:
+        """The parts, each kept as it passes."""
+        for part in parts:
+            self.watch(part)
+            yield part
+
+    def finish(self, outputs: "Outputs", mission: Any) -> None:
+        """Write the format that needed them all."""
+        if self.path is None or not self._parts:
+            return
+        from relnav.files.tracks import joined, write_exchange
+
+        settings = {"frame": self.frame, "orientation_deg": self.orbit_deg, "epoch": self.epoch, "model": mission}
+        write_exchange(joined(self._parts), outputs.path(self.path), settings)

@@ -1,0 +1,53 @@
+"""CCSDS Attitude Ephemeris Message (CCSDS 504.0-B-2, section 4), keyword = value: attitude of the target in space.
+
+`q_lvlh_from_target` of a marker track with the orbit's orientation makes the attitude of the target's axes against
+inertial ones.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from relnav.errors import UsageError
+from relnav.files.atomic import replacing
+from relnav.files.ccsds import creation, epoch_of, known_epochs, name_of, stamps
+from relnav.navigation.in_frame import lvlh_in_space
+from relnav.navigation.record import Solution
+
+
+def write_aem(solution: Any, path: Path, settings: dict[str, Any]) -> None:
+    """Write the target's attitude at the epochs with a state: EME2000 to SC_BODY_1, scalar last."""
+    if isinstance(solution, Solution):
+        raise UsageError("an AEM holds an attitude, which a three-beacon track does not estimate; write an OEM")
+    epoch, known = epoch_of(settings, "an AEM"), known_epochs(solution, "an AEM")
+    orbit, said = lvlh_in_space(solution.t_s[known], solution.mission, settings["orientation_deg"])
+    eci_from_target = orbit @ solution.dcm_lvlh_from_target[known]
+    quaternions = Rotation.from_matrix(np.swapaxes(eci_from_target, 1, 2)).as_quat(canonical=True)
+    times = stamps(epoch, solution.t_s[known], "an AEM")
+    lines = [
+        "CCSDS_AEM_VERS = 2.0",
+        f"CREATION_DATE = {creation()}",
+        "ORIGINATOR = RELNAV",
+        "META_START",
+        f"COMMENT model: {name_of(solution.model)}; target orbit: {name_of(said)}",
+        "OBJECT_NAME = TARGET",
+        "OBJECT_ID = TARGET",
+        "CENTER_NAME = EARTH",
+        "REF_FRAME_A = EME2000",
+        "REF_FRAME_B = SC_BODY_1",
+        "TIME_SYSTEM = UTC",
+        f"START_TIME = {times[0]}",
+        f"STOP_TIME = {times[-1]}",
+        "ATTITUDE_TYPE = QUATERNION",
+        "META_STOP",
+        "DATA_START",
+        *(
+            " ".join([time, *(f"{value:.16f}" for value in quaternion)])
+            for time, quaternion in zip(times, quaternions, strict=True)
+        ),
+        "DATA_STOP",
+    ]
+    with replacing(path) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="ascii")

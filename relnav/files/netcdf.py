@@ -1,0 +1,22 @@
+"""A track as netCDF-4, which is HDF5: the arrays of `to_xarray`, units as CF has them; through xarray and h5netcdf."""
+
+from pathlib import Path
+from typing import Any
+
+from relnav.files.atomic import replacing
+from relnav.files.data_frames import require, to_xarray
+
+
+def write_netcdf(solution: Any, path: Path, settings: dict[str, Any]) -> None:  # noqa: ARG001  (all writers take them)
+    """Write it.
+
+    Raises
+    ------
+    UsageError
+        If xarray or h5netcdf is missing; says how to install them.
+    """
+    for package in ("xarray", "h5netcdf"):
+        require(package, "netcdf", "A netCDF or HDF5 file")
+    data = to_xarray(solution)
+    with replacing(path) as temporary:
+        data.to_netcdf(temporary, engine="h5netcdf")

@@ -1,0 +1,107 @@
+"""How our pictures look: one set of colours and lines, and how a figure becomes a file; matplotlib when it is used."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from relnav.errors import UsageError
+from relnav.files.atomic import is_stream, replacing
+
+ESTIMATE, PUBLISHED, GATE, SPREAD, QUIET, INK = "#0060a8", "#c2410c", "#b3123f", "#0a7a55", "#8a94a0", "#1f2730"
+"""Okabe and Ito's hues, darkened for lines on white: told apart by eyes that do not see red and green."""
+ENDINGS = (".png", ".pdf", ".svg")
+STYLE: Any = {
+    "font.size": 8.5,
+    "axes.titlesize": 9.5,
+    "axes.titlelocation": "left",
+    "axes.titleweight": "bold",
+    "axes.labelsize": 8.5,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": "#9aa4af",
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,
+    "grid.color": "#e3e8ed",
+    "grid.linewidth": 0.7,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "lines.linewidth": 1.3,
+    "lines.solid_joinstyle": "round",
+    "path.simplify": True,
+    "svg.hashsalt": "relnav",
+    "svg.fonttype": "none",
+    "pdf.fonttype": 42,
+    "text.parse_math": False,
+}
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Our style for what is drawn inside, and nothing of it afterwards."""
+    import matplotlib
+
+    with matplotlib.rc_context(STYLE):
+        yield
+
+
+def new_figure(width: float, height: float) -> Any:
+    """An empty figure of so many inches, with a canvas that needs no screen."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def one_legend(figure: Any) -> None:
+    """One legend for a whole sheet, below it: every name once."""
+    entries = {
+        label: handle for axis in figure.axes for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)
+    }
+    if entries:
+        figure.legend(list(entries.values()), list(entries), loc="outside lower left", ncols=min(5, len(entries)))
+
+
+def plain_decades(axis: Any) -> None:
+    """Numbers of a logarithmic axis as one writes them: 0.01."""
+    from matplotlib.ticker import FuncFormatter, NullFormatter
+
+    axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.yaxis.set_minor_formatter(NullFormatter())
+
+
+def check_picture(path: Path) -> None:
+    """Refuse a picture of another kind.
+
+    Raises
+    ------
+    UsageError
+        Naming the endings.
+    """
+    if path.suffix.lower() not in ENDINGS and not is_stream(path):
+        raise UsageError(f"{path}: a picture ends in {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}; got '{path.suffix}'")
+
+
+def save(figures: list[Any], path: Path) -> None:
+    """Write figures to one file: pages of a .pdf; of other kinds the first alone. The same figures, the same bytes."""
+    kind = path.suffix.lower().lstrip(".") or "png"
+    with styled(), replacing(path, ".png") as temporary:
+        if kind == "pdf":
+            from matplotlib.backends.backend_pdf import PdfPages
+
+            with PdfPages(temporary, metadata={"Creator": "relnav", "CreationDate": None}) as pages:
+                for figure in figures:
+                    pages.savefig(figure)
+            return
+        metadata = {"Date": None} if kind == "svg" else {}
+        figures[0].savefig(temporary, format=kind, dpi=130, metadata=metadata)

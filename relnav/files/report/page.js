@@ -1,0 +1,248 @@
+"use strict";
+/* Charts of a run: data come as one JSON object, numbers as base64; every word is put in as text, never as markup. */
+(function () {
+  const holder = document.getElementById("data");
+  if (!holder) return;
+  const run = JSON.parse(holder.textContent);
+  const numbers = (text, Kind) => {
+    const raw = atob(text), bytes = new Uint8Array(raw.length);
+    for (let i = 0; i < raw.length; i++) bytes[i] = raw.charCodeAt(i);
+    return Array.from(new Kind(bytes.buffer), v => (Number.isFinite(v) ? v : null));
+  };
+  const time = numbers(run.time, Float64Array);
+  const cache = {};
+  const column = name => (cache[name] = cache[name] || numbers(run.columns[name], Float32Array));
+  const colour = name => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
+  const short = v => (v == null ? "" : Math.abs(v) >= 1e5 || (v !== 0 && Math.abs(v) < 1e-3) ? v.toExponential(2) : String(+v.toPrecision(5)));
+  const whole = [time[0], time[time.length - 1] > time[0] ? time[time.length - 1] : time[0] + 1];
+  let shown = whole.slice();
+  const charts = new Map();
+
+  /* Charts in sight follow at once, the others when they come into sight. */
+  const seen = new Set(), stale = new Set();
+  const follow = u => u.setScale("x", { min: shown[0], max: shown[1] });
+  function chosen(low, high) {
+    const hair = 1e-9 * (whole[1] - whole[0]);
+    if (Math.abs(low - shown[0]) > hair || Math.abs(high - shown[1]) > hair) show(low, high);
+  }
+
+  function show(low, high) {
+    const least = (whole[1] - whole[0]) / Math.max(10, time.length);
+    if (high - low < least) { const m = (low + high) / 2; low = m - least / 2; high = m + least / 2; }
+    shown = [Math.max(whole[0], low), Math.min(whole[1], high)];
+    charts.forEach((u, box) => (seen.has(box) ? follow(u) : stale.add(box)));
+    document.getElementById("span").textContent = short(shown[0]) + " s to " + short(shown[1]) + " s";
+  }
+  function zoom(factor) {
+    const m = (shown[0] + shown[1]) / 2, h = (shown[1] - shown[0]) / 2 * factor;
+    show(m - h, m + h);
+  }
+  function move(share) {
+    const w = shown[1] - shown[0];
+    const low = Math.min(Math.max(whole[0], shown[0] + share * w), whole[1] - w);
+    show(low, low + w);
+  }
+
+  function drawn(chart) {
+    const data = [time], series = [{ label: "t", value: (u, v) => (v == null ? "" : short(v) + " s") }], bands = [];
+    const add = (values, options) => { data.push(values); series.push(Object.assign({ value: (u, v) => short(v), points: { show: false } }, options)); };
+    for (const line of chart.lines) {
+      const values = line.constant == null ? column(line.column).map(v => (v == null ? null : v * (line.times || 1)))
+        : time.map(() => line.constant);
+      if (line.sigma) {
+        const s = column(line.sigma), at = series.length;
+        add(values.map((v, i) => (v == null || s[i] == null ? null : v + 3 * s[i])), { label: "+3 sigma", stroke: "transparent" });
+        add(values.map((v, i) => (v == null || s[i] == null ? null : v - 3 * s[i])), { label: "-3 sigma", stroke: "transparent" });
+        bands.push({ series: [at, at + 1], fill: colour("envelope") });
+      }
+      const dots = line.kind === "dots";
+      add(values, { label: line.label, stroke: colour(line.colour), width: 1.4, dash: line.dash ? [6, 4] : undefined,
+        paths: dots ? () => null : line.kind === "steps" ? uPlot.paths.stepped({ align: 1 }) : undefined,
+        points: { show: false } });
+    }
+    return { data, series, bands };
+  }
+
+  function axes(unit, log) {
+    const one = { stroke: colour("soft"), grid: { stroke: colour("grid"), width: 1 }, ticks: { stroke: colour("line"), width: 1 }, font: "11px system-ui, sans-serif" };
+    return [Object.assign({ values: (u, vs) => vs.map(short) }, one),
+      Object.assign({ size: 62, label: unit, labelSize: 16, labelFont: "11px system-ui, sans-serif", values: (u, vs) => vs.map(v => (v == null ? "" : short(v))) }, one)];
+  }
+
+  function room(chart) {
+    return (u, low, high) => {
+      if (chart.limits) return chart.limits;
+      if (low == null) return [0, 1];
+      const r = (high - low) * 0.06 || Math.abs(high) * 0.1 || 1;
+      return [low - r, high + r];
+    };
+  }
+
+  /* Dots; what lies outside the limits is shown at the border, so that nothing is hidden. */
+  function beyond(u, chart) {
+    if (!chart.limits || !chart.lines.some(line => line.kind === "dots")) return;
+    const c = u.ctx, b = u.bbox, s = 4 * devicePixelRatio, values = column(chart.lines.find(line => line.kind === "dots").column);
+    const dot = 2 * devicePixelRatio, low = u.scales.x.min, high = u.scales.x.max;
+    c.fillStyle = colour("dots");
+    for (let k = 0; k < time.length; k++) {
+      if (values[k] == null || time[k] < low || time[k] > high || values[k] < chart.limits[0] || values[k] > chart.limits[1]) continue;
+      c.fillRect(u.valToPos(time[k], "x", true) - dot / 2, u.valToPos(values[k], "y", true) - dot / 2, dot, dot);
+    }
+    c.fillStyle = colour("gate");
+    for (let k = 0; k < time.length; k++) {
+      const above = values[k] > chart.limits[1];
+      if (values[k] == null || !(above || values[k] < chart.limits[0]) || time[k] < low || time[k] > high) continue;
+      const x = u.valToPos(time[k], "x", true), y = above ? b.top : b.top + b.height, d = above ? 1 : -1;
+      c.beginPath(); c.moveTo(x, y); c.lineTo(x - s, y + d * 1.6 * s); c.lineTo(x + s, y + d * 1.6 * s); c.fill();
+    }
+  }
+
+  function build(box, chart) {
+    const old = charts.get(box);
+    if (old) old.destroy();
+    const { data, series, bands } = drawn(chart);
+    const log = chart.log;
+    const u = new uPlot({
+      width: box.clientWidth, height: chart.height || 200, series, bands, axes: axes(chart.unit, log),
+      scales: { x: { time: false }, y: log ? { distr: 3 } : { range: room(chart) } },
+      legend: { live: true }, hooks: {
+        draw: [v => beyond(v, chart)],
+        setScale: [(v, key) => { if (key === "x" && v.status === 1) chosen(v.scales.x.min, v.scales.x.max); }],
+      },
+      cursor: { sync: { key: "run", filters: { pub: kind => kind === "mousemove" || kind === "mouseleave" } }, drag: { x: true, y: false } },
+    }, data, box);
+    charts.set(box, u);
+    follow(u);
+    u.over.addEventListener("dblclick", () => show(whole[0], whole[1]));
+  }
+
+  function timeline(box, chart) {
+    const old = charts.get(box);
+    if (old) old.destroy();
+    const rows = chart.rows, n = rows.length;
+    const u = new uPlot({
+      width: box.clientWidth, height: 34 + 26 * n, legend: { show: false },
+      series: [{}, { stroke: "transparent", points: { show: false } }],
+      scales: { x: { time: false }, y: { range: [0, n] } },
+      axes: [axes("", false)[0], { stroke: colour("soft"), size: 150, font: "11px system-ui, sans-serif", grid: { show: false }, ticks: { show: false },
+        splits: () => rows.map((r, i) => n - i - 0.5), values: () => rows.map(r => r.label) }],
+      cursor: { sync: { key: "run", filters: { pub: kind => kind === "mousemove" || kind === "mouseleave" } }, drag: { x: true, y: false } },
+      hooks: {
+        setScale: [(v, key) => { if (key === "x" && v.status === 1) chosen(v.scales.x.min, v.scales.x.max); }],
+        draw: [v => {
+          const c = v.ctx, least = devicePixelRatio * 1.5;
+          c.save(); c.beginPath(); c.rect(v.bbox.left, v.bbox.top, v.bbox.width, v.bbox.height); c.clip();
+          rows.forEach((row, i) => {
+            c.fillStyle = colour(row.colour);
+            const top = v.valToPos(n - i - 0.14, "y", true), bottom = v.valToPos(n - i - 0.86, "y", true), on = column(row.column);
+            for (let k = 0; k < time.length; k++) {
+              if (!(on[k] > 0)) continue;
+              let e = k;
+              while (e + 1 < time.length && on[e + 1] > 0) e++;
+              const a = v.valToPos(time[k], "x", true), b = v.valToPos(time[Math.min(e + 1, time.length - 1)], "x", true);
+              c.fillRect(a, top, Math.max(least, b - a), bottom - top);
+              k = e;
+            }
+          });
+          c.restore();
+        }],
+      },
+    }, [time, time.map(() => null)], box);
+    charts.set(box, u);
+    follow(u);
+    u.over.addEventListener("dblclick", () => show(whole[0], whole[1]));
+  }
+
+  const waiting = new Map();
+  const make = (box, chart) => (chart.rows ? timeline : build)(box, chart);
+  const watcher = new IntersectionObserver(entries => entries.forEach(entry => {
+    if (entry.isIntersecting) seen.add(entry.target); else seen.delete(entry.target);
+    if (entry.isIntersecting && stale.delete(entry.target) && charts.has(entry.target)) follow(charts.get(entry.target));
+    if (entry.isIntersecting && waiting.has(entry.target)) { make(entry.target, waiting.get(entry.target)); waiting.delete(entry.target); }
+  }), { rootMargin: "200px" });
+  const all = [];
+  for (const chart of run.charts) {
+    const card = document.createElement("div"), head = document.createElement("h3"), box = document.createElement("div");
+    card.className = "chart" + (chart.wide ? " wide" : ""); box.className = "plot";
+    head.textContent = chart.title; card.append(head, box);
+    document.getElementById(chart.section).append(card);
+    all.push([box, chart]); waiting.set(box, chart); watcher.observe(box);
+  }
+  const finish = () => { stale.forEach(box => follow(charts.get(box))); stale.clear(); waiting.forEach((chart, box) => make(box, chart)); waiting.clear(); };
+  const again = () => { for (const [box, chart] of all) if (charts.has(box)) make(box, chart); space(); };
+  new ResizeObserver(() => charts.forEach((u, box) => { if (Math.abs(u.width - box.clientWidth) > 1) u.setSize({ width: box.clientWidth, height: u.height }); space(); })).observe(document.body);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
+  addEventListener("beforeprint", finish);
+
+  const on = (id, action) => document.getElementById(id).addEventListener("click", action);
+  on("in", () => zoom(0.5)); on("out", () => zoom(2)); on("left", () => move(-0.25)); on("right", () => move(0.25));
+  on("all", () => show(whole[0], whole[1]));
+  addEventListener("keydown", event => {
+    if (event.ctrlKey || event.metaKey || event.altKey || event.target.id === "space") return;
+    const action = { "+": () => zoom(0.5), "-": () => zoom(2), "0": () => show(whole[0], whole[1]), ",": () => move(-0.25), ".": () => move(0.25) }[event.key];
+    if (action) { action(); event.preventDefault(); }
+  });
+
+  /* The approach in space: x out of the port to the right, seen by an eye that turns about it. */
+  let turn = -0.62, tilt = 0.42;
+  function space() {
+    const canvas = document.getElementById("space"), path = run.path;
+    if (!canvas || !path) return;
+    const scale = devicePixelRatio || 1, w = canvas.clientWidth, h = canvas.clientHeight;
+    canvas.width = w * scale; canvas.height = h * scale;
+    const c = canvas.getContext("2d");
+    c.scale(scale, scale);
+    const far = path.far, size = Math.min(w / (far * 1.12), h / (far * 0.58));
+    const ct = Math.cos(turn), st = Math.sin(turn), cp = Math.cos(tilt), sp = Math.sin(tilt);
+    const at = (x, y, z) => { const u = x - far / 2, a = u * ct + y * st, b = -u * st + y * ct; return [w / 2 + a * size, h / 2 + (z * cp + b * sp) * size]; };
+    const line = (points, style, width, dash) => {
+      c.beginPath(); c.strokeStyle = style; c.lineWidth = width; c.setLineDash(dash || []);
+      points.forEach((p, i) => (p == null ? 0 : i && points[i - 1] ? c.lineTo(p[0], p[1]) : c.moveTo(p[0], p[1]))); c.stroke(); c.setLineDash([]);
+    };
+    const ring = (x, r) => Array.from({ length: 49 }, (_, k) => at(x, r * Math.cos(k * Math.PI / 24), r * Math.sin(k * Math.PI / 24)));
+    const wide = Math.tan(run.corridor * Math.PI / 180);
+    const cone = Math.min(far, far);
+    c.globalAlpha = 0.8;
+    for (let k = 1; k <= 4; k++) line(ring(cone * k / 4, wide * cone * k / 4), colour("spread"), 0.7);
+    for (let k = 0; k < 8; k++) { const a = k * Math.PI / 4; line([at(0, 0, 0), at(cone, wide * cone * Math.cos(a), wide * cone * Math.sin(a))], colour("spread"), 0.7); }
+    c.globalAlpha = 1;
+    line([at(0, 0, 0), at(far, 0, 0)], colour("soft"), 0.8, [4, 4]);
+    if (path.capture > 0) line(ring(0, path.capture), colour("published"), 1.6);
+    const unit = [[0, 1], [0, 2], [1, 2]];
+    for (const e of path.ellipsoids) for (const [i, j] of unit) {
+      line(Array.from({ length: 37 }, (_, k) => {
+        const p = e.at.slice(); p[i] += e.axes[i] * Math.cos(k * Math.PI / 18); p[j] += e.axes[j] * Math.sin(k * Math.PI / 18);
+        return at(p[0], p[1], p[2]);
+      }), colour("gate"), 0.9);
+    }
+    line(path.x.map((x, i) => (x == null ? null : at(x, path.y[i], path.z[i]))), colour("estimate"), 2.2);
+    c.fillStyle = colour("ink"); c.font = "12px system-ui, sans-serif";
+    const o = at(0, 0, 0); c.fillRect(o[0] - 4, o[1] - 4, 8, 8); c.fillText("port", o[0] - 12, o[1] + 20);
+    for (let d = path.tick; d < far; d += path.tick) { const p = at(d, 0, 0); c.fillRect(p[0] - 1, p[1] - 3, 2, 6); c.fillText(short(d) + " m", p[0] - 12, p[1] + 16); }
+    const last = path.x.length - 1, end = at(path.x[last], path.y[last], path.z[last]);
+    c.beginPath(); c.fillStyle = colour("estimate"); c.arc(end[0], end[1], 4.5, 0, 7); c.fill();
+    const length = far * 0.09, from = at(far * 0.5, 0, 0);
+    [["x", [length, 0, 0]], ["y", [0, length, 0]], ["z", [0, 0, length]]].forEach(([name, d]) => {
+      const p = at(far / 2 + d[0], d[1], d[2]), x = 60 + p[0] - from[0], y = h - 74 + p[1] - from[1];
+      line([[60, h - 74], [x, y]], colour("soft"), 1.2); c.fillStyle = colour("soft"); c.fillText(name, x + 3, y + 3);
+    });
+  }
+  const canvas = document.getElementById("space");
+  if (canvas) {
+    let held = null;
+    canvas.addEventListener("pointerdown", e => { held = [e.clientX, e.clientY, turn, tilt]; canvas.setPointerCapture(e.pointerId); });
+    canvas.addEventListener("pointermove", e => {
+      if (!held) return;
+      turn = held[2] - (e.clientX - held[0]) / 160; tilt = Math.max(-1.5, Math.min(1.5, held[3] + (e.clientY - held[1]) / 160)); space();
+    });
+    canvas.addEventListener("pointerup", () => { held = null; });
+    canvas.addEventListener("keydown", e => {
+      const step = { ArrowLeft: [0.1, 0], ArrowRight: [-0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] }[e.key];
+      if (!step) return;
+      turn += step[0]; tilt = Math.max(-1.5, Math.min(1.5, tilt + step[1])); space(); e.preventDefault();
+    });
+    space();
+  }
+  show(whole[0], whole[1]);
+  window.relnavPage = { show, finish, shown: () => shown.slice(), built: () => charts.size, all: all.length };
+})();

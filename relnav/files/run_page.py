@@ -1,0 +1,271 @@
+"""The page of one run: figures, approach in space, states, measurements, timeline, and what the model assumed."""
+
+import base64
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from relnav.arrays import Matrix, Vector
+from relnav.files.measurement_picture import WORDS
+from relnav.files.models import model_values
+from relnav.files.report_page import section, table, tile, write_page
+from relnav.files.run_view import FLAGS, TURNS, Quantity, RunView
+from relnav.navigation.status import EpochStatus
+
+GROUPS = 8192
+"""Of epochs, at most twice as many: what a browser draws without a wait."""
+PATH_POINTS = 1200
+ELLIPSOIDS = 9
+ROW_COLOURS = ("dots", "spread", "published", "gate", "soft", "estimate")
+
+
+def write_run_page(
+    view: RunView, model: Any, path: Path, corridor_deg: float, capture_m: float, notes: tuple[str, ...]
+) -> None:
+    """Write the page; `model` is what was flown, None if that is not known; notes are for the reader.
+
+    Corridor (half angle) and capture radius (0: none) are the mission's, and only drawn.
+    """
+    charts = _charts(view)
+    used = {line.get("column") for chart in charts for line in chart.get("lines", [])}
+    used |= {line.get("sigma") for chart in charts for line in chart.get("lines", [])}
+    used |= {row["column"] for chart in charts for row in chart.get("rows", [])}
+    limits = {key: line for key, line in _limits(view).items() if key in used}
+    columns = {name: view.line(name) for name in used if name in view.names} | limits
+    data = {
+        "time": base64.b64encode(np.asarray(view.thin.times(), dtype="<f8").tobytes()).decode(),
+        "columns": {
+            name: base64.b64encode(np.asarray(values, dtype="<f4").tobytes()).decode()
+            for name, values in columns.items()
+        },
+        "charts": charts,
+        "corridor": corridor_deg,
+        "path": _path(view, capture_m),
+    }
+    log = view.metadata.get("log", "")
+    title = f"{view.title}: {log}" if log else view.title
+    thinned = "" if view.thin.whole else f", drawn as the extremes of {len(view.thin.begin)} groups: no peak is lost"
+    lead = f"{view.thin.epochs} epochs, {view.thin.begin[0]:.9g} s to {view.thin.end[-1]:.9g} s{thinned}."
+    write_page(path, title, lead, _body(view, model, corridor_deg, data["path"], notes), data)
+
+
+def _body(view: RunView, model: Any, corridor_deg: float, path: Any, notes: tuple[str, ...]) -> str:
+    parts = [f'<div class="tiles">{"".join(_tiles(view))}</div>', *(_paragraph(note) for note in notes)]
+    parts.append(_TOOLS)
+    if path is not None:
+        said = (
+            f"Cone: a corridor of {corridor_deg:g} deg half angle, yours to state (--corridor-deg). Ellipsoids: "
+            f"3-sigma of the position, drawn {path['magnified']:g} times their size. Square: port; dot: end. "
+        )
+        said += f"Ring: capture radius {path['capture']:g} m. " if path["capture"] else ""
+        said += "Drag, or use the arrow keys, to turn it."
+        space = '<canvas id="space" tabindex="0" role="img" aria-label="Approach in the docking frame"></canvas>'
+        parts.append(section("Approach in space", space, _paragraph(said)))
+    for key, title, said in _SECTIONS:
+        parts.append(
+            section(
+                title, _paragraph(said), f'<div class="charts{" pairs" if key in _PAIRED else ""}" id="{key}"></div>'
+            )
+        )
+    parts.append(section("Gate decisions and alarms", _events(view)))
+    parts.append(section("Published figures", _claims(view)))
+    parts.append(section("What the model assumed", _assumptions(model)))
+    parts.append(section("What the track says of itself", table(("key", "value"), view.metadata.items())))
+    return "".join(parts)
+
+
+_TOOLS = (
+    '<div class="tools" role="toolbar" aria-label="Time"><button id="in">Zoom in (+)</button>'
+    '<button id="out">Zoom out (-)</button><button id="left">Earlier (,)</button><button id="right">Later (.)</button>'
+    '<button id="all">All (0)</button><span class="soft" id="span"></span></div>'
+)
+_PAIRED = ("docking", "states")
+_SECTIONS = (
+    ("docking", "Docking quantities", "Estimate within its 3-sigma envelope, and reported 1-sigma beside the figure "
+     "published for the sensor. Drag across a chart to zoom all of them; a double click shows everything."),
+    ("states", "State", "Chaser relative to target in lvlh_ccsds, velocity in the turning frame."),
+    ("measurements", "Measurements", "Innovations are measured minus predicted, of everything seen; the gate is the "
+     "half width of the ellipsoid outside which an image (or a spot) is refused. NIS should average to its degrees of "
+     "freedom."),
+    ("timeline", "Timeline", "What became of the epochs; a mark is never narrower than one can see."),
+)  # fmt: skip
+
+
+def _paragraph(text: str) -> str:
+    from relnav.files.report_page import words
+
+    return f'<p class="soft">{words(text)}</p>'
+
+
+def _tiles(view: RunView) -> list[str]:
+    counts = view.counts
+    used = counts[EpochStatus.UPDATED] + counts[EpochStatus.STARTED]
+    refused = counts[EpochStatus.PARTIAL] + counts[EpochStatus.REJECTED]
+    started = next((event.begin_s for event in view.events if event.what == "STARTED"), math.nan)
+    tiles = [
+        tile("started", f"{started:.6g} s" if started == started else "never", f"{counts[EpochStatus.STARTED]} starts"),
+        tile("epochs used whole", str(used), f"of {view.thin.epochs}"),
+        tile("epochs with something refused", str(refused), f"{counts[EpochStatus.PREDICTED]} without a measurement"),
+    ]
+    if view.nis.dof:
+        lasting = view.metadata.get("considered", "")
+        verdict = "" if lasting else "good" if view.nis.consistent else "bad"
+        note = "lasting errors included: no interval" if lasting else str(view.nis).partition(", ")[2]
+        tiles.append(tile("NIS per degree of freedom", f"{view.nis.ratio:.3f}", note, verdict))
+    for quantity in view.docking():
+        last = _last(view.largest(quantity.sigma)) if view.has(quantity.sigma) else math.nan
+        claim = next((claim for claim in view.claims if claim.quantity == quantity.label.lower()), None)
+        verdict = "" if claim is None else "good" if last <= claim.value else "bad"
+        note = "" if claim is None else f"published {claim.value:g} {claim.unit} ({claim.statistic})"
+        tiles.append(tile(f"{quantity.label}, 1-sigma at the end", f"{last:.3g} {quantity.unit}", note, verdict))
+    return tiles
+
+
+def _last(values: Vector) -> float:
+    known = values[np.isfinite(values)]
+    return float(known[-1]) if known.size else math.nan
+
+
+def _charts(view: RunView) -> list[dict[str, Any]]:
+    charts: list[dict[str, Any]] = []
+    for quantity in view.docking():
+        charts.append(_value(quantity, "docking", view))
+        charts.append(_spread(quantity, "docking", 1.0, view))
+    for quantity in view.states():
+        charts.append(_value(quantity, "states", view))
+        charts.append(_spread(quantity, "states", 3.0, view))
+    charts += [
+        {"section": "states", "title": f"Target attitude, {name[11]}: 3-sigma", "unit": "deg", "log": True,
+         "lines": [{"column": name, "times": 3.0, "label": "3-sigma", "colour": "spread"}]}
+        for name in TURNS if view.has(name)
+    ]  # fmt: skip
+    for quantity in view.innovations:
+        gate = f"gate_{quantity.column}"
+        lines = [{"column": quantity.column, "label": "innovation", "colour": "dots", "kind": "dots"}]
+        if view.has(gate):
+            lines += [
+                {"column": gate, "times": sign, "label": f"{'+' if sign > 0 else '-'} gate", "colour": "gate"}  # type: ignore[dict-item]
+                for sign in (1.0, -1.0)
+            ]
+        charts.append(
+            {"section": "measurements", "title": quantity.label, "unit": quantity.unit, "lines": lines,
+             "limits": _robust(view, quantity.column, gate)}
+        )  # fmt: skip
+    charts.append(_nis(view))
+    rows = [
+        {"label": f"{WORDS[code]} ({view.counts[code]})", "column": FLAGS[code], "colour": ROW_COLOURS[code]}
+        for code in range(len(FLAGS))
+        if view.counts[code]
+    ]
+    charts.append({"section": "timeline", "title": "What became of the epochs", "wide": True, "rows": rows})
+    return charts
+
+
+def _value(quantity: Quantity, where: str, view: RunView) -> dict[str, Any]:
+    line = {"column": quantity.column, "label": "estimate", "colour": "estimate"}
+    if view.has(quantity.sigma):
+        line["sigma"] = quantity.sigma
+    known = view.line(quantity.column)
+    known = known[np.isfinite(known)]
+    room = 0.08 * float(np.ptp(known)) or 1.0
+    limits = [float(known.min()) - room, float(known.max()) + room]
+    return {"section": where, "title": quantity.label, "unit": quantity.unit, "lines": [line], "limits": limits}
+
+
+def _spread(quantity: Quantity, where: str, times: float, view: RunView) -> dict[str, Any]:
+    label = f"{times:g}-sigma"
+    lines: list[dict[str, Any]] = []
+    if view.has(quantity.sigma):
+        lines.append({"column": quantity.sigma, "times": times, "label": label, "colour": "spread"})
+    claim = next((c for c in view.claims if c.quantity == quantity.label.lower()), None)
+    if claim is not None and times == 1.0:
+        lines.append({"constant": claim.value, "label": "published", "colour": "published", "dash": True})
+    return {"section": where, "title": f"{quantity.label}, {label}", "unit": quantity.unit, "log": True, "lines": lines}
+
+
+def _nis(view: RunView) -> dict[str, Any]:
+    lines: list[dict[str, Any]] = [{"column": "nis", "label": "NIS", "colour": "dots", "kind": "dots"}]
+    limits = _limits(view)
+    names = {"nis_limit_95": ("95 % of honest images lie below", "published"), "nis_gate": ("gate", "gate")}
+    lines += [
+        {"column": key, "label": names[key][0], "colour": names[key][1], "kind": "steps"}
+        for key in limits
+    ]  # fmt: skip
+    top = max((float(np.nanmax(line)) for line in limits.values() if np.isfinite(line).any()), default=10.0)
+    title = "NIS of everything seen, before the gate"
+    chart = {"section": "measurements", "title": title, "unit": "NIS", "wide": True, "lines": lines}
+    return chart | {"limits": [0.0, 1.2 * top]}
+
+
+def _limits(view: RunView) -> dict[str, Vector]:
+    out = {"nis_limit_95": view.nis_bound(0.95)[0]}
+    if not math.isnan(view.gate_probability):
+        out["nis_gate"] = view.nis_bound(view.gate_probability)[0]
+    return out
+
+
+def _robust(view: RunView, column: str, gate: str) -> list[float]:
+    """Limits that a glint does not stretch."""
+    size = np.abs(view.line(column))
+    size = size[np.isfinite(size)]
+    limit = 8.0 * float(np.median(size)) if size.size else 1.0
+    if view.has(gate):
+        limit = max(0.5 * limit, 1.25 * float(np.nanpercentile(view.largest(gate), 90)))
+    return [-(limit or 1.0), limit or 1.0]
+
+
+def _path(view: RunView, capture_m: float) -> dict[str, Any] | None:
+    """The approach in docking axes, m: a path, and ellipsoids magnified so that one sees them."""
+    place, sigma = view.place()
+    known = np.isfinite(place).all(axis=0) & np.isfinite(sigma).all(axis=0)
+    if not known.any():
+        return None
+    place, sigma = place[:, known], sigma[:, known]
+    at = np.unique(np.linspace(0, place.shape[1] - 1, PATH_POINTS).astype(np.int64))
+    far = 1.06 * float(np.linalg.norm(place, axis=0).max())
+    few = np.unique(np.linspace(0, place.shape[1] - 1, ELLIPSOIDS).astype(np.int64))
+    usual = 3.0 * float(np.median(sigma[:, few].max(axis=0)))
+    magnified = 10.0 ** max(0, math.floor(math.log10(0.06 * far / usual))) if usual > 0.0 else 1.0
+    ellipsoids = [
+        {"at": _short(place[:, k]), "axes": _short(np.minimum(3.0 * magnified * sigma[:, k], 0.3 * far))} for k in few
+    ]
+    tick = 10.0 ** math.floor(math.log10(far)) / (1.0 if far / 10.0 ** math.floor(math.log10(far)) > 4.0 else 4.0)
+    paths: Matrix = place[:, at]
+    x, y, z = (_short(row) for row in paths)
+    said = {"x": x, "y": y, "z": z, "far": far, "tick": tick, "ellipsoids": ellipsoids, "magnified": magnified}
+    return said | {"capture": capture_m}
+
+
+def _short(values: Vector) -> list[float]:
+    return [float(f"{value:.7g}") for value in values]
+
+
+def _events(view: RunView) -> str:
+    rows = [
+        (f"{event.begin_s:.9g}", f"{event.end_s:.9g}", event.epochs, WORDS[EpochStatus[event.what]])
+        for event in view.events
+    ]
+    if not rows:
+        return _paragraph("Nothing was refused, and the filter never started: there is nothing to tell.")
+    more = f"And {view.events_left_out} more; the timeline shows them all." if view.events_left_out else ""
+    rows_of_all = table(("from, s", "to, s", "epochs", "what"), rows, (0, 1, 2))
+    return f'<div class="long">{rows_of_all}</div>' + _paragraph(more)
+
+
+def _claims(view: RunView) -> str:
+    if not view.claims:
+        return _paragraph("No figures are published for this model, or the model is not known here (--model).")
+    rows = [
+        (c.quantity, f"{c.value:g} {c.unit}", c.statistic, c.condition, c.page, f"{c.expected}: {c.reason}")
+        for c in view.claims
+    ]
+    return table(("quantity", "published", "statistic", "condition", "where it stands", "what we expect"), rows)
+
+
+def _assumptions(model: Any) -> str:
+    if model is None:
+        return _paragraph("The model is not known here; name it with --model to see its values and their sources.")
+    rows = [(key, str(entry["value"]), entry["source"]) for key, entry in model_values(model).items()]
+    return _paragraph(f"{model.name}: {model.title}") + table(("key", "value", "where it comes from"), rows)

@@ -1,0 +1,279 @@
+"""What there is to see of a run: its columns thinned, its claims, gates and events; for pictures and for the page.
+
+A `RunView` is gathered part after part from solutions, or from the columns of a track file, whatever their number.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from relnav.accuracy.published import Claim
+from relnav.arrays import Matrix, Vector
+from relnav.estimation.consistency import Consistency, consistency_of_sum
+from relnav.estimation.gating import chi_square_limit
+from relnav.files.innovation_columns import Innovations
+from relnav.files.tables import COLUMNS, DOCKING_COLUMNS, STATE_COLUMNS, rows_of
+from relnav.files.thinning import Thin, Thinning
+from relnav.mission import Model
+from relnav.navigation.record import Solution
+from relnav.navigation.status import EpochStatus
+
+FLAGS = tuple(f"is_{status.name.lower()}" for status in EpochStatus)
+MOST_EVENTS = 200
+MOST_STEPS = 30
+"""Of a bound that changes with the number of spots seen, before it is a thicket."""
+BARS = 40
+"""Averages of NIS over a run."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A column to draw: its name, what a reader calls it, its unit, and the column of its sigma."""
+
+    column: str
+    label: str
+    unit: str
+
+    @property
+    def sigma(self) -> str:
+        """The column of its sigma."""
+        return f"sigma_{self.column}"
+
+
+_NAMES = ("x, along V-bar", "y, along H-bar", "z, along R-bar", "x velocity", "y velocity", "z velocity")
+STATES = tuple(
+    Quantity(column, label, "m" if k < 3 else "m/s")
+    for k, (column, label) in enumerate(zip(STATE_COLUMNS, _NAMES, strict=True))
+)
+DOCKING = tuple(
+    Quantity(column, column.split("_")[0].capitalize(), "m" if k == 0 else "deg")
+    for k, column in enumerate(DOCKING_COLUMNS)
+)
+PORTS = tuple(Quantity(f"port_{axis}_m", f"Port to port, {axis}", "m") for axis in "xyz")
+RATES = tuple(Quantity(f"rate_{axis}_deg_s", f"Target rate, {axis}", "deg/s") for axis in "xyz")
+TURNS = tuple(f"sigma_turn_{axis}_deg" for axis in "xyz")
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something a reader should see on the timeline, from one time to another."""
+
+    begin_s: float
+    end_s: float
+    what: str
+    epochs: int
+
+
+@dataclass(frozen=True)
+class NisBar:
+    """NIS per degree of freedom over a stretch of epochs that were used whole, with its 95 % interval."""
+
+    begin_s: float
+    end_s: float
+    ratio: float
+    lower: float
+    upper: float
+
+
+@dataclass
+class RunView:
+    """A run to look at.
+
+    Attributes
+    ----------
+    title, metadata : str, dict
+        What it is of, and what the log and the filter said.
+    thin, names : Thin, dict
+        The columns, and where each stands in them.
+    claims : tuple of Claim
+        Published figures of range, azimuth, elevation.
+    counts : Counter
+        Epochs by EpochStatus.
+    nis : Consistency
+        Over all epochs used whole.
+    events, events_left_out : list of Event, int
+        What happened, and how much more of it there was.
+    gate_probability : float
+        Of the filter; NaN where it is not known.
+    innovations : tuple of Quantity
+        What an image was compared with, in columns of that name with gates in `gate_...`; empty if not known.
+    """
+
+    title: str
+    metadata: dict[str, str]
+    thin: Thin
+    names: dict[str, int]
+    counts: Counter[int]
+    nis: Consistency
+    gate_probability: float = math.nan
+    claims: tuple[Claim, ...] = ()
+    events: list[Event] = field(default_factory=list)
+    events_left_out: int = 0
+    innovations: tuple[Quantity, ...] = ()
+
+    def has(self, column: str) -> bool:
+        """Whether the run has a column, with a number in it."""
+        return column in self.names and bool(np.isfinite(self.thin.high[self.names[column]]).any())
+
+    def line(self, column: str) -> Vector:
+        """Values of a column over `thin.times()`."""
+        return self.thin.line(self.names[column])
+
+    def largest(self, column: str) -> Vector:
+        """The greatest value of each group, over `thin.times()`."""
+        return self.thin.largest(self.names[column])
+
+    def docking(self) -> tuple[Quantity, ...]:
+        """What the approach is told in: range and angles, or the ports."""
+        return tuple(q for q in (*DOCKING, *PORTS) if self.has(q.column))
+
+    def states(self) -> tuple[Quantity, ...]:
+        """The state's components, and a target's rates."""
+        return tuple(q for q in (*STATES, *RATES) if self.has(q.column))
+
+    def place(self) -> tuple[Matrix, Matrix]:
+        """Position in docking axes (3, m) over `thin.times()`, x out of the port, and its sigmas along these axes.
+
+        For range and angles the sigmas are along the line of sight and across it, which lies near x.
+        """
+        if not self.has("range_m"):
+            return np.stack([self.line(q.column) for q in PORTS]), np.stack([self.largest(q.sigma) for q in PORTS])
+        r, azimuth, elevation = (self.line(q.column) * (1.0 if q.unit == "m" else math.pi / 180.0) for q in DOCKING)
+        level = r * np.cos(elevation)
+        place = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), -r * np.sin(elevation)])
+        s = [self.largest(q.sigma) for q in DOCKING]
+        across = r * math.pi / 180.0
+        return place, np.stack([s[0], level * math.pi / 180.0 * s[1], across * s[2]])
+
+    def nis_limit(self, probability: float) -> Vector:
+        """What NIS stays below with a probability, over `thin.times()`, by the degrees of freedom there."""
+        dof = self.largest("dof")
+        limits = {d: chi_square_limit(probability, int(d)) for d in np.unique(dof[dof > 0]).tolist()}
+        return np.array([limits.get(d, math.nan) for d in dof.tolist()])
+
+    def nis_bound(self, probability: float) -> tuple[Vector, bool]:
+        """The same to draw; where it would be a thicket, that of the usual number of spots alone, and True."""
+        line = self.nis_limit(probability)
+        known = np.isfinite(line)
+        if int((np.diff(line[known]) != 0.0).sum()) <= MOST_STEPS:
+            return line, False
+        often, count = np.unique(line[known], return_counts=True)
+        return np.full(len(line), often[count.argmax()]), True
+
+    def nis_bars(self) -> list[NisBar]:
+        """Averages over stretches of the run."""
+        nis, dof, _ = self.thin.sums
+        out = []
+        for part in np.array_split(np.arange(len(nis)), min(BARS, len(nis))):
+            mean = consistency_of_sum("NIS", float(nis[part].sum()), int(dof[part].sum()))
+            if mean.dof:
+                ends = float(self.thin.begin[part[0]]), float(self.thin.end[part[-1]])
+                out.append(NisBar(*ends, mean.ratio, mean.lower, mean.upper))
+        return out
+
+
+def watcher_of(mission: Any, most: int) -> "RunWatcher":
+    """A watcher of a mission's runs, with the figures published for it."""
+    from relnav.files.models import load_published
+
+    return RunWatcher(most, mission, () if mission is None else load_published(mission).claims)
+
+
+class RunWatcher:
+    """Gathers a `RunView`, part after part."""
+
+    def __init__(self, most: int, model: Any = None, claims: tuple[Claim, ...] = ()) -> None:
+        """Keep about so many groups; the model, if it is known, tells gates, its published figures are drawn."""
+        self._thinning, self._model = Thinning(most), model
+        self._claims, self._left, self._last_status = claims, 0, -1
+        self._names: list[str] = []
+        self._events: list[Event] = []
+        self._counts: Counter[int] = Counter()
+        self._total, self._dof, self._title = 0.0, 0, ""
+        self._innovations: Innovations | None = None
+        self._metadata: dict[str, str] = {}
+
+    def take(self, part: Any) -> None:
+        """Go on with the next epochs of a `Solution` or a `PoseSolution`."""
+        if isinstance(part, Solution):
+            columns: dict[str, Any] = dict(zip(COLUMNS, rows_of(part), strict=True)) | {"status": part.status}
+            if self._innovations is None:
+                self._innovations = Innovations(part, self._model if isinstance(self._model, Model) else None)
+            columns |= self._innovations.columns(part)
+            self._title = f"{part.model}, method {part.method}" + (", smoothed" if part.smoothed else "")
+        else:
+            from relnav.files.marker_logs import track_columns
+
+            columns = dict(track_columns(part))
+            self._title = part.model + (", smoothed" if part.smoothed else "")
+        self._metadata = {key: str(value) for key, value in part.metadata.items()}
+        self.take_columns(columns)
+
+    def take_columns(self, columns: Mapping[str, Any]) -> None:
+        """Go on with the next epochs as columns of a track, `t_s` and `nis`, `dof`, `status` among them."""
+        status = np.asarray(columns["status"])
+        flags = {name: (status == code).astype(np.float64) for code, name in enumerate(FLAGS)}
+        kept = {
+            name: column for name, column in columns.items() if not name.startswith("cov_") and name != "t_s"
+        } | flags
+        if not self._names:
+            self._names = list(kept)
+        t, nis, dof = np.asarray(columns["t_s"]), np.asarray(columns["nis"]), np.asarray(columns["dof"])
+        whole = np.isin(status, (EpochStatus.UPDATED, EpochStatus.STARTED)) & (dof > 0) & np.isfinite(nis)
+        sums = np.stack([np.where(whole, nis, 0.0), np.where(whole, dof, 0), np.ones(len(t))])
+        self._total, self._dof = self._total + float(sums[0].sum()), self._dof + int(sums[1].sum())
+        self._thinning.take(t, np.stack([np.asarray(kept[name], dtype=np.float64) for name in self._names]), sums)
+        self._count(t, status)
+
+    def _count(self, t: Vector, status: Any) -> None:
+        codes, numbers = np.unique(status, return_counts=True)
+        self._counts.update(dict(zip(codes.tolist(), numbers.tolist(), strict=True)))
+        begins = np.append(0, np.flatnonzero(np.diff(status)) + 1)
+        ends = np.append(begins[1:], len(status)) - 1
+        for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
+            code, last = int(status[begin]), self._events[-1] if self._events else None
+            if code in (EpochStatus.UPDATED, EpochStatus.PREDICTED):
+                continue
+            if begin == 0 and code == self._last_status and last is not None and self._left == 0:
+                self._events[-1] = replace(last, end_s=float(t[end]), epochs=last.epochs + end + 1)
+            elif len(self._events) < MOST_EVENTS:
+                self._events.append(Event(float(t[begin]), float(t[end]), EpochStatus(code).name, end - begin + 1))
+            else:
+                self._left += 1
+        self._last_status = int(status[-1])
+
+    def view(self, log: str = "", title: str = "", metadata: dict[str, str] | None = None) -> RunView:
+        """What was gathered; log, title and metadata in place of the solution's own, if given."""
+        said = dict(self._metadata if metadata is None else metadata)
+        if log:
+            said["log"] = log
+        settings = getattr(self._model, "filter", None)
+        return RunView(
+            title=title or self._title,
+            metadata=said,
+            thin=self._thinning.thin(),
+            names={name: k for k, name in enumerate(self._names)},
+            counts=self._counts,
+            nis=consistency_of_sum("NIS", self._total, self._dof),
+            gate_probability=math.nan if settings is None else settings.gate_probability,
+            claims=self._claims,
+            events=self._events,
+            events_left_out=self._left,
+            innovations=self._compared(),
+        )
+
+    def _compared(self) -> tuple[Quantity, ...]:
+        names = () if self._innovations is None else self._innovations.names()
+        return tuple(Quantity(name, *_words(name)) for name in names)
+
+
+def _words(column: str) -> tuple[str, str]:
+    """What a reader calls an innovation, and its unit."""
+    name: list[str]
+    _, *name, unit = column.split("_")
+    label = name[0].capitalize() if len(name) == 1 else f"Spot {name[0].upper()}, {name[1]}"
+    return label, {"um": "µm"}.get(unit, unit)

@@ -1,0 +1,91 @@
+"""A track read back, part after part, for whoever looks at it: by its columns, of whichever filter it is."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from relnav.errors import LogError
+from relnav.files.log_columns import Columns
+from relnav.files.logs import LogFile
+from relnav.files.wording import listed
+from relnav.navigation.status import PREDICTED, REJECTED, STARTED, UPDATED, WAITING
+
+NEEDED = ("t_s", "x_m", "y_m", "z_m", "sigma_x_m", "nis", "dof")
+
+
+def is_track(names: list[str]) -> bool:
+    """Whether a table's columns are those of a track."""
+    return {"sigma_x_m", "nis", "dof"} <= set(names)
+
+
+class TrackFile:
+    """An opened track.
+
+    Attributes
+    ----------
+    path, metadata : Path, dict
+        The file, and what its head states.
+    names : tuple of str
+        Its columns that are read.
+
+    Raises
+    ------
+    LogError
+        For a file that is none.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Read the head."""
+        self._file = LogFile(path, _parse)
+        self.path, self.metadata = path, self._file.metadata
+        self.names = tuple(self._file.columns.index)
+        if not self.metadata.get("frame", "lvlh_ccsds").startswith("lvlh_ccsds"):
+            raise LogError(f"{path}: a track in lvlh_ccsds is expected; its head says {self.metadata['frame']}")
+        self._started = False
+
+    def parts(self) -> Iterator[dict[str, Any]]:
+        """Columns by name, part after part, `status` among them; at least one.
+
+        Raises
+        ------
+        LogError
+            Naming file and line, for times that are not finite or do not increase.
+        """
+        before = -np.inf
+        for values, lines in self._file.rows():
+            columns: dict[str, Any] = {name: values[:, k] for k, name in enumerate(self.names)}
+            t = columns["t_s"]
+            late = np.flatnonzero(~(t > np.concatenate([[before], t[:-1]])))
+            if late.size:
+                where = f"{self.path}:{int(lines[late[0]])}"
+                raise LogError(f"{where}: t_s does not increase; a track has one row an epoch")
+            before = float(t[-1])
+            if "status" not in columns:
+                columns["status"] = self._status(columns)
+            yield columns
+        if before == -np.inf:
+            raise LogError(f"{self.path}: no rows after the header; at least one epoch is expected")
+
+    def _status(self, columns: dict[str, Any]) -> Any:
+        """Codes of EpochStatus as far as a beacon track tells them: refused is REJECTED, in part or whole."""
+        known, seen = np.isfinite(columns["x_m"]), columns["dof"] > 0
+        accepted = columns.get("accepted", np.where(seen, 1.0, 0.0)) > 0
+        status = np.where(accepted, UPDATED, np.where(seen, REJECTED, PREDICTED))
+        status = np.where(known, status, WAITING)
+        first = np.flatnonzero(known)
+        if first.size and not self._started:
+            status[first[0]], self._started = STARTED, True
+        return status
+
+
+def _parse(names: list[str], where: str) -> Columns:
+    for name in NEEDED:
+        if name not in names:
+            raise LogError(
+                f"{where}: column '{name}' is missing; a track as `relnav filter --out` writes it is expected, and the "
+                f"columns are {listed(names)}"
+            )
+    index = {name: k for k, name in enumerate(names) if not name.startswith("cov_")}
+    return Columns(tuple(names), index, dict.fromkeys(index, 1.0), ())

@@ -1,0 +1,138 @@
+"""The report page: self-contained, honest about what it shows, and proof against hostile words."""
+
+import html
+import json
+import re
+
+import numpy as np
+import pytest
+
+import relnav.cli
+from relnav.files.report_page import data_block, words
+
+HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
+
+
+@pytest.fixture(scope="module")
+def track(tmp_path_factory, vbar_log):
+    folder = tmp_path_factory.mktemp("report")
+    log = folder / "log.csv"
+    log.write_text(f"# note = {HOSTILE}\n" + "".join(vbar_log.read_text().splitlines(keepends=True)[:151]))
+    assert (
+        relnav.cli.run(
+            ["filter", str(log), "--model", "three_beacon_psd", "--out", str(folder / "track.csv"), "--quiet"]
+        )
+        == 0
+    )
+    return folder / "track.csv"
+
+
+@pytest.fixture(scope="module")
+def page(track):
+    out = track.with_suffix(".html")
+    assert relnav.cli.run(["report", str(track), "--out", str(out), "--quiet"]) == 0
+    return out.read_text(encoding="utf-8")
+
+
+def data_of(page):
+    return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.S).group(1))
+
+
+def test_hostile_words_stay_words(page):
+    assert HOSTILE not in page
+    assert html.escape(HOSTILE) in page
+    assert page.count("<script") == 3  # data, library, ours
+    assert "<" not in data_block({"title": HOSTILE}).removeprefix('<script type="application/json" id="data">')[:-9]
+    assert words("a\u202eb\x1b[2J") == "a\\u202eb\\x1b[2J"
+
+
+def test_the_page_needs_nothing_else(page):
+    outside = re.sub(r"<script>.*?</script>|<footer>.*?</footer>", "", page, flags=re.S)
+    assert not re.search(r"(src|href)\s*=\s*[\"']?(https?:)?//", outside)
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page).group(1)
+    assert policy.startswith("default-src 'none'; script-src 'sha256-")
+    assert "unsafe-inline" not in policy.split("style-src")[0]
+    assert "Permission is hereby granted" in page  # the licence of what draws the charts
+    assert len(page) < 1_000_000
+
+
+def test_numbers_are_those_of_the_track(page, track):
+    import base64
+
+    data = data_of(page)
+    table = [line for line in track.read_text().splitlines() if not line.startswith("#")]
+    rows = np.genfromtxt(table, delimiter=",", names=True)
+    t = np.frombuffer(base64.b64decode(data["time"]), "<f8")
+    np.testing.assert_array_equal(t, rows["t_s"])
+    shown = np.frombuffer(base64.b64decode(data["columns"]["range_m"]), "<f4")
+    np.testing.assert_allclose(shown[1:], rows["range_m"][1:], rtol=1e-6)
+
+
+def test_it_says_what_was_assumed_and_where_figures_come_from(page):
+    for said in ("What the model assumed", "published 0.02 m", "abstract and section 3", "sensor.focal_length_mm"):
+        assert said in page, said
+
+
+def test_a_long_track_keeps_its_peaks(tmp_path, track):
+    lines = track.read_text().splitlines()
+    head = next(k for k, line in enumerate(lines) if line.startswith("t_s"))
+    names, row = lines[head].split(","), lines[-1].split(",")
+    nis = names.index("nis")
+    out = []
+    for k in range(40_000):
+        row[0], row[nis] = f"{k / 10}", "77.0" if k == 23_456 else "3.0"
+        out.append(",".join(row))
+    long = tmp_path / "long.csv"
+    long.write_text("\n".join([*lines[: head + 1], *out]) + "\n")
+    page = tmp_path / "long.html"
+    assert relnav.cli.run(["report", str(long), "--out", str(page), "--quiet"]) == 0
+    import base64
+
+    data = data_of(page.read_text(encoding="utf-8"))
+    nis = np.frombuffer(base64.b64decode(data["columns"]["nis"]), "<f4")
+    assert nis.max() == 77.0
+    assert len(nis) < 40_000
+    assert "no peak is lost" in page.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("a.json", "[1, 2]", "an object with 'model' and 'rows'"),
+        ("b.json", "{", "not readable as JSON"),
+        ("c.csv", "t_s,x_m,sigma_x_m,nis,dof\n0,1,1,1,1\n", "column 'y_m' is missing"),
+        (
+            "d.csv",
+            "t_s,x_m,y_m,z_m,sigma_x_m,nis,dof\n1,1,1,1,1,1,1\n1,1,1,1,1,1,1\n",
+            "d.csv:3: t_s does not increase",
+        ),
+    ],
+)
+def test_bad_input_gets_one_sentence(tmp_path, capsys, name, text, said):
+    path = tmp_path / name
+    path.write_text(text)
+    assert relnav.cli.run(["report", str(path), "--out", str(tmp_path / "x.html")]) == 3
+    error = capsys.readouterr().err
+    assert said in error
+    assert len(error.strip().splitlines()) == 1
+    assert not (tmp_path / "x.html").exists()
+
+
+def test_wrong_use(tmp_path, capsys, vbar_log, track):
+    assert relnav.cli.run(["report", str(track), "--out", str(tmp_path / "x.pdf")]) == 2
+    assert "a page ends in .html; got '.pdf'" in capsys.readouterr().err
+    assert relnav.cli.run(["report", str(vbar_log), "--out", str(tmp_path / "x.html")]) == 2
+    assert "needs --model" in capsys.readouterr().err
+
+
+def test_an_accuracy_report(tmp_path):
+    row = {"quantity": HOSTILE, "method": "fix", "range_m": 5.0, "published": 0.02, "measured": 0.01, "unit": "m",
+           "statistic": "rms", "met": True, "expected": "met", "reason": "r"}  # fmt: skip
+    report = {"model": HOSTILE, "runs": 3, "seed": 7, "rows": [row, row | {"published": None}], "ok": True}
+    (tmp_path / "a.json").write_text(json.dumps(report))
+    assert relnav.cli.run(["report", str(tmp_path / "a.json"), "--out", str(tmp_path / "a.html"), "--quiet"]) == 0
+    page = (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert HOSTILE not in page
+    assert "<script" not in page
+    assert "script-src 'none'" in page
+    assert 'style="width:25.0%"' in page

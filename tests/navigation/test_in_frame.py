@@ -1,0 +1,135 @@
+"""Frames of a track, states and covariances, against brahe's transformations and against differences."""
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from relnav.dynamics.two_body import MU_EARTH_M3_S2, inertial_orbit
+from relnav.errors import UsageError
+from relnav.geometry.frames import relative_state_rsw
+from relnav.mission import Docking, Orbit
+from relnav.navigation.in_frame import FRAMES, in_frame
+
+ORIENTATION_DEG = (51.6, 130.0, 40.0)
+ORBIT = Orbit(1.1e-3, 0.12, math.radians(75.0))
+
+
+@pytest.fixture(scope="module")
+def track():
+    """Eight epochs over an orbit with full covariances, one without a state."""
+    rng = np.random.default_rng(5)
+    root = rng.normal(size=(8, 6, 6)) * np.array([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3])[:, None]
+    state = rng.normal(size=(8, 6)) * np.array([100.0, 30.0, 60.0, 0.1, 0.1, 0.1])
+    covariance = root @ np.swapaxes(root, 1, 2)
+    state[3], covariance[3] = np.nan, np.nan
+    return SimpleNamespace(t_s=np.linspace(0.0, 5700.0, 8), state=state, covariance=covariance, model="test")
+
+
+@pytest.fixture(scope="module")
+def mission(make_model):
+    turned = Docking((0.0, math.sin(0.3), 0.0, math.cos(0.3)), (1.0, 0.5, -2.0))
+    return make_model(orbit=ORBIT, docking=turned)
+
+
+def target(t):
+    orientation = tuple(math.radians(angle) for angle in ORIENTATION_DEG)
+    shape = ORBIT.mean_motion_rad_s, ORBIT.eccentricity, ORBIT.true_anomaly_rad
+    return np.hstack(inertial_orbit(*shape, orientation, t))
+
+
+def test_the_orbit_is_keplers():
+    brahe = pytest.importorskip("brahe", reason="brahe is not installed")
+    e, nu = ORBIT.eccentricity, ORBIT.true_anomaly_rad
+    eccentric = 2.0 * math.atan(math.sqrt((1.0 - e) / (1.0 + e)) * math.tan(0.5 * nu))
+    mean = math.degrees(eccentric - e * math.sin(eccentric))
+    t = np.array([0.0, 1234.5, 9000.0])
+    a = (MU_EARTH_M3_S2 / ORBIT.mean_motion_rad_s**2) ** (1.0 / 3.0)
+    inclination, node, perigee = ORIENTATION_DEG
+    for found, time in zip(target(t), t, strict=True):
+        now = mean + math.degrees(ORBIT.mean_motion_rad_s * time)
+        elements = np.array([a, e, inclination, node, perigee, now % 360.0])
+        expected = brahe.state_koe_to_eci(elements, brahe.AngleFormat.DEGREES)
+        np.testing.assert_allclose(found, expected, rtol=2e-8)  # brahe's mu has fewer digits
+
+
+def test_states_and_covariances_against_brahe(track, mission):
+    brahe = pytest.importorskip("brahe", reason="brahe is not installed")
+    rsw, relative = (in_frame(track, name, mission, ORIENTATION_DEG) for name in ("rsw", "eci_relative"))
+    absolute = in_frame(track, "eci", mission, ORIENTATION_DEG)
+    chief = target(track.t_s)
+    for e in (0, 1, 2, 4, 5, 6, 7):
+        found = brahe.state_eci_to_rtn(chief[e], absolute.state[e])
+        np.testing.assert_allclose(rsw.state[e], found, rtol=1e-6, atol=1e-7)  # 7,000 km in the difference
+        turn = brahe.jacobian_eci_to_rtn(chief[e], brahe.OrbitRelativeFrameVariant.ROTATING)
+        np.testing.assert_allclose(turn @ relative.state[e], rsw.state[e], rtol=1e-9, atol=1e-10)
+        expected = turn @ relative.covariance[e] @ turn.T
+        scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+        np.testing.assert_allclose(rsw.covariance[e] / scale, expected / scale, atol=1e-9)
+
+
+def test_inertial_states_against_the_definition(track, mission):
+    absolute, rsw = (in_frame(track, name, mission, ORIENTATION_DEG) for name in ("eci", "rsw"))
+    chief = target(track.t_s)
+    for e in (0, 2, 7):
+        r, v = np.split(absolute.state[e], 2)
+        found = relative_state_rsw(chief[e, :3], chief[e, 3:], r, v)
+        np.testing.assert_allclose(found, rsw.state[e], rtol=1e-6, atol=1e-7)
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_a_covariance_is_that_of_turned_draws(track, mission, frame):
+    """The derivative of the turned state by the state, by differences, turns the covariance."""
+    found = in_frame(track, frame, mission, ORIENTATION_DEG)
+    columns = []
+    for k in range(6):
+        moved = replace_state(track, k)
+        columns.append(in_frame(moved, frame, mission, ORIENTATION_DEG).state - found.state)
+    jacobian = np.stack(columns, axis=2)
+    expected = jacobian @ track.covariance @ np.swapaxes(jacobian, 1, 2)
+    good = np.isfinite(track.state[:, 0])
+    scale = found.sigma[good][:, :, None] * found.sigma[good][:, None, :]
+    np.testing.assert_allclose(found.covariance[good] / scale, expected[good] / scale, atol=1e-5)
+    assert np.isnan(found.state[3]).all()
+    assert found.metadata["frame"].startswith(f"{frame}: ")
+
+
+def replace_state(track, k):
+    state = track.state.copy()
+    state[:, k] += 1.0  # the turn is linear: any step
+    return SimpleNamespace(**{**vars(track), "state": state})
+
+
+def test_the_docking_frame_begins_at_the_port(track, mission):
+    at_port = SimpleNamespace(**{**vars(track), "state": np.tile([1.0, 0.5, -2.0, 0.0, 0.0, 0.0], (8, 1))})
+    np.testing.assert_allclose(in_frame(at_port, "dock", mission).state, 0.0, atol=1e-12)
+    c, s = math.cos(0.6), math.sin(0.6)  # about y by the quaternion's angle: v_dock = R v_lvlh
+    at_port.state[:, 0] += 1.0
+    np.testing.assert_allclose(in_frame(at_port, "dock", mission).state[0, :3], [c, 0.0, -s], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("frame", "known", "orientation", "said"),
+    [
+        ("lvlh", True, None, "frame is one of lvlh_ccsds, rsw, dock, eci_relative, eci; got 'lvlh'"),
+        ("eci", True, None, "needs the orientation of the target's orbit"),
+        ("eci", True, (1.0, 2.0), "needs the orientation of the target's orbit"),
+        ("eci", True, (1.0, 2.0, math.nan), "needs the orientation of the target's orbit"),
+        ("dock", False, None, "needs the model that was flown"),
+    ],
+)
+def test_what_is_missing_is_said(track, mission, frame, known, orientation, said):
+    with pytest.raises(UsageError, match=said):
+        in_frame(track, frame, mission if known else None, orientation)
+
+
+def test_a_circular_orbit_turns_at_the_mean_motion(mission):
+    circular = replace(mission, orbit=Orbit(1.1e-3))
+    still = SimpleNamespace(
+        t_s=np.zeros(1), state=np.array([[0.0, 0.0, 10.0, 0, 0, 0]]), covariance=np.eye(6)[None], model="test"
+    )
+    relative = in_frame(still, "eci_relative", circular, (0.0, 0.0, 0.0))
+    # 10 m below the target at the x axis of space, turning with it: -x, and slower along +y
+    np.testing.assert_allclose(relative.state[0], [-10.0, 0.0, 0.0, 0.0, -0.011, 0.0], atol=1e-12)
