@@ -72,7 +72,7 @@ def command(
         write_attitude_log,
     )
     from relnav.files.epochs import julian_year
-    from relnav.files.star_solving import load_star_sensor, velocity_option
+    from relnav.files.star_solving import load_star_sensor, origin_of_spots, velocity_option
     from relnav.files.tables import check_format
     from relnav.sensors.dual_field import measure
 
@@ -88,7 +88,7 @@ def command(
         raise UsageError("two fields need --earth-velocity-km-s: aberration changes the angle between them")
     earth = None if earth_velocity_km_s is None else velocity_option("--earth-velocity-km-s", earth_velocity_km_s)
     year, mounting = None if epoch is None else julian_year(epoch), _mounting(q_cam_from_star)
-    images, states = read_star_log(frames), read_orbit(orbit)
+    images, states = read_star_log(frames, origin_of_spots(sensor)), read_orbit(orbit)
     at = states_at(states, np.array([t for t, _ in images]), orbit)
     solved, solutions = [], []
     for k, (_, frame) in enumerate(images):

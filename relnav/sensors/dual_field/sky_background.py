@@ -35,15 +35,13 @@ class Dark:
         between: Vector = (1.0 - s) * first + s * last
         return between
 
-    def places_above(
-        self, smooth: NDArray[np.float32], dead: Flags, sigmas: float, most: int
-    ) -> NDArray[np.intp]:
+    def places_above(self, smooth: NDArray[np.float32], dead: Flags, sigmas: float, most: int) -> NDArray[np.intp]:
         """Row and column (n, 2) of the pixels of a smoothed picture that stand out of its noise; the highest `most`."""
         noise = _mesh(smooth, dead)[1]
         found = []
         for rows, threshold in _strips(noise, self.rows, self.columns, smooth.shape):
             places = np.argwhere(smooth[rows] > sigmas * threshold)
-            found.append(places + (rows.start, 0))
+            found.append(places + np.array([rows.start, 0]))
         above = np.concatenate(found)
         if len(above) > most:
             height = smooth[above[:, 0], above[:, 1]]
@@ -132,7 +130,7 @@ def _mesh(counts: NDArray[np.float32], dead: Flags) -> tuple[Matrix, Matrix]:
     for part in (level, noise):
         part[unusable] = np.median(part[~unusable])
         part[:] = ndimage.median_filter(part, 3, mode="nearest")
-    return level, noise
+    return np.asarray(level, dtype=np.float64), np.asarray(noise, dtype=np.float64)
 
 
 def _quantum(sample: NDArray[np.float32]) -> float:
@@ -159,4 +157,7 @@ def _strips(
         at = np.arange(start, min(start + ROWS, shape[0]))
         index, weight = _weights(rows, at.astype(np.float64))
         t = weight.astype(np.float32)[:, None]
-        yield slice(start, start + len(at)), (1.0 - t) * across[index] + t * across[np.minimum(index + 1, len(mesh) - 1)]
+        yield (
+            slice(start, start + len(at)),
+            (1.0 - t) * across[index] + t * across[np.minimum(index + 1, len(mesh) - 1)],
+        )

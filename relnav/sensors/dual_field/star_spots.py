@@ -245,8 +245,7 @@ class _Stamps:
         return light, dx, dy
 
     def typical_radius(self) -> float:
-        """1-sigma radius of this picture's stars: a Gaussian star of radius r under the window of radius s has the
-        moment m = 1 / (1/r^2 + 1/s^2)."""
+        """1-sigma radius r of this picture's stars: 1/m = 1/r^2 + 1/s^2 of Gaussian star and window."""
         noise = np.sqrt((self.w**2 * self.variance).sum(axis=(1, 2)))
         clear = self.lit & ~self.saturated & (self.total > 10.0 * noise) & (self.moment < 0.95 * self.window_px**2)
         if not np.any(clear):
@@ -272,7 +271,9 @@ class _Stamps:
         floor = np.where(self.saturated, FULL_ERROR_PX, np.hypot(UNEVEN_ERROR_PX, self._sampling(typical))) ** 2
         xx, yy = (w2 * dx**2).sum(axis=(1, 2)) / scale + floor, (w2 * dy**2).sum(axis=(1, 2)) / scale + floor
         xy = (w2 * dx * dy).sum(axis=(1, 2)) / scale
-        rows = np.column_stack([self.centre, xx, xy, yy, total * (1.0 + (radius_px / self.window_px) ** 2), snr, self.saturated, blended])[is_star]
+        rows = np.column_stack(
+            [self.centre, xx, xy, yy, total * (1.0 + (radius_px / self.window_px) ** 2), snr, self.saturated, blended]
+        )[is_star]
         rows = rows[np.argsort(-rows[:, 5], kind="stable")]
         return _without_doubles(rows)[:most]
 
