@@ -127,14 +127,7 @@ def solve_frame(
     if mirrored:
         frame = replace(frame, spots_px=frame.spots_px * (1.0, -1.0))
     if model is not None and focal_px is None:
-        solution = measure(
-            frame.spots_px,
-            model,
-            flux=frame.flux,
-            magnitude=frame.magnitude,
-            epoch_jyear=epoch_jyear,
-            velocity_km_s=velocity_km_s,
-        )
+        solution = _solve_with_model(frame, model, epoch_jyear, velocity_km_s)
         return replace(solution, lens=_known_lens(model, solution)) if solution.ok else solution
     solution = no_solution(StarStatus.NO_MATCH, "", 0)
     for step in focal_steps(focal_error):
@@ -154,6 +147,31 @@ def focal_steps(error: float) -> list[float]:
         steps += [FOCAL_STEP**k, FOCAL_STEP**-k]
         k += 1
     return steps
+
+
+def _solve_with_model(
+    frame: StarFrame,
+    model: StarSensor,
+    epoch_jyear: float | None,
+    velocity_km_s: tuple[float, float, float] | None,
+) -> StarSolution:
+    """By brightness; where nothing matches, of fluxes only their order: exposures differ from the model's zero point."""
+    solution = measure(
+        frame.spots_px,
+        model,
+        flux=frame.flux,
+        magnitude=frame.magnitude,
+        epoch_jyear=epoch_jyear,
+        velocity_km_s=velocity_km_s,
+    )
+    if solution.status is not StarStatus.NO_MATCH or frame.flux is None:
+        return solution
+    order = np.argsort(-frame.flux, kind="stable")
+    again = measure(frame.spots_px[order], model, epoch_jyear=epoch_jyear, velocity_km_s=velocity_km_s)
+    if not again.ok:
+        return solution
+    again = replace(again, reason="brightness was not compared: the fluxes do not fit the model's magnitude_zero_point")
+    return in_order_of_spots(again, order, len(order), again.focal_length_px)
 
 
 def _known_lens(model: StarSensor, solution: StarSolution) -> StarLens:

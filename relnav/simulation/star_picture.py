@@ -1,4 +1,4 @@
-"""Pictures of the sky: stars as round Gaussian blobs over pixels, sky light, shot and read noise, hot and full pixels."""
+"""Pictures of the sky: round Gaussian stars over pixels, sky light, shot and read noise, hot and full pixels."""
 
 from dataclasses import dataclass
 
@@ -19,10 +19,8 @@ class Exposure:
     ----------
     radius_px : float
         1-sigma of a star's blob.
-    faintest_counts : float
-        Flux of a star of the magnitude `faintest_mag`.
-    faintest_mag : float
-        See there.
+    zero_point : float
+        Magnitude of a star of one count.
     sky_counts, read_noise_counts, electrons_per_count : float
         Even light of each pixel, 1-sigma of the read-out, and gain.
     hot_pixels : float
@@ -32,8 +30,7 @@ class Exposure:
     """
 
     radius_px: float = 1.2
-    faintest_counts: float = 1500.0
-    faintest_mag: float = 6.0
+    zero_point: float = 15.0
     sky_counts: float = 150.0
     read_noise_counts: float = 6.0
     electrons_per_count: float = 2.0
@@ -42,7 +39,7 @@ class Exposure:
 
     def flux(self, magnitude: Vector) -> Vector:
         """Counts (n,) of stars of given magnitudes (n,)."""
-        counts: Vector = self.faintest_counts * 10.0 ** (0.4 * (self.faintest_mag - magnitude))
+        counts: Vector = 10.0 ** (0.4 * (self.zero_point - magnitude))
         return counts
 
 

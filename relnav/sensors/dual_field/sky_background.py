@@ -96,7 +96,8 @@ def _side(length: int) -> tuple[int, int]:
 
 def _centres(length: int) -> Vector:
     number, side = _side(length)
-    return (np.arange(number) + 0.5) * side - 0.5
+    centres: Vector = (np.arange(number) + 0.5) * side - 0.5
+    return centres
 
 
 def _boxes(pixels: NDArray[Any], step: int) -> NDArray[Any]:
@@ -130,7 +131,7 @@ def _mesh(counts: NDArray[np.float32], dead: Flags) -> tuple[Matrix, Matrix]:
     for part in (level, noise):
         part[unusable] = np.median(part[~unusable])
         part[:] = ndimage.median_filter(part, 3, mode="nearest")
-    return np.asarray(level, dtype=np.float64), np.asarray(noise, dtype=np.float64)
+    return level.astype(np.float64), noise.astype(np.float64)
 
 
 def _quantum(sample: NDArray[np.float32]) -> float:

@@ -26,7 +26,7 @@ MOST_ABOVE = 0.1
 HOT = 0.3
 """Of the brightest pixel: its eight neighbours together hold more in any picture that a lens makes."""
 LARGE = 0.25
-"""Of the brightest pixel: along the border of a star's stamp there is less on average, beside roofs and the Moon more."""
+"""Of the brightest pixel: along the border of a star's stamp there is less on average; beside a roof there is more."""
 WIDE, LEAN = 1.5, 0.25
 """Light moments under the window, of a typical star's: a spot beyond is no star; a difference along and across, of
 their sum: a spot beyond is two stars, or moved."""
@@ -122,7 +122,7 @@ def find_stars(
     counts, most_counts = _checked(image, threshold_sigma, saturation, electrons_per_count, most)
     dead, full = ~np.isfinite(counts), counts >= most_counts
     dark = subtract_background(counts, dead)
-    places, peaks = _peaks(counts, dead, dark, threshold_sigma, 4 * most)
+    places = _peaks(counts, dead, dark, threshold_sigma, 4 * most)
     size = (counts.shape[1], counts.shape[0])
     if len(places) == 0:
         return _stars(np.empty((0, 9)), size, np.nan)
@@ -168,10 +168,8 @@ def _checked(
         return given.astype(np.float32), full if saturation is None else float(saturation)
 
 
-def _peaks(
-    counts: NDArray[np.float32], dead: Flags, dark: Dark, threshold_sigma: float, most: int
-) -> tuple[NDArray[np.intp], Vector]:
-    """Rows and columns (n, 2) of the highest peaks, at most `most`, and how high they are."""
+def _peaks(counts: NDArray[np.float32], dead: Flags, dark: Dark, threshold_sigma: float, most: int) -> NDArray[np.intp]:
+    """Rows and columns (n, 2) of the highest peaks, at most `most`."""
     smooth = smoothed(counts)
     above = dark.places_above(smooth, dead, threshold_sigma, int(MOST_ABOVE * smooth.size) + 100)
     row, column = above.T
@@ -185,9 +183,8 @@ def _peaks(
         peak &= (height > beside) | ((height == beside) & ((i, j) > (0, 0)))  # of equals the last
         if max(abs(i), abs(j)) == 1:
             peak &= ~dead[row + i, column + j]
-    row, column, height = row[peak], column[peak], height[peak].astype(np.float64)
-    order = np.argsort(-height, kind="stable")[:most]
-    return np.stack([row[order], column[order]], axis=-1), height[order]
+    order = np.argsort(-height[peak], kind="stable")[:most]
+    return np.stack([row[peak][order], column[peak][order]], axis=-1)
 
 
 class _Stamps:
