@@ -155,7 +155,7 @@ def _solve_with_model(
     epoch_jyear: float | None,
     velocity_km_s: tuple[float, float, float] | None,
 ) -> StarSolution:
-    """By brightness; where nothing matches, of fluxes only their order: exposures differ from the model's zero point."""
+    """By brightness; where nothing matches, by the order of the fluxes alone: an exposure has its own zero point."""
     solution = measure(
         frame.spots_px,
         model,

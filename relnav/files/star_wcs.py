@@ -111,10 +111,10 @@ def _sip(lens: StarLens, size_px: tuple[float, float]) -> dict[str, Any]:
     scale = float(half.max())
     spot = project(rays(grid / lens.focal_length_px), lens.focal_length_px, (0.0, 0.0), lens.distortion)
     seen = np.isfinite(spot).all(axis=1)
-    powers = [(p, q) for p in range(INVERSE_ORDER + 1) for q in range(INVERSE_ORDER + 1 - p)]
+    powers = [(p, q) for p in range(1, INVERSE_ORDER + 1, 2) for q in range(0, INVERSE_ORDER + 1 - p, 2)]
     at = grid[seen] / scale
-    design = np.stack([at[:, 0] ** p * at[:, 1] ** q for p, q in powers], axis=-1)
-    fitted = np.linalg.lstsq(design, spot[seen] - grid[seen], rcond=None)[0]
-    for name, column in (("AP", fitted[:, 0]), ("BP", fitted[:, 1])):
-        cards |= {f"{name}_{p}_{q}": float(c / scale ** (p + q)) for (p, q), c in zip(powers, column, strict=True)}
+    design = np.concatenate([np.stack([u**p * v**q for p, q in powers], axis=-1) for u, v in (at.T, at.T[::-1])])
+    fitted = np.linalg.lstsq(design, (spot[seen] - grid[seen]).T.ravel(), rcond=None)[0]
+    for (p, q), value in zip(powers, fitted, strict=True):
+        cards[f"AP_{p}_{q}"] = cards[f"BP_{q}_{p}"] = float(value / scale ** (p + q))
     return cards

@@ -37,7 +37,9 @@ class Dark:
 
     def places_above(self, smooth: NDArray[np.float32], dead: Flags, sigmas: float, most: int) -> NDArray[np.intp]:
         """Row and column (n, 2) of the pixels of a smoothed picture that stand out of its noise; the highest `most`."""
-        noise = _mesh(smooth, dead)[1]
+        from scipy import ndimage
+
+        noise = ndimage.maximum_filter(_mesh(smooth, dead)[1], 3, mode="nearest")  # a roof is quieter than the sky
         found = []
         for rows, threshold in _strips(noise, self.rows, self.columns, smooth.shape):
             places = np.argwhere(smooth[rows] > sigmas * threshold)
@@ -96,8 +98,7 @@ def _side(length: int) -> tuple[int, int]:
 
 def _centres(length: int) -> Vector:
     number, side = _side(length)
-    centres: Vector = (np.arange(number) + 0.5) * side - 0.5
-    return centres
+    return np.asarray((np.arange(number) + 0.5) * side - 0.5, dtype=np.float64)
 
 
 def _boxes(pixels: NDArray[Any], step: int) -> NDArray[Any]:

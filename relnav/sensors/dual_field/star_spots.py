@@ -25,9 +25,13 @@ MOST_ABOVE = 0.1
 """Share of the pixels that can stand out: of more only the highest, for a picture of daylight."""
 HOT = 0.3
 """Of the brightest pixel: its eight neighbours together hold more in any picture that a lens makes."""
+SMOOTH_NOISE = 0.375
+"""Noise of the smoothed picture, of a pixel's: sqrt(1 + 4 + 1)/4 along each axis, where neighbours have their own."""
 LARGE = 0.25
-"""Of the brightest pixel: along the border of a star's stamp there is less on average; beside a roof there is more."""
-WIDE, LEAN = 1.5, 0.25
+"""Of the brightest pixel: along the border of a star's stamp there is less on average; beside the Moon is more."""
+BESIDE, BESIDE_HEIGHT = 3.5, 0.05
+"""Two peaks within so many window radii, one so high in terms of the other, are two stars in one."""
+WIDE, LEAN = 1.5, 0.2
 """Light moments under the window, of a typical star's: a spot beyond is no star; a difference along and across, of
 their sum: a spot beyond is two stars, or moved."""
 NARROWEST_PX, WIDEST_PX, LEAST_WINDOW_PX, FIRST_WINDOW_PX = 0.45, 4.0, 1.0, 1.5
@@ -126,11 +130,11 @@ def find_stars(
     size = (counts.shape[1], counts.shape[0])
     if len(places) == 0:
         return _stars(np.empty((0, 9)), size, np.nan)
-    stamps = _Stamps(counts, dark, places, FIRST_WINDOW_PX, full, electrons_per_count)
+    stamps = _Stamps(counts, dark, places, FIRST_WINDOW_PX, full, electrons_per_count, threshold_sigma)
     stamps.settle()
     radius = stamps.typical_radius()
     window = max(radius, LEAST_WINDOW_PX)
-    stamps = _Stamps(counts, dark, places[stamps.lit], window, full, electrons_per_count)
+    stamps = _Stamps(counts, dark, places[stamps.lit], window, full, electrons_per_count, threshold_sigma)
     stamps.settle()
     return _stars(stamps.stars(radius, most), size, radius)
 
@@ -198,6 +202,7 @@ class _Stamps:
         window_px: float,
         full: Flags,
         gain: float | None,
+        threshold_sigma: float,
     ) -> None:
         half = max(3, int(np.ceil(3.5 * window_px)))
         span = np.arange(-half, half + 1)
@@ -207,6 +212,12 @@ class _Stamps:
         self.light = counts[at].astype(np.float64)
         self.y, self.x = (places[:, 0, None] + span)[:, :, None], (places[:, 1, None] + span)[:, None, :]
         noise, core = dark.noise_at(places), slice(half - 1, half + 2)
+        # what stands all along two sides of a stamp is background that the boxes did not follow
+        sides = [self.light[:, 0], self.light[:, -1], self.light[:, :, 0], self.light[:, :, -1]]
+        middle, upper = np.sort(np.quantile(np.stack(sides), (0.5, 0.75), axis=2), axis=1)[:, 2]
+        level = np.where(middle > noise, upper, middle)
+        smooth = np.einsum("nij,i,j->n", self.light[:, core, core], (0.25, 0.5, 0.25), (0.25, 0.5, 0.25))
+        self.stands_out = smooth - level > threshold_sigma * SMOOTH_NOISE * noise
         self.saturated = full[at][:, core, core].any(axis=(1, 2))
         peak = self.light[:, half, half]
         self.sharp = self.light[:, core, core].sum(axis=(1, 2)) - peak < HOT * peak
@@ -227,7 +238,7 @@ class _Stamps:
             self.centre += np.clip(step / scale[:, None], -1.0, 1.0)
         self._window()
         near = np.hypot(*(self.centre - self.start).T) < PEAK_PX
-        self.lit = (self.total > 0.0) & (self.moment > 0.0) & near & ~(self.sharp | self.large)
+        self.lit = (self.total > 0.0) & (self.moment > 0.0) & near & self.stands_out & ~(self.sharp | self.large)
 
     def _window(self) -> tuple[Stack, Stack, Stack]:
         """Windowed light (n, s, s) and distances from the centres; sets total and moments."""
@@ -263,7 +274,7 @@ class _Stamps:
         is_star = self.lit & (self.saturated | (self.moment < WIDE * typical + 3.0 * moment_noise))
         is_star &= self.moment < 0.95 * self.window_px**2
         lean = np.hypot(self.xx - self.yy, 2.0 * self.xy) / (2.0 * self.moment)
-        blended = lean > LEAN + 6.0 * moment_noise / typical
+        blended = (lean > LEAN + 6.0 * moment_noise / typical) | self._beside_another()
         scale = (total * (1.0 - self.moment / self.window_px**2)) ** 2
         floor = np.where(self.saturated, FULL_ERROR_PX, np.hypot(UNEVEN_ERROR_PX, self._sampling(typical))) ** 2
         xx, yy = (w2 * dx**2).sum(axis=(1, 2)) / scale + floor, (w2 * dy**2).sum(axis=(1, 2)) / scale + floor
@@ -273,6 +284,18 @@ class _Stamps:
         )[is_star]
         rows = rows[np.argsort(-rows[:, 5], kind="stable")]
         return _without_doubles(rows)[:most]
+
+    def _beside_another(self) -> Flags:
+        """Whether another peak stands so near and high that the centre is of both."""
+        from scipy.spatial import cKDTree
+
+        height, flagged = self.light.max(axis=(1, 2)), np.zeros(len(self.start), dtype=bool)
+        for one, other in cKDTree(self.start).query_pairs(BESIDE * self.window_px):
+            for k, beside in ((one, other), (other, one)):
+                own = self.light[beside, self.light.shape[1] // 2, self.light.shape[2] // 2]
+                flagged[k] |= self.lit[beside] and own > BESIDE_HEIGHT * height[k]
+        both: Flags = flagged & ~self.saturated
+        return both
 
     def _sampling(self, moment: float) -> float:
         """1-sigma error of a centre from sampling, px: see the notes of `find_stars`."""
