@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,8 +10,9 @@ from relnav.arrays import Vector
 from relnav.errors import InputError
 from relnav.files.images import Picture, read_picture
 from relnav.files.star_frames import MOST_SPOTS, StarFrame, read_star_frame
-from relnav.files.tables import check_format, relnav_version, write_table
-from relnav.sensors.dual_field.star_spots import FoundStars, find_stars, picture_centre
+
+if TYPE_CHECKING:
+    from relnav.sensors.dual_field.star_spots import FoundStars
 
 COLUMNS = (
     "x_px", "y_px", "flux", "sigma_x_px", "sigma_y_px", "correlation", "signal_to_noise", "saturated", "blended",
@@ -38,7 +40,7 @@ class Seen:
     origin_px: Vector
     size_px: tuple[float, float] | None
     picture: Picture | None = None
-    found: FoundStars | None = None
+    found: "FoundStars | None" = None
 
 
 def see_spots(path: Path, origin_px: Vector, size_px: tuple[float, float] | None) -> Seen:
@@ -57,8 +59,13 @@ def see_picture(path: Path, saturation: float | None, threshold_sigma: float, sp
         If spots cannot be written under that name.
     """
     if spots_path is not None:
+        from relnav.files.tables import check_format
+
         check_format(spots_path)
     picture = read_picture(path)
+    # a picture that cannot be read is refused before the sensor is loaded
+    from relnav.sensors.dual_field.star_spots import find_stars, picture_centre
+
     full = picture.saturation if saturation is None else saturation
     found = find_stars(picture.counts, saturation=full, threshold_sigma=threshold_sigma, most=MOST_SPOTS)
     if len(found.spots_px) == 0:
@@ -71,9 +78,10 @@ def see_picture(path: Path, saturation: float | None, threshold_sigma: float, sp
     return Seen(frame, picture_centre(picture.size_px), picture.size_px, picture, found)
 
 
-def write_spots(found: FoundStars, path: Path) -> None:
+def write_spots(found: "FoundStars", path: Path) -> None:
     """Write the spots (.csv or .parquet), brightest first, in columns that `relnav stars solve` reads again."""
-    check_format(path)
+    from relnav.files.tables import relnav_version, write_table
+
     width, height = found.size_px
     variance = np.diagonal(found.covariance_px2, axis1=1, axis2=2)
     sigma = np.sqrt(variance)

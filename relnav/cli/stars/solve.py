@@ -72,7 +72,6 @@ def command(frame: Path, quiet: bool, **options: Any) -> None:
     """
     from relnav.files.atomic import Outputs, check_distinct, check_folder, check_png
     from relnav.files.epochs import julian_year
-    from relnav.files.star_solving import solve_frame
 
     written = [options[name] for name in ("json_path", "spots_path", "wcs", "plot")]
     for path in written:
@@ -84,6 +83,8 @@ def command(frame: Path, quiet: bool, **options: Any) -> None:
     epoch, velocity = options["epoch"], options["velocity_km_s"]
     year = None if epoch is None else julian_year(epoch)
     seen = _read(frame, options)
+    from relnav.files.star_solving import solve_frame  # it loads the sensor
+
     solution = solve_frame(
         seen.frame,
         options["model"],
@@ -105,7 +106,6 @@ def _read(path: Path, options: dict[str, Any]) -> "Seen":
     from relnav.errors import UsageError
     from relnav.files.images import is_picture
     from relnav.files.star_pictures import see_picture, see_spots
-    from relnav.files.star_solving import load_star_sensor, origin_of_spots
 
     if options["velocity_km_s"] is not None and options["epoch"] is None:
         raise UsageError("--velocity-km-s needs --epoch as well: the velocity belongs to a time")
@@ -119,6 +119,8 @@ def _read(path: Path, options: dict[str, Any]) -> "Seen":
     for name, option in (("saturation", "--saturation"), ("spots_path", "--spots")):
         if options[name] is not None:
             raise UsageError(f"{option} is for a picture; {path.name} is read as a CSV of spots")
+    from relnav.files.star_solving import load_star_sensor, origin_of_spots
+
     model = None if options["model"] is None else load_star_sensor(options["model"])
     size = options["image_size_px"] or (None if model is None else model.camera.detector_size_px)
     if options["wcs"] is not None:
