@@ -13,10 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relnav.errors import InputError, UsageError
-from relnav.files.wording import shown
+from relnav.files.atomic import replacing
+from relnav.files.wording import printable, shown
 
 PILLOW_ENDINGS = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm")
 FITS_ENDINGS = (".fits", ".fit", ".fts")
+WRITTEN_ENDINGS = (".png", ".tif", ".tiff", ".fits", ".fit")
 LEAST_SIDE, MOST_SIDE, MOST_PIXELS = 8, 65_535, 100_000_000
 BOMB_PIXELS, BOMB_RATIO = 16_000_000, 100
 """A picture of more pixels than the first has a byte in the file for every so many of them, or more."""
@@ -69,6 +71,64 @@ def read_picture(path: Path) -> Picture:
     return picture
 
 
+def check_picture_to_write(path: Path) -> None:
+    """Refuse a picture of a kind that is not written.
+
+    Raises
+    ------
+    UsageError
+        Naming the endings that are, or the package that is missing.
+    """
+    if path.suffix.lower() not in WRITTEN_ENDINGS:
+        raise UsageError(f"{path}: a picture is written as {', '.join(WRITTEN_ENDINGS)}; got '{path.suffix}'")
+    if path.suffix.lower() in FITS_ENDINGS:
+        require_astropy()
+    else:
+        require_pillow()
+
+
+def write_picture(counts: NDArray[np.uint16], stated: dict[str, str], path: Path) -> None:
+    """Write counts (rows, columns) of 16 bits; what is stated stands in the file's text, comment or header.
+
+    Raises
+    ------
+    UsageError
+        See `check_picture_to_write`.
+    """
+    check_picture_to_write(path)
+    words = "; ".join(f"{printable(key)} = {printable(value)}" for key, value in stated.items())
+    with replacing(path, ".png") as temporary:
+        if path.suffix.lower() in FITS_ENDINGS:
+            from astropy.io import fits
+
+            hdu = fits.PrimaryHDU(counts)
+            hdu.header["COMMENT"] = words.encode("ascii", "replace").decode()
+            hdu.writeto(temporary)
+            return
+        from PIL import Image
+        from PIL.PngImagePlugin import PngInfo
+
+        text = PngInfo()
+        text.add_text("Comment", words)
+        more = {"pnginfo": text} if path.suffix.lower() == ".png" else {"description": words}
+        Image.fromarray(counts).save(temporary, **more)
+
+
+def require_pillow() -> Any:
+    """The package pillow.
+
+    Raises
+    ------
+    UsageError
+        With the line that installs it.
+    """
+    try:
+        import PIL
+    except ImportError as error:
+        raise UsageError("pictures need pillow: pip install 'relnav[images]'") from error
+    return PIL
+
+
 def require_astropy() -> Any:
     """The package astropy.
 
@@ -85,10 +145,9 @@ def require_astropy() -> Any:
 
 
 def _read_pillow(path: Path) -> Picture:
-    try:
-        from PIL import Image
-    except ImportError as error:
-        raise UsageError("pictures need pillow: pip install 'relnav[images]'") from error
+    require_pillow()
+    from PIL import Image
+
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of metadata that nobody asked for; sizes are checked here
