@@ -272,11 +272,19 @@ def _judge(
 
 
 def _bright_stars_are_there(camera: _Camera, stars: Matrix, star: Codes) -> bool:
-    """Whether enough of the stars brighter than the median match, inside the spots' rectangle, are matched."""
+    """Whether enough of the stars brighter than the median match, where matches lie about, are matched.
+
+    Within the convex hull of the matched spots: of a sky partly hidden by a roof the rest shows no star.
+    """
+    from scipy.spatial import Delaunay, QhullError
+
     used = star[star >= 0]
     bright = stars[stars[:, 3] <= np.median(stars[used, 3])]
     v = bright[:, :3] @ camera.dcm.T
     v = v[v[:, 2] > 0.1]
-    p, edge = central_projection(v), central_projection(camera.rays())
-    inside = np.all((p > edge.min(axis=0)) & (p < edge.max(axis=0)), axis=1)
+    p, corners = central_projection(v), central_projection(camera.rays()[star >= 0])
+    try:
+        inside = Delaunay(corners).find_simplex(p) >= 0
+    except QhullError:  # all on one line
+        return False
     return int(np.sum(stars[used, 3] <= np.median(stars[used, 3]))) >= LEAST_BRIGHT_SEEN * int(np.sum(inside))
