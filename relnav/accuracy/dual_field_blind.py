@@ -85,8 +85,8 @@ def _frame(
 def fly_hidden(catalogue: StarCatalogue, count: int, seed: int, lights: int) -> dict[str, int]:
     """Solve `count` frames of the same cameras of which a roof hides about half, with so many lights on it.
 
-    Fourteen spots of the sky or more are left, and a focal length up to 3 % wrong is given. "wrong" counts attitudes more
-    than `HIDDEN_WRONG_PX` off at the image's centre, which the roof may hide.
+    Fourteen spots of the sky or more are left, and a focal length up to 3 % wrong is given. "wrong" counts attitudes
+    more than `HIDDEN_WRONG_PX` off at the image's centre, which the roof may hide.
     """
     rng = np.random.default_rng(seed)
     directions, magnitude = catalogue.directions(EPOCH_JYEAR), np.asarray(catalogue.hp_mag, dtype=np.float64)
