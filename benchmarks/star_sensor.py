@@ -8,8 +8,8 @@
 frames: two fields superimposed, 3 false spots, 5 % missing, observer at 30.3 km/s, the fold known exactly. edges: the
 detector turned against the mirror, mirrored images, noise beyond the stated, the fold off by its stated error, an axis
 beside the image's centre. false: 4 to 16 false spots and nothing else. patent: the patent's method beside ours, 0 to 5
-false spots. blind: other cameras, focal length known to 3 %. hidden: the same, half of the sky hidden. fold: the mirror from one
-frame without a prior. --part i/n runs one of n equal parts with a seed of its own.
+false spots. blind: other cameras, focal length known to 3 %. hidden: the same, half of the sky hidden. fold: the
+mirror from one frame without a prior. --part i/n runs one of n equal parts with a seed of its own.
 Speed is `star_speed.py`.
 """
 
