@@ -8,8 +8,8 @@
 frames: two fields superimposed, 3 false spots, 5 % missing, observer at 30.3 km/s, the fold known exactly. edges: the
 detector turned against the mirror, mirrored images, noise beyond the stated, the fold off by its stated error, an axis
 beside the image's centre. false: 4 to 16 false spots and nothing else. patent: the patent's method beside ours, 0 to 5
-false spots. blind: other cameras, focal length known to 3 %. fold: the mirror from one frame without a prior. --part
-i/n runs one of n equal parts with a seed of its own.
+false spots. blind: other cameras, focal length known to 3 %. hidden: the same, half of the sky hidden. fold: the
+mirror from one frame without a prior. --part i/n runs one of n equal parts with a seed of its own.
 Speed is `star_speed.py`.
 """
 
@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 import relnav
-from relnav.accuracy.dual_field_blind import fly_blind
+from relnav.accuracy.dual_field_blind import fly_blind, fly_hidden
 from relnav.accuracy.dual_field_edges import fly_edges
 from relnav.accuracy.dual_field_runs import calibrated, fly_frames, identification_rates
 from relnav.sensors.dual_field.fold import mirror_fold
@@ -106,6 +106,16 @@ def blind(count, seed):
     ]
 
 
+def hidden(count, seed):
+    """Frames half hidden by a roof with lights on it."""
+    catalogue, bars, figures = relnav.load_model("ground_camera").catalogue, [], {}
+    for lights in (0, 5, 15):
+        row = figures[f"lights_{lights}"] = fly_hidden(catalogue, count // 3, seed, lights)
+        said = f"{row['wrong']} of {row['frames']}; {row['solved']} solved"
+        bars.append(Bar(f"half hidden, {lights} lights: wrong attitudes", said, "0", row["wrong"] == 0))
+    return figures, bars
+
+
 def fold(count, seed):
     """The mirror's normal from single frames, no prior."""
     model = relnav.load_model("dual_field_star")
@@ -150,6 +160,7 @@ CAMPAIGNS = {
     "false": (false, 1_000_000),
     "patent": (patent, 1000),
     "blind": (blind, 2000),
+    "hidden": (hidden, 300),
     "fold": (fold, 300),
 }
 """Each with its full size."""

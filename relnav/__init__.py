@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from relnav.sensors import dual_field as dual_field
     from relnav.sensors import three_beacon as three_beacon
     from relnav.sensors import three_marker as three_marker
+    from relnav.sensors.dual_field.star_spots import find_stars as find_stars
     from relnav.sensors.measurement import Measurement as Measurement
     from relnav.sensors.measurement import Status as Status
     from relnav.vehicle.navigator import VehicleNavigator as VehicleNavigator

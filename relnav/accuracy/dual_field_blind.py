@@ -13,7 +13,8 @@ HEIGHTS_PX = (576.0, 768.0, 1024.0)
 WIDTH_PX = 1024.0
 KINDS = ("true", "true", "true", "false spots", "mirrored", "scrambled")
 FOCAL_ERROR = 0.03
-WRONG_PX = 3.0
+WRONG_PX, HIDDEN_WRONG_PX = 3.0, 15.0
+LEAST_IN_SIGHT = 14
 EPOCH_JYEAR = 2020.0
 
 
@@ -79,3 +80,34 @@ def _frame(
     order = np.argsort(mag)
     at_centre = rays(plane_points(np.zeros((1, 2)), focal, principal, (k1, 0.0)))[0] @ A
     return spots[order], mag[order], float(focal), at_centre
+
+
+def fly_hidden(catalogue: StarCatalogue, count: int, seed: int, lights: int) -> dict[str, int]:
+    """Solve `count` frames of the same cameras of which a roof hides about half, with so many lights on it.
+
+    Fourteen spots of the sky or more are left, and a focal length up to 3 % wrong is given. "wrong" counts attitudes
+    more than `HIDDEN_WRONG_PX` off at the image's centre, which the roof may hide.
+    """
+    rng = np.random.default_rng(seed)
+    directions, magnitude = catalogue.directions(EPOCH_JYEAR), np.asarray(catalogue.hp_mag, dtype=np.float64)
+    result = {"frames": 0, "lights": lights, "solved": 0, "wrong": 0}
+    while result["frames"] < count:
+        spots, mag, focal, at_centre = _frame(rng, directions, magnitude, "true")
+        angle = rng.uniform(0.0, 2.0 * np.pi)
+        up, edge = np.array([np.cos(angle), np.sin(angle)]), rng.uniform(-50.0, 100.0)
+        sky = spots @ up > edge
+        if sky.sum() < LEAST_IN_SIGHT:
+            continue
+        roof = (rng.random((1000, 2)) - 0.5) * (WIDTH_PX, min(HEIGHTS_PX))
+        roof = roof[roof @ up < edge][:lights]
+        spots = np.concatenate([spots[sky], roof])
+        mag = np.concatenate([mag[sky], rng.uniform(mag.min() - 1.0, mag.max(), len(roof))])
+        order, given = np.argsort(mag), focal * (1.0 + rng.uniform(-FOCAL_ERROR, FOCAL_ERROR))
+        known = mag[order] if rng.random() < 0.7 else None
+        solution = solve_blind(Blind(spots[order], known, given), catalogue, EPOCH_JYEAR)
+        result["frames"] += 1
+        if solution.ok:
+            off_px = focal * float(np.linalg.norm(solution.dcm_cam_from_icrs[2] - at_centre))
+            right = off_px < HIDDEN_WRONG_PX and abs(solution.focal_length_px / focal - 1.0) < 0.02
+            result["solved" if right else "wrong"] += 1
+    return result

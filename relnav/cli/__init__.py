@@ -30,6 +30,7 @@ COMMANDS = {
     "simulate": ("relnav.cli.simulate", "Simulate an approach: a log of spots and its truth."),
     "models": ("relnav.cli.models", "List the shipped models, or show one with its sources."),
     "stars": ("relnav.cli.stars", "Star frames: inertial attitude from the spots of one image."),
+    "sun": ("relnav.cli.sun", "Sun sensors: directions from pictures and logs of spots."),
 }
 """Name -> module that holds it as `command`, and its line in the list."""
 

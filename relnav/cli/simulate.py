@@ -64,12 +64,16 @@ def command(
 ) -> None:
     """Simulate an approach of MODEL: two-body truth under closed-loop guidance, imaged with noise and faults.
 
-    Of a vehicle: from its hand-over to --final-range (1 m), seen by all its sensors; it takes --seed and --truth.
+    Of a vehicle: from its hand-over to --final-range (1 m), seen by all its sensors; it takes --seed and --truth. Of a
+    star sensor that turns, or a sun sensor under a moving sun, a log of its spots; with --out a picture (.png, .tif,
+    .fits), one exposure.
     """
+    from relnav.cli.instrument_simulators import INSTRUMENTS, simulate_instrument
     from relnav.cli.simulators import Options, simulator_of
     from relnav.cli.vehicle import refuse_others, simulate_vehicle
     from relnav.errors import UsageError
     from relnav.files.atomic import Outputs, check_distinct, check_folder
+    from relnav.files.images import check_picture_to_write, is_picture
     from relnav.files.models import load_model
     from relnav.files.tables import check_format
     from relnav.simulation.trajectory import Approach
@@ -77,7 +81,7 @@ def command(
 
     for path in (out, truth):
         if path is not None:
-            check_format(path)
+            check_picture_to_write(path) if path is out and is_picture(path) else check_format(path)
             check_folder(path)
     check_distinct(out, truth)
     mission = load_model(model)
@@ -97,7 +101,11 @@ def command(
             air_density_kg_m3=air_density_kg_m3,
         )
         options = Options(dropout, outliers, hidden, received_power, raw, as_built, distortion_um * 1e-6, seed)
-        simulated = simulator_of(mission)(mission, approach, options)
+        if isinstance(mission, INSTRUMENTS):
+            simulated = simulate_instrument(mission, approach, options, out)
+        else:
+            check_format(out)
+            simulated = simulator_of(mission)(mission, approach, options)
     except ValueError as error:
         raise UsageError(str(error)) from error
     metadata = {"model": mission.name, "seed": str(seed)}

@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Stack, Vector
 from relnav.errors import InputError
@@ -67,8 +68,10 @@ def states_at(orbit: Matrix, t_s: Vector, path: Path) -> Matrix:
     return states
 
 
-def read_star_log(path: Path) -> list[tuple[float, StarFrame]]:
+def read_star_log(path: Path, centre_px: ArrayLike = (0.0, 0.0)) -> list[tuple[float, StarFrame]]:
     """Frames of a log with a column t_s, one row a spot; rows of one time are one frame.
+
+    `centre_px` (2,) is where the image's centre stands in the file's coordinates.
 
     Raises
     ------
@@ -87,7 +90,7 @@ def read_star_log(path: Path) -> list[tuple[float, StarFrame]]:
                 float(t),
                 StarFrame(
                     path,
-                    np.ascontiguousarray(rows[:, 1:3]),
+                    rows[:, 1:3] - np.asarray(centre_px),
                     given if brightness == "flux" else None,
                     given if brightness == "magnitude" else None,
                 ),

@@ -41,11 +41,6 @@ class StarFrame:
     magnitude: Vector | None
 
 
-def image_centre(size_px: tuple[float, float], first_pixel_px: float) -> tuple[float, float]:
-    """Centre of an image of so many columns and rows whose first pixel has its centre at this coordinate, 0 or 0.5."""
-    return 0.5 * size_px[0] - 0.5 + first_pixel_px, 0.5 * size_px[1] - 0.5 + first_pixel_px
-
-
 def read_star_frame(path: Path, centre_px: tuple[float, float] = (0.0, 0.0)) -> StarFrame:
     """Read a frame.
 

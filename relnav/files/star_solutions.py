@@ -8,11 +8,15 @@ import numpy as np
 
 from relnav.arrays import Matrix
 from relnav.files.atomic import check_png, replacing
+from relnav.files.images import Picture
+from relnav.files.star_pictures import Seen
 from relnav.files.wording import printable
 from relnav.geometry.rotation import quaternion_from_dcm
-from relnav.sensors.dual_field.solution import StarSolution
+from relnav.sensors.dual_field.solution import StarLens, StarSolution
 
 ARCSEC = 648000.0 / math.pi
+MOST_DRAWN_PX = 1500
+"""Pixels of a picture that are drawn along its longer side."""
 
 
 def solution_values(solution: StarSolution, spots_px: Matrix) -> dict[str, Any]:
@@ -25,6 +29,7 @@ def solution_values(solution: StarSolution, spots_px: Matrix) -> dict[str, Any]:
         "matches_per_field": list(solution.matches_per_field),
         "focal_length_px": solution.focal_length_px,
         "residual_rms_arcsec": _rms(solution) * ARCSEC,
+        "lens": _lens_values(solution.lens),
         "log10_false_alarm": solution.log10_false_alarm,
         "attitudes_tried": solution.tried,
         "dcm_cam_from_icrs": solution.dcm_cam_from_icrs.tolist(),
@@ -45,13 +50,21 @@ def solution_values(solution: StarSolution, spots_px: Matrix) -> dict[str, Any]:
     return values
 
 
+def _lens_values(lens: StarLens | None) -> dict[str, Any] | None:
+    """The camera's constants; its attitude is that of the optical axis."""
+    if lens is None:
+        return None
+    values = {"focal_length_px": lens.focal_length_px, "principal_point_px": list(lens.principal_point_px)}
+    return values | {"distortion": list(lens.distortion), "dcm_from_icrs": lens.dcm_from_icrs.tolist()}
+
+
 def _rms(solution: StarSolution) -> float:
     used = solution.residual_rad[np.isfinite(solution.residual_rad)]
     return float(np.sqrt(np.mean(used**2))) if used.size else math.nan
 
 
-def draw_solution(solution: StarSolution, spots_px: Matrix, title: str, path: Path) -> None:
-    """Draw the spots, and which of them are which star; .png.
+def draw_solution(solution: StarSolution, seen: Seen, title: str, path: Path) -> None:
+    """Draw the spots, and which of them are which star, over the picture if there is one; .png.
 
     Raises
     ------
@@ -62,8 +75,10 @@ def draw_solution(solution: StarSolution, spots_px: Matrix, title: str, path: Pa
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10, 8), layout="constrained")
+    figure, spots_px = Figure(figsize=(10, 8), layout="constrained"), seen.frame.spots_px
     axis = figure.subplots()
+    if seen.picture is not None:
+        _draw_picture(axis, seen.picture)
     axis.plot(*spots_px[solution.hip == 0].T, "x", color="0.5", ms=6, label="spots without a star")
     for field in sorted({int(value) for value in solution.field if value >= 0}):
         chosen = solution.field == field
@@ -74,9 +89,21 @@ def draw_solution(solution: StarSolution, spots_px: Matrix, title: str, path: Pa
             )
     axis.set(xlabel="x_px (right)", ylabel="y_px (down)", aspect="equal")
     axis.set_title(printable(title), parse_math=False)  # a $ in a file's name is no formula
-    axis.invert_yaxis()
-    axis.grid(alpha=0.3)
+    if seen.picture is None:
+        axis.invert_yaxis()
+        axis.grid(alpha=0.3)
     figure.legend(loc="outside lower center", ncols=3, fontsize=9)
     with replacing(path) as temporary:
         FigureCanvasAgg(figure)
         figure.savefig(temporary, format="png", dpi=100)
+
+
+def _draw_picture(axis: Any, picture: Picture) -> None:
+    """The picture in grey, dark stretched; of a large one the brightest pixel of every few, so that no star is lost."""
+    width, height = picture.size_px
+    step = max(1, max(width, height) // MOST_DRAWN_PX)
+    part = picture.counts[: height // step * step, : width // step * step].astype(np.float32)
+    shown = part.reshape(height // step, step, width // step, step).max(axis=(1, 3))
+    low, high = np.nanpercentile(shown, [5.0, 99.7])
+    edge = [-0.5 * width, 0.5 * width, 0.5 * height, -0.5 * height]
+    axis.imshow(shown, cmap="gray", vmin=low, vmax=max(high, low + 1.0), extent=edge, interpolation="nearest")

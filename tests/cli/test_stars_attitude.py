@@ -140,3 +140,29 @@ def test_a_log_with_a_byte_order_mark(run, flight):
     )
     assert (code, err) == (0, "")
     assert (flight / "b.csv").read_text().startswith("t_s,note,q_cam_from_lvlh_x")
+
+
+def test_frames_of_three_stars_are_tracked(run, flight):
+    """Of the third and fourth frame three bright stars are left: lost without --track, found with it."""
+    lines = (flight / "frames.csv").read_text().splitlines()
+    few, count = [lines[0]], {}
+    for line in lines[1:]:
+        t = line.split(",")[0]
+        count[t] = count.get(t, 0) + 1
+        if t not in ("8", "12") or count[t] <= 3:
+            few.append(line)
+    (flight / "few.csv").write_text("\n".join(few) + "\n")
+    command = ["stars", "attitude", flight / "few.csv", "--orbit", flight / "orbit.csv", *OPTIONS, "--out"]
+    code, out, _ = run(*command, flight / "lost.csv")
+    assert code == 0
+    assert "(4 of 6 frames)" in out
+    code, out, _ = run(*command, flight / "tracked.csv", "--track")
+    assert code == 0
+    assert "(6 of 6 frames, 2 of them tracked)" in out
+    held = np.array(relnav.load_model("three_beacon_psd").attitude.q_cam_from_lvlh)
+    with (flight / "tracked.csv").open() as file:
+        for row in csv.DictReader(line for line in file if not line.startswith("#")):
+            q = np.array([float(row[f"q_cam_from_lvlh_{axis}"]) for axis in "xyzw"])
+            off = 206265.0 * 2.0 * np.linalg.norm(q - held * np.sign(q @ held))
+            sigma = [float(row[f"sigma_attitude_{axis}_arcsec"]) for axis in "xyz"]
+            assert off < 5.0 * max(sigma)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import relnav
-from relnav.files.star_frames import image_centre, read_star_frame
+from relnav.files.star_frames import read_star_frame
 
 ROWS = [f"{10 * k - 45},{7 * k - 30},{1000 - k}" for k in range(10)]
 
@@ -79,9 +79,3 @@ def test_coordinates_from_a_corner_are_refused(write):
     ):
         read_star_frame(write(corner))
     assert len(read_star_frame(write(corner), (400.0, 320.0)).spots_px) == 9
-
-
-def test_centre_of_an_image():
-    """Of four columns the centre lies between the second and the third."""
-    assert image_centre((4.0, 3.0), 0.0) == (1.5, 1.0)
-    assert image_centre((4.0, 3.0), 0.5) == (2.0, 1.5)

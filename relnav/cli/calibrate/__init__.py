@@ -7,7 +7,10 @@ from relnav.cli import LazyGroup
 COMMANDS = {
     "fold": ("relnav.cli.calibrate.fold", "The second field of a star sensor, from frames of the sky."),
     "psd": ("relnav.cli.calibrate.psd", "Fit a position-sensitive detector's distortion from a grid of known spots."),
-    "sun": ("relnav.cli.calibrate.sun", "An APS sun sensor, from turntable angles and spots."),
+    "sun": (
+        "relnav.cli.calibrate.sun",
+        "A sun sensor, from turntable angles and spots, or (birefringent) from its spots.",
+    ),
 }
 
 

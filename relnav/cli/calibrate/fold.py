@@ -38,7 +38,7 @@ def command(
     from relnav.files.atomic import Outputs, check_distinct, check_folder
     from relnav.files.attitude_log import read_star_log
     from relnav.files.epochs import julian_year
-    from relnav.files.star_solving import load_star_sensor, velocity_option
+    from relnav.files.star_solving import load_star_sensor, origin_of_spots, velocity_option
     from relnav.files.tables import write_json
     from relnav.sensors.dual_field.fold_fit import fit_fold
 
@@ -50,7 +50,7 @@ def command(
     if sensor.fold.kind != "mirror":
         raise UsageError(f"{sensor.path}: [fold] kind is {sensor.fold.kind!r}; a mirror's normal is what is fitted")
     velocity = velocity_option("--velocity-km-s", velocity_km_s)
-    images = read_star_log(frames)
+    images = read_star_log(frames, origin_of_spots(sensor))
     year = None if epoch is None else julian_year(epoch)
     try:
         fit = fit_fold(

@@ -1,4 +1,4 @@
-"""`relnav calibrate sun`: turntable angles and spots in, calibration file and report with residual maps out."""
+"""`relnav calibrate sun`: turntable angles and spots, or a birefringent sensor's own spots in; its calibration out."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,13 +9,20 @@ from relnav.cli.printing import InputPath, OutputPath, say
 
 if TYPE_CHECKING:
     from relnav.files.sun_calibration import SunCalibrationReport
+    from relnav.files.sun_self_calibration import SunSelfCalibrationReport
+    from relnav.sensors.birefringent_sun import BirefringentSunModel
 
 MAP_SIDE = 7
 
 
 @click.command(epilog="Example: relnav calibrate sun turntable.csv --out sun.json --plot residuals.png")
 @click.argument("measurements", type=InputPath())
-@click.option("--out", required=True, type=OutputPath(), help="Calibration file to write, .json.")
+@click.option(
+    "--out",
+    required=True,
+    type=OutputPath(),
+    help="Calibration file to write, .json; of a birefringent sensor the fitted keys of its model, .toml.",
+)
 @click.option("--model", default="aps_sun", show_default=True, help="Sensor with its design values.")
 @click.option(
     "--method",
@@ -33,10 +40,19 @@ MAP_SIDE = 7
 )
 @click.option("--incomplete", is_flag=True, help="Take a grid that lacks nodes.")
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0), help="Of the cross-validation.")
+@click.option(
+    "--free",
+    default="zero_spot_x_px,zero_spot_y_px",
+    show_default=True,
+    help="Birefringent sensor: the constants to fit, also crystal_thickness_m, axis_polar_rad, axis_azimuth_rad, "
+    "ordinary_index, extraordinary_index.",
+)
 @click.option("--plot", type=OutputPath(), help="Draw residual maps, .png.")
 @click.option("--json", "json_path", type=OutputPath(), help="Write the report as one JSON object.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
+@click.pass_context
 def command(
+    context: click.Context,
     measurements: Path,
     out: Path,
     model: str,
@@ -44,6 +60,7 @@ def command(
     outer_axis: str,
     incomplete: bool,
     seed: int,
+    free: str,
     plot: Path | None,
     json_path: Path | None,
     quiet: bool,
@@ -52,11 +69,14 @@ def command(
 
     Columns: alpha_deg, beta_deg (projection angles) or outer_deg, inner_deg (gimbal angles), in any angle unit;
     spot_x_px, spot_y_px, empty where no spot was seen.
+
+    A birefringent sensor (--model birefringent_sun) calibrates itself, in flight too: MEASUREMENTS is a log of its
+    spots, spot_a_x_px, spot_a_y_px, spot_b_x_px, spot_b_y_px, and nothing is known of the sun.
     """
-    from relnav.errors import ModelError, UsageError
+    from relnav.errors import UsageError
     from relnav.files.atomic import Outputs, check_distinct, check_folder, check_png
-    from relnav.files.models import load_model
     from relnav.files.sun_calibration import calibrate_sun, write_sun_calibration
+    from relnav.files.sun_measuring import load_sun_sensor
     from relnav.files.sun_pictures import draw_residual_maps
     from relnav.files.tables import write_json
     from relnav.sensors.aps_sun import ApsSunModel
@@ -66,12 +86,14 @@ def command(
             check_folder(path)
     if plot is not None:
         check_png(plot)
+    check_distinct(measurements, out, plot, json_path)
+    sensor = load_sun_sensor(model)
+    if not isinstance(sensor, ApsSunModel):
+        lines = _self_calibrate(context, measurements, sensor, free, out, json_path)
+        return None if quiet else say(lines, out, json_path)
+    _only_for(context, ("free",), "a birefringent sensor; this is an APS sensor")
     if out.suffix.lower() != ".json":
         raise UsageError(f"{out}: a sun calibration is written as .json; got '{out.suffix}'")
-    check_distinct(measurements, out, plot, json_path)
-    sensor = load_model(model)
-    if not isinstance(sensor, ApsSunModel):
-        raise ModelError(f"{sensor.path}: an APS sun sensor is expected (sensor_type aps_sun)")
     report = calibrate_sun(measurements, sensor, method=method, outer_axis=outer_axis, incomplete=incomplete, seed=seed)
     with Outputs() as outputs:
         write_sun_calibration(report, outputs.path(out))
@@ -81,6 +103,62 @@ def command(
             write_json(report.to_dict(), outputs.path(json_path))
     if not quiet:
         say(report_lines(report), out, plot, json_path)
+
+
+def _only_for(context: click.Context, names: tuple[str, ...], what: str) -> None:
+    """Refuse options that were given and mean nothing here."""
+    from click.core import ParameterSource
+
+    from relnav.errors import UsageError
+
+    for name in names:
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            raise UsageError(f"--{name.replace('_', '-')} is for {what}")
+
+
+def _self_calibrate(
+    context: click.Context,
+    measurements: Path,
+    sensor: "BirefringentSunModel",
+    free: str,
+    out: Path,
+    json_path: Path | None,
+) -> list[str]:
+    """Fit a birefringent sensor's constants and write them; what to say of it."""
+    from relnav.errors import UsageError
+    from relnav.files.atomic import Outputs, is_stream
+    from relnav.files.sun_self_calibration import KEYS, self_calibrate_sun
+    from relnav.files.tables import write_json
+
+    _only_for(
+        context, ("method", "outer_axis", "incomplete", "seed", "plot"), "an APS sensor; this one is birefringent"
+    )
+    if out.suffix.lower() != ".toml" and not is_stream(out):
+        raise UsageError(f"{out}: a birefringent sensor's constants are written as .toml; got '{out.suffix}'")
+    names = tuple(name.strip() for name in free.split(","))
+    unknown = [name for name in names if name not in KEYS]
+    if unknown or len(set(names)) < len(names):
+        raise UsageError(f"--free {free}: constants after commas, each once, of {', '.join(KEYS)}")
+    report = self_calibrate_sun(measurements, sensor, names)
+    with Outputs() as outputs:
+        outputs.path(out).write_text(report.section(), encoding="utf-8")
+        if json_path is not None:
+            write_json(report.to_dict(), outputs.path(json_path))
+    return self_calibration_lines(report)
+
+
+def self_calibration_lines(report: "SunSelfCalibrationReport") -> list[str]:
+    """The report for a reader."""
+    figures = report.to_dict()
+    unseen = f", {report.not_seen} without both spots" if report.not_seen else ""
+    lines = [f"{report.frames} images{unseen}, model {report.model}; chi2/dof {figures['chi2_per_dof']:.3f}"]
+    lines.extend(f"left out: line {line}: its two spots contradict the others" for line in report.left_out)
+    width = max(map(len, figures["parameters"]))
+    lines.extend(
+        f"  {name:<{width}} {entry['value']:.8g} +- {entry['sigma']:.1e}"
+        for name, entry in figures["parameters"].items()
+    )
+    return lines
 
 
 def report_lines(report: "SunCalibrationReport") -> list[str]:

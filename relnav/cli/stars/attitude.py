@@ -38,6 +38,11 @@ if TYPE_CHECKING:
     show_default=True,
     help="Mounting of the camera, x y z w.",
 )
+@click.option(
+    "--track",
+    is_flag=True,
+    help="Try a frame without an attitude near the one that the two before lead to: two stars can be enough.",
+)
 @click.option("--out", required=True, type=OutputPath(), help="Attitudes, .csv or .parquet.")
 @click.option("--log", type=InputPath(), help="Navigation log, .csv.")
 @click.option("--joined", type=OutputPath(), help="That log with the attitude added to every row.")
@@ -49,6 +54,7 @@ def command(
     epoch: str | None,
     earth_velocity_km_s: tuple[float, float, float] | None,
     q_cam_from_star: tuple[float, float, float, float],
+    track: bool,
     out: Path,
     log: Path | None,
     joined: Path | None,
@@ -72,9 +78,9 @@ def command(
         write_attitude_log,
     )
     from relnav.files.epochs import julian_year
-    from relnav.files.star_solving import load_star_sensor, velocity_option
+    from relnav.files.star_solving import load_star_sensor, origin_of_spots, velocity_option
+    from relnav.files.star_tracking import FrameSolver
     from relnav.files.tables import check_format
-    from relnav.sensors.dual_field import measure
 
     check_format(out)
     for path in (out, joined):
@@ -88,19 +94,11 @@ def command(
         raise UsageError("two fields need --earth-velocity-km-s: aberration changes the angle between them")
     earth = None if earth_velocity_km_s is None else velocity_option("--earth-velocity-km-s", earth_velocity_km_s)
     year, mounting = None if epoch is None else julian_year(epoch), _mounting(q_cam_from_star)
-    images, states = read_star_log(frames), read_orbit(orbit)
+    images, states = read_star_log(frames, origin_of_spots(sensor)), read_orbit(orbit)
     at = states_at(states, np.array([t for t, _ in images]), orbit)
-    solved, solutions = [], []
-    for k, (_, frame) in enumerate(images):
-        velocity = None if earth is None else earth + at[k, 3:]
-        solution = measure(
-            frame.spots_px,
-            sensor,
-            flux=frame.flux,
-            magnitude=frame.magnitude,
-            epoch_jyear=year,
-            velocity_km_s=velocity,
-        )
+    solver, solved, solutions = FrameSolver(sensor, year, track), [], []
+    for k, (t, frame) in enumerate(images):
+        solution = solver.solve(t, frame, None if earth is None else earth + at[k, 3:])
         if solution.ok:
             solved.append(k)
             solutions.append(solution)
@@ -116,7 +114,8 @@ def command(
             rows = join_attitude(log, t_s, q, outputs.path(joined, ".csv"))
     if not quiet:
         also = [f"log: {joined} ({rows} rows)"] if joined is not None else []
-        say([f"attitude: {out} ({len(solved)} of {len(images)} frames)", *also], out, joined)
+        tracked = f", {solver.tracked} of them tracked" if track else ""
+        say([f"attitude: {out} ({len(solved)} of {len(images)} frames{tracked})", *also], out, joined)
 
 
 def _mounting(q_cam_from_star: tuple[float, float, float, float]) -> "Matrix":

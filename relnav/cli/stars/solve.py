@@ -1,20 +1,22 @@
-"""`relnav stars solve`: inertial attitude and matched stars of one frame of spots."""
+"""`relnav stars solve`: inertial attitude and matched stars of one picture, or of one frame of spots."""
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from relnav.cli.printing import InputPath, OutputPath, say
 
 if TYPE_CHECKING:
+    from relnav.files.atomic import Outputs
+    from relnav.files.star_pictures import Seen
     from relnav.sensors.dual_field.solution import StarSolution
 
 ARCSEC = 648000.0 / math.pi
 
 
-@click.command(epilog="Example: relnav stars solve frame.csv --model ground_camera --json out.json --plot field.png")
+@click.command(epilog="Example: relnav stars solve sky.png --focal-px 5200 --wcs sky.fits --plot field.png")
 @click.argument("frame", type=InputPath())
 @click.option("--model", help="Star sensor: a shipped name, a folder or a file.")
 @click.option(
@@ -22,81 +24,153 @@ ARCSEC = 648000.0 / math.pi
     type=click.FloatRange(min=0.0, min_open=True),
     help="Focal length, px, known to 5 %: it is estimated. Without --model nothing else of the camera is needed.",
 )
-@click.option("--centre-px", nargs=2, type=float, default=(0.0, 0.0), help="Image centre in the file's coordinates.")
+@click.option(
+    "--focal-error",
+    type=click.FloatRange(5.0, 50.0),
+    default=5.0,
+    show_default=True,
+    help="How well --focal-px is known, %: more is tried in steps.",
+)
+@click.option(
+    "--mirrored", is_flag=True, help="The picture is mirrored: y counts up. Attitude and model are unmirrored."
+)
+@click.option("--centre-px", nargs=2, type=float, help="Spots: the image's centre in the file's coordinates.")
 @click.option(
     "--image-size-px",
     nargs=2,
     type=click.FloatRange(min=1.0),
-    help="Width and height, where spots count from a corner.",
+    help="Spots: width and height of the image, where they count from its corner.",
 )
 @click.option(
     "--first-pixel-px",
     type=click.Choice(["0", "0.5"]),
-    default="0",
+    help="Spots: coordinate of the first pixel's centre, with --image-size-px or --model.  [default: 0]",
+)
+@click.option("--saturation", type=click.FloatRange(min=0.0, min_open=True), help="Picture: counts of a full pixel.")
+@click.option(
+    "--threshold",
+    type=click.FloatRange(min=2.0),
+    default=5.0,
     show_default=True,
-    help="Coordinate of the first pixel's centre, with --image-size-px.",
+    help="Picture: how far a star stands out of the background, sigma.",
 )
 @click.option("--epoch", help="Julian year or ISO date (UTC) of the frame.")
 @click.option(
     "--velocity-km-s", nargs=3, type=float, help="Observer's barycentric velocity, ICRS: corrects for aberration."
 )
 @click.option("--json", "json_path", type=OutputPath(), help="Write the solution as one JSON object.")
-@click.option("--plot", type=OutputPath(), help="Draw spots and stars, .png.")
+@click.option("--spots", "spots_path", type=OutputPath(), help="Picture: write the spots found, .csv or .parquet.")
+@click.option("--wcs", type=OutputPath(), help="Write world coordinates as a FITS header (TAN, SIP), .fits.")
+@click.option("--plot", type=OutputPath(), help="Draw spots and stars, over the picture if it is one, .png.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
-def command(
-    frame: Path,
-    model: str | None,
-    focal_px: float | None,
-    centre_px: tuple[float, float],
-    image_size_px: tuple[float, float] | None,
-    first_pixel_px: str,
-    epoch: str | None,
-    velocity_km_s: tuple[float, float, float] | None,
-    json_path: Path | None,
-    plot: Path | None,
-    quiet: bool,
-) -> None:
-    """Find the inertial attitude of FRAME, a CSV of spots x_px, y_px (from the centre, x right, y down) and flux.
+def command(frame: Path, quiet: bool, **options: Any) -> None:
+    """Find the inertial attitude of FRAME: a picture (PNG, TIFF, JPEG, FITS), or a CSV of spots.
 
-    Right ascension and declination are those of camera +z (for a model its optical axis, else the image centre); roll
-    is atan2(-A[0,2], A[1,2]) of dcm_cam_from_icrs. A frame without a credible attitude is refused, with a reason.
+    A CSV has columns x_px, y_px (from the image's centre, x right, y down) and flux or magnitude. Right ascension and
+    declination are those of camera +z (for a model its optical axis, else the image's centre); roll is
+    atan2(-A[0,2], A[1,2]) of dcm_cam_from_icrs. A frame without a credible attitude is refused, with a reason.
     """
-    from relnav.errors import UsageError
     from relnav.files.atomic import Outputs, check_distinct, check_folder, check_png
     from relnav.files.epochs import julian_year
-    from relnav.files.star_frames import image_centre, read_star_frame
-    from relnav.files.star_solutions import draw_solution, solution_values
-    from relnav.files.star_solving import solve_frame
-    from relnav.files.tables import write_json
 
-    for path in (json_path, plot):
+    written = [options[name] for name in ("json_path", "spots_path", "wcs", "plot")]
+    for path in written:
         if path is not None:
             check_folder(path)
-    check_distinct(frame, json_path, plot)
-    if plot is not None:
-        check_png(plot)
-    if velocity_km_s is not None and epoch is None:
-        raise UsageError("--velocity-km-s needs --epoch as well: the velocity belongs to a time")
-    if not all(math.isfinite(value) for value in centre_px):
-        raise UsageError(f"--centre-px is two numbers of pixels; got {centre_px[0]} {centre_px[1]}")
-    if image_size_px is not None:
-        if centre_px != (0.0, 0.0):
-            raise UsageError("--centre-px and --image-size-px say the same; keep one")
-        centre_px = image_centre(image_size_px, float(first_pixel_px))
+    check_distinct(frame, *written)
+    if options["plot"] is not None:
+        check_png(options["plot"])
+    epoch, velocity = options["epoch"], options["velocity_km_s"]
     year = None if epoch is None else julian_year(epoch)
-    spots = read_star_frame(frame, centre_px)
-    solution = solve_frame(spots, model, focal_px, year, velocity_km_s)
-    head = {"frame": str(frame), "model": model, "epoch_jyear": year, "velocity_km_s": velocity_km_s}
-    origin = {"centre_px": list(centre_px)}
+    seen = _read(frame, options)
+    from relnav.files.star_solving import solve_frame  # it loads the sensor
+
+    solution = solve_frame(
+        seen.frame,
+        options["model"],
+        options["focal_px"],
+        year,
+        velocity,
+        focal_error=0.01 * options["focal_error"],
+        mirrored=options["mirrored"],
+    )
+    head = {"frame": str(frame), "model": options["model"], "epoch_jyear": year, "velocity_km_s": velocity}
     with Outputs() as outputs:
-        if json_path is not None:
-            values = solution_values(solution, spots.spots_px) | head | origin
-            write_json(values, outputs.path(json_path))
-        if plot is not None:
-            title = f"{frame.name}: {solution.status}, {solution.matches} of {len(spots.spots_px)} spots are stars"
-            draw_solution(solution, spots.spots_px, title, outputs.path(plot, ".png"))
+        _write(seen, solution, head, options, outputs)
     if not quiet:
-        say(solution_lines(solution, len(spots.spots_px)), json_path, plot)
+        say(solution_lines(solution, len(seen.frame.spots_px)), *written)
+
+
+def _read(path: Path, options: dict[str, Any]) -> "Seen":
+    """The frame, after what was said of it was found to make sense."""
+    from relnav.errors import UsageError
+    from relnav.files.images import is_picture
+    from relnav.files.star_pictures import see_picture, see_spots
+
+    if options["velocity_km_s"] is not None and options["epoch"] is None:
+        raise UsageError("--velocity-km-s needs --epoch as well: the velocity belongs to a time")
+    of_spots = [name for name in ("centre_px", "image_size_px", "first_pixel_px") if options[name] is not None]
+    if is_picture(path):
+        if of_spots:
+            raise UsageError(f"--{of_spots[0].replace('_', '-')} is for a CSV of spots; a picture has its own pixels")
+        if options["wcs"] is not None:
+            _check_wcs(options["wcs"])
+        return see_picture(path, options["saturation"], options["threshold"], options["spots_path"])
+    for name, option in (("saturation", "--saturation"), ("spots_path", "--spots")):
+        if options[name] is not None:
+            raise UsageError(f"{option} is for a picture; {path.name} is read as a CSV of spots")
+    from relnav.files.star_solving import load_star_sensor, origin_of_spots
+
+    model = None if options["model"] is None else load_star_sensor(options["model"])
+    size = options["image_size_px"] or (None if model is None else model.camera.detector_size_px)
+    if options["wcs"] is not None:
+        if size is None:
+            raise UsageError("--wcs needs the size of the picture: --image-size-px WIDTH HEIGHT, or --model")
+        _check_wcs(options["wcs"])
+    origin = origin_of_spots(model, options["centre_px"], options["image_size_px"], options["first_pixel_px"])
+    return see_spots(path, origin, size)
+
+
+def _check_wcs(path: Path) -> None:
+    """Refuse a header that cannot be written, before any work is done."""
+    from relnav.errors import UsageError
+    from relnav.files.atomic import is_stream
+    from relnav.files.images import FITS_ENDINGS, require_astropy
+
+    if path.suffix.lower() not in (*FITS_ENDINGS, ".wcs") and not is_stream(path):
+        raise UsageError(f"{path}: a FITS header ends in .fits or .wcs; got '{path.suffix}'")
+    require_astropy()
+
+
+def _write(
+    seen: "Seen", solution: "StarSolution", head: dict[str, Any], options: dict[str, Any], outputs: "Outputs"
+) -> None:
+    """What was asked for; world coordinates only of a frame that was solved."""
+    from relnav.files.star_pictures import write_spots
+    from relnav.files.star_solutions import draw_solution, solution_values
+    from relnav.files.star_wcs import wcs_cards, write_wcs
+    from relnav.files.tables import write_json
+
+    spots = seen.frame.spots_px
+    if options["json_path"] is not None:
+        origin = {"mirrored": options["mirrored"], "centre_px": seen.origin_px.tolist()}
+        write_json(solution_values(solution, spots) | head | origin, outputs.path(options["json_path"]))
+    if options["spots_path"] is not None and seen.found is not None:
+        write_spots(seen.found, outputs.path(options["spots_path"], ".csv"))
+    if options["wcs"] is not None and solution.lens is not None and seen.size_px is not None:
+        cards = wcs_cards(solution.lens, seen.size_px, options["velocity_km_s"], options["mirrored"])
+        write_wcs(cards, outputs.path(options["wcs"], ".fits"))
+    if options["plot"] is not None:
+        title = f"{seen.frame.path.name}: {solution.status}, {matches_of(solution, len(spots))}"
+        draw_solution(solution, seen, title, outputs.path(options["plot"], ".png"))
+
+
+def matches_of(solution: "StarSolution", spots: int) -> str:
+    """How many spots are stars, of those that took part."""
+    from relnav.sensors.dual_field.frame_solver import MOST_SPOTS
+
+    part = f"the {MOST_SPOTS} brightest of {spots}" if spots > MOST_SPOTS else f"{spots}"
+    return f"{solution.matches} of {part} spots are stars"
 
 
 def solution_lines(solution: "StarSolution", spots: int) -> list[str]:
@@ -110,7 +184,7 @@ def solution_lines(solution: "StarSolution", spots: int) -> list[str]:
     lines = [
         f"{solution.status}: right ascension {ra:.6f} deg, declination {dec:.6f} deg, roll {roll:.5f} deg",
         f"1-sigma about camera x, y, z: {sigma[0]:.2f}, {sigma[1]:.2f}, {sigma[2]:.2f} arcsec",
-        f"{solution.matches} of {spots} spots are stars{where}; focal length {solution.focal_length_px:.2f} px; "
+        f"{matches_of(solution, spots)}{where}; focal length {solution.focal_length_px:.2f} px; "
         f"probability of chance below 1e{solution.log10_false_alarm:.0f}",
     ]
     return [*lines, solution.reason] if solution.reason else lines

@@ -7,5 +7,6 @@ Source: You, Xing, Dong (2004),
 from relnav.sensors.dual_field.measure import measure, track
 from relnav.sensors.dual_field.sensor import StarSensor
 from relnav.sensors.dual_field.solution import StarSolution, StarStatus
+from relnav.sensors.dual_field.star_spots import FoundStars, find_stars
 
-__all__ = ["StarSensor", "StarSolution", "StarStatus", "measure", "track"]
+__all__ = ["FoundStars", "StarSensor", "StarSolution", "StarStatus", "find_stars", "measure", "track"]

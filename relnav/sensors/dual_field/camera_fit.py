@@ -11,7 +11,7 @@ from relnav.geometry.pinhole import central_projection
 from relnav.sensors.dual_field.matching import turn
 from relnav.sensors.dual_field.optics import plane_points, rays
 from relnav.sensors.dual_field.sky import Sky
-from relnav.sensors.dual_field.solution import StarSolution, StarStatus
+from relnav.sensors.dual_field.solution import StarLens, StarSolution, StarStatus
 
 CLUSTERING = 2.0
 AXIS_OFFSET = 0.02
@@ -43,6 +43,8 @@ class CameraFit:
         residuals' own spread.
     log10_false_alarm : float
         That chance made it.
+    lens : StarLens
+        The whole camera.
     """
 
     dcm: Matrix
@@ -52,6 +54,7 @@ class CameraFit:
     residual_rad: Vector
     covariance: Matrix
     log10_false_alarm: float
+    lens: StarLens
 
     def solution(self, sky: Sky, tried: int) -> StarSolution:
         """As the sensor's solution."""
@@ -67,6 +70,7 @@ class CameraFit:
             log10_false_alarm=self.log10_false_alarm,
             tried=tried,
             focal_length_px=self.focal_px,
+            lens=self.lens,
         )
 
 
@@ -90,6 +94,12 @@ class _Camera:
     def rays(self, spots_px: Matrix | None = None) -> Matrix:
         spots = self.spots_px if spots_px is None else spots_px
         return rays(plane_points(spots, self.focal_px, self.principal_px, self.distortion))
+
+    @property
+    def lens(self) -> StarLens:
+        """As the solution tells it."""
+        (x, y), (k1, k2) = self.principal_px.tolist(), self.distortion.tolist()
+        return StarLens(self.focal_px, (x, y), (k1, k2), self.dcm.copy())
 
     @property
     def reach(self) -> float:
@@ -257,15 +267,24 @@ def _judge(
         residual_rad=residual,
         covariance=covariance,
         log10_false_alarm=log / math.log(10.0),
+        lens=camera.lens,
     )
 
 
 def _bright_stars_are_there(camera: _Camera, stars: Matrix, star: Codes) -> bool:
-    """Whether enough of the stars brighter than the median match, inside the spots' rectangle, are matched."""
+    """Whether enough of the stars brighter than the median match, where matches lie about, are matched.
+
+    Within the convex hull of the matched spots: of a sky partly hidden by a roof the rest shows no star.
+    """
+    from scipy.spatial import Delaunay, QhullError
+
     used = star[star >= 0]
     bright = stars[stars[:, 3] <= np.median(stars[used, 3])]
     v = bright[:, :3] @ camera.dcm.T
     v = v[v[:, 2] > 0.1]
-    p, edge = central_projection(v), central_projection(camera.rays())
-    inside = np.all((p > edge.min(axis=0)) & (p < edge.max(axis=0)), axis=1)
+    p, corners = central_projection(v), central_projection(camera.rays()[star >= 0])
+    try:
+        inside = Delaunay(corners).find_simplex(p) >= 0
+    except QhullError:  # all on one line
+        return False
     return int(np.sum(stars[used, 3] <= np.median(stars[used, 3]))) >= LEAST_BRIGHT_SEEN * int(np.sum(inside))

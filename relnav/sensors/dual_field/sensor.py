@@ -38,6 +38,9 @@ class StarCamera:
         Width and height; a spot outside is not used.
     spot_noise_px : float
         1-sigma of each coordinate, with what the distortion model leaves.
+    first_pixel_px : {"none", "0", "0.5"}
+        How spots count in this sensor's files: from the detector's centre ("none"), or from its corner, the first
+        pixel's centre being (0, 0) or (0.5, 0.5). In calls they always count from the centre.
     """
 
     focal_length_px: Positive
@@ -45,6 +48,7 @@ class StarCamera:
     distortion: Pair
     detector_size_px: tuple[Positive, Positive]
     spot_noise_px: Positive
+    first_pixel_px: Literal["none", "0", "0.5"] = "none"
 
     @property
     def widest_rad(self) -> float:

@@ -28,6 +28,25 @@ class StarStatus(StrEnum):
 
 
 @dataclass(frozen=True)
+class StarLens:
+    """The camera that goes with a solution, as known or as estimated with it.
+
+    Attributes
+    ----------
+    focal_length_px, principal_point_px, distortion : float, (2,), (2,)
+        As of `StarCamera`.
+    dcm_from_icrs : (3, 3)
+        Attitude of the axes whose z is the optical axis. A solution's own z looks through the picture's centre where
+        the principal point is estimated.
+    """
+
+    focal_length_px: float
+    principal_point_px: tuple[float, float]
+    distortion: tuple[float, float]
+    dcm_from_icrs: Matrix
+
+
+@dataclass(frozen=True)
 class StarSolution:
     """Inertial attitude from one frame of star spots.
 
@@ -51,6 +70,8 @@ class StarSolution:
         Attitudes tried.
     focal_length_px : float
         As given, or as estimated where it was not known.
+    lens : StarLens or None
+        The whole camera, where it was estimated.
     """
 
     status: StarStatus
@@ -63,6 +84,7 @@ class StarSolution:
     log10_false_alarm: float
     tried: int
     focal_length_px: float
+    lens: StarLens | None = None
 
     @property
     def ok(self) -> bool:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from relnav.accuracy.dual_field_blind import fly_blind
+from relnav.accuracy.dual_field_blind import fly_blind, fly_hidden
 from relnav.sensors.dual_field.blind import Blind, scale_of_pair, solve_blind
 from relnav.sensors.dual_field.optics import rays
 
@@ -12,6 +12,12 @@ def test_cameras_of_many_kinds(sensor):
     result = fly_blind(sensor.catalogue, 6, 3)
     assert result["wrong"] == 0
     assert result["solved"] >= 0.9 * result["true_frames"]
+
+
+def test_skies_half_hidden_by_a_roof(sensor):
+    """Fourteen stars or more in sight; without a light on the roof all are solved."""
+    result = fly_hidden(sensor.catalogue, 4, 5, 0)
+    assert (result["solved"], result["wrong"]) == (4, 0)
 
 
 def test_scale_of_a_pair():

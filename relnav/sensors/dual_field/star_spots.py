@@ -1,0 +1,316 @@
+"""From a picture of the sky to its star spots: background, hot and full pixels, centroids with covariance.
+
+Background and noise are clipped means over boxes, as of Bertin, Arnouts (1996), "SExtractor: Software for source
+extraction". Every peak of the lightly smoothed picture that stands out of its noise is a candidate. Its centre is where
+the light under a Gaussian window is balanced, a window as wide as this picture's stars (SExtractor's "windowed
+positional parameters"); what is not as wide as a star is none.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from relnav.arrays import Flags, Matrix, Stack, Vector, numbers
+from relnav.sensors.dual_field.sky_background import Dark, smoothed, subtract_background
+
+FIRST_PIXEL_PX = 0.0
+"""Coordinate of the centre of a picture's first pixel, here and in all of relnav."""
+
+MOST_STARS = 1000
+PEAK_PX = 2
+"""A peak is the largest of all pixels so near, along each axis."""
+MOST_ABOVE = 0.1
+"""Share of the pixels that can stand out: of more only the highest, for a picture of daylight."""
+HOT = 0.3
+"""Of the brightest pixel: its eight neighbours together hold more in any picture that a lens makes."""
+SMOOTH_NOISE = 0.375
+"""Noise of the smoothed picture, of a pixel's: sqrt(1 + 4 + 1)/4 along each axis, where neighbours have their own."""
+LARGE = 0.25
+"""Of the brightest pixel: along the border of a star's stamp there is less on average; beside the Moon is more."""
+BESIDE, BESIDE_HEIGHT = 3.5, 0.05
+"""Two peaks within so many window radii, one so high in terms of the other, are two stars in one."""
+WIDE, LEAN = 1.5, 0.2
+"""Light moments under the window, of a typical star's: a spot beyond is no star; a difference along and across, of
+their sum: a spot beyond is two stars, or moved."""
+NARROWEST_PX, WIDEST_PX, LEAST_WINDOW_PX, FIRST_WINDOW_PX = 0.45, 4.0, 1.0, 1.5
+"""1-sigma radius of a star: limits; of a window: least, and where the search begins."""
+UNEVEN_ERROR_PX = 0.005
+"""1-sigma of a centre from pixels that respond unequally."""
+FULL_ERROR_PX = 0.15
+"""The same for a star whose top is cut off by full pixels."""
+ITERATIONS = 12
+
+
+@dataclass(frozen=True)
+class FoundStars:
+    """Spots of one picture, brightest first.
+
+    Attributes
+    ----------
+    spots_px : (n, 2)
+        Centres x, y from the picture's centre, x right, y down, as `relnav.dual_field.measure` takes them.
+    covariance_px2 : (n, 2, 2)
+        Of each.
+    flux : (n,)
+        Counts above the background; too low where `saturated`.
+    signal_to_noise : (n,)
+        Flux over its 1-sigma.
+    saturated, blended : (n,)
+        A pixel is full; the spot is longer than wide: two stars, or a moving one.
+    size_px : (2,)
+        Width and height of the picture.
+    radius_px : float
+        1-sigma radius of a star; NaN without one.
+    """
+
+    spots_px: Matrix
+    covariance_px2: Stack
+    flux: Vector
+    signal_to_noise: Vector
+    saturated: Flags
+    blended: Flags
+    size_px: tuple[int, int]
+    radius_px: float
+
+    @property
+    def in_picture_px(self) -> Matrix:
+        """Centres (n, 2) that count from the corner: column and row, the first pixel's centre is (0, 0)."""
+        return self.spots_px + picture_centre(self.size_px)
+
+
+def picture_centre(size_px: tuple[float, float], first_pixel_px: float = FIRST_PIXEL_PX) -> Vector:
+    """Centre (2,) of a picture of so many columns and rows; `first_pixel_px` is the coordinate of its first pixel."""
+    return np.array([0.5 * (size_px[0] - 1.0) + first_pixel_px, 0.5 * (size_px[1] - 1.0) + first_pixel_px])
+
+
+def find_stars(
+    image: ArrayLike,
+    *,
+    threshold_sigma: float = 5.0,
+    saturation: float | None = None,
+    electrons_per_count: float | None = None,
+    most: int = MOST_STARS,
+) -> FoundStars:
+    """Star spots of a picture of the sky, each with its covariance and its faults.
+
+    Parameters
+    ----------
+    image : (rows, columns)
+        Counts; pixels that are not finite, or masked, are dead.
+    threshold_sigma : float
+        How far a star's peak stands above the smoothed background, in its noise.
+    saturation : float, optional
+        A pixel of so many counts is full; the largest of an integer type (255, 65535) if left out, of floats none.
+    electrons_per_count : float, optional
+        Gain, for the shot noise of the stars' own light; not counted if left out.
+    most : int
+        The brightest so many are given.
+
+    Returns
+    -------
+    FoundStars
+        None of them where the picture shows no star.
+
+    Raises
+    ------
+    ValueError
+        For what has not two axes of 8 pixels or more, or is no real numbers; for options out of range.
+
+    Notes
+    -----
+    A centre moves by sum(w n d) / (sum(w I) (1 - m / sigma^2)) for noise n, window w of 1-sigma sigma, distance d from
+    the centre and light moment m = sum(w I d^2) / sum(w I): the derivative of sum(w I d) = 0. Its covariance follows.
+    """
+    counts, most_counts = _checked(image, threshold_sigma, saturation, electrons_per_count, most)
+    dead, full = ~np.isfinite(counts), counts >= most_counts
+    dark = subtract_background(counts, dead)
+    places = _peaks(counts, dead, dark, threshold_sigma, 4 * most)
+    size = (counts.shape[1], counts.shape[0])
+    if len(places) == 0:
+        return _stars(np.empty((0, 9)), size, np.nan)
+    stamps = _Stamps(counts, dark, places, FIRST_WINDOW_PX, full, electrons_per_count, threshold_sigma)
+    stamps.settle()
+    radius = stamps.typical_radius()
+    window = max(radius, LEAST_WINDOW_PX)
+    stamps = _Stamps(counts, dark, places[stamps.lit], window, full, electrons_per_count, threshold_sigma)
+    stamps.settle()
+    return _stars(stamps.stars(radius, most), size, radius)
+
+
+def _stars(rows: Matrix, size: tuple[int, int], radius_px: float) -> FoundStars:
+    """Rows of x, y, xx, xy, yy, flux, signal to noise, saturated, blended as the result."""
+    xx, xy, yy = rows[:, 2], rows[:, 3], rows[:, 4]
+    return FoundStars(
+        spots_px=rows[:, :2] - picture_centre(size),
+        covariance_px2=np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2),
+        flux=rows[:, 5].copy(),
+        signal_to_noise=rows[:, 6].copy(),
+        saturated=rows[:, 7] > 0.0,
+        blended=rows[:, 8] > 0.0,
+        size_px=size,
+        radius_px=radius_px,
+    )
+
+
+def _checked(
+    image: ArrayLike, threshold_sigma: float, saturation: float | None, gain: float | None, most: int
+) -> tuple[NDArray[np.float32], float]:
+    """The counts as floats of their own, and how many make a full pixel."""
+    given: NDArray[Any] = image if type(image) is np.ndarray and image.dtype.kind in "iuf" else numbers("image", image)
+    if given.ndim != 2 or min(given.shape) < 8:
+        raise ValueError(f"a picture has two axes (rows, columns) of 8 pixels or more; got shape {given.shape}")
+    options = {"threshold_sigma": threshold_sigma, "saturation": saturation, "electrons_per_count": gain}
+    for name, value in options.items():
+        if value is not None and not 0.0 < value < np.inf:
+            raise ValueError(f"{name} is a number above zero; got {value}")
+    if most < 1:
+        raise ValueError(f"most is one star or more; got {most}")
+    full = np.inf if given.dtype.kind == "f" else float(np.iinfo(given.dtype).max)
+    with np.errstate(over="ignore", invalid="ignore"):  # beyond the largest float: a dead pixel
+        return given.astype(np.float32), full if saturation is None else float(saturation)
+
+
+def _peaks(counts: NDArray[np.float32], dead: Flags, dark: Dark, threshold_sigma: float, most: int) -> NDArray[np.intp]:
+    """Rows and columns (n, 2) of the highest peaks, at most `most`."""
+    smooth = smoothed(counts)
+    above = dark.places_above(smooth, dead, threshold_sigma, int(MOST_ABOVE * smooth.size) + 100)
+    row, column = above.T
+    inside = (row >= PEAK_PX) & (row < smooth.shape[0] - PEAK_PX) & (column >= PEAK_PX)
+    inside &= column < smooth.shape[1] - PEAK_PX
+    row, column = row[inside], column[inside]
+    height, peak = smooth[row, column], ~dead[row, column]
+    span = range(-PEAK_PX, PEAK_PX + 1)
+    for i, j in [(i, j) for i in span for j in span if (i, j) != (0, 0)]:
+        beside = smooth[row + i, column + j]
+        peak &= (height > beside) | ((height == beside) & ((i, j) > (0, 0)))  # of equals the last
+        if max(abs(i), abs(j)) == 1:
+            peak &= ~dead[row + i, column + j]
+    order = np.argsort(-height[peak], kind="stable")[:most]
+    return np.stack([row[peak][order], column[peak][order]], axis=-1)
+
+
+class _Stamps:
+    """Small windows of the picture about every candidate, all alike in size, worked on together."""
+
+    def __init__(
+        self,
+        counts: NDArray[np.float32],
+        dark: Dark,
+        places: NDArray[np.intp],
+        window_px: float,
+        full: Flags,
+        gain: float | None,
+        threshold_sigma: float,
+    ) -> None:
+        half = max(3, int(np.ceil(3.5 * window_px)))
+        span = np.arange(-half, half + 1)
+        row = np.clip(places[:, 0, None] + span, 0, counts.shape[0] - 1)
+        column = np.clip(places[:, 1, None] + span, 0, counts.shape[1] - 1)
+        at = row[:, :, None], column[:, None, :]
+        self.light = counts[at].astype(np.float64)
+        self.y, self.x = (places[:, 0, None] + span)[:, :, None], (places[:, 1, None] + span)[:, None, :]
+        noise, core = dark.noise_at(places), slice(half - 1, half + 2)
+        # what stands all along two sides of a stamp is background that the boxes did not follow
+        sides = [self.light[:, 0], self.light[:, -1], self.light[:, :, 0], self.light[:, :, -1]]
+        middle, upper = np.sort(np.quantile(np.stack(sides), (0.5, 0.75), axis=2), axis=1)[:, 2]
+        level = np.where(middle > noise, upper, middle)
+        smooth = np.einsum("nij,i,j->n", self.light[:, core, core], (0.25, 0.5, 0.25), (0.25, 0.5, 0.25))
+        self.stands_out = smooth - level > threshold_sigma * SMOOTH_NOISE * noise
+        self.saturated = full[at][:, core, core].any(axis=(1, 2))
+        peak = self.light[:, half, half]
+        self.sharp = self.light[:, core, core].sum(axis=(1, 2)) - peak < HOT * peak
+        rim = np.ones((len(span), len(span)), dtype=bool)
+        rim[1:-1, 1:-1] = False
+        self.large = self.light[:, rim].mean(axis=1) > LARGE * self.light[:, core, core].max(axis=(1, 2))
+        self.variance = noise[:, None, None] ** 2 + (0.0 if gain is None else np.maximum(self.light, 0.0) / gain)
+        self.start = places[:, ::-1].astype(np.float64)
+        self.centre, self.window_px = self.start.copy(), window_px
+
+    def settle(self) -> None:
+        """Move every window until the light under it is balanced, and take its moments."""
+        for _ in range(ITERATIONS):
+            w, dx, dy = self._window()
+            self.lit = (self.total > 0.0) & (self.moment < 0.9 * self.window_px**2)
+            step = np.stack([(w * dx).sum(axis=(1, 2)), (w * dy).sum(axis=(1, 2))], axis=-1)
+            scale = np.where(self.lit, self.total * (1.0 - self.moment / self.window_px**2), np.inf)
+            self.centre += np.clip(step / scale[:, None], -1.0, 1.0)
+        self._window()
+        near = np.hypot(*(self.centre - self.start).T) < PEAK_PX
+        self.lit = (self.total > 0.0) & (self.moment > 0.0) & near & self.stands_out & ~(self.sharp | self.large)
+
+    def _window(self) -> tuple[Stack, Stack, Stack]:
+        """Windowed light (n, s, s) and distances from the centres; sets total and moments."""
+        dx, dy = self.x - self.centre[:, 0, None, None], self.y - self.centre[:, 1, None, None]
+        self.w = np.exp(-0.5 * (dx**2 + dy**2) / self.window_px**2)
+        light = self.w * self.light
+        self.total = light.sum(axis=(1, 2))
+        safe = np.where(self.total > 0.0, self.total, 1.0)
+        self.xx, self.yy = (light * dx**2).sum(axis=(1, 2)) / safe, (light * dy**2).sum(axis=(1, 2)) / safe
+        self.xy = (light * dx * dy).sum(axis=(1, 2)) / safe
+        self.moment = 0.5 * (self.xx + self.yy)
+        return light, dx, dy
+
+    def typical_radius(self) -> float:
+        """1-sigma radius r of this picture's stars: 1/m = 1/r^2 + 1/s^2 of Gaussian star and window."""
+        noise = np.sqrt((self.w**2 * self.variance).sum(axis=(1, 2)))
+        clear = self.lit & ~self.saturated & (self.total > 10.0 * noise) & (self.moment < 0.95 * self.window_px**2)
+        if not np.any(clear):
+            return FIRST_WINDOW_PX
+        m = self.moment[clear][:50]
+        r2 = np.median(1.0 / (1.0 / m - 1.0 / self.window_px**2))
+        return float(np.clip(np.sqrt(r2), NARROWEST_PX, WIDEST_PX))
+
+    def stars(self, radius_px: float, most: int) -> Matrix:
+        """Those that are stars, brightest first: rows as `_stars` takes them."""
+        w2 = self.w**2 * self.variance
+        dx, dy = self.x - self.centre[:, 0, None, None], self.y - self.centre[:, 1, None, None]
+        flux_noise = np.sqrt(w2.sum(axis=(1, 2)))
+        total = np.where(self.lit, self.total, 1.0)
+        snr = total / flux_noise
+        typical = 1.0 / (1.0 / radius_px**2 + 1.0 / self.window_px**2)
+        moment_noise = np.sqrt((w2 * (0.5 * (dx**2 + dy**2) - typical) ** 2).sum(axis=(1, 2))) / total
+        is_star = self.lit & (self.saturated | (self.moment < WIDE * typical + 3.0 * moment_noise))
+        is_star &= self.moment < 0.95 * self.window_px**2
+        lean = np.hypot(self.xx - self.yy, 2.0 * self.xy) / (2.0 * self.moment)
+        blended = (lean > LEAN + 6.0 * moment_noise / typical) | self._beside_another()
+        scale = (total * (1.0 - self.moment / self.window_px**2)) ** 2
+        floor = np.where(self.saturated, FULL_ERROR_PX, np.hypot(UNEVEN_ERROR_PX, self._sampling(typical))) ** 2
+        xx, yy = (w2 * dx**2).sum(axis=(1, 2)) / scale + floor, (w2 * dy**2).sum(axis=(1, 2)) / scale + floor
+        xy = (w2 * dx * dy).sum(axis=(1, 2)) / scale
+        rows = np.column_stack(
+            [self.centre, xx, xy, yy, total * (1.0 + (radius_px / self.window_px) ** 2), snr, self.saturated, blended]
+        )[is_star]
+        rows = rows[np.argsort(-rows[:, 5], kind="stable")]
+        return _without_doubles(rows)[:most]
+
+    def _beside_another(self) -> Flags:
+        """Whether another peak stands so near and high that the centre is of both."""
+        from scipy.spatial import cKDTree
+
+        height, flagged = self.light.max(axis=(1, 2)), np.zeros(len(self.start), dtype=bool)
+        for one, other in cKDTree(self.start).query_pairs(BESIDE * self.window_px):
+            for k, beside in ((one, other), (other, one)):
+                own = self.light[beside, self.light.shape[1] // 2, self.light.shape[2] // 2]
+                flagged[k] |= self.lit[beside] and own > BESIDE_HEIGHT * height[k]
+        both: Flags = flagged & ~self.saturated
+        return both
+
+    def _sampling(self, moment: float) -> float:
+        """1-sigma error of a centre from sampling, px: see the notes of `find_stars`."""
+        amplitude = 4.0 * np.pi * moment * np.exp(-2.0 * np.pi**2 * moment) / (1.0 - moment / self.window_px**2)
+        return float(amplitude * np.sqrt(0.5))
+
+
+def _without_doubles(rows: Matrix) -> Matrix:
+    """Each centre once: several peaks of a full star lead to the same."""
+    from scipy.spatial import cKDTree
+
+    if len(rows) < 2:
+        return rows
+    drop = np.zeros(len(rows), dtype=bool)
+    for first, second in sorted(cKDTree(rows[:, :2]).query_pairs(PEAK_PX)):
+        if not drop[first]:
+            drop[second] = True
+    return rows[~drop]

@@ -1,0 +1,225 @@
+"""`relnav sun measure`, a birefringent sensor's self-calibration, and simulated logs and pictures of stars and suns."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import relnav
+
+SENSORS = ("aps_sun", "birefringent_sun")
+
+
+def table(path):
+    lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
+    rows = [[float(cell) if cell else np.nan for cell in line.split(",")] for line in lines[1:]]
+    return lines[0].split(","), np.array(rows)
+
+
+def simulate(run, tmp_path, model, name, *options):
+    code, _, err = run("simulate", model, "--out", tmp_path / name, "--truth", tmp_path / "truth.csv", *options)
+    assert (code, err) == (0, "")
+    return tmp_path / name, table(tmp_path / "truth.csv")[1]
+
+
+@pytest.mark.parametrize("model", SENSORS)
+def test_a_log(run, tmp_path, model):
+    """Directions of a simulated log: as far from the truth as their covariance says (NEES of rank 2, 200 images)."""
+    log, truth = simulate(run, tmp_path, model, "log.csv", "--duration", 40, "--rate", 5, "--dropout", 0.05)
+    out, values = tmp_path / "out.csv", tmp_path / "out.json"
+    code, said, err = run("sun", "measure", log, "--model", model, "--out", out, "--json", values)
+    assert (code, err) == (0, "")
+    names, rows = table(out)
+    assert names[:7] == ["t_s", "alpha_deg", "beta_deg", "x", "y", "z", "sigma_deg"]
+    assert rows.shape == (200, 14)
+    seen = rows[:, 13] == 0.0
+    assert f"{seen.sum()} of 200 images have a direction" in said
+    assert 0.8 < seen.mean() < 1.0
+    assert np.isnan(rows[~seen, 1:13]).all()
+    covariance = np.zeros((seen.sum(), 3, 3))
+    covariance[:, *np.triu_indices(3)] = covariance[:, *np.triu_indices(3)[::-1]] = rows[seen, 7:13]
+    error = rows[seen, 3:6] - truth[seen, 3:6]
+    nees = np.einsum("ni,nij,nj->n", error, np.linalg.pinv(covariance, rcond=1e-6), error)
+    assert np.mean(nees) / 2.0 == pytest.approx(1.0, abs=0.25)
+    first = json.loads(values.read_text())["measurements"][0]
+    assert first["status"] == "OK"
+    assert first["direction"] == pytest.approx(rows[0, 3:6])
+
+
+@pytest.mark.parametrize("ending", [".png", ".tif", ".fits"])
+@pytest.mark.parametrize("model", SENSORS)
+def test_a_picture(run, tmp_path, model, ending):
+    needed = "astropy" if ending == ".fits" else "PIL"
+    pytest.importorskip(needed, reason=f"{needed}, of the extra `images`, is not installed")
+    picture, truth = simulate(run, tmp_path, model, f"sun{ending}", "--seed", 3)
+    code, said, err = run("sun", "measure", picture, "--model", model, "--json", tmp_path / "out.json")
+    assert (code, err) == (0, "")
+    assert said.startswith("OK: alpha -33.40")
+    (found,) = json.loads((tmp_path / "out.json").read_text())["measurements"]
+    off = np.degrees(np.linalg.norm(np.array(found["direction"]) - truth[0, 3:6]))
+    assert off < 4.0 * found["sigma_deg"]
+
+
+def test_a_window_has_its_corner(run, tmp_path):
+    from PIL import Image
+
+    picture, truth = simulate(run, tmp_path, "aps_sun", "sun.tif")
+    counts = np.array(Image.open(picture))
+    row, column = np.unravel_index(counts.argmax(), counts.shape)
+    x, y = int(column) - 14, int(row) - 15
+    Image.fromarray(np.ascontiguousarray(counts[y : y + 30, x : x + 30])).save(tmp_path / "window.tif")
+    arguments = ["sun", "measure", tmp_path / "window.tif", "--model", "aps_sun", "--corner-px", x, y]
+    assert run(*arguments, "--json", tmp_path / "out.json")[0] == 0
+    (found,) = json.loads((tmp_path / "out.json").read_text())["measurements"]
+    assert found["direction"] == pytest.approx(truth[0, 3:6], abs=2e-4)
+
+
+def test_the_calibration_of_a_turntable_is_used(run, tmp_path):
+    calibration = tmp_path / "sun.json"
+    turntable = Path(__file__).parents[2] / "examples" / "aps_sun_turntable" / "turntable.csv"
+    assert run("calibrate", "sun", turntable, "--out", calibration)[0] == 0
+    log, truth = simulate(run, tmp_path, "aps_sun", "log.csv", "--duration", 10, "--rate", 5)
+    out = tmp_path / "out.csv"
+    assert run("sun", "measure", log, "--model", "aps_sun", "--calibration", calibration, "--out", out)[0] == 0
+    error = np.degrees(table(out)[1][:, 3:6] - truth[:, 3:6])
+    assert 3.0 * np.sqrt(np.mean(np.sum(error**2, axis=1) / 2.0)) < 0.03
+
+
+def test_first_pixel_and_spots_in_any_order(run, tmp_path):
+    log, _ = simulate(run, tmp_path, "birefringent_sun", "log.csv", "--duration", 2, "--rate", 5)
+    names, rows = table(log)
+    moved = np.column_stack([rows[:, 0], rows[:, [3, 4, 1, 2]] + 0.5])
+    np.savetxt(tmp_path / "moved.csv", moved, "%.12g", ",", header=",".join(names), comments="")
+    command = ["--model", "birefringent_sun", "--out"]
+    assert run("sun", "measure", log, *command, tmp_path / "a.csv")[0] == 0
+    assert (
+        run("sun", "measure", tmp_path / "moved.csv", *command, tmp_path / "b.csv", "--first-pixel-px", "0.5")[0] == 0
+    )
+    np.testing.assert_allclose(table(tmp_path / "b.csv")[1][:, :6], table(tmp_path / "a.csv")[1][:, :6], atol=1e-8)
+
+
+def test_self_calibration(run, tmp_path):
+    """The opening is 1.6 px from where the model has it; three pairs are wrong. Found to 4 sigma, and named."""
+    log, _ = simulate(run, tmp_path, "birefringent_sun", "log.csv", "--duration", 100, "--rate", 5)
+    names, rows = table(log)
+    rows[:, 1:] += np.tile([1.3, -0.9], 2)
+    rows[[20, 100, 300], 1] += 25.0
+    np.savetxt(tmp_path / "moved.csv", rows, "%.12g", ",", header=",".join(names), comments="")
+    out, figures = tmp_path / "sensor.toml", tmp_path / "out.json"
+    code, said, err = run(
+        "calibrate", "sun", tmp_path / "moved.csv", "--model", "birefringent_sun", "--out", out, "--json", figures
+    )
+    assert (code, err) == (0, "")
+    values = json.loads(figures.read_text())
+    assert values["left_out_lines"] == [22, 102, 302]
+    assert said.count("left out: line") == 3
+    assert values["chi2_per_dof"] == pytest.approx(1.0, abs=0.2)
+    for name, true in (("zero_spot_x_px", 512.8), ("zero_spot_y_px", 510.6)):
+        found = values["parameters"][name]
+        assert abs(found["value"] - true) < 4.0 * found["sigma"] < 0.7
+    section = tomllib.loads(out.read_text())["sensor"]["zero_spot_px"]
+    assert section["value"] == pytest.approx(
+        [values["parameters"][f"zero_spot_{axis}_px"]["value"] for axis in "xy"], abs=1e-4
+    )
+    assert section["source"] == "derived"
+    from relnav.files.models import models_root
+
+    text = (models_root() / "birefringent_sun" / "model.toml").read_text().splitlines()
+    fitted = out.read_text().splitlines()[1]
+    (tmp_path / "model.toml").write_text("\n".join(fitted if x.startswith("zero_spot_px") else x for x in text))
+    assert relnav.load_model(tmp_path / "model.toml").sensor.zero_spot_px == pytest.approx(section["value"])
+
+
+@pytest.mark.parametrize("model", ["dual_field_star", "ground_camera"])
+def test_frames_of_stars(run, tmp_path, model):
+    """A simulated log of a star sensor holds what `relnav.dual_field.measure` solves, near the truth beside it."""
+    log, truth = simulate(run, tmp_path, model, "frames.csv", "--duration", 1.5, "--rate", 2)
+    _, rows = table(log)
+    (velocity,) = [line for line in log.read_text().splitlines() if line.startswith("# velocity_km_s")]
+    velocity = np.array(velocity.partition("=")[2].split(), dtype=float)
+    assert np.linalg.norm(velocity) == pytest.approx(30.3, rel=1e-3)
+    assert set(rows[:, 0]) == {0.0, 0.5, 1.0}
+    frame = rows[rows[:, 0] == 0.5]
+    sensor = relnav.load_model(model)
+    solution = relnav.dual_field.measure(frame[:, 1:3], sensor, magnitude=frame[:, 3], velocity_km_s=velocity)
+    assert solution.ok
+    from relnav.geometry.rotation import dcm_from_quaternion
+
+    error = solution.dcm_cam_from_icrs - dcm_from_quaternion(truth[1, 1:])
+    assert np.abs(error).max() < 6.0 * solution.sigma_rad.max()
+
+
+def test_a_picture_of_two_fields_is_solved(run, tmp_path):
+    pytest.importorskip("PIL", reason="pillow, of the extra `images`, is not installed")
+    from PIL import Image
+
+    picture, _ = simulate(run, tmp_path, "dual_field_star", "sky.png", "--seed", 2)
+    velocity = dict(entry.split(" = ") for entry in Image.open(picture).text["Comment"].split("; "))["velocity_km_s"]
+    options = ["--model", "dual_field_star", "--epoch", "2026", "--velocity-km-s", *velocity.split()]
+    code, said, _ = run("stars", "solve", picture, *options)
+    assert code == 0
+    assert said.startswith("ok: ")
+    assert "in field 1" in said
+
+
+REFUSED = {
+    "another model": (["sun", "measure", "log.csv", "--model", "ground_camera"], 3, "a sun sensor is expected"),
+    "spots of the other": (["sun", "measure", "log.csv", "--model", "birefringent_sun"], 3, "column 'spot_a_x_px'"),
+    "empty": (["sun", "measure", "head.csv", "--model", "aps_sun"], 3, "no rows after the header"),
+    "no time": (["sun", "measure", "nan.csv", "--model", "aps_sun"], 3, "nan.csv:3: column 't_s' is empty or infinite"),
+    "calibration": (
+        ["sun", "measure", "log.csv", "--model", "birefringent_sun", "--calibration", "head.csv"],
+        3,
+        "not a calibration file",
+    ),
+    "corner of a log": (["sun", "measure", "log.csv", "--model", "aps_sun", "--corner-px", 1, 1], 2, "for a picture"),
+    "pixel of a picture": (
+        ["sun", "measure", "bright.png", "--model", "aps_sun", "--first-pixel-px", "0"], 2, "is for a log of spots",
+    ),
+    "too many counts": (["sun", "measure", "bright.png", "--model", "aps_sun"], 3, "aps_sun reads up to 1023"),
+    "no picture": (["sun", "measure", "bad.png", "--model", "aps_sun"], 3, "not a readable picture"),
+    "ending": (["calibrate", "sun", "log.csv", "--model", "birefringent_sun", "--out", "a.json"], 2, "as .toml"),
+    "method": (
+        ["calibrate", "sun", "log.csv", "--model", "birefringent_sun", "--out", "a.toml", "--method", "rays"],
+        2,
+        "--method is for an APS sensor",
+    ),
+    "free": (["calibrate", "sun", "log.csv", "--out", "a.json", "--free", "zero_spot_x_px"], 2, "--free is for"),
+    "free what": (
+        ["calibrate", "sun", "log.csv", "--model", "birefringent_sun", "--out", "a.toml", "--free", "colour"],
+        2,
+        "constants after commas, each once, of zero_spot_x_px",
+    ),
+    "one pair": (
+        ["calibrate", "sun", "pair.csv", "--model", "birefringent_sun", "--out", "a.toml"], 3, "more than 1 frames",
+    ),
+    "no pair": (
+        ["calibrate", "sun", "none.csv", "--model", "birefringent_sun", "--out", "a.toml"], 3, "no image shows both",
+    ),
+    "raw stars": (["simulate", "ground_camera", "--out", "a.csv", "--raw"], 2, "are not for ground_camera"),
+    "glints of the sun": (["simulate", "aps_sun", "--out", "a.csv", "--outliers", 0.1], 2, "--outliers are not for"),
+    "picture of beacons": (["simulate", "three_beacon_psd", "--out", "a.png"], 2, "a table ends in .csv or .parquet"),
+    "jpeg": (["simulate", "aps_sun", "--out", "a.jpg"], 2, "a picture is written as .png, .tif"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused(run, tmp_path, monkeypatch, name):
+    Image = pytest.importorskip("PIL.Image", reason="pillow, of the extra `images`, is not installed")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "log.csv").write_text("t_s,spot_x_px,spot_y_px\n0,500,500\n1,501,500\n")
+    (tmp_path / "head.csv").write_text("t_s,spot_x_px,spot_y_px\n")
+    (tmp_path / "nan.csv").write_text("t_s,spot_x_px,spot_y_px\n0,500,500\n,501,500\n")
+    pair = "spot_a_x_px,spot_a_y_px,spot_b_x_px,spot_b_y_px\n"
+    (tmp_path / "pair.csv").write_text(pair + "511,511,580.6,511\n")
+    (tmp_path / "none.csv").write_text(pair + ",,580.6,511\n")
+    (tmp_path / "bad.png").write_text("no picture")
+    Image.fromarray(np.full((30, 30), 5000, dtype=np.uint16)).save("bright.png")
+    before = sorted(tmp_path.iterdir())
+    arguments, expected, text = REFUSED[name]
+    code, out, err = run(*arguments)
+    assert (code, out) == (expected, "")
+    assert text in err
+    assert sorted(tmp_path.iterdir()) == before
