@@ -50,18 +50,23 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     return _compiled(function, shared=False)
 
 
+def long_kernel(function: Callable[P, R]) -> Callable[P, R]:
+    """A kernel that runs for long when Python calls it: other threads run meanwhile (the lock is released)."""
+    return _compiled(function, shared=False, nogil=True)
+
+
 def entry(function: Callable[P, R]) -> Callable[P, R]:
     """A kernel that both Python and other kernels call: it is finished and cached once for all of them."""
     return _compiled(function, shared=True)
 
 
-def _compiled(function: Callable[P, R], *, shared: bool) -> Callable[P, R]:
+def _compiled(function: Callable[P, R], *, shared: bool, **options: bool) -> Callable[P, R]:
     global _CACHE  # noqa: PLW0603  (one switch for the process: the first refusal settles it, with one warning)
     if _NJIT is None:
         return function
     from relnav.codegen.whole_program import Outer
 
-    compiled: Any = Outer(function, _OPTIONS, shared=shared)
+    compiled: Any = Outer(function, _OPTIONS | options, shared=shared)
     if _CACHE:
         try:
             compiled.enable_caching()
