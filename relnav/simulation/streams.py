@@ -13,7 +13,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from relnav.arrays import Vector
+from relnav.arrays import Codes, Vector
 from relnav.codegen.kernel import kernel, long_kernel
 from relnav.codegen.words import ALL_ONES, lower_product, upper_product, wrapped_sum
 
@@ -21,6 +21,8 @@ ROUNDS = 10
 FIRST_FACTOR, SECOND_FACTOR = 0xD2E7470EE14C6C93, 0xCA5A826395121157
 FIRST_WEYL, SECOND_WEYL = 0x9E3779B97F4A7C15, 0xBB67AE8584CAA73B
 SMALLEST_STEP = 2.0**-52
+MIDDLE = 0.425
+"""Shares of 0.5 up to so far aside are the middle of the normal distribution, the others its tails."""
 
 Words = NDArray[np.uint64]
 
@@ -64,23 +66,26 @@ def _block_into(key: Words, words: Words) -> None:
 
 
 @kernel
-def quantile(p: float) -> float:
-    """Normal deviate below which a share p of all lie, 0 < p < 1; relative error 1e-16.
+def _middle(q: float) -> float:
+    """Normal deviate of the share 0.5 + q, where |q| <= MIDDLE; relative error 1e-16.
 
-    Wichura (1988), "Algorithm AS 241: the percentage points of the normal distribution", PPND16.
+    This and `_outside`: Wichura (1988), "Algorithm AS 241: the percentage points of the normal distribution", PPND16.
     """
-    q = p - 0.5
-    if abs(q) <= 0.425:
-        r = 0.180625 - q * q
-        above = 2.5090809287301226727e3 * r + 3.3430575583588128105e4
-        above = (above * r + 6.7265770927008700853e4) * r + 4.5921953931549871457e4
-        above = (above * r + 1.3731693765509461125e4) * r + 1.9715909503065514427e3
-        above = (above * r + 1.3314166789178437745e2) * r + 3.3871328727963666080e0
-        below = 5.2264952788528545610e3 * r + 2.8729085735721942674e4
-        below = (below * r + 3.9307895800092710610e4) * r + 2.1213794301586595867e4
-        below = (below * r + 5.3941960214247511077e3) * r + 6.8718700749205790830e2
-        below = (below * r + 4.2313330701600911252e1) * r + 1.0
-        return q * above / below
+    r = 0.180625 - q * q
+    above = 2.5090809287301226727e3 * r + 3.3430575583588128105e4
+    above = (above * r + 6.7265770927008700853e4) * r + 4.5921953931549871457e4
+    above = (above * r + 1.3731693765509461125e4) * r + 1.9715909503065514427e3
+    above = (above * r + 1.3314166789178437745e2) * r + 3.3871328727963666080e0
+    below = 5.2264952788528545610e3 * r + 2.8729085735721942674e4
+    below = (below * r + 3.9307895800092710610e4) * r + 2.1213794301586595867e4
+    below = (below * r + 5.3941960214247511077e3) * r + 6.8718700749205790830e2
+    below = (below * r + 4.2313330701600911252e1) * r + 1.0
+    return q * above / below
+
+
+@kernel
+def _outside(p: float, q: float) -> float:
+    """The same of p = 0.5 + q elsewhere, 0 < p < 1."""
     r = math.sqrt(-math.log(min(p, 1.0 - p)))
     if r <= 5.0:
         r -= 1.6
@@ -117,11 +122,22 @@ def _uniforms_into(key: Words, words: Words, out: Vector) -> None:
 
 
 @long_kernel
-def _normals_into(key: Words, words: Words, out: Vector) -> None:
-    """Fill out (n,) with standard normal numbers; words (5,) is scratch."""
-    _uniforms_into(key, words, out)
+def _normals_into(key: Words, words: Words, uniform: Vector, tails: Codes, out: Vector) -> None:
+    """Fill out (n,) with standard normal numbers; words (5,), uniform (n,) and tails (n + 1,) are scratch.
+
+    Loops without choices first, of which the compiler makes one instruction for several numbers; then the tails, which
+    are gathered because a processor cannot guess where they are.
+    """
+    _uniforms_into(key, words, uniform)
     for k in range(out.shape[0]):
-        out[k] = quantile(out[k])
+        out[k] = _middle(uniform[k] - 0.5)
+    count = 0
+    for k in range(out.shape[0]):
+        tails[count] = k
+        count += 1 if abs(uniform[k] - 0.5) > MIDDLE else 0
+    for j in range(count):
+        k = tails[j]
+        out[k] = _outside(uniform[k], uniform[k] - 0.5)
 
 
 class Draws:
@@ -145,7 +161,7 @@ class Draws:
     def normals(self, stream: Stream, shape: tuple[int, ...]) -> Vector:
         """The same as standard normal numbers."""
         out, self._key[2] = np.empty(math.prod(shape)), stream
-        _normals_into(self._key, self._words, out)
+        _normals_into(self._key, self._words, np.empty(len(out)), np.empty(len(out) + 1, dtype=np.int64), out)
         return out.reshape(shape)
 
     def generator(self, stream: Stream) -> np.random.Generator:
