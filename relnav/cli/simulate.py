@@ -39,6 +39,17 @@ from relnav.cli.printing import OutputPath, say
     is_flag=True,
     help="Draw focal length, mountings and beacons within the model's [tolerances] (by --seed).",
 )
+@click.option(
+    "--scenario", "scenario_path", type=click.Path(path_type=Path), help="Fly a run of a scenario file instead."
+)
+@click.option("--run", type=click.IntRange(min=0), help="Of a scenario: which run; the first if left out.")
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Replace a value of MODEL, or of the scenario (approach.speed_mm_s=20); as often as you like.",
+)
 @click.option("--distortion", "distortion_um", default=0.0, help="With --raw: largest detection error, um.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
@@ -59,14 +70,23 @@ def command(
     received_power: bool,
     raw: bool,
     as_built: bool,
+    scenario_path: Path | None,
+    run: int | None,
+    settings: tuple[str, ...],
     distortion_um: float,
     quiet: bool,
 ) -> None:
-    """Simulate an approach of MODEL: two-body truth under closed-loop guidance, imaged with noise and faults."""
-    from relnav.cli.simulators import Options, simulator_of
-    from relnav.errors import UsageError
+    """Simulate an approach of MODEL: two-body truth under closed-loop guidance, imaged with noise and faults.
+
+    With --scenario, or a --set of one of its keys, it is the run of a campaign: same seed, same run, same log. The
+    options of approach and faults then have no effect, the scenario says all of it (docs/campaign.md).
+    """
+    from relnav.cli.settings import model_and_scenario
+    from relnav.cli.simulators import Options, simulated_run, simulator_of
+    from relnav.errors import InputError, UsageError
     from relnav.files.atomic import Outputs, check_distinct, check_folder
     from relnav.files.models import load_model
+    from relnav.files.scenarios import load_scenario
     from relnav.files.tables import check_format
     from relnav.simulation.trajectory import Approach
 
@@ -75,22 +95,32 @@ def command(
             check_format(path)
             check_folder(path)
     check_distinct(out, truth)
-    mission = load_model(model)
+    of_model, of_scenario = model_and_scenario(settings)
+    mission = load_model(model, of_model)
+    described = scenario_path is not None or bool(of_scenario)
+    if run is not None and not described:
+        raise UsageError("--run is the run of a scenario; without --scenario there is one flight a --seed")
     try:
-        approach = Approach(
-            duration_s=duration_s,
-            rate_hz=rate_hz,
-            start_m=(start_range_m, 0.25, -0.15),
-            final_range_m=final_range_m,
-            speed_m_s=speed_m_s,
-            j2=j2,
-            air_density_kg_m3=air_density_kg_m3,
-        )
-        options = Options(dropout, outliers, hidden, received_power, raw, as_built, distortion_um * 1e-6, seed)
-        simulated = simulator_of(mission)(mission, approach, options)
+        if described:
+            _refuse_others(click.get_current_context())
+            simulated = simulated_run(mission, load_scenario(scenario_path, of_scenario), seed, run or 0)
+        else:
+            approach = Approach(
+                duration_s=duration_s,
+                rate_hz=rate_hz,
+                start_m=(start_range_m, 0.25, -0.15),
+                final_range_m=final_range_m,
+                speed_m_s=speed_m_s,
+                j2=j2,
+                air_density_kg_m3=air_density_kg_m3,
+            )
+            options = Options(dropout, outliers, hidden, received_power, raw, as_built, distortion_um * 1e-6, seed)
+            simulated = simulator_of(mission)(mission, approach, options)
+    except InputError:
+        raise
     except ValueError as error:
         raise UsageError(str(error)) from error
-    metadata = {"model": mission.name, "seed": str(seed)}
+    metadata = {"model": mission.name, "seed": str(seed)} | ({"run": str(run or 0)} if described else {})
     with Outputs() as outputs:
         simulated.write_log(outputs.path(out, ".csv"), metadata)
         if truth is not None:
@@ -98,3 +128,19 @@ def command(
     if not quiet:
         log = f"log: {out} ({simulated.epochs} {simulated.rows}, model {mission.name}, seed {seed})"
         say([log, *([f"truth: {truth}"] if truth is not None else [])], out, truth)
+
+
+OF_A_SCENARIO = {"model", "out", "truth", "seed", "scenario_path", "run", "settings", "quiet"}
+
+
+def _refuse_others(context: click.Context) -> None:
+    """Refuse options that a scenario would silently replace."""
+    from click.core import ParameterSource
+
+    from relnav.errors import UsageError
+
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        if name not in OF_A_SCENARIO and context.get_parameter_source(name) == ParameterSource.COMMANDLINE:
+            option = parameter.opts[0]
+            raise UsageError(f"{option} is not for a scenario, which says it itself: use --set SECTION.KEY=VALUE")

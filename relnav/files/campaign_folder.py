@@ -121,9 +121,30 @@ def write_batch(plan: Plan, folder: str, runs: range) -> int:
 
     The bytes depend on the campaign alone: no time, place or compression is in them.
     """
-    table = table_of(plan, fly_batch(plan, runs))
-    _write(table, part_of(Path(folder), runs.start))
+    write_flown(plan, Path(folder), fly_batch(plan, runs))
     return len(runs)
+
+
+def write_flown(plan: Plan, folder: Path, batch: Batch) -> None:
+    """Write the file of a batch that was flown."""
+    _write(table_of(plan, batch), part_of(folder, int(batch.run[0])))
+
+
+def failed_batch(plan: Plan, run: int, reason: str) -> Batch:
+    """A run that could not be flown."""
+    figures = np.full((1, len(plan.columns)), math.nan)
+    return Batch(np.array([run]), np.array([int(RunStatus.FAILED)]), (reason,), figures)
+
+
+def join_batches(pieces: Sequence[Batch]) -> Batch:
+    """Pieces of a batch as one, in the order of runs."""
+    ordered = sorted(pieces, key=lambda piece: int(piece.run[0]))
+    return Batch(
+        np.concatenate([piece.run for piece in ordered]),
+        np.concatenate([piece.status for piece in ordered]),
+        tuple(reason for piece in ordered for reason in piece.reasons),
+        np.concatenate([piece.figures for piece in ordered]),
+    )
 
 
 def _write(table: Any, path: Path) -> None:
