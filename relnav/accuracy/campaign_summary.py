@@ -1,8 +1,9 @@
-"""A campaign's runs in a few figures: errors by range beside the published ones, and whether the covariance is honest."""
+"""A campaign's runs in a few figures: errors by range beside the published ones, and whether sigma is honest."""
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -120,11 +121,11 @@ class CampaignSummary:
             claim = "-" if math.isnan(row.published) else f"{row.published:g} {row.unit}"
             share = "-" if math.isnan(row.share_within) else f"{100.0 * row.share_within:.1f} %"
             lines.append(
-                f"  {row.from_m:5.2f} .. {row.to_m:5.2f} m  {row.quantity:<9} {value[0]:>9} {value[1]:>11} {value[2]:>10}"
-                f" {claim:>11} {share:>13}"
+                f"  {row.from_m:5.2f} .. {row.to_m:5.2f} m  {row.quantity:<9} {value[0]:>9} {value[1]:>11} "
+                f"{value[2]:>10} {claim:>11} {share:>13}"
             )
         lines.append("consistency, 95 % intervals, one epoch of each run: runs are independent of one another")
-        for low, high, entry in zip(self.edges_m, self.edges_m[1:], self.nees_by_bin, strict=False):
+        for (low, high), entry in zip(pairwise(self.edges_m), self.nees_by_bin, strict=True):
             lines.append(f"  entering {low:.2f} .. {high:.2f} m: {entry}")
         lines.append(f"  at the end: {self.final_nees}")
         lines.append(f"  all epochs used whole: {self.nis}")
@@ -144,7 +145,7 @@ def summarise(
     claims = {claim.quantity: claim for claim in published.claims if claim.quantity in QUANTITIES}
     bins: list[BinRow] = []
     nees: list[Consistency] = []
-    for k, (low, high) in enumerate(zip(edges_m, edges_m[1:], strict=False)):
+    for k, (low, high) in enumerate(pairwise(edges_m)):
         names = [f"bin{k}_{kind}_{name}" for kind in ("rms", "sigma") for name in DOCKING]
         values = read([f"bin{k}_epochs", f"bin{k}_nees", *names])
         nees.append(_independent(values[f"bin{k}_nees"]))
@@ -157,9 +158,7 @@ def summarise(
         final.append(_final_row(name, values[f"final_error_{name}"], values[f"final_sigma_{name}"]))
     nis = consistency_of_sum("NIS", _sum(totals["nis_sum"]), round(_sum(totals["nis_dof"])))
     restarts, last = round(_sum(totals["restarts"])), _independent(totals["final_nees"])
-    return CampaignSummary(
-        runs, outcomes, restarts, nis, last, tuple(edges_m), tuple(nees), tuple(bins), tuple(final)
-    )
+    return CampaignSummary(runs, outcomes, restarts, nis, last, tuple(edges_m), tuple(nees), tuple(bins), tuple(final))
 
 
 def _sum(values: Vector) -> float:

@@ -87,7 +87,7 @@ def _score(
     """
     true, own, error = work[0], work[1], work[2]
     for e in range(state.shape[0]):
-        if not state[e, 0] == state[e, 0]:
+        if state[e, 0] != state[e, 0]:  # NaN: no state
             nees[e] = math.nan
             continue
         for i in range(6):

@@ -13,14 +13,20 @@ if TYPE_CHECKING:
     from relnav.accuracy.campaign_plan import Plan
 
 
-@click.command(epilog="Example: relnav campaign three_beacon_psd --runs 1000 --seed 7 --scenario vbar.toml --out campaign")
+@click.command(
+    epilog="Example: relnav campaign three_beacon_psd --runs 1000 --seed 7 --scenario vbar.toml --out campaign"
+)
 @click.argument("model")
 @click.option("--runs", required=True, type=click.IntRange(min=1), help="Number of approaches.")
-@click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0), help="The same seed, the same figures.")
+@click.option(
+    "--seed", default=0, show_default=True, type=click.IntRange(min=0), help="The same seed, the same figures."
+)
 @click.option(
     "--out", required=True, type=click.Path(path_type=Path), help="Folder; part of this campaign in it is kept."
 )
-@click.option("--scenario", "scenario_path", type=click.Path(path_type=Path), help="What is flown and what is uncertain.")
+@click.option(
+    "--scenario", "scenario_path", type=click.Path(path_type=Path), help="What is flown and what is uncertain."
+)
 @click.option(
     "--set",
     "settings",
@@ -35,7 +41,9 @@ if TYPE_CHECKING:
     metavar="ADDRESS",
     help="A dask scheduler, as in tcp://10.0.0.5:8786; local: processes of this machine; slurm: print a job script.",
 )
-@click.option("--only", type=click.IntRange(min=0), metavar="RUN", help="Fly one run, and write its log, truth and row.")
+@click.option(
+    "--only", type=click.IntRange(min=0), metavar="RUN", help="Fly one run, and write its log, truth and row."
+)
 @click.option("--no-pictures", is_flag=True, help="Draw nothing.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(

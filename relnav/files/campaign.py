@@ -100,9 +100,7 @@ def fly_missing(plan: Plan, folder: Path, workers: int | None, cluster: str | No
 
         fly_on_cluster(plan, folder, starts, cluster, workers or processors(), progress)
         return
-    place = str(folder)
-    work = ((lambda runs=plan.runs_of(start): write_batch(plan, place, runs)) for start in starts)
-    for done in _on_threads(work, workers):
+    for done in _on_threads(lambda start: write_batch(plan, str(folder), plan.runs_of(start)), starts, workers):
         if progress is not None:
             progress(done)
 
@@ -136,21 +134,21 @@ def _in_memory(plan: Plan, workers: int | None, progress: Progress | None) -> An
         tables[start] = table_of(plan, fly_batch(plan, plan.runs_of(start)))
         return len(plan.runs_of(start))
 
-    for done in _on_threads(((lambda start=start: fly(start)) for start in plan.starts), workers):
+    for done in _on_threads(fly, plan.starts, workers):
         if progress is not None:
             progress(done)
     return pyarrow.concat_tables([tables[start] for start in plan.starts])
 
 
-def _on_threads(work: Iterable[Callable[[], int]], workers: int | None) -> Iterator[int]:
-    """Results of pieces of work as they are done; the compiled loops let several threads run at once."""
+def _on_threads(fly: Callable[[int], int], starts: Iterable[int], workers: int | None) -> Iterator[int]:
+    """Numbers of runs of the batches that start with these, as they are flown; compiled loops let other threads run."""
     count = workers or processors()
-    left, running = iter(work), set[Future[int]]()
+    left, running = iter(starts), set[Future[int]]()
     with ThreadPoolExecutor(count) as pool:
         try:
             while True:
-                while len(running) < QUEUED * count and (piece := next(left, None)) is not None:
-                    running.add(pool.submit(piece))
+                while len(running) < QUEUED * count and (start := next(left, None)) is not None:
+                    running.add(pool.submit(fly, start))
                 if not running:
                     return
                 done, running = wait(running, return_when=FIRST_COMPLETED)
@@ -158,5 +156,3 @@ def _on_threads(work: Iterable[Callable[[], int]], workers: int | None) -> Itera
                     yield future.result()
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
-
-

@@ -14,7 +14,7 @@ from relnav.accuracy.run_score import RunStatus
 from relnav.arrays import Codes, Vector
 from relnav.codegen.cache import package_stamp
 from relnav.errors import InputError, UsageError
-from relnav.files.atomic import replacing
+from relnav.files.atomic import PART, replacing
 from relnav.files.parquet import require_pyarrow
 from relnav.files.scenarios import plain
 from relnav.files.tables import relnav_version, write_json
@@ -99,9 +99,10 @@ def part_of(folder: Path, start: int) -> Path:
 
 
 def missing(folder: Path, plan: Plan) -> list[int]:
-    """First runs of the batches that are not there yet."""
+    """First runs of the batches that are not there yet, or beside which a killed program left its hidden folder."""
     there = {path.name for path in (folder / RUNS).iterdir()}
-    return [start for start in plan.starts if part_of(folder, start).name not in there]
+    names = {start: part_of(folder, start).name for start in plan.starts}
+    return [start for start, name in names.items() if name not in there or f".{name}.{PART}" in there]
 
 
 def table_of(plan: Plan, batch: Batch) -> Any:

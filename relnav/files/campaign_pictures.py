@@ -79,7 +79,9 @@ def _figure(size: tuple[float, float]) -> Any:
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise UsageError("pictures need matplotlib: pip install matplotlib, or leave them out (--no-pictures)") from error
+        raise UsageError(
+            "pictures need matplotlib: pip install matplotlib, or leave them out (--no-pictures)"
+        ) from error
     return Figure(figsize=size, layout="constrained")
 
 

@@ -143,7 +143,7 @@ class _Driver:
             self._keep(future.result())
         elif not isinstance(error, require_distributed().KilledWorker):
             raise InputError(
-                f"the cluster failed: {type(error).__name__}: {shown(error)}; what is done is kept, call it again to go on"
+                f"the cluster failed: {type(error).__name__}: {shown(error)}; call it again to go on"
             ) from error
         elif len(runs) > 1:
             middle = runs.start + len(runs) // 2

@@ -47,7 +47,8 @@ def load_scenario(path: str | os.PathLike[str] | None = None, changes: Mapping[s
         For a file that does not exist.
     """
     if path is None:
-        table, problems = {}, Problems(Path("--set"), "")
+        table: dict[str, Any] = {}
+        problems = Problems(Path("--set"), "")
     else:
         file = Path(path)
         if not file.is_file():

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Annotated, Literal
 
 from annotated_types import Ge, Gt, Le
@@ -118,7 +119,7 @@ class Results:
 
     def __post_init__(self) -> None:
         edges = self.range_edges_m
-        rising = all(a < b for a, b in zip(edges, edges[1:], strict=False))
+        rising = all(a < b for a, b in pairwise(edges))
         if edges and (len(edges) < 2 or edges[0] < 0.0 or not rising):
             raise ValueError(f"range_edges_m are two or more rising ranges; got {list(edges)}")
 

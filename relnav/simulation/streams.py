@@ -1,7 +1,7 @@
 """Random numbers that depend on what they are for alone: on seed, run, stream and place, not on what was drawn before.
 
 Philox4x64 with ten rounds (Salmon, Moraes, Dror, Shaw 2011, "Parallel random numbers: as easy as 1, 2, 3") turns a
-counter of four words into four random words under a key of two: here key = (seed, run), counter = (block, 0, 0, stream).
+counter of four words into four random ones under a key of two: key = (seed, run), counter = (block, 0, 0, stream).
 Different keys are different random functions, so no two runs of any two campaigns share numbers. Words are those of
 `numpy.random.Philox(key=[seed, run], counter=[0, 0, 0, stream]).random_raw()`. Every number takes one word, so that the
 n-th of a stream is the n-th word of it, whether or not the others are wanted.
@@ -165,5 +165,5 @@ class Draws:
         return out.reshape(shape)
 
     def generator(self, stream: Stream) -> np.random.Generator:
-        """numpy's generator on a stream, for what is drawn in no fixed number."""
+        """A generator of numpy on a stream, for what is drawn in no fixed number."""
         return np.random.Generator(np.random.Philox(key=self._key[:2], counter=[0, 0, 0, int(stream)]))

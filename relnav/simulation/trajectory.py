@@ -101,8 +101,8 @@ def _fly(
 ) -> None:
     """Write truth (m, 6) and the commanded acceleration over the interval that ends at each row, (m, 3).
 
-    profile: start range, final range, speed, guidance steps, thrust scale error, thrust turn (3). noise: amplitudes of the white
-    acceleration, and of the control's errors in size and direction; draws (m, 7): standard normal, or (0, 7).
+    profile: start range, final range, speed, guidance steps, thrust scale error, thrust turn (3). noise: amplitudes of
+    the white acceleration, and of the control's errors in size and direction; draws (m, 7): standard normal, or (0, 7).
     scratch (28, 3): zeros.
     """
     axes, work, order, executed = scratch[0:3], scratch[3:26], scratch[26], scratch[27]
