@@ -55,7 +55,7 @@ def test_what_is_wrong_is_said(tmp_path, text, said):
 def test_no_file_and_no_key(tmp_path):
     with pytest.raises(relnav.UsageError, match="no such scenario file"):
         relnav.load_scenario(tmp_path / "none.toml")
-    with pytest.raises(relnav.UsageError, match="'thrust.size' cannot be set: no section has it"):
+    with pytest.raises(relnav.UsageError, match=r"'thrust\.size' cannot be set: no section has it"):
         relnav.load_scenario(changes={"thrust.size": 1.0})
 
 
