@@ -2,8 +2,8 @@
 
     python benchmarks/campaign_speed.py --out campaign_speed.json
 
-One thread and as many as there are processors, in one process, in turn with the filterpy user of `speed.py` (whose
-answers are checked there); that one only filters spots that are at hand. Processor time of a thread for one thread, wall
+One thread and as many as there are processors, in one process, in turn with the filterpy user of `speed.py`, whose
+answers are checked there, and who only filters spots that are at hand. Processor time of a thread for one thread, wall
 time for several; minimum and median of the rounds. Only the ratios mean anything on another machine.
 """
 

@@ -41,6 +41,7 @@ def fly(tmp_path_factory):
 
     def call(name, *cluster, deadly=-1):
         environment = os.environ | {"RELNAV_JIT": "0", "DEADLY": str(deadly)}
+        environment["DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES"] = "0"  # sooner suspected: each death costs a start
         command = [sys.executable, str(folder / "fly.py"), str(folder / name), *cluster]
         subprocess.run(command, env=environment, check=True, timeout=300)
         return folder / name
@@ -54,16 +55,16 @@ def contents(folder):
 
 def test_the_same_bytes_and_the_run_that_kills(fly):
     """Run 6 kills whoever flies it: every other row is as on threads, and it is named."""
-    expected = contents(fly("threads"))
+    threads = fly("threads")
+    expected = contents(threads)
     assert contents(fly("processes", "local")) == expected
     from pyarrow import parquet
 
+    part = "runs/part-000000000004.parquet"
     deadly = fly("deadly", "local", deadly=6)
     failed = parquet.read_table(deadly / "failed.parquet").to_pylist()
     assert failed == [{"run": 6, "reason": "every process that flew it died"}]
     parts = {name: value for name, value in contents(deadly).items() if name.startswith("runs")}
-    assert [name for name in parts if parts[name] != expected[name]] == ["runs/part-000000000004.parquet"]
-    rows = [
-        parquet.read_table(folder / "runs/part-000000000004.parquet").to_pylist() for folder in (deadly, fly("threads"))
-    ]
+    assert [name for name in parts if parts[name] != expected[name]] == [part]
+    rows = [parquet.read_table(folder / part).to_pylist() for folder in (deadly, threads)]
     assert [k for k, (one, two) in enumerate(zip(*rows, strict=True)) if repr(one) != repr(two)] == [2]
