@@ -6,6 +6,7 @@ may die at any time. A batch whose workers keep dying is cut in two until one ru
 
 import shlex
 import sys
+from asyncio import CancelledError
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -60,7 +61,7 @@ def _client(address: str, workers: int) -> Iterator[Any]:
             threads_per_worker=1,
             processes=True,
             host="127.0.0.1",
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",
             memory_limit=MEMORY,
             silence_logs="ERROR",
         ) as cluster,
@@ -136,11 +137,11 @@ class _Driver:
         """Wait for one piece of work, and see what became of it."""
         future = next(self._waiting)
         runs = self._runs.pop(future)
-        error = future.exception() if future.status in ("finished", "error") else ConnectionError("work was lost")
+        result, error = _outcome(future)
         if error is None and self._is_whole(runs):
             self._tell(len(runs))
         elif error is None:
-            self._keep(future.result())
+            self._keep(result)
         elif not isinstance(error, require_distributed().KilledWorker):
             raise InputError(
                 f"the cluster failed: {type(error).__name__}: {shown(error)}; call it again to go on"
@@ -168,6 +169,14 @@ class _Driver:
     def _tell(self, runs: int) -> None:
         if self._progress is not None:
             self._progress(runs)
+
+
+def _outcome(future: Any) -> tuple[Any, BaseException | None]:
+    """Result or error; a result may be lost with the worker that holds it, and its making again fail."""
+    try:
+        return future.result(), None
+    except (Exception, CancelledError) as error:
+        return None, error
 
 
 def job_script(workers: int | None, arguments: list[str]) -> str:
