@@ -15,7 +15,6 @@ from relnav.simulation.detector import Faults
 from relnav.simulation.scenario import SimulatedLog, simulate
 from relnav.simulation.trajectory import Approach
 
-
 SEED_STRIDE = 1_000_003
 """Between the generators of a seed's first run and the next seed's."""
 
