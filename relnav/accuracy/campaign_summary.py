@@ -34,7 +34,7 @@ class BinRow:
     rms, worst : float
         Error against truth over all epochs in the bin; and of the worst run.
     sigma : float
-        Reported 1-sigma at the first epoch in the bin, root mean square over runs.
+        Reported 1-sigma at epochs spread over the bin, root mean square over epochs and runs.
     published : float
         The paper's figure; NaN if it has none.
     share_within : float

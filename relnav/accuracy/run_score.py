@@ -18,6 +18,8 @@ from relnav.simulation.dispersions import Scenario
 STATE = ("x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s")
 DOCKING = ("range_m", "azimuth_deg", "elevation_deg")
 DEGREES = np.array([1.0, 180.0 / math.pi, 180.0 / math.pi])
+SIGMA_SAMPLES = 250
+"""Epochs of a run, evenly spread, whose reported sigma is looked at; a run of fewer has all of them looked at."""
 
 
 class RunStatus(IntEnum):
@@ -185,9 +187,12 @@ class RunScorer:
         figures = {f"drawn_{name}": value for name, value in flight.drawn.items()} | self._outcome(log.t_s, epochs)
         known = np.isfinite(nees)
         figures["nees_mean"] = float(nees[known].mean()) if known.any() else math.nan
-        sampled = np.append(np.where(first >= 0, first + settled, n - 1), n - 1)
+        sampled = np.append(np.arange(settled, n, max(1, n // SIGMA_SAMPLES)), n - 1)
         view = self._viewed(epochs, sampled)
-        self._by_bin(figures, sums, first, view, nees[sampled])
+        ranges = np.linalg.norm(log.truth[sampled[:-1], :3] + offset, axis=1)
+        self._by_bin(figures, sums, np.searchsorted(edges, ranges, "right") - 1, view[[3, 6, 8], :-1])
+        for k in np.flatnonzero(first >= 0):
+            figures[f"bin{k}_nees"] = float(nees[first[k] + settled])
         error = epochs.state[-1] - log.truth[-1]
         figures["final_nees"] = float(nees[-1])
         figures["final_range_m"] = float(np.linalg.norm(log.truth[-1, :3] + offset))
@@ -209,16 +214,17 @@ class RunScorer:
         return view
 
     @staticmethod
-    def _by_bin(figures: dict[str, float], sums: Matrix, first: Codes, view: Matrix, nees: Vector) -> None:
-        for k, place in enumerate(first):
-            figures[f"bin{k}_epochs"] = float(sums[k, 0])
-            if place < 0:
+    def _by_bin(figures: dict[str, float], sums: Matrix, bins: Codes, variance: Matrix) -> None:
+        """Add root mean squares by bin: of the errors, and of sigma at sampled epochs in these bins (m,)."""
+        for k, total in enumerate(sums):
+            figures[f"bin{k}_epochs"] = float(total[0])
+            if total[0] == 0.0:
                 continue
-            rms = np.sqrt(sums[k, 1:] / sums[k, 0]) * DEGREES
-            sigma = np.sqrt(view[[3, 6, 8], k]) * DEGREES
+            inside = variance[:, (bins == k) & np.isfinite(variance[0])]
+            sigma = np.sqrt(inside.mean(axis=1)) * DEGREES if inside.size else np.full(3, math.nan)
+            rms = np.sqrt(total[1:] / total[0]) * DEGREES
             for j, name in enumerate(DOCKING):
                 figures[f"bin{k}_rms_{name}"], figures[f"bin{k}_sigma_{name}"] = float(rms[j]), float(sigma[j])
-            figures[f"bin{k}_nees"] = float(nees[k])
 
     def _outcome(self, t: Vector, epochs: Epochs) -> dict[str, float]:
         status, dof = epochs.codes[:, 1], epochs.codes[:, 0]

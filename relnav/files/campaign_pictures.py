@@ -44,7 +44,9 @@ def draw_errors(summary: CampaignSummary, read: Reader, path: Path) -> None:
         axis.set_ylabel(f"{quantity}, {rows[0].unit}")
         axis.grid(alpha=0.3)
     axes[0].legend(fontsize=8)
-    axes[0].set_title(f"{summary.runs} approaches: rms error of a run; bands hold 50, 90 and 99 % of the runs")
+    axes[0].set_title(
+        f"{summary.runs} approaches: rms error of a run; bands hold 50, 90 and 99 % of the runs", fontsize=9
+    )
     axes[-1].set_xlabel("range, m")
     _save(figure, path)
 
