@@ -191,7 +191,7 @@ class RunScorer:
         view = self._viewed(epochs, sampled)
         ranges = np.linalg.norm(log.truth[sampled[:-1], :3] + offset, axis=1)
         self._by_bin(figures, sums, np.searchsorted(edges, ranges, "right") - 1, view[[3, 6, 8], :-1])
-        for k in np.flatnonzero(first >= 0):
+        for k in np.flatnonzero(first >= 0).tolist():
             figures[f"bin{k}_nees"] = float(nees[first[k] + settled])
         error = epochs.state[-1] - log.truth[-1]
         figures["final_nees"] = float(nees[-1])
