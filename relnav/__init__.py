@@ -20,11 +20,13 @@ if TYPE_CHECKING:
     from relnav.errors import UsageError as UsageError
     from relnav.estimation.consistency import Consistency as Consistency
     from relnav.files.accuracy import measure_accuracy as measure_accuracy
+    from relnav.files.campaign import campaign as campaign
     from relnav.files.filter_log import filter_log as filter_log
     from relnav.files.marker_logs import filter_marker_log as filter_marker_log
     from relnav.files.model_folders import list_models as list_models
     from relnav.files.models import load_model as load_model
     from relnav.files.models import load_published as load_published
+    from relnav.files.scenarios import load_scenario as load_scenario
     from relnav.files.sun_calibration import load_sun_calibration as load_sun_calibration
     from relnav.files.tracks import write as write
     from relnav.mission import Model as Model
@@ -43,6 +45,8 @@ if TYPE_CHECKING:
     from relnav.sensors.dual_field.star_spots import find_stars as find_stars
     from relnav.sensors.measurement import Measurement as Measurement
     from relnav.sensors.measurement import Status as Status
+    from relnav.simulation.dispersed import simulate as simulate
+    from relnav.simulation.dispersions import Scenario as Scenario
     from relnav.vehicle.navigator import VehicleNavigator as VehicleNavigator
 else:  # hidden from type checkers: to them a name that is not above is an error
 

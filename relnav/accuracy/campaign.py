@@ -15,6 +15,9 @@ from relnav.simulation.detector import Faults
 from relnav.simulation.scenario import SimulatedLog, simulate
 from relnav.simulation.trajectory import Approach
 
+SEED_STRIDE = 1_000_003
+"""Between the generators of a seed's first run and the next seed's."""
+
 
 @dataclass(frozen=True)
 class Way:
@@ -113,11 +116,18 @@ def run_campaign(
     Returns
     -------
     True ranges (runs, n) m, and the outcome of each way.
+
+    Raises
+    ------
+    ValueError
+        For so many runs that those of the next seed would repeat them (`campaign_plan` has no such limit).
     """
+    if runs > SEED_STRIDE:
+        raise ValueError(f"runs must be {SEED_STRIDE} or fewer, as seeds lie so far apart; got {runs}")
     ranges: list[Vector] = []
     collected: dict[Way, list[tuple[Matrix, Matrix, Vector, float, int]]] = {way: [] for way in ways}
     for run in range(runs):
-        log = simulate(model, approach, faults, seed=seed * 1_000_003 + run)
+        log = simulate(model, approach, faults, seed=seed * SEED_STRIDE + run)
         camera = log.truth[:, :3] + model.dcm_cam_from_lvlh.T @ model.camera_lever_cam_m - model.port_position_m
         ranges.append(np.linalg.norm(camera, axis=1))
         for way in ways:

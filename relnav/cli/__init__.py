@@ -24,6 +24,7 @@ import click
 COMMANDS = {
     "budget": ("relnav.cli.budget", "Say what accuracy a design will reach, and what limits it."),
     "accuracy": ("relnav.cli.accuracy", "Measure what a sensor system reaches, beside what its paper claims."),
+    "campaign": ("relnav.cli.campaign", "Fly many approaches of a scenario: distributions and consistency."),
     "calibrate": ("relnav.cli.calibrate", "Calibrate a sensor from its bench measurements."),
     "filter": ("relnav.cli.filter", "Filter a log of spots into a track with covariance."),
     "report": ("relnav.cli.report", "Show a run or an accuracy report on one page of its own."),

@@ -25,6 +25,7 @@ def command(model: str, settings: tuple[str, ...], json_path: Path | None, plot:
 
     Keys of --set are those of the model's file, in any fitting unit: focal_length_mm=80, or sensor.focal_length_mm=80.
     """
+    from relnav.cli.settings import setting
     from relnav.errors import UsageError
     from relnav.files.atomic import Outputs, check_distinct, check_folder, check_png
     from relnav.files.models import load_model
@@ -37,7 +38,7 @@ def command(model: str, settings: tuple[str, ...], json_path: Path | None, plot:
     if plot is not None:
         check_png(plot)
     check_distinct(json_path, plot)
-    changes, change = dict(_setting(text) for text in settings), " ".join(settings)
+    changes, change = dict(setting(text) for text in settings), " ".join(settings)
     mission = load_model(model, changes)
     system = system_of(mission)
     if not system.budget:
@@ -70,18 +71,3 @@ def _change_lines(report: Any, before: Any, change: str) -> list[str]:
         lines: list[str] = report.change_lines(before, change)
         return lines
     return [f"before {change}:", *before.lines()]
-
-
-def _setting(text: str) -> tuple[str, Any]:
-    """Key and value of KEY=VALUE; the value is written as in a model's file, words need no quotes."""
-    import tomllib
-
-    from relnav.errors import UsageError
-
-    key, equals, value = text.partition("=")
-    if not equals or not key.strip() or not value.strip():
-        raise UsageError(f"--set is written KEY=VALUE, as in focal_length_mm=80; got {text!r}")
-    try:
-        return key.strip(), tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
-        return key.strip(), value.strip()

@@ -1,10 +1,15 @@
 """`relnav simulate`: an approach flown on integrated orbits, as a log to filter and its truth."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from relnav.cli.printing import OutputPath, say
+
+if TYPE_CHECKING:
+    from relnav.cli.simulators import Options, Simulated
+    from relnav.simulation.trajectory import Approach
 
 
 @click.command(epilog="Example: relnav simulate three_beacon_psd --out log.csv --truth truth.csv --seed 7")
@@ -39,6 +44,17 @@ from relnav.cli.printing import OutputPath, say
     is_flag=True,
     help="Draw focal length, mountings and beacons within the model's [tolerances] (by --seed).",
 )
+@click.option(
+    "--scenario", "scenario_path", type=click.Path(path_type=Path), help="Fly a run of a scenario file instead."
+)
+@click.option("--run", type=click.IntRange(min=0), help="Of a scenario: which run; the first if left out.")
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Replace a value of MODEL, or of the scenario (approach.speed_mm_s=20); as often as you like.",
+)
 @click.option("--distortion", "distortion_um", default=0.0, help="With --raw: largest detection error, um.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
@@ -59,6 +75,9 @@ def command(
     received_power: bool,
     raw: bool,
     as_built: bool,
+    scenario_path: Path | None,
+    run: int | None,
+    settings: tuple[str, ...],
     distortion_um: float,
     quiet: bool,
 ) -> None:
@@ -67,14 +86,18 @@ def command(
     Of a vehicle: from its hand-over to --final-range (1 m), seen by all its sensors; it takes --seed and --truth. Of a
     star sensor that turns, or a sun sensor under a moving sun, a log of its spots; with --out a picture (.png, .tif,
     .fits), one exposure.
+
+    With --scenario, or a --set of one of its keys, it is the run of a campaign: same seed, same run, same log. The
+    options of approach and faults then have no effect, the scenario says all of it (docs/campaign.md).
     """
-    from relnav.cli.instrument_simulators import INSTRUMENTS, simulate_instrument
-    from relnav.cli.simulators import Options, simulator_of
+    from relnav.cli.settings import model_and_scenario
+    from relnav.cli.simulators import Options, simulated_run
     from relnav.cli.vehicle import refuse_others, simulate_vehicle
-    from relnav.errors import UsageError
+    from relnav.errors import InputError, UsageError
     from relnav.files.atomic import Outputs, check_distinct, check_folder
     from relnav.files.images import check_picture_to_write, is_picture
     from relnav.files.models import load_model
+    from relnav.files.scenarios import load_scenario
     from relnav.files.tables import check_format
     from relnav.simulation.trajectory import Approach
     from relnav.spacecraft import Vehicle
@@ -84,31 +107,37 @@ def command(
             check_picture_to_write(path) if path is out and is_picture(path) else check_format(path)
             check_folder(path)
     check_distinct(out, truth)
-    mission = load_model(model)
+    of_model, of_scenario = model_and_scenario(settings)
+    mission = load_model(model, of_model)
     if isinstance(mission, Vehicle):
         refuse_others()
-        given = click.get_current_context().get_parameter_source("final_range_m")
-        final = final_range_m if given is click.core.ParameterSource.COMMANDLINE else None
+        final = final_range_m if _is_given("final_range_m") else None
         return simulate_vehicle(mission, out, truth, seed, final, quiet=quiet)
+    described = scenario_path is not None or bool(of_scenario)
+    if run is not None and not described:
+        raise UsageError("--run is the run of a scenario; without --scenario there is one flight a --seed")
     try:
-        approach = Approach(
-            duration_s=duration_s,
-            rate_hz=rate_hz,
-            start_m=(start_range_m, 0.25, -0.15),
-            final_range_m=final_range_m,
-            speed_m_s=speed_m_s,
-            j2=j2,
-            air_density_kg_m3=air_density_kg_m3,
-        )
-        options = Options(dropout, outliers, hidden, received_power, raw, as_built, distortion_um * 1e-6, seed)
-        if isinstance(mission, INSTRUMENTS):
-            simulated = simulate_instrument(mission, approach, options, out)
-        else:
+        if described:
+            _refuse_others(click.get_current_context())
             check_format(out)
-            simulated = simulator_of(mission)(mission, approach, options)
+            simulated = simulated_run(mission, load_scenario(scenario_path, of_scenario), seed, run or 0)
+        else:
+            approach = Approach(
+                duration_s=duration_s,
+                rate_hz=rate_hz,
+                start_m=(start_range_m, 0.25, -0.15),
+                final_range_m=final_range_m,
+                speed_m_s=speed_m_s,
+                j2=j2,
+                air_density_kg_m3=air_density_kg_m3,
+            )
+            options = Options(dropout, outliers, hidden, received_power, raw, as_built, distortion_um * 1e-6, seed)
+            simulated = _one_flight(mission, approach, options, out)
+    except InputError:
+        raise
     except ValueError as error:
         raise UsageError(str(error)) from error
-    metadata = {"model": mission.name, "seed": str(seed)}
+    metadata = {"model": mission.name, "seed": str(seed)} | ({"run": str(run or 0)} if described else {})
     with Outputs() as outputs:
         simulated.write_log(outputs.path(out, ".csv"), metadata)
         if truth is not None:
@@ -116,3 +145,36 @@ def command(
     if not quiet:
         log = f"log: {out} ({simulated.epochs} {simulated.rows}, model {mission.name}, seed {seed})"
         say([log, *([f"truth: {truth}"] if truth is not None else [])], out, truth)
+
+
+def _one_flight(mission: Any, approach: "Approach", options: "Options", out: Path) -> "Simulated":
+    """A flight of a mission, or what an instrument by itself sees."""
+    from relnav.cli.instrument_simulators import INSTRUMENTS, simulate_instrument
+    from relnav.cli.simulators import simulator_of
+    from relnav.files.tables import check_format
+
+    if isinstance(mission, INSTRUMENTS):
+        return simulate_instrument(mission, approach, options, out)
+    check_format(out)
+    return simulator_of(mission)(mission, approach, options)
+
+
+def _is_given(option: str) -> bool:
+    """Whether an option was said, and does not stand at its default."""
+    return click.get_current_context().get_parameter_source(option) is click.core.ParameterSource.COMMANDLINE
+
+
+OF_A_SCENARIO = {"model", "out", "truth", "seed", "scenario_path", "run", "settings", "quiet"}
+
+
+def _refuse_others(context: click.Context) -> None:
+    """Refuse options that a scenario would silently replace."""
+    from click.core import ParameterSource
+
+    from relnav.errors import UsageError
+
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        if name not in OF_A_SCENARIO and context.get_parameter_source(name) == ParameterSource.COMMANDLINE:
+            option = parameter.opts[0]
+            raise UsageError(f"{option} is not for a scenario, which says it itself: use --set SECTION.KEY=VALUE")

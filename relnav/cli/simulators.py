@@ -8,6 +8,7 @@ from typing import Any, Protocol
 from relnav.errors import UsageError
 from relnav.files.models import flown
 from relnav.mission import Model, VisionMission
+from relnav.simulation.dispersions import Scenario
 from relnav.simulation.trajectory import Approach
 
 
@@ -76,6 +77,19 @@ def _beacons(mission: Model, approach: Approach, options: Options) -> Simulated:
         raise UsageError(f"--received-power needs [detector] and [light]; model {mission.name} has not both")
     faults = Faults(options.dropout, options.outliers)
     log = simulate(mission, approach, faults, options.seed, by_received_power=options.received_power)
+    return Simulated(
+        len(log.t_s),
+        lambda path, metadata: write_log(log, path, metadata),
+        lambda path, metadata: write_truth(log, path, metadata),
+    )
+
+
+def simulated_run(mission: Any, scenario: Scenario, seed: int, run: int) -> Simulated:
+    """A run of a scenario."""
+    from relnav.files.simulated import write_log, write_truth
+    from relnav.simulation.dispersed import simulate
+
+    log = simulate(mission, scenario, seed, run)
     return Simulated(
         len(log.t_s),
         lambda path, metadata: write_log(log, path, metadata),

@@ -13,16 +13,17 @@ from relnav.codegen.whole_program import Outer, PythonEntry
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": False, "boundscheck": False, "_nrt": False}
 register = lowering.register
 
-FORMS = ("kernel", "entry", "shared entry", "inlined")
+FORMS = ("kernel", "long kernel", "entry", "long entry", "shared entry", "inlined")
 
 
 def dispatcher(function: Callable[..., Any], form: str) -> Any:
     """Numba's form of a function."""
     if form == "inlined":
         return njit(inline="always", **OPTIONS)(function)
-    if form == "entry":  # its finished code is kept by us
-        return PythonEntry(function, OPTIONS, shared=False)
-    compiled = (PythonEntry if form == "shared entry" else Outer)(function, OPTIONS, shared=form == "shared entry")
+    options = OPTIONS | {"nogil": form.startswith("long")}
+    if form in ("entry", "long entry"):  # its finished code is kept by us
+        return PythonEntry(function, options, shared=False)
+    compiled = (PythonEntry if form == "shared entry" else Outer)(function, options, shared=form == "shared entry")
     if store.folder() is not None:
         compiled.enable_caching()
     return compiled

@@ -129,9 +129,19 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     return _marked(Kernel, function)
 
 
+def long_kernel(function: Callable[P, R]) -> Callable[P, R]:
+    """A kernel that runs for long when Python calls it: other threads run meanwhile (the lock is released)."""
+    return _marked(Kernel, function, "long kernel")
+
+
 def entry(function: Callable[P, R]) -> Callable[P, R]:
     """A kernel that Python calls as part of a filter."""
     return _marked(Entry, function, "entry")
+
+
+def long_entry(function: Callable[P, R]) -> Callable[P, R]:
+    """An entry that runs for long: other threads run meanwhile."""
+    return _marked(Entry, function, "long entry")
 
 
 def shared_entry(function: Callable[P, R]) -> Callable[P, R]:
@@ -253,12 +263,23 @@ def side_by_side(function: Callable[..., None], *of_each: str) -> Callable[..., 
     return together
 
 
+_BEFORE: list[Callable[[], None]] = []
+"""What is to be told numba besides, when something has to be compiled."""
+
+
+def before_compiling(tell: Callable[[], None]) -> None:
+    """Call `tell` before anything is compiled: it may import numba."""
+    _BEFORE.append(tell)
+
+
 _UNTOLD: list[tuple[Callable[..., Any], Callable[..., Any], frozenset[int]]] = []
 """Straight-line functions that numba has not been told of: name, function, arguments that are side by side."""
 
 
 def _tell_numba(compiler: Any) -> None:
-    """Tell it of the straight-line functions that there are by now."""
+    """Tell it of the straight-line functions that there are by now, and of what else waits to be told."""
+    while _BEFORE:
+        _BEFORE.pop()()
     while _UNTOLD:
         name, function, split = _UNTOLD.pop()
         sized = [one for one, shape in STRAIGHT_LINES[function].items() if callable(shape)]

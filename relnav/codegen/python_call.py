@@ -33,7 +33,9 @@ def takes(kinds: Any) -> bool:
     )
 
 
-def write_python_call(context: Any, library: Any, described: Any, *_others: Any, **_more: Any) -> None:
+def write_python_call(
+    context: Any, library: Any, described: Any, *_others: Any, release_gil: bool = False, **_more: Any
+) -> None:
     """Add the function that Python calls to a kernel's library; in place of numba's `create_cpython_wrapper`."""
     module = context.create_module("python_call")
     callee = ir.Function(
@@ -41,7 +43,7 @@ def write_python_call(context: Any, library: Any, described: Any, *_others: Any,
     )
     shape = ir.FunctionType(_OBJECT, [_OBJECT, _OBJECT.as_pointer(), _WORD])
     function = ir.Function(module, shape, described.llvm_cpython_wrapper_name)
-    _Call(context, module, function).write(callee, described)
+    _Call(context, module, function).write(callee, described, release_gil)
     _write_reshape(module)
     library.add_ir_module(module)
 
@@ -70,16 +72,19 @@ class _Call:
         self.refused = function.append_basic_block("refused")
         self.failed = function.append_basic_block("failed")
 
-    def write(self, callee: Any, described: Any) -> None:
+    def write(self, callee: Any, described: Any, release_gil: bool) -> None:
         own, given, count = self.function.args
         self.demand(self.builder.icmp_unsigned("==", count, _WORD(len(described.argtypes))))
         values = []
         for k, kind in enumerate(described.argtypes):
             one = self.builder.load(self.builder.gep(given, [_WORD(k)]))
             values.append(self.argument(kind, one, own))
+        thread = self.python("PyEval_SaveThread", _OBJECT) if release_gil else None
         status, result = self.context.call_conv.call_function(
             self.builder, callee, described.restype, described.argtypes, values
         )
+        if thread is not None:
+            self.python("PyEval_RestoreThread", ir.VoidType(), thread)
         with self.builder.if_then(status.is_error, likely=False):
             error = self.builder.load(self.outside("PyExc_RuntimeError", _OBJECT))
             text = cgutils.global_constant(self.module, "text", cgutils.make_bytearray(b"a compiled function failed\0"))

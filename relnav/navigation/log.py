@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from relnav.arrays import Codes, Matrix, Stack, Vector, one_piece
-from relnav.codegen.kernel import entry, kernel
+from relnav.codegen.kernel import entry, kernel, long_entry
 from relnav.estimation.rows import copy_track
 from relnav.geometry.rotation import dcm_from_quaternion_into
 from relnav.mission import Model
@@ -74,7 +74,7 @@ def _take_inputs(m: Memory, e: int, control: Matrix, quaternion: Matrix, sigma: 
             m.beacons[i]["lasting_sigma"] = lasting[e, i]
 
 
-@entry
+@long_entry
 def _run(
     block: Vector,
     t: Vector,

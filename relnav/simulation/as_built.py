@@ -2,6 +2,7 @@
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -44,15 +45,33 @@ def as_built(model: Model, seed: int = 0) -> Model:
     ValueError
         If the model states no tolerances.
     """
-    t, sensor = model.tolerances, model.sensor
-    if t is None:
+    if model.tolerances is None:
         raise ValueError(f"model {model.name} has no [tolerances]: what a built sensor may be like is not known")
     rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(3)[2])  # `simulate` uses the first two
-    focal = float(rng.normal()) * t.focal_length_relative_sigma
-    camera = -rng.normal(size=3) * t.camera_mounting_sigma_rad
-    turn = Rotation.from_rotvec(rng.normal(size=3) * t.beacon_mounting_sigma_rad).as_matrix()
+    return built(model, model.tolerances, rng.normal(size=7 + model.sensor.beacons_dock_m.size))
+
+
+class BuildErrors(Protocol):
+    """1-sigma of each error that a sensor is built with; a model's `Tolerances` say them too."""
+
+    @property
+    def focal_length_relative_sigma(self) -> float: ...  # noqa: D102
+    @property
+    def camera_mounting_sigma_rad(self) -> float: ...  # noqa: D102
+    @property
+    def beacon_mounting_sigma_rad(self) -> float: ...  # noqa: D102
+    @property
+    def beacon_placement_sigma_m(self) -> float: ...  # noqa: D102
+
+
+def built(model: Model, t: BuildErrors, draws: Vector) -> Model:
+    """The same of standard normal numbers (7 + 3 beacons,): focal length, turns of camera and beacons, places."""
+    sensor = model.sensor
+    focal = float(draws[0]) * t.focal_length_relative_sigma
+    camera = -draws[1:4] * t.camera_mounting_sigma_rad
+    turn = Rotation.from_rotvec(draws[4:7] * t.beacon_mounting_sigma_rad).as_matrix()
     beacons = sensor.beacons_dock_m
-    moved = beacons @ turn.T - beacons + rng.normal(size=beacons.shape) * t.beacon_placement_sigma_m
+    moved = beacons @ turn.T - beacons + draws[7:].reshape(beacons.shape) * t.beacon_placement_sigma_m
     given = {field.name: getattr(sensor, field.name) for field in dataclasses.fields(sensor)}
     given["focal_length_m"] = sensor.focal_length_m * (1.0 + focal)
     return dataclasses.replace(

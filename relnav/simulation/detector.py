@@ -1,11 +1,12 @@
 """What the detector of a true trajectory shows: projected spots, noise, and the faults a real one has."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from relnav.arrays import Matrix, Stack
-from relnav.geometry.pinhole import central_projection
+from relnav.arrays import Matrix, Stack, Vector
+from relnav.codegen.kernel import long_kernel
 from relnav.mission import Model
 from relnav.sensors.three_beacon.psd import spot_sigma
 from relnav.simulation.distortion import Distortion
@@ -43,11 +44,30 @@ def beacons_in_camera(model: Model, state: Matrix, dcm_cam_from_lvlh: Stack | No
     return points
 
 
+@long_kernel
+def _project(
+    state: Matrix, dcm: Stack, lever: Vector, beacons: Matrix, focal_length: float, out: Stack, scratch: Vector
+) -> None:
+    """Write central projections (n, beacons, 2) of beacons; dcm (n, 3, 3) or (1, 3, 3); scratch (3,)."""
+    for e in range(state.shape[0]):
+        c = dcm[e if dcm.shape[0] > 1 else 0]
+        for b in range(beacons.shape[0]):
+            for i in range(3):
+                scratch[i] = -lever[i]
+                for j in range(3):
+                    scratch[i] += c[i, j] * (beacons[b, j] - state[e, j])
+            z = scratch[2] if scratch[2] > 0.0 else math.nan
+            out[e, b, 0] = focal_length * (scratch[0] / z)
+            out[e, b, 1] = focal_length * (scratch[1] / z)
+
+
 def project_beacons(model: Model, state: Matrix, dcm_cam_from_lvlh: Stack | None = None) -> Stack:
     """Noise-free spots (n, 3, 2) m of true states (n, 6); NaN where a beacon is behind. Attitude as above."""
-    image = central_projection(beacons_in_camera(model, state, dcm_cam_from_lvlh))
-    spots: Stack = model.sensor.focal_length_m * image
-    return spots
+    dcm = model.dcm_cam_from_lvlh[None] if dcm_cam_from_lvlh is None else np.ascontiguousarray(dcm_cam_from_lvlh)
+    beacons = model.beacons_lvlh_m
+    out, states = np.empty((len(state), len(beacons), 2)), np.ascontiguousarray(state, dtype=np.float64)
+    _project(states, dcm, model.camera_lever_cam_m, beacons, model.sensor.focal_length_m, out, np.empty(3))
+    return out
 
 
 def misplaced(model: Model, spots_m: Stack, rng: np.random.Generator) -> Stack:
@@ -115,6 +135,26 @@ def spot_sigmas(model: Model, state: Matrix, dcm_cam_from_lvlh: Stack | None = N
     )
 
 
+@dataclass(frozen=True)
+class SpotDraws:
+    """Random numbers of the images of n epochs.
+
+    Attributes
+    ----------
+    noise : (n, beacons, 2)
+        Standard normal.
+    place : (n, beacons, 2)
+        Uniform within -1 and 1: where a glint is on the detector.
+    glint, unseen : (n, beacons)
+        Uniform within 0 and 1: what is below the probability happens.
+    """
+
+    noise: Stack
+    place: Stack | None
+    glint: Matrix | None
+    unseen: Matrix | None
+
+
 def image(
     model: Model, state: Matrix, faults: Faults, rng: np.random.Generator, sigma_m: Stack | float | None = None
 ) -> Stack:
@@ -123,11 +163,24 @@ def image(
     sigma_m: noise of each coordinate, (n, 3, 2) or one number; the sensor's `spot_noise_m` if left out.
     """
     spots = misplaced(model, project_beacons(model, state), rng)
-    spots = spots + rng.normal(size=spots.shape) * (model.sensor.spot_noise_m if sigma_m is None else sigma_m)
+    noise, place = rng.normal(size=spots.shape), rng.uniform(-1.0, 1.0, size=spots.shape)
+    glint, unseen = rng.uniform(size=spots.shape[:2]), rng.uniform(size=spots.shape[:2])
+    return imaged(model, spots, faults, SpotDraws(noise, place, glint, unseen), sigma_m)
+
+
+def imaged(
+    model: Model, spots_m: Stack, faults: Faults, draws: SpotDraws, sigma_m: Stack | float | None = None
+) -> Stack:
+    """Spots (n, 3, 2) m where the detector says that they are, of those where its light falls; NaN = not seen.
+
+    The draws of faults that do not happen may be None.
+    """
+    spots = spots_m + draws.noise * (model.sensor.spot_noise_m if sigma_m is None else sigma_m)
     half = 0.5 * np.array(model.sensor.detector_size_m)
-    elsewhere = rng.uniform(-1.0, 1.0, size=spots.shape) * half
-    glint = rng.uniform(size=spots.shape[:2]) < faults.outliers
-    spots = np.where(glint[..., None], elsewhere, spots)
-    unseen = (rng.uniform(size=spots.shape[:2]) < faults.dropout) | ~(np.abs(spots) <= half).all(axis=-1)
+    if faults.outliers and draws.glint is not None and draws.place is not None:
+        spots = np.where((draws.glint < faults.outliers)[..., None], draws.place * half, spots)
+    unseen = ~(np.abs(spots) <= half).all(axis=-1)
+    if faults.dropout and draws.unseen is not None:
+        unseen |= draws.unseen < faults.dropout
     spots[unseen] = np.nan
     return spots

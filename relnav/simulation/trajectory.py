@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import kernel, long_kernel
 from relnav.dynamics.two_body import MU_EARTH_M3_S2
 from relnav.mission import Model, VisionMission
 from relnav.simulation.orbits import J2_EARTH, place_chaser, relative_state, runge_kutta_step
@@ -85,7 +85,7 @@ def reference(start: float, final: float, speed: float, t: float) -> tuple[float
     return final + left, -BANDWIDTH_RAD_S * left, BANDWIDTH_RAD_S**2 * left
 
 
-@kernel
+@long_kernel
 def _fly(
     y: Matrix,
     environment: Vector,
@@ -102,8 +102,8 @@ def _fly(
 ) -> None:
     """Write truth (m, 6) and the commanded acceleration over the interval that ends at each row, (m, 3).
 
-    profile: start range, final range, speed, guidance steps, thrust scale error. noise: amplitudes of the white
-    acceleration, and of the control's errors in size and direction; draws (m, 7): standard normal, or (0, 7).
+    profile: start range, final range, speed, guidance steps, thrust scale error, thrust turn (3). noise: amplitudes of
+    the white acceleration, and of the control's errors in size and direction; draws (m, 7): standard normal, or (0, 7).
     scratch (28, 3): zeros.
     """
     axes, work, order, executed = scratch[0:3], scratch[3:26], scratch[26], scratch[27]
@@ -121,33 +121,71 @@ def _fly(
             order[1] += n * n * x[1]
             order[2] += 2.0 * n * x[3] - 3.0 * n * n * x[2]
         for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
             command[row, i] = order[i]
-            executed[i] = order[i] * (1.0 + profile[4])
+            executed[i] = order[i] * (1.0 + profile[4]) + profile[5 + j] * order[k] - profile[5 + k] * order[j]
             if draws.shape[0] > 0:  # a x draw has covariance |a|^2 I - a a^T
-                j, k = (i + 1) % 3, (i + 2) % 3
                 across = order[j] * draws[row, 4 + k] - order[k] * draws[row, 4 + j]
                 executed[i] += noise[0] * draws[row, i] + noise[1] * order[i] * draws[row, 3] + noise[2] * across
         runge_kutta_step(y, executed, environment, dt, work)
         relative_state(y, axes, state[row])
 
 
+@dataclass(frozen=True)
+class Disturbances:
+    """What sets one flight of an approach apart from another.
+
+    Attributes
+    ----------
+    velocity_m_s : (3,)
+        At the start, as seen in `lvlh_ccsds`.
+    draws : (m, 7)
+        Standard normal numbers of every interval's white acceleration, or (0, 7) for none.
+    thrust_turn_rad : (3,)
+        Small rotation vector, `lvlh_ccsds`, by which every executed acceleration is turned.
+    """
+
+    velocity_m_s: Vector
+    draws: Matrix
+    thrust_turn_rad: Vector
+
+
 def fly(model: Model | VisionMission, approach: Approach, rng: np.random.Generator) -> tuple[Vector, Matrix, Matrix]:
-    """Fly an approach.
+    """Fly an approach; `fly_disturbed` with what the generator draws."""
+    velocity = rng.normal(size=3) * model.filter.initial_velocity_sigma_m_s * approach.assumed_start
+    draws = rng.normal(size=(epochs_of(approach) if approach.assumed_noise else 0, 7))
+    return fly_disturbed(model, approach, Disturbances(velocity, draws, np.zeros(3)))
+
+
+def epochs_of(approach: Approach) -> int:
+    """Number of rows of its log.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two.
+    """
+    count = round(approach.duration_s * approach.rate_hz)
+    if count < 2:
+        raise ValueError(f"duration_s times rate_hz must give two epochs or more; got {count}")
+    return count
+
+
+def fly_disturbed(
+    model: Model | VisionMission, approach: Approach, disturbances: Disturbances
+) -> tuple[Vector, Matrix, Matrix]:
+    """Fly an approach with what disturbs it.
 
     Returns
     -------
     t_s (m,), truth (m, 6) in `lvlh_ccsds`, commanded acceleration (m, 3) m/s^2 held over the interval that ends at
     each row.
     """
-    count = round(approach.duration_s * approach.rate_hz)
-    if count < 2:
-        raise ValueError(f"duration_s times rate_hz must give two epochs or more; got {count}")
-    dt = 1.0 / approach.rate_hz
+    count, dt = epochs_of(approach), 1.0 / approach.rate_hz
     y = np.zeros((4, 3))
     y[0], y[1] = _target_start(model, approach)
     dcm_dock, port = model.dcm_dock_from_lvlh, model.port_position_m
-    velocity = rng.normal(size=3) * model.filter.initial_velocity_sigma_m_s * approach.assumed_start
-    start = np.concatenate([port + dcm_dock.T @ np.array(approach.start_m), velocity])
+    start = np.concatenate([port + dcm_dock.T @ np.array(approach.start_m), disturbances.velocity_m_s])
     place_chaser(y, start, np.empty((3, 3)))
     environment = np.array(
         [
@@ -165,6 +203,7 @@ def fly(model: Model | VisionMission, approach: Approach, rng: np.random.Generat
             approach.speed_m_s,
             max(1.0, round(GUIDANCE_PERIOD_S * approach.rate_hz)),
             approach.thrust_scale_error,
+            *disturbances.thrust_turn_rad,
         ]
     )
     # White noise of density q, held over dt, has variance q / dt.
@@ -177,8 +216,7 @@ def fly(model: Model | VisionMission, approach: Approach, rng: np.random.Generat
             density.control_direction_sigma_rad * error,
         ]
     )
-    draws = rng.normal(size=(count if approach.assumed_noise else 0, 7))
-    state, command = np.empty((count, 6)), np.zeros((count, 3))
+    state, command, draws = np.empty((count, 6)), np.zeros((count, 3)), disturbances.draws
     n = model.orbit.mean_motion_rad_s
     _fly(y, environment, n, dcm_dock, port, profile, dt, noise, draws, state, command, np.zeros((28, 3)))
     if not np.isfinite(state).all():

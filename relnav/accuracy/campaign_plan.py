@@ -1,0 +1,106 @@
+"""What a campaign flies, in which batches, and one batch of it: the same figures wherever and whenever it runs."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from relnav.accuracy.run_score import RunScorer, RunStatus, columns
+from relnav.arrays import Codes, Matrix
+from relnav.mission import Model
+from relnav.navigation.memory import METHODS
+from relnav.simulation.dispersions import Scenario
+
+EPOCHS_OF_A_BATCH = 1_000_000
+"""About a second or two of work."""
+MOST_RUNS_OF_A_BATCH = 4000
+SHARES = 16
+"""A short campaign is cut into this many batches at least, for several workers."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A campaign: model, scenario, filter, seed and runs. Batches of runs belong to it, not to who computes them.
+
+    Attributes
+    ----------
+    model : Model
+        What is flown, and what the filter is told.
+    scenario : Scenario
+        What is uncertain.
+    method : {"fix", "spots"}
+        Of the filter.
+    seed, runs : int, int
+        Run k of a seed is the same in every campaign of this seed, however many there are.
+    """
+
+    model: Model
+    scenario: Scenario
+    method: str
+    seed: int
+    runs: int
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.model, Model):
+            kind = type(self.model).__name__
+            raise ValueError(f"a campaign flies a three-beacon mission, relnav.load_model(...); got a {kind}")
+        if self.runs < 1:
+            raise ValueError(f"runs must be 1 or more; got {self.runs}")
+        if self.method not in METHODS:
+            raise ValueError(f'method must be "spots" or "fix"; got {self.method!r}')
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the figures of a run, but for its number, its status and its reason."""
+        return columns(self.model, self.scenario)
+
+    @property
+    def batch(self) -> int:
+        """Runs of a batch, a multiple of four."""
+        epochs = max(1.0, self.scenario.approach.duration_s * self.scenario.approach.rate_hz)
+        most = min(MOST_RUNS_OF_A_BATCH, EPOCHS_OF_A_BATCH / epochs, self.runs / SHARES)
+        return 4 * max(1, math.ceil(most / 4.0))
+
+    @property
+    def starts(self) -> range:
+        """First run of every batch."""
+        return range(0, self.runs, self.batch)
+
+    def runs_of(self, start: int) -> range:
+        """Runs of the batch that starts with this one."""
+        return range(start, min(self.runs, start + self.batch))
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Some runs of a campaign.
+
+    Attributes
+    ----------
+    run, status : (n,)
+        Number, and RunStatus.
+    reasons : tuple of str
+        Why a run failed; empty for the others.
+    figures : (n, columns)
+        In the order of `Plan.columns`; NaN where there is none.
+    """
+
+    run: Codes
+    status: Codes
+    reasons: tuple[str, ...]
+    figures: Matrix
+
+
+def fly_batch(plan: Plan, runs: range) -> Batch:
+    """Fly, filter and score runs. What goes wrong in a run is told of that run, and the others are flown."""
+    scorer = RunScorer(plan.model, plan.scenario, plan.method, plan.seed)
+    status, reasons = np.empty(len(runs), dtype=np.int64), []
+    figures = np.full((len(runs), len(plan.columns)), math.nan)
+    for k, run in enumerate(runs):
+        try:
+            status[k], figures[k] = scorer.run(run)
+            reasons.append("")
+        except Exception as error:
+            status[k] = RunStatus.FAILED
+            reasons.append(f"{type(error).__name__}: {error}")
+    return Batch(np.arange(runs.start, runs.stop), status, tuple(reasons), figures)

@@ -1,0 +1,186 @@
+"""`relnav campaign`: many approaches of a scenario, with progress, summary and pictures; here or on a cluster."""
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from relnav.cli.printing import say
+
+if TYPE_CHECKING:
+    from relnav.accuracy.campaign_plan import Plan
+
+
+@click.command(
+    epilog="Example: relnav campaign three_beacon_psd --runs 1000 --seed 7 --scenario vbar.toml --out campaign"
+)
+@click.argument("model")
+@click.option("--runs", required=True, type=click.IntRange(min=1), help="Number of approaches.")
+@click.option(
+    "--seed", default=0, show_default=True, type=click.IntRange(min=0), help="The same seed, the same figures."
+)
+@click.option(
+    "--out", required=True, type=click.Path(path_type=Path), help="Folder; part of this campaign in it is kept."
+)
+@click.option(
+    "--scenario", "scenario_path", type=click.Path(path_type=Path), help="What is flown and what is uncertain."
+)
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Replace a value of MODEL, or of the scenario (approach.speed_mm_s=20); as often as you like.",
+)
+@click.option("--method", default="fix", show_default=True, type=click.Choice(["fix", "spots"]), help="Of the filter.")
+@click.option("--workers", type=click.IntRange(min=1), help="Threads; the processors at hand if left out.")
+@click.option(
+    "--cluster",
+    metavar="ADDRESS",
+    help="A dask scheduler, as in tcp://10.0.0.5:8786; local: processes of this machine; slurm: print a job script.",
+)
+@click.option(
+    "--only", type=click.IntRange(min=0), metavar="RUN", help="Fly one run, and write its log, truth and row."
+)
+@click.option("--no-pictures", is_flag=True, help="Draw nothing.")
+@click.option("--quiet", is_flag=True, help="Print nothing.")
+def command(
+    model: str,
+    runs: int,
+    seed: int,
+    out: Path,
+    scenario_path: Path | None,
+    settings: tuple[str, ...],
+    method: str,
+    workers: int | None,
+    cluster: str | None,
+    only: int | None,
+    no_pictures: bool,
+    quiet: bool,
+) -> None:
+    """Fly, filter and score many approaches of MODEL, each with random numbers of its own.
+
+    The folder holds campaign.json (what is flown), runs/ (Parquet, a row a run), summary.json, pictures, and
+    failed.parquet if runs failed. A campaign that was stopped goes on where it was. The figures do not depend on
+    workers, cluster or interruptions. docs/campaign.md walks through it.
+    """
+    from relnav.accuracy.campaign_plan import Plan
+    from relnav.cli.settings import model_and_scenario
+    from relnav.errors import InputError, UsageError
+    from relnav.files.campaign import finish, fly_missing
+    from relnav.files.models import load_model
+    from relnav.files.scenarios import load_scenario
+
+    if cluster == "slurm":
+        from relnav.files.cluster import job_script
+
+        say(job_script(workers, _without_cluster(sys.argv[1:])).splitlines())
+        return
+    of_model, of_scenario = model_and_scenario(settings)
+    scenario = load_scenario(scenario_path, of_scenario)
+    try:
+        plan = Plan(load_model(model, of_model), scenario, method, seed, runs)
+    except InputError:
+        raise
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    if only is not None:
+        lines = _one_run(plan, only, out)
+    else:
+        with _Progress(plan, out, quiet) as progress:
+            fly_missing(plan, out, workers, cluster, progress.done)
+        lines = finish(plan, out, pictures=not no_pictures).lines()
+        lines.append(f"results: {out}")
+    if not quiet:
+        say(lines)
+
+
+def _one_run(plan: "Plan", run: int, out: Path) -> list[str]:
+    """Write log, truth and figures of one run, in files of its own."""
+    from relnav.accuracy.campaign_plan import fly_batch
+    from relnav.accuracy.run_score import RunStatus
+    from relnav.errors import UsageError
+    from relnav.files.atomic import Outputs
+    from relnav.files.simulated import write_log, write_truth
+    from relnav.files.tables import write_json
+    from relnav.simulation.dispersed import simulate
+
+    if run >= plan.runs:
+        raise UsageError(f"--only {run}: the campaign has runs 0 to {plan.runs - 1}")
+    batch = fly_batch(plan, range(run, run + 1))
+    status, reason = RunStatus(int(batch.status[0])), batch.reasons[0]
+    row: dict[str, Any] = {"run": run, "status": status.name, "reason": reason}
+    row |= dict(zip(plan.columns, batch.figures[0].tolist(), strict=True))
+    out.mkdir(parents=True, exist_ok=True)
+    names = [out / f"run-{run}{ending}" for ending in (".json", "-log.csv", "-truth.csv")]
+    with Outputs() as outputs:
+        write_json(row, outputs.path(names[0]))
+        if status != RunStatus.FAILED:
+            log = simulate(plan.model, plan.scenario, plan.seed, run)
+            metadata = {"model": plan.model.name, "seed": str(plan.seed), "run": str(run)}
+            write_log(log, outputs.path(names[1]), metadata)
+            write_truth(log, outputs.path(names[2]), metadata)
+    return [f"run {run}: {status.name}{f', {reason}' if reason else ''}; {out / f'run-{run}'}*"]
+
+
+def _without_cluster(arguments: list[str]) -> list[str]:
+    """The words of this command line without --cluster and --workers, which the job script sets."""
+    kept: list[str] = []
+    skip = False
+    for word in arguments:
+        if skip:
+            skip = False
+        elif word in ("--cluster", "--workers"):
+            skip = True
+        elif not word.startswith(("--cluster=", "--workers=")):
+            kept.append(word)
+    return kept
+
+
+class _Progress:
+    """A bar with rate and time left on a terminal; elsewhere a line a minute."""
+
+    PERIOD_S = 60.0
+
+    def __init__(self, plan: "Plan", out: Path, quiet: bool) -> None:
+        from relnav.files.campaign_folder import missing, open_folder
+
+        open_folder(out, plan)
+        self._all = plan.runs
+        self._left = sum(len(plan.runs_of(start)) for start in missing(out, plan))
+        self._quiet, self._flown, self._began, self._said = quiet, 0, time.monotonic(), time.monotonic()
+        self._bar: Any = click.progressbar(
+            length=self._all,
+            label=f"{self._all} approaches",
+            file=sys.stderr,
+            hidden=quiet or not sys.stderr.isatty(),
+            show_eta=True,
+            item_show_func=lambda _: self._rate(),
+        )
+
+    def __enter__(self) -> "_Progress":
+        self._bar.__enter__()
+        self._bar.update(self._all - self._left)
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._bar.__exit__(*error)
+
+    def done(self, runs: int) -> None:
+        """So many more runs are flown."""
+        self._flown += runs
+        self._bar.update(runs)
+        now = time.monotonic()
+        if not (self._quiet or sys.stderr.isatty()) and now - self._said >= self.PERIOD_S:
+            self._said = now
+            left = (self._left - self._flown) * (now - self._began) / self._flown
+            click.echo(
+                f"{self._all - self._left + self._flown} of {self._all} approaches, {self._rate()}, {left:.0f} s left",
+                err=True,
+            )
+
+    def _rate(self) -> str:
+        took = time.monotonic() - self._began
+        return f"{self._flown / took:.1f} a second" if self._flown and took > 0.0 else ""

@@ -1,0 +1,27 @@
+"""Values that replace those of a file for one call: `--set KEY=VALUE`."""
+
+from typing import Any
+
+
+def setting(text: str) -> tuple[str, Any]:
+    """Key and value of KEY=VALUE; the value is written as in a model's file, words need no quotes."""
+    import tomllib
+
+    from relnav.errors import UsageError
+
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip() or not value.strip():
+        raise UsageError(f"--set is written KEY=VALUE, as in focal_length_mm=80; got {text!r}")
+    try:
+        return key.strip(), tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key.strip(), value.strip()
+
+
+def model_and_scenario(settings: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Changes of the model and of the scenario: keys of a scenario begin with one of its sections."""
+    from relnav.files.scenarios import is_of_scenario
+
+    changes = dict(setting(text) for text in settings)
+    of_scenario = {key: value for key, value in changes.items() if is_of_scenario(key)}
+    return {key: value for key, value in changes.items() if key not in of_scenario}, of_scenario

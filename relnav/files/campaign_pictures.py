@@ -1,0 +1,95 @@
+"""Pictures of a campaign: distributions of errors by range beside the published figures, and at the end."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from relnav.accuracy.campaign_summary import CampaignSummary, Reader
+from relnav.accuracy.run_score import DOCKING, STATE
+from relnav.arrays import Vector
+from relnav.errors import UsageError
+from relnav.files.atomic import replacing
+
+SHARES = ((0.5, 99.5, 0.15), (5.0, 95.0, 0.25), (25.0, 75.0, 0.4))
+"""Percentiles between which a band is drawn, and how dark."""
+
+
+def draw_errors(summary: CampaignSummary, read: Reader, path: Path) -> None:
+    """Draw the distribution over runs of the rms error in every range bin, with reported 1-sigma and published figures.
+
+    Raises
+    ------
+    UsageError
+        If matplotlib is missing.
+    """
+    figure = _figure((7.0, 9.0))
+    axes = figure.subplots(3, 1, sharex=True)
+    edges = summary.edges_m
+    middles = 0.5 * (np.array(edges[:-1]) + np.array(edges[1:]))
+    for axis, name, quantity in zip(axes, DOCKING, ("range", "azimuth", "elevation"), strict=True):
+        rows = [row for row in summary.bins if row.quantity == quantity]
+        values = [read([f"bin{k}_rms_{name}"])[f"bin{k}_rms_{name}"] for k in range(len(middles))]
+        values = [each[np.isfinite(each)] for each in values]
+        seen = [k for k, each in enumerate(values) if len(each)]
+        for low, high, alpha in SHARES:
+            band = np.array([np.percentile(values[k], (low, high)) for k in seen]).reshape(-1, 2)
+            axis.fill_between(middles[seen], band[:, 0], band[:, 1], color="C0", alpha=alpha, lw=0.0)
+        axis.plot(middles, [row.rms for row in rows], "C0o-", ms=3, label="rms error, all runs")
+        axis.plot(middles, [row.sigma for row in rows], "C1s--", ms=3, label="reported 1-sigma")
+        if np.isfinite(rows[0].published):
+            axis.axhline(rows[0].published, color="C3", lw=1.0, label="published")
+        if any(row.rms > 0.0 for row in rows):
+            axis.set_yscale("log")
+        axis.set_ylabel(f"{quantity}, {rows[0].unit}")
+        axis.grid(alpha=0.3)
+    axes[0].legend(fontsize=8)
+    axes[0].set_title(
+        f"{summary.runs} approaches: rms error of a run; bands hold 50, 90 and 99 % of the runs", fontsize=9
+    )
+    axes[-1].set_xlabel("range, m")
+    _save(figure, path)
+
+
+def draw_final(read: Reader, path: Path) -> None:
+    """Draw histograms of the error at the end of every run over its reported sigma, beside the normal distribution.
+
+    Raises
+    ------
+    UsageError
+        If matplotlib is missing.
+    """
+    figure = _figure((10.0, 6.0))
+    axes = figure.subplots(2, 3, sharey=True)
+    grid = np.linspace(-5.0, 5.0, 201)
+    for axis, name in zip(axes.ravel(), STATE, strict=True):
+        values = read([f"final_error_{name}", f"final_sigma_{name}"])
+        ratio: Vector = values[f"final_error_{name}"] / values[f"final_sigma_{name}"]
+        ratio = ratio[np.isfinite(ratio)]
+        if len(ratio):
+            bins = np.linspace(-5.0, 5.0, 11 + 2 * round(len(ratio) ** (1.0 / 3.0)))
+            width = bins[1] - bins[0]
+            axis.hist(np.clip(ratio, -5.0, 5.0), bins=bins, weights=np.full(len(ratio), 1.0 / (len(ratio) * width)))
+            axis.plot(grid, np.exp(-0.5 * grid**2) / np.sqrt(2.0 * np.pi), "C1", lw=1.2)
+            axis.set_title(f"{name}: {np.mean(ratio):+.2f} mean, {np.std(ratio):.2f} deviation", fontsize=9)
+        axis.grid(alpha=0.3)
+    figure.suptitle("Error at the end over its reported 1-sigma; line: normal distribution")
+    _save(figure, path)
+
+
+def _figure(size: tuple[float, float]) -> Any:
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise UsageError(
+            "pictures need matplotlib: pip install matplotlib, or leave them out (--no-pictures)"
+        ) from error
+    return Figure(figsize=size, layout="constrained")
+
+
+def _save(figure: Any, path: Path) -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    with replacing(path) as temporary:
+        FigureCanvasAgg(figure)
+        figure.savefig(temporary, format="png", dpi=100)

@@ -1,0 +1,169 @@
+"""Random numbers that depend on what they are for alone: on seed, run, stream and place, not on what was drawn before.
+
+Philox4x64 with ten rounds (Salmon, Moraes, Dror, Shaw 2011, "Parallel random numbers: as easy as 1, 2, 3") turns a
+counter of four words into four random ones under a key of two: key = (seed, run), counter = (block, 0, 0, stream).
+Different keys are different random functions, so no two runs of any two campaigns share numbers. Words are those of
+`numpy.random.Philox(key=[seed, run], counter=[0, 0, 0, stream]).random_raw()`. Every number takes one word, so that the
+n-th of a stream is the n-th word of it, whether or not the others are wanted.
+"""
+
+import math
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from relnav.arrays import Codes, Vector
+from relnav.codegen.kernel import kernel, long_kernel
+from relnav.codegen.words import ALL_ONES, lower_product, upper_product, wrapped_sum
+
+ROUNDS = 10
+FIRST_FACTOR, SECOND_FACTOR = 0xD2E7470EE14C6C93, 0xCA5A826395121157
+FIRST_WEYL, SECOND_WEYL = 0x9E3779B97F4A7C15, 0xBB67AE8584CAA73B
+SMALLEST_STEP = 2.0**-52
+MIDDLE = 0.425
+"""Shares of 0.5 up to so far aside are the middle of the normal distribution, the others its tails."""
+
+Words = NDArray[np.uint64]
+
+
+class Stream(IntEnum):
+    """What random numbers of a run are for. A number once given stays: it is part of every result."""
+
+    START = 0
+    """Where and how fast the chaser starts."""
+    THRUST = 1
+    """Errors of the thrusters that last, and the profile's."""
+    MOTION = 2
+    """White acceleration of every interval."""
+    SPOT_NOISE = 3
+    """Of every spot coordinate."""
+    DROPOUT = 4
+    """Whether a spot is unseen."""
+    GLINT = 5
+    """Whether a spot is elsewhere."""
+    GLINT_PLACE = 6
+    """Where it then is."""
+    BUILT = 7
+    """Focal length, mountings and beacons as they were built."""
+    FIGURE = 8
+    """What a calibration leaves."""
+    LOSS = 9
+    """Whether a beacon is lost in this run."""
+
+
+@kernel
+def _block_into(key: Words, words: Words) -> None:
+    """Write the four words of the block words[4] into words[:4]; key: seed, run, stream, 0."""
+    a, b, c, d = words[4], key[3], key[3], key[2]
+    first, second = key[0], key[1]
+    for _ in range(ROUNDS):
+        up, low = upper_product(a, FIRST_FACTOR), lower_product(a, FIRST_FACTOR)
+        up_too, low_too = upper_product(c, SECOND_FACTOR), lower_product(c, SECOND_FACTOR)
+        a, b, c, d = up_too ^ b ^ first, low_too, up ^ d ^ second, low
+        first, second = wrapped_sum(first, FIRST_WEYL), wrapped_sum(second, SECOND_WEYL)
+    words[0], words[1], words[2], words[3] = a, b, c, d
+
+
+@kernel
+def _middle(q: float) -> float:
+    """Normal deviate of the share 0.5 + q, where |q| <= MIDDLE; relative error 1e-16.
+
+    This and `_outside`: Wichura (1988), "Algorithm AS 241: the percentage points of the normal distribution", PPND16.
+    """
+    r = 0.180625 - q * q
+    above = 2.5090809287301226727e3 * r + 3.3430575583588128105e4
+    above = (above * r + 6.7265770927008700853e4) * r + 4.5921953931549871457e4
+    above = (above * r + 1.3731693765509461125e4) * r + 1.9715909503065514427e3
+    above = (above * r + 1.3314166789178437745e2) * r + 3.3871328727963666080e0
+    below = 5.2264952788528545610e3 * r + 2.8729085735721942674e4
+    below = (below * r + 3.9307895800092710610e4) * r + 2.1213794301586595867e4
+    below = (below * r + 5.3941960214247511077e3) * r + 6.8718700749205790830e2
+    below = (below * r + 4.2313330701600911252e1) * r + 1.0
+    return q * above / below
+
+
+@kernel
+def _outside(p: float, q: float) -> float:
+    """The same of p = 0.5 + q elsewhere, 0 < p < 1."""
+    r = math.sqrt(-math.log(min(p, 1.0 - p)))
+    if r <= 5.0:
+        r -= 1.6
+        above = 7.74545014278341407640e-4 * r + 2.27238449892691845833e-2
+        above = (above * r + 2.41780725177450611770e-1) * r + 1.27045825245236838258e0
+        above = (above * r + 3.64784832476320460504e0) * r + 5.76949722146069140550e0
+        above = (above * r + 4.63033784615654529590e0) * r + 1.42343711074968357734e0
+        below = 1.05075007164441684324e-9 * r + 5.47593808499534494600e-4
+        below = (below * r + 1.51986665636164571966e-2) * r + 1.48103976427480074590e-1
+        below = (below * r + 6.89767334985100004550e-1) * r + 1.67638483018380384940e0
+        below = (below * r + 2.05319162663775882187e0) * r + 1.0
+    else:
+        r -= 5.0
+        above = 2.01033439929228813265e-7 * r + 2.71155556874348757815e-5
+        above = (above * r + 1.24266094738807843860e-3) * r + 2.65321895265761230930e-2
+        above = (above * r + 2.96560571828504891230e-1) * r + 1.78482653991729133580e0
+        above = (above * r + 5.46378491116411436990e0) * r + 6.65790464350110377720e0
+        below = 2.04426310338993978564e-15 * r + 1.42151175831644588870e-7
+        below = (below * r + 1.84631831751005468180e-5) * r + 7.86869131145613259100e-4
+        below = (below * r + 1.48753612908506148525e-2) * r + 1.36929880922735805310e-1
+        below = (below * r + 5.99832206555887937690e-1) * r + 1.0
+    return -above / below if q < 0.0 else above / below
+
+
+@long_kernel
+def _uniforms_into(key: Words, words: Words, out: Vector) -> None:
+    """Fill out (n,) with numbers between 0 and 1, neither of them included; words (5,) is scratch."""
+    words[4] = key[3]
+    for k in range(out.shape[0]):
+        if k % 4 == 0:
+            words[4] = wrapped_sum(words[4], 1)
+            _block_into(key, words)
+        out[k] = (np.float64(words[k % 4] >> 12) + 0.5) * SMALLEST_STEP
+
+
+@long_kernel
+def _normals_into(key: Words, words: Words, uniform: Vector, tails: Codes, out: Vector) -> None:
+    """Fill out (n,) with standard normal numbers; words (5,), uniform (n,) and tails (n + 1,) are scratch.
+
+    Loops without choices first, of which the compiler makes one instruction for several numbers; then the tails, which
+    are gathered because a processor cannot guess where they are.
+    """
+    _uniforms_into(key, words, uniform)
+    for k in range(out.shape[0]):
+        out[k] = _middle(uniform[k] - 0.5)
+    count = 0
+    for k in range(out.shape[0]):
+        tails[count] = k
+        count += 1 if abs(uniform[k] - 0.5) > MIDDLE else 0
+    for j in range(count):
+        k = tails[j]
+        out[k] = _outside(uniform[k], uniform[k] - 0.5)
+
+
+class Draws:
+    """The random numbers of one run, stream by stream.
+
+    seed, run: 0 or more, below 2^64.
+    """
+
+    def __init__(self, seed: int, run: int) -> None:
+        for name, value in (("seed", seed), ("run", run)):
+            if not 0 <= value <= ALL_ONES:
+                raise ValueError(f"{name} is 0 or more and below 2^64; got {value!r}")
+        self._key, self._words = np.array([seed, run, 0, 0], dtype=np.uint64), np.zeros(5, dtype=np.uint64)
+
+    def uniforms(self, stream: Stream, shape: tuple[int, ...]) -> Vector:
+        """The first numbers of a stream, between 0 and 1."""
+        out, self._key[2] = np.empty(math.prod(shape)), stream
+        _uniforms_into(self._key, self._words, out)
+        return out.reshape(shape)
+
+    def normals(self, stream: Stream, shape: tuple[int, ...]) -> Vector:
+        """The same as standard normal numbers."""
+        out, self._key[2] = np.empty(math.prod(shape)), stream
+        _normals_into(self._key, self._words, np.empty(len(out)), np.empty(len(out) + 1, dtype=np.int64), out)
+        return out.reshape(shape)
+
+    def generator(self, stream: Stream) -> np.random.Generator:
+        """A generator of numpy on a stream, for what is drawn in no fixed number."""
+        return np.random.Generator(np.random.Philox(key=self._key[:2], counter=[0, 0, 0, int(stream)]))

@@ -1,0 +1,94 @@
+"""`relnav campaign` and `relnav simulate --scenario`: one run alone, what is wrong in one sentence."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("pyarrow", reason="campaigns are Parquet files (extra parquet)")
+
+SHORT = [
+    "--set",
+    "approach.duration_s=6",
+    "--set",
+    "approach.rate_hz=2",
+    "--set",
+    "spread.start_sigma_m=[0.3, 0.1, 0.1]",
+]
+BEGIN = ["campaign", "three_beacon_psd", "--seed", "3", *SHORT, "--set", "results.settling_s=1", "--no-pictures"]
+
+
+def test_a_campaign_and_one_run_of_it(run, tmp_path):
+    """--only gives the row of the whole campaign, and the log that `simulate` gives for that run."""
+    out = tmp_path / "all"
+    code, said, _ = run(*BEGIN, "--runs", "6", "--out", out, "--workers", "1")
+    assert code == 0
+    assert "6 approaches: ok 6; restarts 0" in said
+    assert "entering 4.00 .. 5.00 m: NEES: no data" in said
+    code, said, _ = run(*BEGIN, "--runs", "6", "--out", tmp_path, "--only", "4")
+    assert (code, said) == (0, f"run 4: OK; {tmp_path / 'run-4'}*\n")
+    from pyarrow import parquet
+
+    table = parquet.read_table(sorted((out / "runs").iterdir())[1])
+    row = json.loads((tmp_path / "run-4.json").read_text())
+    for name in ("final_error_x_m", "final_nees", "drawn_start_x", "nis_sum", "started_s"):
+        assert row[name] == table.column(name)[0].as_py(), name
+    log, truth = tmp_path / "log.csv", tmp_path / "truth.csv"
+    arguments = ["simulate", "three_beacon_psd", "--seed", "3", *SHORT, "--run", "4", "--out", log, "--truth", truth]
+    assert run(*arguments, "--quiet")[0] == 0
+    assert log.read_bytes() == (tmp_path / "run-4-log.csv").read_bytes()
+    assert truth.read_bytes() == (tmp_path / "run-4-truth.csv").read_bytes()
+
+
+def test_another_campaign_in_the_folder(run, tmp_path):
+    assert run(*BEGIN, "--runs", "4", "--out", tmp_path / "out", "--quiet")[0] == 0
+    code, _, said = run(*BEGIN, "--runs", "4", "--out", tmp_path / "out", "--set", "focal_length_mm=60")
+    assert code == 2
+    assert "holds another campaign: model.sensor.focal_length_m is 0.05 there and 0.06 here" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["--set", "approach.duraton_s=8"], 2, "'approach.duraton_s' cannot be set: no section has it"),
+        (["--scenario", "none.toml"], 2, "none.toml: no such scenario file"),
+        (["--only", "4"], 2, "--only 4: the campaign has runs 0 to 3"),
+        (["--cluster", "local", "--set", "approach.speed_m_s=-1"], 3, "speed_m_s must be positive and finite; got -1"),
+    ],
+)
+def test_what_is_wrong_is_said(run, tmp_path, arguments, code, said):
+    ended, _, words = run(*BEGIN, "--runs", "4", "--out", tmp_path / "out", *arguments)
+    assert ended == code
+    assert said in words
+    assert words.count("\n") == 1
+
+
+def test_other_models_do_not_fly(run, tmp_path):
+    code, _, said = run("campaign", "three_marker_vision", "--runs", "4", "--out", tmp_path / "out")
+    assert code == 2
+    assert "a campaign flies a three-beacon mission" in said
+
+
+def test_simulate_refuses_what_a_scenario_says(run, tmp_path):
+    code, _, said = run("simulate", "three_beacon_psd", "--out", tmp_path / "log.csv", *SHORT, "--speed", "0.1")
+    assert code == 2
+    assert "--speed is not for a scenario, which says it itself" in said
+    code, _, said = run("simulate", "three_beacon_psd", "--out", tmp_path / "log.csv", "--run", "2")
+    assert code == 2
+    assert "--run is the run of a scenario" in said
+
+
+def test_simulate_takes_values_of_the_model(run, tmp_path):
+    paths = [tmp_path / name for name in ("plain.csv", "changed.csv")]
+    for path, change in zip(paths, ([], ["--set", "spot_noise_um=0.001"]), strict=True):
+        assert run("simulate", "three_beacon_psd", "--out", path, "--duration", "2", "--quiet", *change)[0] == 0
+    assert Path(paths[0]).read_text() != Path(paths[1]).read_text()
+
+
+def test_the_script_for_slurm(run, monkeypatch):
+    arguments = ["campaign", "three_beacon_psd", "--runs", "1000", "--out", "my results", "--cluster", "slurm"]
+    monkeypatch.setattr("sys.argv", ["relnav", *arguments, "--workers", "64"])
+    code, said, _ = run(*arguments, "--workers", "64")
+    assert code == 0
+    assert "#SBATCH --ntasks=64\n" in said
+    assert "-m relnav campaign three_beacon_psd --runs 1000 --out 'my results' --cluster \"$place\"\n" in said

@@ -1,0 +1,47 @@
+"""A campaign on a local dask cluster: the same bytes as on threads."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+pytest.importorskip("pyarrow", reason="campaigns are Parquet files (extra parquet)")
+pytest.importorskip("distributed", reason="campaigns on a cluster need dask (extra cluster)")
+
+FLY = """
+import sys
+import relnav
+from relnav.simulation.dispersions import Results, Scenario, Spread
+from relnav.simulation.trajectory import Approach
+
+scenario = Scenario(
+    Approach(duration_s=4.0, rate_hz=2.0), Spread((0.3, 0.1, 0.1)), results=Results((9.0, 9.8, 10.5), 1.0)
+)
+if __name__ == "__main__":
+    cluster = sys.argv[2] if len(sys.argv) > 2 else None
+    relnav.campaign("three_beacon_psd", 16, 3, dispersions=scenario, out=sys.argv[1], workers=2, cluster=cluster)
+"""
+
+
+@pytest.fixture(scope="module")
+def fly(tmp_path_factory):
+    """fly(name, *cluster) -> folder of a finished campaign, by a program of its own."""
+    folder = tmp_path_factory.mktemp("cluster")
+    (folder / "fly.py").write_text(FLY)
+
+    def call(name, *cluster):
+        environment = os.environ | {"RELNAV_JIT": "0"}
+        command = [sys.executable, str(folder / "fly.py"), str(folder / name), *cluster]
+        subprocess.run(command, env=environment, check=True, timeout=300)
+        return folder / name
+
+    return call
+
+
+def contents(folder):
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def test_the_same_bytes_as_on_threads(fly):
+    assert contents(fly("processes", "local")) == contents(fly("threads"))
