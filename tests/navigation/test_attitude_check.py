@@ -13,6 +13,12 @@ RELIED_ON = (UPDATED, PARTIAL, STARTED)
 T_S = 0.25 * np.arange(480)
 
 
+@pytest.fixture(scope="module")
+def vbar():
+    """As shipped: the attitude with its sigma."""
+    return relnav.load_model("three_beacon_psd")
+
+
 def yawed_spots(vbar, look, truth, angle_rad, seed):
     """Images of a target that is turned by angle (n,) about its z axis, and so is the chaser's place in its frame."""
     about_z = Rotation.from_rotvec(np.outer(angle_rad, [0.0, 0.0, 1.0])).as_matrix()

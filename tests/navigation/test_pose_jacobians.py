@@ -30,7 +30,9 @@ def mission():
         q_cam_from_chaser=tuple(mount.as_quat()),
         distortion=(-0.1, 0.02, 1e-3, -5e-4, 0.0),
     )
-    chaser = dataclasses.replace(model.chaser, port_position_m=(0.2, -0.1, 0.9), attitude_sigma_rad=2e-3)
+    chaser = dataclasses.replace(
+        model.chaser, port_position_m=(0.2, -0.1, 0.9), attitude_noise_rad=2e-3, attitude_sigma_rad=0.0
+    )
     return dataclasses.replace(model, camera=camera, chaser=chaser)
 
 
@@ -185,7 +187,7 @@ def test_second_order(mission, marker_image, sigmas):
     root[6:9, :3] = 0.3 * sigmas[1] * rng.normal(size=(3, 3))  # correlated
     camera = dataclasses.replace(mission.camera, distortion=(0.0,) * 5, image_size_px=(9000, 9000))
     plain = dataclasses.replace(
-        mission, camera=camera, chaser=dataclasses.replace(mission.chaser, attitude_sigma_rad=0.0)
+        mission, camera=camera, chaser=dataclasses.replace(mission.chaser, attitude_noise_rad=0.0)
     )
     state, dcm = dataclasses.replace(a_state(), covariance=root @ root.T), chaser_attitude(mission)
     still = spots(state, plain, dcm)

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 import relnav
+from relnav.accuracy.campaign import noise_alone
 from relnav.estimation.consistency import nees
 from relnav.simulation.detector import Faults
 from relnav.simulation.scenario import simulate
@@ -21,7 +22,7 @@ def triad(a):
 
 @pytest.fixture(scope="module")
 def layered():
-    model = relnav.load_model("three_beacon_psd")
+    model = noise_alone(relnav.load_model("three_beacon_psd"), "spots")
     sensor = dataclasses.replace(model.sensor, extra_beacons_m=(*triad(0.06), *triad(0.03)))
     return dataclasses.replace(model, sensor=sensor)
 
