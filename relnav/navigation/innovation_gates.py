@@ -37,7 +37,7 @@ def innovation_covariances(model: Model, solution: Solution, at: Codes) -> list[
         Numbers of the epochs.
     """
     unknown = np.empty((0, 0))
-    if solution.smoothed or model.considered or len(solution.lever_lvlh_m) > 1:
+    if solution.smoothed or solution.metadata.get("considered") or len(solution.lever_lvlh_m) > 1:
         return [unknown] * len(at)
     m, seen = named(choose(model, solution.method, None, "compiled")), np.ones(len(model.beacons_lvlh_m), dtype=bool)
     numbers = 2 * len(seen) if uses_coordinates(m.sensor) else 3

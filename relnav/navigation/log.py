@@ -314,11 +314,13 @@ def _epochs(model: Model, t_s: Vector, spots_m: Stack) -> tuple[Vector, Stack]:
 
 
 def _levers(model: Model, n: int, quaternion: Matrix) -> Matrix:
-    """Camera from the chaser's centre of mass in `lvlh_ccsds`, (n, 3), or (1, 3) where it is held."""
+    """Camera from the chaser's centre of mass in `lvlh_ccsds`, (n, 3), or (1, 3) where the camera is held."""
     lever = model.camera_lever_cam_m
-    if not np.any(lever) or len(quaternion) == 0:
+    if len(quaternion) == 0:
         return (model.dcm_cam_from_lvlh.T @ lever)[None]
-    out = np.empty((n, 3))
+    out = np.zeros((n, 3))
+    if not np.any(lever):
+        return out
     dcm = np.empty((3, 3))
     for e in range(n):
         dcm_from_quaternion_into(quaternion[e], dcm)

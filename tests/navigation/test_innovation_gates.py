@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import relnav
+from relnav.accuracy.campaign import noise_alone
 from relnav.navigation.innovation_gates import innovation_covariances
 from relnav.navigation.status import REJECTED
 
@@ -20,7 +21,7 @@ def log():
 
 def filtered(log, method, **keywords):
     t, spots, control = log
-    model = relnav.load_model("three_beacon_psd")
+    model = noise_alone(relnav.load_model("three_beacon_psd"), method)
     return model, relnav.filter_epochs(model, t, spots, acceleration_m_s2=control, method=method, **keywords)
 
 
