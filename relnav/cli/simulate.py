@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 @click.option(
     "--as-built",
     is_flag=True,
-    help="Draw focal length, mountings and beacons within the model's [tolerances] (by --seed).",
+    help="Draw focal length, mountings, beacons or markers within the model's [tolerances] (by --seed).",
 )
 @click.option(
     "--scenario", "scenario_path", type=click.Path(path_type=Path), help="Fly a run of a scenario file instead."

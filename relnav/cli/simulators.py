@@ -118,12 +118,13 @@ def _raw(mission: Model, approach: Approach, options: Options) -> Simulated:
 
 def _markers(mission: VisionMission, approach: Approach, options: Options) -> Simulated:
     from relnav.files.marker_logs import write_marker_log, write_marker_truth
+    from relnav.simulation.as_built import markers_as_built
     from relnav.simulation.marker_flight import MarkerFaults, simulate_flight
 
-    if options.raw or options.received_power or options.as_built or options.distortion_m:
-        raise UsageError(
-            f"--raw, --received-power, --as-built and --distortion are for beacon models; {mission.name} has markers"
-        )
+    if options.raw or options.received_power or options.distortion_m:
+        raise UsageError(f"--raw, --received-power and --distortion are for beacon models; {mission.name} has markers")
+    if options.as_built:
+        mission = markers_as_built(mission, options.seed)
     letters = "abcdefghijklmnopqrstuvwxyz"[: len(mission.markers.positions_m)]
     spans = tuple(_span(text, letters) for text in options.hidden)
     faults = MarkerFaults(options.dropout, options.outliers, spans)

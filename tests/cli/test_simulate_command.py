@@ -76,13 +76,25 @@ def test_a_sensor_as_built_and_a_filter_that_considers_it(tmp_path):
     assert 0.5 < ratio[1] < 1.6  # 1 +- 3 sigma of 12 draws
 
 
-def test_as_built_needs_tolerances_and_beacons(tmp_path, capsys):
-    text = Path(relnav.load_model("three_beacon_psd").path).read_text()
-    (tmp_path / "bare.toml").write_text(text[: text.index("[tolerances]")])
-    for model, message in (
-        (str(tmp_path / "bare.toml"), "has no [tolerances]"),
-        ("three_marker_vision", "--as-built and --distortion are for beacon models"),
-    ):
-        assert run(["simulate", model, "--as-built", "--out", str(tmp_path / "no.csv"), *SHORT]) == 2
-        assert message in capsys.readouterr().err
+def test_as_built_needs_tolerances(tmp_path, capsys):
+    for name in ("three_beacon_psd", "three_marker_vision"):
+        lines = Path(relnav.load_model(name).path).read_text().split("\n[")
+        bare = tmp_path / f"{name}.toml"
+        bare.write_text("\n[".join(section for section in lines if not section.startswith("tolerances")))
+        assert run(["simulate", str(bare), "--as-built", "--out", str(tmp_path / "no.csv"), *SHORT]) == 2
+        assert "has no [tolerances]" in capsys.readouterr().err
         assert not (tmp_path / "no.csv").exists()
+
+
+def test_markers_as_built(tmp_path):
+    """Other spots than of the model as drawn; the camera looks where it should, so the chaser stands 0.05 deg askew."""
+    logs = []
+    for name, more in (("drawn.csv", []), ("built.csv", ["--as-built"])):
+        assert run(["simulate", "three_marker_vision", *more, "--out", str(tmp_path / name), *SHORT]) == 0
+        rows = [line for line in (tmp_path / name).read_text().splitlines() if line[0] != "#"]
+        logs.append(np.genfromtxt(rows, delimiter=",", names=True))
+    assert 1e-3 < np.abs(logs[1]["spot_a_x_px"] - logs[0]["spot_a_x_px"]).max() < 1.0
+    turn = [
+        2.0 * np.abs(logs[1][f"q_chaser_from_lvlh_{axis}"] - logs[0][f"q_chaser_from_lvlh_{axis}"]) for axis in "xyzw"
+    ]
+    assert 0.01 < np.degrees(np.linalg.norm(turn, axis=0)).max() < 0.3
