@@ -31,7 +31,8 @@ class Prebuild(BuildHookInterface):
         if self.target_name != "wheel" or version == "editable" or os.environ.get("RELNAV_PREBUILD") == "0":
             return
         self._folder = tempfile.TemporaryDirectory()
-        environment = os.environ | {"NUMBA_CACHE_DIR": self._folder.name, "PYTHONPATH": str(ROOT), "RELNAV_JIT": "1"}
+        here = os.pathsep.join([str(ROOT), *filter(None, sys.path)])  # a build's own packages stand in its path
+        environment = os.environ | {"NUMBA_CACHE_DIR": self._folder.name, "PYTHONPATH": here, "RELNAV_JIT": "1"}
         began = [subprocess.Popen([sys.executable, __file__, name], env=environment, cwd=ROOT) for name in FLIGHTS]
         for name, process in zip(FLIGHTS, began, strict=True):
             if process.wait() != 0:

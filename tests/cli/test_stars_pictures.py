@@ -158,7 +158,7 @@ def test_a_missing_package_is_named(run, tmp_path, monkeypatch, package, file):
 
 def test_a_model_says_how_its_spots_count(run, tmp_path, sky):
     """The key `first_pixel_px` of [camera], the option, and spots from the centre: one attitude."""
-    from relnav.files.models import models_root
+    from relnav.files.model_folders import models_root
 
     model = tmp_path / "model.toml"
     text = (models_root() / "ground_camera" / "model.toml").read_text()

@@ -124,7 +124,7 @@ def test_self_calibration(run, tmp_path):
         [values["parameters"][f"zero_spot_{axis}_px"]["value"] for axis in "xy"], abs=1e-4
     )
     assert section["source"] == "derived"
-    from relnav.files.models import models_root
+    from relnav.files.model_folders import models_root
 
     text = (models_root() / "birefringent_sun" / "model.toml").read_text().splitlines()
     fitted = out.read_text().splitlines()[1]
