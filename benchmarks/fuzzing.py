@@ -30,7 +30,8 @@ import relnav
 from relnav.errors import InputError, UsageError
 from relnav.files.attitude_log import join_attitude, read_orbit, read_star_log
 from relnav.files.logs import read_log
-from relnav.files.models import list_models, load_model, load_published, models_root
+from relnav.files.model_folders import list_models, models_root
+from relnav.files.models import load_model, load_published
 from relnav.files.psd_calibration import read_calibration
 from relnav.files.psd_grid import read_grid
 from relnav.files.raw_logs import read_raw_log
