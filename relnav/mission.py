@@ -323,11 +323,8 @@ class Chaser:
     ----------
     port_position_m : (3,)
         Its docking port from its centre of mass, chaser axes.
-    attitude_sigma_rad : float
-        1-sigma error of its own attitude that lasts (alignment of its attitude sensor), each axis, chaser axes:
-        considered, not estimated.
-    attitude_noise_rad : float
-        1-sigma error of its own attitude that is new at every image, each axis.
+    attitude_sigma_rad, attitude_noise_rad : float
+        1-sigma error of its own attitude, each axis: what lasts (alignment; considered), and what is new at an image.
     """
 
     port_position_m: Triple = (0.0, 0.0, 0.0)
@@ -356,16 +353,12 @@ class PoseFilterSettings(FilterSettings):
 
 @dataclass(frozen=True)
 class MarkerTolerances:
-    """How well a marker system is built and known; every sigma is 1-sigma of a lasting error.
+    """How well a marker system is built and known, as `Tolerances`: 1-sigma of errors that last.
 
     Attributes
     ----------
-    focal_length_relative_sigma : float
-        Of the focal length.
-    marker_placement_sigma_m : float
-        Of each coordinate of each marker.
-    camera_mounting_sigma_rad : float
-        Of the camera's attitude in the chaser about each axis, its lens held.
+    focal_length_relative_sigma, marker_placement_sigma_m, camera_mounting_sigma_rad : float
+        Of the focal length; of each coordinate of each marker; of the camera about each axis, its lens held.
     considered : bool
         Whether the filter's covariance includes them.
     """

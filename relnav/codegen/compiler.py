@@ -37,7 +37,10 @@ def finish(name: str, compiled: Any, arguments: tuple[Any, ...]) -> tuple[store.
     compiled.compile(kinds)
     result = compiled.overloads[kinds]
     library, symbol = result.library, result.fndesc.llvm_cpython_wrapper_name
-    needs = sorted(f.name for f in library._final_module.functions if f.is_declaration and "." not in f.name)
+    module = library._final_module
+    if not list(module.functions):  # numba read it from a file, where only another caller needed it
+        module = library._get_module_for_linking()
+    needs = sorted(f.name for f in module.functions if f.is_declaration and "." not in f.name)
     code = store.Code(name, store.kinds_of(arguments), symbol, needs, library._get_compiled_object())
     return code, store.python_function(name, library.get_pointer_to_function(symbol))
 

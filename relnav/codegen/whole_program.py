@@ -50,6 +50,14 @@ class _Whole(JITCodeLibrary):  # type: ignore[misc]
                 for called in library._linking_libraries:
                     self.add_linking_library(called)
 
+    @classmethod
+    def _unserialize(cls, codegen: Any, state: Any) -> Any:
+        library = super()._unserialize(codegen, state)
+        _, kind, data = state
+        if kind == "object":  # numba forgets it when it is loaded, and our files want it
+            library._compiled_object = data[0]
+        return library
+
 
 class _Target:
     """numba's processor target with another class of libraries, and with our calls from Python if asked for."""

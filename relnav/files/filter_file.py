@@ -28,7 +28,7 @@ from relnav.files.wording import listed
 from relnav.mission import Model
 from relnav.navigation.arguments import controls
 from relnav.navigation.in_frame import frame_words, in_frame
-from relnav.navigation.log import Epochs, LogFilter
+from relnav.navigation.log import Epochs, LogFilter, considered_words
 from relnav.navigation.record import Solution
 
 FAR_APART_S = 10.0
@@ -115,8 +115,7 @@ def filter_file(
             pass
     else:
         stated = head(mission.name, method, smooth) | (said if turned else {})
-        stated |= {"considered": mission.considered} if mission.considered else {}
-        stated |= of_log
+        stated |= considered_words(mission, method) | of_log
         write_table(Path(out), COLUMNS, parts(), stated, INTEGERS)
     summary.hint, summary.notes = run.hint(summary.started), run.spacing()
     return summary

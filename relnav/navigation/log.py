@@ -136,6 +136,13 @@ def _join(state: Matrix, factor: Matrix, considered: Stack, ld: Matrix) -> None:
             pack_factors(ld, factor[e])
 
 
+def considered_words(model: Model, method: str) -> dict[str, str]:
+    """Which lasting errors the covariance includes, for a reader: {"considered": words}, or {} if there are none."""
+    attitude = "attitude" if method == "spots" and model.attitude.sigma_rad > 0.0 else ""
+    words = ", ".join(part for part in (attitude, model.considered) if part)
+    return {"considered": words} if words else {}
+
+
 class LogFilter:
     """A filter that is fed a log in chunks, forward; and each chunk backward, once what comes after it is known."""
 
@@ -199,12 +206,6 @@ class LogFilter:
             _join(state, factor, considered, np.empty((6, 6)))
 
     @property
-    def _considered_words(self) -> str:
-        """Which lasting errors the covariance includes, in words; empty if none."""
-        attitude = "attitude" if self.method == "spots" and self.model.attitude.sigma_rad > 0.0 else ""
-        return ", ".join(words for words in (attitude, self.model.considered) if words)
-
-    @property
     def restarts(self) -> int:
         """How often a confirmed start has replaced a track."""
         return max(0, int(self._named.clock["starts"]) - 1)
@@ -227,7 +228,7 @@ class LogFilter:
             port_m=self.model.port_position_m,
             lever_lvlh_m=_levers(self.model, len(t), quaternion),
             smoothed=smoothed,
-            metadata={"considered": self._considered_words} if self._considered_words else {},
+            metadata=considered_words(self.model, self.method),
         )
 
 

@@ -4,13 +4,14 @@ Tried on a package of one entry with the project's own `codegen`, which compiles
 """
 
 import json
+import math
 import os
 
 import pytest
 
 ENTRY = """
 import math
-from toy.codegen.kernel import entry
+from toy.codegen.kernel import entry, shared_entry
 
 @entry
 def mixed(values, table, scale: float, count: int, negate: bool):
@@ -23,6 +24,14 @@ def mixed(values, table, scale: float, count: int, negate: bool):
 @entry
 def turned(record):
     record["x"][1] += record["n"]
+
+@shared_entry
+def inner(x: float) -> float:
+    return math.exp(-x)
+
+@entry
+def outer(x: float) -> float:
+    return inner(x) + inner(2.0 * x)
 
 @entry
 def root(x: float) -> float:
@@ -82,6 +91,16 @@ def test_the_second_process_has_the_same_bits_and_no_numba(compiled, python):
     again, silent = run(python, place, place / "kept")
     assert again == [*first[:-1], "False"]
     assert silent == ""
+
+
+def test_code_that_only_another_entry_needed_is_finished_when_it_is_called(compiled, python, tmp_path):
+    """A log first, then a step: numba holds the step's code, and the second process makes a file of its own of it."""
+    place, _ = compiled
+    called = "import sys\nfrom toy.module import inner, outer\nprint({}(0.5).hex(), 'numba' in sys.modules)"
+    plain = {"inner": math.exp(-0.5), "outer": math.exp(-0.5) + math.exp(-1.0)}
+    for name, compiles in (("outer", True), ("inner", True), ("inner", False), ("outer", False)):
+        (said,), _ = run(python, place, tmp_path / "kept", called.format(name))
+        assert said.split() == [plain[name].hex(), str(compiles)]
 
 
 def test_plain_python_gives_the_same(compiled, python):

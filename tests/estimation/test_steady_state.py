@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import relnav
+from relnav.accuracy.campaign import noise_alone
 from relnav.dynamics.clohessy_wiltshire import transition
 from relnav.dynamics.process_noise import acceleration_noise
 from relnav.estimation.steady_state import steady_state
@@ -16,8 +17,8 @@ from relnav.simulation.detector import Faults, image
 
 @pytest.fixture(scope="module")
 def quiet_model():
-    """The shipped mission without control errors: there is no control here."""
-    model = relnav.load_model("three_beacon_psd")
+    """The shipped mission without errors of control or attitude: there is no control here."""
+    model = noise_alone(relnav.load_model("three_beacon_psd"), "spots")
     return replace(model, process_noise=ProcessNoise(model.process_noise.acceleration_noise_density_m2_s3))
 
 

@@ -9,6 +9,7 @@ import pytest
 import relnav
 from relnav.accuracy.pose_filter import PoseErrors, joined, smoothed_errors, tight_errors
 from relnav.estimation.consistency import nees
+from relnav.geometry.rotation import quaternion_from_dcm
 from relnav.geometry.rotation_vector import rotation_vector_between, turned
 from relnav.navigation.pose_memory import CHASER_ATTITUDE, FOCAL_LENGTH, MOUNTING, PLACEMENT, pose_named
 from relnav.navigation.relative_pose import PoseNavigator
@@ -69,7 +70,7 @@ def built_with(mission, which, size):
         theta = np.zeros(3)
         theta[which - MOUNTING] = size * t.camera_mounting_sigma_rad
         dcm = turned(camera.dcm_cam_from_chaser.T, theta).T
-        quaternion = relnav.geometry.rotation.quaternion_from_dcm(dcm)
+        quaternion = quaternion_from_dcm(dcm)
         camera = dataclasses.replace(camera, q_cam_from_chaser=tuple(quaternion))
     elif which < PLACEMENT:
         scale = 1.0 + size * t.focal_length_relative_sigma

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import relnav
+from relnav.accuracy.campaign import noise_alone
 from relnav.navigation.log import Epochs, LogFilter
 from relnav.navigation.smoothing import nothing_later
 from relnav.navigation.status import EpochStatus
@@ -14,7 +15,7 @@ from relnav.simulation.trajectory import Approach
 
 @pytest.fixture(scope="module")
 def model():
-    return relnav.load_model("three_beacon_psd")
+    return noise_alone(relnav.load_model("three_beacon_psd"), "spots")
 
 
 def both(model, log, method):
