@@ -8,7 +8,6 @@ import numpy as np
 from relnav.accuracy.campaign_summary import CampaignSummary, Reader
 from relnav.accuracy.run_score import DOCKING, STATE
 from relnav.arrays import Vector
-from relnav.errors import UsageError
 from relnav.files.atomic import replacing
 
 SHARES = ((0.5, 99.5, 0.15), (5.0, 95.0, 0.25), (25.0, 75.0, 0.4))
@@ -16,13 +15,7 @@ SHARES = ((0.5, 99.5, 0.15), (5.0, 95.0, 0.25), (25.0, 75.0, 0.4))
 
 
 def draw_errors(summary: CampaignSummary, read: Reader, path: Path) -> None:
-    """Draw the distribution over runs of the rms error in every range bin, with reported 1-sigma and published figures.
-
-    Raises
-    ------
-    UsageError
-        If matplotlib is missing.
-    """
+    """Draw the distribution over runs of the rms error in every range bin, beside reported and published 1-sigma."""
     figure = _figure((7.0, 9.0))
     axes = figure.subplots(3, 1, sharex=True)
     edges = summary.edges_m
@@ -52,13 +45,7 @@ def draw_errors(summary: CampaignSummary, read: Reader, path: Path) -> None:
 
 
 def draw_final(read: Reader, path: Path) -> None:
-    """Draw histograms of the error at the end of every run over its reported sigma, beside the normal distribution.
-
-    Raises
-    ------
-    UsageError
-        If matplotlib is missing.
-    """
+    """Draw histograms of the error at the end of every run over its reported sigma, beside the normal distribution."""
     figure = _figure((10.0, 6.0))
     axes = figure.subplots(2, 3, sharey=True)
     grid = np.linspace(-5.0, 5.0, 201)
@@ -78,12 +65,8 @@ def draw_final(read: Reader, path: Path) -> None:
 
 
 def _figure(size: tuple[float, float]) -> Any:
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise UsageError(
-            "pictures need matplotlib: pip install matplotlib, or leave them out (--no-pictures)"
-        ) from error
+    from matplotlib.figure import Figure  # comes with the dependencies
+
     return Figure(figsize=size, layout="constrained")
 
 

@@ -15,6 +15,7 @@ from typing import Any
 from relnav.accuracy.campaign_plan import Batch, Plan, fly_batch
 from relnav.errors import InputError, UsageError
 from relnav.files.campaign_folder import failed_batch, join_batches, write_batch, write_flown
+from relnav.files.optional import require
 from relnav.files.wording import shown
 
 IN_FLIGHT = 4
@@ -25,18 +26,8 @@ CONNECT_S = 30.0
 
 
 def require_distributed() -> Any:
-    """The distributed package.
-
-    Raises
-    ------
-    UsageError
-        With the line that installs it.
-    """
-    try:
-        import distributed
-    except ImportError as error:
-        raise UsageError("campaigns on a cluster need dask: pip install 'relnav[cluster]', or use --workers") from error
-    return distributed
+    """The distributed package; UsageError with the line that installs it."""
+    return require("distributed", "cluster", "campaigns on a cluster need dask", ", or use --workers")
 
 
 @contextmanager

@@ -1,11 +1,10 @@
 """Solutions for the libraries that people work with: pandas (a table) and xarray (arrays with units)."""
 
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
-from relnav.errors import UsageError
+from relnav.files.optional import require
 from relnav.files.tables import COLUMNS, STATE, head, rows_of
 from relnav.files.units import split_unit
 from relnav.navigation.record import Solution
@@ -15,20 +14,6 @@ CF_UNITS = {"": "1", "deg": "degree", "m_s": "m s-1", "deg_s": "degree s-1", "um
 STATE_ERRORS = STATE
 POSE_ERRORS = (*STATE, "turn_x", "turn_y", "turn_z", "rate_x", "rate_y", "rate_z")
 POSE_UNITS = ("m",) * 3 + ("m s-1",) * 3 + ("rad",) * 3 + ("rad s-1",) * 3
-
-
-def require(package: str, extra: str, what: str) -> Any:
-    """Import an optional package.
-
-    Raises
-    ------
-    UsageError
-        With the line that installs it.
-    """
-    try:
-        return import_module(package)
-    except ImportError as error:
-        raise UsageError(f"{what} needs {package.partition('.')[0]}: pip install 'relnav[{extra}]'") from error
 
 
 def unit_of(column: str) -> str:
@@ -52,7 +37,7 @@ def track_table(solution: Any) -> tuple[dict[str, Any], dict[str, str]]:
 
 def to_dataframe(solution: Any) -> Any:
     """As `Solution.to_dataframe` describes it."""
-    pandas = require("pandas", "pandas", "A data frame")
+    pandas = require("pandas", "pandas", "A data frame needs pandas")
     columns, stated = track_table(solution)
     frame = pandas.DataFrame({name: np.asarray(column) for name, column in columns.items()})
     frame["status"] = np.asarray(solution.status)
@@ -62,7 +47,7 @@ def to_dataframe(solution: Any) -> Any:
 
 def to_xarray(solution: Any) -> Any:
     """As `Solution.to_xarray` describes it."""
-    xarray = require("xarray", "xarray", "A Dataset")
+    xarray = require("xarray", "xarray", "A Dataset needs xarray")
     columns, stated = track_table(solution)
     errors, units = (STATE, POSE_UNITS[:6]) if isinstance(solution, Solution) else (POSE_ERRORS, POSE_UNITS)
     time = ("time", np.asarray(columns["t_s"]), {"units": "s", "long_name": "time of the log's own clock"})

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from relnav.errors import InputError, UsageError
 from relnav.files.atomic import replacing
+from relnav.files.optional import require
 from relnav.files.wording import printable, shown
 
 PILLOW_ENDINGS = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm")
@@ -115,33 +116,13 @@ def write_picture(counts: NDArray[np.uint16], stated: dict[str, str], path: Path
 
 
 def require_pillow() -> Any:
-    """The package pillow.
-
-    Raises
-    ------
-    UsageError
-        With the line that installs it.
-    """
-    try:
-        import PIL
-    except ImportError as error:
-        raise UsageError("pictures need pillow: pip install 'relnav[images]'") from error
-    return PIL
+    """The package pillow; UsageError with the line that installs it."""
+    return require("PIL", "images", "pictures need pillow")
 
 
 def require_astropy() -> Any:
-    """The package astropy.
-
-    Raises
-    ------
-    UsageError
-        With the line that installs it.
-    """
-    try:
-        import astropy
-    except ImportError as error:
-        raise UsageError("FITS files need astropy: pip install 'relnav[images]'") from error
-    return astropy
+    """The package astropy; UsageError with the line that installs it."""
+    return require("astropy", "images", "FITS files need astropy")
 
 
 def _read_pillow(path: Path) -> Picture:

@@ -8,7 +8,7 @@ import numpy as np
 
 from relnav.errors import UsageError
 from relnav.files.atomic import replacing
-from relnav.files.data_frames import require
+from relnav.files.optional import require
 from relnav.files.tables import relnav_version
 
 NANOSECOND = 1e-9
@@ -48,7 +48,7 @@ def write_mcap(solution: Any, path: Path, settings: dict[str, Any]) -> None:  # 
     UsageError
         If mcap is missing, or a time lies before zero, which the format cannot hold.
     """
-    writers = require("mcap.writer", "mcap", "An MCAP file")
+    writers = require("mcap.writer", "mcap", "An MCAP file needs mcap")
     t = np.asarray(solution.t_s)
     if float(t.min()) < 0.0:
         raise UsageError(f"an MCAP file has times from 0 on; the log begins at {float(t.min()):.9g} s")

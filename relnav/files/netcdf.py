@@ -4,7 +4,8 @@ from pathlib import Path
 from typing import Any
 
 from relnav.files.atomic import replacing
-from relnav.files.data_frames import require, to_xarray
+from relnav.files.data_frames import to_xarray
+from relnav.files.optional import require
 
 
 def write_netcdf(solution: Any, path: Path, settings: dict[str, Any]) -> None:  # noqa: ARG001  (all writers take them)
@@ -16,7 +17,7 @@ def write_netcdf(solution: Any, path: Path, settings: dict[str, Any]) -> None:  
         If xarray or h5netcdf is missing; says how to install them.
     """
     for package in ("xarray", "h5netcdf"):
-        require(package, "netcdf", "A netCDF or HDF5 file")
+        require(package, "netcdf", f"A netCDF or HDF5 file needs {package}")
     data = to_xarray(solution)
     with replacing(path) as temporary:
         data.to_netcdf(temporary, engine="h5netcdf")

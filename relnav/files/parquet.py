@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
-from relnav.errors import LogError, UsageError
+from relnav.errors import LogError
+from relnav.files.optional import require
 from relnav.files.text_table import MOST_COLUMNS
 from relnav.files.units import split_unit
 from relnav.files.wording import printable, shown
@@ -17,18 +18,8 @@ BOMB_BYTES, BOMB_RATIO = 100_000_000, 200
 
 
 def require_pyarrow() -> Any:
-    """The pyarrow package.
-
-    Raises
-    ------
-    UsageError
-        With the line that installs it.
-    """
-    try:
-        import pyarrow
-    except ImportError as error:
-        raise UsageError("Parquet files need pyarrow: pip install 'relnav[parquet]', or use .csv") from error
-    return pyarrow
+    """The pyarrow package; UsageError with the line that installs it."""
+    return require("pyarrow", "parquet", "Parquet files need pyarrow", ", or use .csv")
 
 
 def open_parquet(path: Path) -> tuple[Any, list[str], dict[str, str]]:

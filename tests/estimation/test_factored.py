@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from relnav.estimation.factored import (
+    add_rank_one,
     compose,
     compose_into,
     factorize,
@@ -165,3 +166,15 @@ def test_not_positive_semidefinite(p: np.ndarray) -> None:
 def test_not_a_covariance(p: np.ndarray) -> None:
     with pytest.raises(ValueError, match=r"a covariance is a symmetric matrix \(n, n\); got"):
         factorize(p)
+
+
+def test_rank_one():
+    rng = np.random.default_rng(3)
+    for rank in (6, 4, 0):
+        a = rng.normal(size=(6, rank))
+        ld, v = factorize(a @ a.T), rng.normal(size=6)
+        if rank == 4:
+            v[2] = 0.0
+        add_rank_one(ld, v)
+        np.testing.assert_allclose(compose(ld), a @ a.T + np.outer(v, v), atol=1e-12)
+        assert (np.diag(ld) >= 0.0).all()
