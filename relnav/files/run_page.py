@@ -104,8 +104,9 @@ def _tiles(view: RunView) -> list[str]:
     used = counts[EpochStatus.UPDATED] + counts[EpochStatus.STARTED]
     refused = counts[EpochStatus.PARTIAL] + counts[EpochStatus.REJECTED]
     started = next((event.begin_s for event in view.events if event.what == "STARTED"), math.nan)
+    since = f"{started:.6g} s" if started == started else "never"
     tiles = [
-        tile("started", f"{started:.6g} s" if started == started else "never", f"{counts[EpochStatus.STARTED]} starts"),
+        tile("started", since, f"starts: {counts[EpochStatus.STARTED]}"),
         tile("epochs used whole", str(used), f"of {view.thin.epochs}"),
         tile("epochs with something refused", str(refused), f"{counts[EpochStatus.PREDICTED]} without a measurement"),
     ]
@@ -118,7 +119,7 @@ def _tiles(view: RunView) -> list[str]:
         last = _last(view.largest(quantity.sigma)) if view.has(quantity.sigma) else math.nan
         claim = next((claim for claim in view.claims if claim.quantity == quantity.label.lower()), None)
         verdict = "" if claim is None else "good" if last <= claim.value else "bad"
-        note = "" if claim is None else f"published {claim.value:g} {claim.unit} ({claim.statistic})"
+        note = "" if claim is None else f"published {claim.value:g} {claim.unit}, statistic {claim.statistic}"
         tiles.append(tile(f"{quantity.label}, 1-sigma at the end", f"{last:.3g} {quantity.unit}", note, verdict))
     return tiles
 

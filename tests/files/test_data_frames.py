@@ -7,7 +7,7 @@ import pytest
 
 import relnav
 from relnav.errors import LogError, UsageError
-from relnav.files import data_frames
+from relnav.files import optional
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "basilisk_approach" / "vbar_log.csv"
 
@@ -28,7 +28,7 @@ def test_a_missing_package_is_named_with_its_line(solution, monkeypatch):
     def missing(name):
         raise ImportError(name)
 
-    monkeypatch.setattr(data_frames, "import_module", missing)
+    monkeypatch.setattr(optional, "import_module", missing)
     with pytest.raises(UsageError, match=r"A data frame needs pandas: pip install 'relnav\[pandas\]'"):
         solution.to_dataframe()
     with pytest.raises(UsageError, match=r"A Dataset needs xarray: pip install 'relnav\[xarray\]'"):

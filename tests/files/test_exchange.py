@@ -9,7 +9,7 @@ import pytest
 import relnav
 import relnav.cli
 from relnav.errors import UsageError
-from relnav.files import data_frames
+from relnav.files import optional
 from relnav.files.marker_logs import filter_marker_log, write_marker_log
 from relnav.files.tracks import EXCHANGE, joined
 from relnav.simulation.marker_flight import simulate_flight
@@ -169,7 +169,7 @@ def test_a_missing_package_is_named_with_its_line(solution, tmp_path, monkeypatc
     def missing(name):
         raise ImportError(name)
 
-    monkeypatch.setattr(data_frames, "import_module", missing)
+    monkeypatch.setattr(optional, "import_module", missing)
     extra = "netcdf" if ending == ".nc" else "mcap"
     with pytest.raises(UsageError, match=rf"needs {package}: pip install 'relnav\[{extra}\]'"):
         relnav.write(solution, tmp_path / f"a{ending}")

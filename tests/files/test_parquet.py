@@ -1,6 +1,6 @@
 """Parquet in and out: the same numbers as CSV, units in the columns, one sentence when it cannot be."""
 
-import builtins
+import sys
 
 import numpy as np
 import pytest
@@ -90,14 +90,7 @@ def test_time_going_back_names_the_row(simulated, tmp_path):
 
 
 def test_without_pyarrow_it_says_how_to_get_it(simulated, tmp_path, monkeypatch):
-    real = builtins.__import__
-
-    def missing(name, *args, **kwargs):
-        if name.startswith("pyarrow"):
-            raise ImportError(name)
-        return real(name, *args, **kwargs)
-
-    monkeypatch.setattr(builtins, "__import__", missing)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(relnav.UsageError, match=r"pip install 'relnav\[parquet\]'"):
         write_log(simulated, tmp_path / "log.parquet")
     assert list(tmp_path.iterdir()) == []
