@@ -74,6 +74,14 @@ def root() -> None:
 NOT_MET, WRONG_USE, BAD_INPUT, INTERNAL, NOT_STARTED, INTERRUPTED, TERMINATED = 1, 2, 3, 4, 5, 130, 143
 
 
+class Interrupted(KeyboardInterrupt):
+    """The program was asked to end by SIGINT.
+
+    A class of its own: Python before 3.13 remembers a bare KeyboardInterrupt that passes through `exec` of a text
+    and at the end kills the process by SIGINT, although it was caught and an exit code given.
+    """
+
+
 class Terminated(KeyboardInterrupt):
     """The program was asked to end by SIGTERM."""
 
@@ -93,13 +101,9 @@ def fail(message: str, code: int) -> int:
 
 def run(arguments: list[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
-    from relnav.files.atomic import IN_PLACE
-
     written: list[str] = []
-    token = IN_PLACE.set(written)
     try:
-        result = root.main(args=arguments, prog_name="relnav", standalone_mode=False)
-        return result if isinstance(result, int) else 0
+        return _command(arguments, written)
     except SystemExit:
         return 0  # click's way of ending when whoever reads the help has left
     except click.ClickException as error:
@@ -110,8 +114,18 @@ def run(arguments: list[str] | None = None) -> int:
             raise
         done = f"written: {', '.join(written)}" if written else "nothing was written"
         return fail(_sentence(error, done), _code(error))
+
+
+def _command(arguments: list[str] | None, written: list[str]) -> int:
+    """Run one command line; the names of the files it has put in place are added to `written`."""
+    from relnav.files.atomic import IN_PLACE
+
+    token = IN_PLACE.set(written)
+    try:
+        result = root.main(args=arguments, prog_name="relnav", standalone_mode=False)
     finally:
         IN_PLACE.reset(token)
+    return result if isinstance(result, int) else 0
 
 
 def _code(error: BaseException) -> int:
@@ -150,7 +164,13 @@ def main() -> None:
     """Entry point of the `relnav` command."""
     _open_streams()
     signal.signal(signal.SIGTERM, _terminate)
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # else it is ignored, as under nohup
+        signal.signal(signal.SIGINT, _interrupt)
     sys.exit(run())
+
+
+def _interrupt(number: int, frame: object) -> None:  # noqa: ARG001  (the signature of a signal's handler)
+    raise Interrupted
 
 
 def _terminate(number: int, frame: object) -> None:  # noqa: ARG001  (the signature of a signal's handler)
