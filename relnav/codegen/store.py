@@ -21,6 +21,8 @@ PACKAGE = Path(__file__).resolve().parent.parent
 SHIPPED = PACKAGE / "compiled"
 """What the package's own build has compiled (`hatch_build.py`)."""
 SUFFIX = ".code"
+WITHOUT_KERNELS = ("cli", "files")
+"""The two uppermost rooms: what is changed there does not compile anything anew."""
 
 _HELD: list[Any] = []
 """Loaded code, and Python's descriptions of it: both must outlive every call."""
@@ -40,13 +42,20 @@ class Code(NamedTuple):
 
 
 @cache
-def package_stamp() -> str:
-    """Digest of every source file of the package, about 10 ms."""
+def package_stamp(*left_out: str) -> str:
+    """Digest of every source file of the package, about 10 ms; left_out: rooms that do not matter."""
     digest = hashlib.blake2b(digest_size=16)
     for path in sorted(PACKAGE.rglob("*.py")):
-        digest.update(str(path.relative_to(PACKAGE)).encode())
-        digest.update(path.read_bytes())
+        place = path.relative_to(PACKAGE)
+        if place.parts[0] not in left_out:
+            digest.update(str(place).encode())
+            digest.update(path.read_bytes())
     return digest.hexdigest()
+
+
+def code_stamp() -> str:
+    """Digest of all that compiled code can depend on: imports point down, and no kernel stands in WITHOUT_KERNELS."""
+    return package_stamp(*WITHOUT_KERNELS)
 
 
 @cache
@@ -113,7 +122,7 @@ def save(code: Code, place: Path | None = None) -> None:
     place = place or folder()
     if place is None:
         return
-    header: dict[str, Any] = {"stamp": package_stamp(), "machine": machine(), "digest": _digest(code.machine_code)}
+    header: dict[str, Any] = {"stamp": code_stamp(), "machine": machine(), "digest": _digest(code.machine_code)}
     header |= {"kinds": code.kinds, "symbol": code.symbol, "needs": code.needs}
     path = _path(place, code.name, code.kinds)
     unfinished = path.with_suffix(f".{os.getpid()}")
@@ -133,7 +142,7 @@ def _read(path: Path) -> Code | None:
     try:
         head, _, machine_code = path.read_bytes().partition(b"\n")
         header = json.loads(head)
-        fits = header["stamp"] == package_stamp() and header["machine"] == machine()
+        fits = header["stamp"] == code_stamp() and header["machine"] == machine()
         if not fits or header["digest"] != _digest(machine_code):
             return None
         return Code(path.name.rpartition("-")[0], header["kinds"], header["symbol"], header["needs"], machine_code)

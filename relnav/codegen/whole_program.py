@@ -93,7 +93,7 @@ class _Place(_CacheLocator):  # type: ignore[misc]
         return str(store.folder())
 
     def get_source_stamp(self) -> tuple[str, bytes]:
-        return store.package_stamp(), _digest(self._file.read_bytes())
+        return store.code_stamp(), _digest(self._file.read_bytes())
 
     def get_disambiguator(self) -> str:
         return f"{_digest(bytes(self._file)).hex()}-{self._line}"

@@ -3,7 +3,11 @@
 Tried on a package of two kernels with the project's own `codegen`, which compiles in a second.
 """
 
+import re
+
 import pytest
+
+from relnav.codegen.store import WITHOUT_KERNELS
 
 CALLEE = """
 from toy.codegen.kernel import kernel
@@ -81,9 +85,9 @@ def test_a_changed_callee_is_never_run_in_its_old_form(python, toy):
     assert call(python, toy) == (11.0, True, 1, [])
 
 
-def test_any_change_of_any_file_changes_the_stamp(python, toy):
+def test_any_change_of_a_file_changes_the_stamp(python, toy):
     def stamp():
-        done = python("from toy.codegen.store import package_stamp; print(package_stamp())", path=toy.parent)
+        done = python("from toy.codegen.store import code_stamp; print(code_stamp())", path=toy.parent)
         assert done.returncode == 0, done.stderr
         return done.stdout.strip()
 
@@ -97,6 +101,20 @@ def test_any_change_of_any_file_changes_the_stamp(python, toy):
     (toy / "room" / "new.py").rename(toy / "room" / "other.py")
     stamps.append(stamp())
     assert len(set(stamps)) == 4
+    (toy / "cli").mkdir()
+    (toy / "cli" / "command.py").write_text("")
+    assert stamp() == stamps[-1]
+
+
+def test_no_kernel_stands_where_a_change_compiles_nothing_anew(root):
+    marks = re.compile(r"^ *@(kernel|long_kernel|entry|long_entry|shared_entry|inlined|straight_line)\b", re.M)
+    found = {
+        path.relative_to(root / "relnav").parts[0]
+        for path in (root / "relnav").rglob("*.py")
+        if marks.search(path.read_text())
+    }
+    assert found, "no kernel found at all: the marks have other names"
+    assert found.isdisjoint(WITHOUT_KERNELS)
 
 
 def block_the_package(toy):
