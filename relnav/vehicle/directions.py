@@ -45,6 +45,8 @@ class _Mounted:
 class StarTracker(_Mounted):
     """A sensor of its own inertial attitude."""
 
+    most_rows = 3
+
     def __init__(self, vehicle: Vehicle, name: str, layout: Layout) -> None:
         super().__init__(vehicle, name, layout)
         self.noise = np.diag(np.square(vehicle.sensor[name].noise_rad or (np.nan,) * 3))
@@ -60,14 +62,18 @@ class StarTracker(_Mounted):
         q = numbers(self.name, value)
         if q.shape != (4,):
             raise ValueError(f"{self.name}: a quaternion (x, y, z, w) of v_sensor = R v_inertial; got shape {q.shape}")
-        own = self.noise if covariance is None else numbers(f"{self.name}'s covariance", covariance)
+        own = self.noise if covariance is None else self._checked(covariance)
+        if not np.isfinite(q).all():
+            return np.full(9, np.nan), own
+        return dcm_from_quaternion(q).ravel(), own
+
+    def _checked(self, covariance: ArrayLike) -> Matrix:
+        own = numbers(f"{self.name}'s covariance", covariance)
         if own.shape != (3, 3):
             raise ValueError(f"{self.name}: a covariance (3, 3) rad^2 in sensor axes is expected; got {own.shape}")
         if not (np.allclose(own, own.T) and np.linalg.eigvalsh(own).min() > 0.0):
             raise ValueError(f"{self.name}: a covariance is symmetric and positive definite; got {own.tolist()}")
-        if not np.isfinite(q).all():
-            return np.full(9, np.nan), own
-        return dcm_from_quaternion(q).ravel(), own
+        return own
 
     def rows(self, state: VehicleState, attitude: Vector, noise: Matrix) -> Rows:
         """Rows of an attitude (9,)."""
@@ -82,9 +88,12 @@ class StarTracker(_Mounted):
 class SunSensor(_Mounted):
     """A sensor of the direction to the sun."""
 
+    most_rows = 2
+
     def __init__(self, vehicle: Vehicle, name: str, layout: Layout) -> None:
         super().__init__(vehicle, name, layout)
         self._epoch_s = vehicle.orbit.epoch_s
+        self._last = (np.nan, np.zeros(3))
 
     def taken(self, value: SunDirection, covariance: ArrayLike | None) -> tuple[Vector, Matrix]:
         """A measured direction in sensor axes, (3,), and its covariance (3, 3) of rank 2.
@@ -104,8 +113,9 @@ class SunSensor(_Mounted):
 
     def sun(self, t_s: float) -> Vector:
         """Unit vector (3,) toward the sun, inertial, at a time of the log's clock."""
-        direction: Vector = sun_direction(self._epoch_s + t_s)
-        return direction
+        if t_s != self._last[0]:  # an update asks again and again
+            self._last = t_s, sun_direction(self._epoch_s + t_s)
+        return self._last[1]
 
     def rows(self, state: VehicleState, direction: Vector, covariance: Matrix) -> Rows:
         """Rows of a direction (3,), across the predicted one."""

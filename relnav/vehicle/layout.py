@@ -5,6 +5,7 @@ the rest, and never corrected. Errors of attitudes are those of `relnav.geometry
 (`MOVING`), the thrusters, then what is off in each sensor.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,6 +23,27 @@ MOVING = 21
 THRUST_SCALE, THRUST_DIRECTION = slice(21, 22), slice(22, 25)
 DRIVING = 25
 """The moving errors depend on these first ones alone."""
+
+
+@dataclass(frozen=True)
+class LastingError:
+    """Some errors of a sensor that last a run.
+
+    Attributes
+    ----------
+    kind : str
+        "mount".
+    size : int
+        How many.
+    sigma : float
+        1-sigma of each at the start, SI.
+    role : {"estimated", "considered"}
+    """
+
+    kind: str
+    size: int
+    sigma: float
+    role: Role = "estimated"
 
 
 @dataclass(frozen=True)
@@ -83,8 +105,8 @@ class Layout:
         return {block.name: sigma[block.place] for block in self.blocks}
 
 
-def layout_of(vehicle: Vehicle) -> Layout:
-    """The blocks of a vehicle."""
+def layout_of(vehicle: Vehicle, more: Mapping[str, tuple[LastingError, ...]] | None = None) -> Layout:
+    """The blocks of a vehicle; more: errors of sensors that are not in its file, by the sensor's name."""
     start, thrust = vehicle.hand_over, vehicle.thrust
     blocks = [
         Block("position", POSITION, start.position_sigma_m),
@@ -98,15 +120,22 @@ def layout_of(vehicle: Vehicle) -> Layout:
         Block("thrust.direction", THRUST_DIRECTION, thrust.direction_sigma_rad, thrust.role),
     ]
     at = DRIVING
-    for name, mounted in vehicle.sensor.items():
-        kinds = [("mount", 3, mounted.mount_sigma_rad, mounted.mount_role)]
-        if vehicle.kind(name) == POINTS:
-            kinds += [
-                ("lever", 3, mounted.lever_sigma_m, mounted.lever_role),
-                ("focal", 1, mounted.focal_sigma, mounted.focal_role),
-                ("points", 3 * len(vehicle.points_m(name)), mounted.points_sigma_m, mounted.points_role),
-            ]
-        for kind, size, sigma, role in kinds:
-            blocks.append(Block(f"{name}.{kind}", slice(at, at + size), sigma, role))
-            at += size
+    for name, errors in {**{name: _lasting(vehicle, name) for name in vehicle.sensor}, **(more or {})}.items():
+        for error in errors:
+            blocks.append(Block(f"{name}.{error.kind}", slice(at, at + error.size), error.sigma, error.role))
+            at += error.size
     return Layout(tuple(blocks))
+
+
+def _lasting(vehicle: Vehicle, name: str) -> tuple[LastingError, ...]:
+    """What is off in a sensor of the vehicle file for a whole run."""
+    own = vehicle.sensor[name]
+    mount = LastingError("mount", 3, own.mount_sigma_rad, own.mount_role)
+    if vehicle.kind(name) != POINTS:
+        return (mount,)
+    return (
+        mount,
+        LastingError("lever", 3, own.lever_sigma_m, own.lever_role),
+        LastingError("focal", 1, own.focal_sigma, own.focal_role),
+        LastingError("points", 3 * len(vehicle.points_m(name)), own.points_sigma_m, own.points_role),
+    )

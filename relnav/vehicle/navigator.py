@@ -1,20 +1,24 @@
 """One navigator for a whole vehicle: observations in any order in, the state at the docking port out."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Vector, number, numbers
-from relnav.sensors.sun_direction import SunDirection
-from relnav.spacecraft import POINTS, STAR, Vehicle
+from relnav.spacecraft import POINTS, RESERVED, STAR, Vehicle
 from relnav.vehicle.directions import StarTracker, SunSensor
+from relnav.vehicle.flying_sensor import FlyingSensor
 from relnav.vehicle.layout import Layout, layout_of
+from relnav.vehicle.monitor import ALARM_SIGMA, Sums, Watched, all_estimated
 from relnav.vehicle.motion import VehicleMotion
+from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.points import PointSensor
 from relnav.vehicle.port import PortState, port_state
-from relnav.vehicle.state import OrbitFrame, VehicleState, start_state
+from relnav.vehicle.state import VehicleState, start_state
 from relnav.vehicle.timeline import Event, Observed, Timeline
 from relnav.vehicle.update import Outcome, Updater
 
@@ -35,21 +39,30 @@ class SensorHealth:
     nis_ratio : float
         NIS over its degrees of freedom, before the gate, faded over some ten observations; NaN before the first. One in
         the mean; where errors are considered, innovations hang together and it wanders, to three and more.
+    deviation : float
+        How far the squared innovations of the last ten seconds lie above what is expected, 1-sigma, in the filter that
+        watches; NaN without one, and before the first observation.
     """
 
     last_used_s: float = float("nan")
     refused: int = 0
     nis_ratio: float = float("nan")
+    deviation: float = float("nan")
+
+    @property
+    def alarm(self) -> bool:
+        """Whether what it says no longer agrees with what is believed of it (`relnav.vehicle.monitor`)."""
+        return self.deviation > ALARM_SIGMA
 
     def after(self, t_s: float, outcome: Outcome) -> "SensorHealth":
         """The same after another observation."""
         if outcome.groups == 0:
             return self
         now = outcome.nis / outcome.dof
-        mean = now if np.isnan(self.nis_ratio) else 0.9 * self.nis_ratio + 0.1 * now
+        mean = now if math.isnan(self.nis_ratio) else 0.9 * self.nis_ratio + 0.1 * now
         if outcome.used == 0:
-            return SensorHealth(self.last_used_s, self.refused + 1, mean)
-        return SensorHealth(t_s, 0, mean)
+            return replace(self, refused=self.refused + 1, nis_ratio=mean)
+        return replace(self, last_used_s=t_s, refused=0, nis_ratio=mean)
 
 
 @dataclass(frozen=True)
@@ -89,13 +102,18 @@ class VehicleEstimate:
     gyro_lost: bool
     final_before_s: float
 
+    @property
+    def alarms(self) -> tuple[str, ...]:
+        """Sensors in alarm: while there is one the estimate is not to be relied on."""
+        return tuple(name for name, health in self.sensors.items() if health.alarm)
 
-@dataclass(frozen=True)
-class _Tracked:
-    """A state, and how each sensor has fared until then."""
+
+class _Tracked(NamedTuple):
+    """A state, how each sensor has fared until then, and the filter that watches."""
 
     state: VehicleState
     health: Mapping[str, SensorHealth]
+    watched: Watched | None
 
 
 class VehicleNavigator:
@@ -116,6 +134,8 @@ class VehicleNavigator:
         t_s: float = 0.0,
         position_m: ArrayLike | None = None,
         velocity_m_s: ArrayLike | None = None,
+        sensors: Mapping[str, FlyingSensor] | None = None,
+        monitor: bool = True,
     ) -> None:
         """Start the filter.
 
@@ -127,11 +147,15 @@ class VehicleNavigator:
             When: nothing before it is used.
         position_m, velocity_m_s : (3,), optional
             The chaser's centre of mass from the target's, `lvlh_ccsds` of the file's orbit; [hand_over] if left out.
+        sensors : mapping, optional
+            Sensors of your own by name (`relnav.vehicle.flying_sensor`), flown beside those of the file.
+        monitor : bool
+            Whether a second filter watches the first (`relnav.vehicle.monitor`), for as much computing again.
 
         Raises
         ------
         ValueError
-            For what is no vehicle, or arguments of another shape.
+            For what is no vehicle, arguments of another shape, or a sensor with a name that is taken.
         """
         if not isinstance(vehicle, Vehicle):
             raise ValueError(
@@ -139,22 +163,32 @@ class VehicleNavigator:
             )
         place = _three("position_m", vehicle.start_position_m if position_m is None else position_m)
         speed = _three("velocity_m_s", vehicle.hand_over.velocity_m_s if velocity_m_s is None else velocity_m_s)
-        self.vehicle, self.layout = vehicle, layout_of(vehicle)
+        more = dict(sensors or {})
+        for name in more:
+            if name in vehicle.sensor or name in RESERVED:
+                raise ValueError(f"sensors: the name '{name}' is taken in {vehicle.name}; call it something else")
+        self.vehicle, self.layout = vehicle, layout_of(vehicle, {name: own.lasting for name, own in more.items()})
         self._frame = OrbitFrame(vehicle.orbit)
         self._motion = VehicleMotion(vehicle, self._frame)
-        self._sensors = {name: self._sensor(name) for name in vehicle.sensor}
-        rows = max([3, *(2 * len(vehicle.points_m(n)) for n in vehicle.sensor if vehicle.kind(n) == POINTS)])
-        self._updater = Updater(self.layout, vehicle.filter.gate_probability, rows)
-        self._places = {name: k for k, name in enumerate(["gyro", "thrust", *vehicle.sensor])}
+        self._sensors: dict[str, PointSensor | StarTracker | SunSensor | FlyingSensor]
+        self._sensors = {**{name: self._sensor(name) for name in vehicle.sensor}, **more}
+        for name, own in more.items():
+            own.placed(name, self.layout)
+        rows = max(sensor.most_rows for sensor in self._sensors.values())
+        gate = vehicle.filter.gate_probability
+        self._updater = Updater(self.layout, gate, rows)
+        self._watching = Updater(all_estimated(self.layout), gate, rows) if monitor else None
+        self._places = {name: k for k, name in enumerate([*RESERVED, *self._sensors])}
         start = start_state(vehicle, self.layout, self._frame, number("t_s", t_s), place, speed)
-        health = dict.fromkeys(vehicle.sensor, SensorHealth())
+        health = dict.fromkeys(self._sensors, SensorHealth())
         self._timeline: Timeline[_Tracked, Outcome | None]
-        self._timeline = Timeline(_Tracked(start, health), start.t_s, vehicle.filter.replay_window_s, self._apply)
+        watched = Watched(start, dict.fromkeys(self._sensors, Sums(start.t_s))) if monitor else None
+        self._timeline = Timeline(
+            _Tracked(start, health, watched), start.t_s, vehicle.filter.replay_window_s, self._apply
+        )
         self.on_outcome: Callable[[Event, Outcome], None] | None = None
 
-    def observe(
-        self, sensor: str, t_s: float, value: ArrayLike | SunDirection, covariance: ArrayLike | None = None
-    ) -> Observed:
+    def observe(self, sensor: str, t_s: float, value: Any, covariance: ArrayLike | None = None) -> Observed:
         """Take an observation in, in any order within the replay window.
 
         Parameters
@@ -166,8 +200,8 @@ class VehicleNavigator:
         value
             Of lights, their spots (n, 2), m or px as the sensor's model has them, NaN = not seen. Of a star sensor, the
             quaternion (4,) of v_sensor = R v_inertial, scalar last. Of a sun sensor, the SunDirection that its
-            `measure` returns. "gyro": the mean rate (3,) rad/s over the sample's period. "thrust": the commanded
-            acceleration (3,) m/s^2. Both in chaser axes.
+            `measure` returns. Of a sensor of your own, what it takes. "gyro": the mean rate (3,) rad/s over the
+            sample's period. "thrust": the commanded acceleration (3,) m/s^2. Both in chaser axes.
         covariance : optional
             Of its noise: (n, 2, 2) of spots, (3, 3) rad^2 in sensor axes of a star sensor; the file's if left out.
 
@@ -179,11 +213,11 @@ class VehicleNavigator:
         if sensor not in self._places:
             raise ValueError(f"no sensor '{sensor}' in {self.vehicle.name}; there are {', '.join(self._places)}")
         if sensor in self._sensors:
-            taken, noise = self._sensors[sensor].taken(value, covariance)  # type: ignore[arg-type]  # each tells its own
+            taken, noise = self._sensors[sensor].taken(value, covariance)
             if not np.isfinite(taken).any():
                 return Observed.REJECTED
         else:
-            taken, noise = _three(sensor, value), _NOTHING  # type: ignore[arg-type]  # a SunDirection is told there
+            taken, noise = _three(sensor, value), _NOTHING
         event = Event(number("t_s", t_s), self._places[sensor], sensor, taken.copy(), noise)
         verdict, outcome = self._timeline.insert(event)
         if outcome is not None and outcome.used == 0 and verdict is not Observed.TOO_OLD:
@@ -233,19 +267,29 @@ class VehicleNavigator:
 
     def _apply(self, tracked: _Tracked, event: Event) -> tuple[_Tracked, Outcome | None]:
         """The state after an event; the outcome of one that the filter had to believe."""
-        state = self._motion.advance(tracked.state, event.t_s)
-        if event.source == "gyro":
-            return replace(tracked, state=self._motion.with_sample(state, event.value)), None
-        if event.source == "thrust":
-            return replace(tracked, state=self._motion.with_command(state, event.value)), None
-        sensor = self._sensors[event.source]
-        state, outcome = self._updater.take(
-            self._motion.settled(state), lambda at: sensor.rows(at, event.value, event.noise)
-        )
+        state, outcome = self._moved(tracked.state, event, self._updater)
+        watched = tracked.watched
+        if watched is not None and self._watching is not None:
+            second, found = self._moved(watched.state, event, self._watching)
+            watched = Watched(second, watched.sums) if found is None else watched.after(second, event.source, found)
+        if outcome is None:
+            return _Tracked(state, tracked.health, watched), None
         if self.on_outcome is not None:
             self.on_outcome(event, outcome)
-        health = {**tracked.health, event.source: tracked.health[event.source].after(event.t_s, outcome)}
-        return _Tracked(state, health), outcome
+        own = tracked.health[event.source].after(event.t_s, outcome)
+        if watched is not None:
+            own = replace(own, deviation=watched.sums[event.source].deviation)
+        return _Tracked(state, {**tracked.health, event.source: own}, watched), outcome
+
+    def _moved(self, state: VehicleState, event: Event, updater: Updater) -> tuple[VehicleState, Outcome | None]:
+        """An estimate after an event."""
+        state = self._motion.advance(state, event.t_s)
+        if event.source == "gyro":
+            return self._motion.with_sample(state, event.value), None
+        if event.source == "thrust":
+            return self._motion.with_command(state, event.value), None
+        sensor = self._sensors[event.source]
+        return updater.take(self._motion.settled(state), lambda at: sensor.rows(at, event.value, event.noise))
 
     def _estimate(self, tracked: _Tracked, t_s: float) -> VehicleEstimate:
         state = self._motion.settled(self._motion.advance(tracked.state, t_s))

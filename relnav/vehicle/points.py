@@ -14,18 +14,16 @@ distance from the principal point.
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Stack, Vector, numbers
-from relnav.geometry.linear_algebra import cross_matrix
-from relnav.geometry.pinhole import central_projection, central_projection_jacobian
-from relnav.geometry.rotation_vector import turned
+from relnav.arrays import Flags, Matrix, Vector, numbers
 from relnav.mission import Model as BeaconMission
-from relnav.sensors.three_beacon.sensor import ThreeBeaconSensor
-from relnav.sensors.three_marker.camera import image_of, on_image, usable_covariance
+from relnav.sensors.three_marker.camera import usable_covariance
 from relnav.sensors.three_marker.sensor import MarkerCamera
 from relnav.spacecraft import Vehicle
-from relnav.vehicle.layout import CHASER_ATTITUDE, POSITION, TARGET_ATTITUDE, Layout
+from relnav.vehicle.layout import Layout
+from relnav.vehicle.light_rows import GEOMETRY, OPTICS, light_rows_into
+from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.rows import Rows
-from relnav.vehicle.state import OrbitFrame, VehicleState
+from relnav.vehicle.state import VehicleState
 
 
 class PointSensor:
@@ -34,17 +32,27 @@ class PointSensor:
     def __init__(self, vehicle: Vehicle, name: str, layout: Layout, frame: OrbitFrame) -> None:
         model, mounted = vehicle.models[name], vehicle.sensor[name]
         self.name, self._frame, self._size = name, frame, layout.size
-        self._optics: ThreeBeaconSensor | MarkerCamera
-        self._optics = model.sensor if isinstance(model, BeaconMission) else model.camera
-        self.sigma = model.sensor.spot_noise_m if isinstance(model, BeaconMission) else model.camera.spot_noise_px
-        self.unit = "m" if isinstance(model, BeaconMission) else "px"
         self._points = vehicle.points_m(name)
-        self._dcm_sensor_from_chaser = mounted.dcm_sensor_from_chaser
-        self._lens = np.array(mounted.position_m)
-        places = layout.by_name
-        self._mount, self._lever, self._focal, self._lights = (
-            places[f"{name}.{kind}"] for kind in ("mount", "lever", "focal", "points")
+        self.most_rows = 2 * len(self._points)
+        self._optics, self._work = np.zeros((), OPTICS)[()], np.zeros((), GEOMETRY)[()]
+        if isinstance(model, BeaconMission):
+            psd = model.sensor
+            self.sigma, self.unit, half = psd.spot_noise_m, "m", 0.5 * np.array(psd.detector_size_m)
+            self._first, self._last = -half, half
+            self._optics["focal_length"] = psd.focal_length_m
+        else:
+            camera: MarkerCamera = model.camera
+            self.sigma, self.unit = camera.spot_noise_px, "px"
+            self._first, self._last = np.full(2, -0.5), np.array(camera.image_size_px) - 0.5
+            self._optics["focal_length"], self._optics["distortion"] = camera.focal_length_px, camera.distortion
+            self._optics["principal_point"] = camera.principal_point_px
+        self._noise = self.sigma**2 * np.eye(2 * len(self._points))
+        self._optics["lens"], self._optics["dcm_chaser_from_sensor"] = (
+            mounted.position_m,
+            mounted.dcm_sensor_from_chaser.T,
         )
+        for kind, key in {"mount": "mount", "lever": "lever", "focal": "focal", "points": "lights"}.items():
+            self._optics[key] = layout.by_name[f"{name}.{kind}"].start
 
     def taken(self, value: ArrayLike, covariance: ArrayLike | None) -> tuple[Vector, Matrix]:
         """A caller's spots (n, 2) as numbers, flat, and their noise (2 n, 2 n).
@@ -62,51 +70,31 @@ class PointSensor:
                 f"{self.name}: spots of its {count} lights, ({count}, 2) {self.unit}, are expected, NaN = not seen; "
                 f"got shape {spots.shape}"
             )
-        if isinstance(self._optics, MarkerCamera):
-            inside = on_image(spots, self._optics)
-        else:
-            inside = np.all(np.abs(spots) <= 0.5 * np.array(self._optics.detector_size_m), axis=1)
-        noise = np.zeros((2 * count, 2 * count))
-        noise[np.arange(2 * count), np.arange(2 * count)] = self.sigma**2
+        with np.errstate(invalid="ignore"):
+            inside: Flags = np.all((spots >= self._first) & (spots <= self._last), axis=1)
+        noise = self._noise
         if covariance is not None:
-            own = numbers(f"{self.name}'s covariance", covariance)
+            own, noise = numbers(f"{self.name}'s covariance", covariance), np.zeros_like(noise)
             if own.shape != (count, 2, 2):
                 raise ValueError(f"{self.name}: covariances of {count} spots are ({count}, 2, 2); got {own.shape}")
             inside &= usable_covariance(own)
-            for k in np.flatnonzero(inside):
-                noise[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = own[k]
+            for k in range(count):
+                noise[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = own[k] if inside[k] else self.sigma**2 * np.eye(2)
         return np.where(inside[:, None], spots, np.nan).ravel(), noise
 
     def rows(self, state: VehicleState, spots: Vector, noise: Matrix) -> Rows:
         """Rows of spots (2 n,) at a settled state."""
-        values, count = state.values, len(self._points)
-        C_BL = state.dcm_inertial_from_chaser.T @ self._frame.dcm_lvlh_from_inertial(state.t_s).T
-        C_LT = state.dcm_lvlh_from_target
-        C_SB = turned(self._dcm_sensor_from_chaser.T, values[self._mount]).T  # true = exp(-[e x]) nominal
-        places = self._points + values[self._lights].reshape(-1, 3)
-        q = (places @ C_LT.T - values[POSITION]) @ C_BL.T
-        p = (q - self._lens - values[self._lever]) @ C_SB.T
-        image, slope, centre = self._image(p)
-        scale = 1.0 + float(values[self._focal][0])
-        C_ST = C_SB @ C_BL @ C_LT
-        by_p = np.zeros((count, 3, self._size))
-        by_p[:, :, POSITION] = -C_SB @ C_BL
-        by_p[:, :, TARGET_ATTITUDE] = -C_ST @ cross_matrix(places)
-        by_p[:, :, CHASER_ATTITUDE] = C_SB @ cross_matrix(q)
-        by_p[:, :, self._mount] = cross_matrix(p)
-        by_p[:, :, self._lever] = -C_SB
-        for k in range(count):
-            first = self._lights.start + 3 * k
-            by_p[k, :, first : first + 3] = C_ST
-        H = (scale * slope) @ by_p
-        H[:, :, self._focal] += (image - centre)[:, :, None]
-        predicted = centre + scale * (image - centre)
-        return Rows(spots - predicted.ravel(), H.reshape(2 * count, self._size), noise, 2)
-
-    def _image(self, p: Matrix) -> tuple[Matrix, Stack, Vector]:
-        """Spots (n, 2) of lights (n, 3) in sensor axes, their slope (n, 2, 3), and the principal point."""
-        if isinstance(self._optics, MarkerCamera):
-            spots, slope = image_of(p, self._optics)
-            return spots, slope, np.array(self._optics.principal_point_px)
-        f = self._optics.focal_length_m
-        return f * central_projection(p), f * central_projection_jacobian(p), np.zeros(2)
+        residual, H = np.empty(len(spots)), np.zeros((len(spots), self._size))
+        light_rows_into(
+            self._optics,
+            self._work,
+            self._points,
+            state.values,
+            state.dcm_lvlh_from_target,
+            state.dcm_inertial_from_chaser,
+            self._frame.dcm_lvlh_from_inertial(state.t_s),
+            spots,
+            residual,
+            H,
+        )
+        return Rows(residual, H, noise, 2)

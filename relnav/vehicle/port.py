@@ -22,7 +22,8 @@ from relnav.vehicle.layout import (
     TARGET_RATE,
     VELOCITY,
 )
-from relnav.vehicle.state import OrbitFrame, VehicleState
+from relnav.vehicle.orbit_frame import OrbitFrame
+from relnav.vehicle.state import VehicleState
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,16 @@ class PortState:
     def sigma(self) -> Vector:
         """1-sigma of (position m, velocity m/s, attitude rad, rate rad/s), (12,)."""
         return np.sqrt(np.diagonal(self.covariance))
+
+    def protection_level_m(self, probability: float = 1e-7) -> Vector:
+        """What the position's error exceeds along each axis with no more than this probability, (3,) m.
+
+        If nothing is at fault: with the stated noise and tolerances, an error of the normal distribution.
+        """
+        from scipy.special import ndtri
+
+        level: Vector = -ndtri(0.5 * probability) * self.sigma[:3]
+        return level
 
 
 def port_state(

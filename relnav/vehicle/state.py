@@ -1,22 +1,52 @@
 """The estimate of a vehicle: values that never change once made, so that any of them can be gone back to."""
 
-from dataclasses import dataclass, replace
+import math
+from typing import NamedTuple
 
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
-from relnav.dynamics.relative_motion import orbit_vector, true_anomaly_at
-from relnav.estimation.attitude import reset
-from relnav.geometry.rotation_vector import turned
-from relnav.spacecraft import InertialOrbit, Vehicle
+from relnav.codegen.kernel import entry, kernel
+from relnav.estimation.schmidt import reset_into
+from relnav.geometry.rotation_vector import turn_by_rotation_vector
+from relnav.spacecraft import Vehicle
 from relnav.vehicle.layout import CHASER_ATTITUDE, TARGET_ATTITUDE, TARGET_RATE, Layout
+from relnav.vehicle.orbit_frame import OrbitFrame
 
+_TARGET, _CHASER = TARGET_ATTITUDE.start, CHASER_ATTITUDE.start
 RESET_FROM_RAD = 1e-3
 """Below this correction the covariance is the same about the old and the new attitude to 5e-4 of itself."""
 
 
-@dataclass(frozen=True)
-class VehicleState:
+@kernel
+def _take_turn(theta: Vector, dcm: Matrix, out: Matrix, P: Matrix, at: int) -> None:
+    """Write an attitude that took theta (3,) in into out, and replace P (n, n) by that about it."""
+    turn_by_rotation_vector(dcm, theta, out)
+    if math.sqrt(theta[0] ** 2 + theta[1] ** 2 + theta[2] ** 2) > RESET_FROM_RAD:
+        reset_into(P, theta, at)
+
+
+@entry
+def correct_into(
+    values: Vector,
+    target: Matrix,
+    chaser: Matrix,
+    correction: Vector,
+    values_after: Vector,
+    target_after: Matrix,
+    chaser_after: Matrix,
+    P: Matrix,
+) -> None:
+    """Write values (n,) and both attitudes (3, 3) with a correction (n,) taken in; P (n, n), after it, in place."""
+    for i in range(len(values)):
+        values_after[i] = values[i] + correction[i]
+    for i in range(3):
+        values_after[_TARGET + i] = values_after[_CHASER + i] = 0.0
+    _take_turn(correction[_TARGET : _TARGET + 3], target, target_after, P, _TARGET)
+    _take_turn(correction[_CHASER : _CHASER + 3], chaser, chaser_after, P, _CHASER)
+
+
+class VehicleState(NamedTuple):
     """An estimate.
 
     Attributes
@@ -57,40 +87,25 @@ class VehicleState:
 
     def corrected(self, correction: Vector, covariance: Matrix) -> "VehicleState":
         """The estimate with a correction (n,) of its errors taken in; it must be settled."""
-        values = self.values + correction
-        values[TARGET_ATTITUDE] = values[CHASER_ATTITUDE] = 0.0
-        for place in (TARGET_ATTITUDE, CHASER_ATTITUDE):
-            if np.linalg.norm(correction[place]) > RESET_FROM_RAD:
-                covariance = reset(covariance, correction[place], place.start)
-        dcm = turned(self.dcm_inertial_from_chaser, correction[CHASER_ATTITUDE])
-        return replace(
-            self,
-            values=values,
-            dcm_lvlh_from_target=turned(self.dcm_lvlh_from_target, correction[TARGET_ATTITUDE]),
-            dcm_inertial_from_chaser=dcm,
-            dcm_at_settled=dcm,
-            covariance=covariance,
+        values, target, chaser = np.empty_like(self.values), np.empty((3, 3)), np.empty((3, 3))
+        after = covariance.copy()
+        correct_into(
+            self.values,
+            self.dcm_lvlh_from_target,
+            self.dcm_inertial_from_chaser,
+            correction,
+            values,
+            target,
+            chaser,
+            after,
         )
-
-
-class OrbitFrame:
-    """The stated orbit as a frame: `lvlh_ccsds` in inertial axes at any time."""
-
-    def __init__(self, orbit: InertialOrbit) -> None:
-        self.vector = orbit_vector(orbit.mean_motion_rad_s, orbit.eccentricity, orbit.true_anomaly_rad)
-        ci, si = np.cos(orbit.inclination_rad), np.sin(orbit.inclination_rad)
-        cn, sn = np.cos(orbit.ascending_node_rad), np.sin(orbit.ascending_node_rad)
-        cp, sp = np.cos(orbit.perigee_argument_rad), np.sin(orbit.perigee_argument_rad)
-        node = np.array([[cn, -sn * ci], [sn, cn * ci], [0.0, si]])
-        self._plane = node @ np.array([[cp, -sp], [sp, cp]])  # columns: toward perigee, and a quarter turn on
-        self._normal = np.cross(self._plane[:, 0], self._plane[:, 1])
-
-    def dcm_lvlh_from_inertial(self, t_s: float) -> Matrix:
-        """v_lvlh = dcm @ v_inertial, (3, 3)."""
-        sine, cosine = true_anomaly_at(self.vector, t_s)
-        out, dcm = self._plane @ np.array([cosine, sine]), np.empty((3, 3))
-        dcm[0], dcm[1], dcm[2] = self._plane @ np.array([-sine, cosine]), -self._normal, -out
-        return dcm
+        return self._replace(
+            values=values,
+            dcm_lvlh_from_target=target,
+            dcm_inertial_from_chaser=chaser,
+            dcm_at_settled=chaser,
+            covariance=after,
+        )
 
 
 def start_state(

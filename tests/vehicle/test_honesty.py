@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import relnav
-from relnav.accuracy.rendezvous import checkpoint, fly, groups_of, honesty, port_figures
+from relnav.accuracy.rendezvous import checkpoint, fly, groups_of, honesty, port_figures, true_port
+from relnav.accuracy.vehicle_faults import bent, ramp_of
 from relnav.estimation.consistency import chi_square_interval
 from relnav.simulation.rendezvous import Rendezvous
 from relnav.simulation.vehicle_sensors import simulate_rendezvous
@@ -159,3 +160,44 @@ def test_a_glint_is_left_out(slow, runs):
     one, other = clean.state(), struck.state()
     assert np.abs((one.port.position_m - other.port.position_m) / one.port.sigma[:3]).max() < 1.5
     assert other.sensors["psd"].nis_ratio > 5.0 * one.sensors["psd"].nis_ratio
+
+
+def watched(vehicle, run, name, begins_s=8.0):
+    """Alarms of a run in which a sensor is off by three times the report's ramp, and the estimate at the first."""
+    nav = VehicleNavigator(vehicle)
+    for seen in sorted(run.observations, key=lambda observation: observation.t_s):
+        off = 3.0 * ramp_of(vehicle, name) if name and seen.t_s > begins_s else 0.0
+        nav.observe(seen.sensor, seen.t_s, bent(vehicle, seen, name, off))
+        now = nav.state()
+        if now.alarms:
+            return now.alarms, now
+    return (), now
+
+
+def test_healthy_flights_raise_no_alarm(slow, runs):
+    for run in runs[:4]:
+        alarms, last = watched(slow, run, "")
+        assert alarms == ()
+        assert all(abs(health.deviation) < 4.5 for health in last.sensors.values())
+
+
+@pytest.mark.parametrize("name", ["camera", "psd", "star", "sun_aps"])
+def test_a_sensor_that_is_off_raises_an_alarm_before_the_port_is_lost(slow, runs, name):
+    alarms, now = watched(slow, runs[4], name)
+    assert alarms, name
+    assert now.t_s > 8.0
+    off = true_port(runs[4], now.t_s)[0][:3] - now.port.position_m
+    assert (np.abs(off) < now.port.protection_level_m()).all()
+
+
+def test_without_the_second_filter_the_estimate_is_the_same(slow, runs):
+    alone, both = VehicleNavigator(slow, monitor=False), VehicleNavigator(slow)
+    for seen in sorted(runs[0].observations, key=lambda observation: observation.t_s)[:150]:
+        for nav in (alone, both):
+            nav.observe(seen.sensor, seen.t_s, seen.value)
+    one, other = alone.state(), both.state()
+    assert one.covariance.tobytes() == other.covariance.tobytes()
+    assert one.values.tobytes() == other.values.tobytes()
+    assert one.alarms == ()
+    assert np.isnan(one.sensors["star"].deviation)
+    assert np.isfinite(other.sensors["star"].deviation)

@@ -1,0 +1,302 @@
+"""Rows into a covariance of any size, of whose errors some are only considered: never corrected, but counted in all.
+
+With S = H P H^T + R = C C^T and W = C^-1 H P (m, n),
+
+    x <- x + W^T C^-1 r     of the estimated errors alone,
+    P <- P - W^T W          of every pair of errors of which at least one is estimated,
+
+which is P - K H P - P H^T K^T + K S K^T with the considered rows of the gain K struck out (Schmidt 1966), multiplied
+out; it is symmetric to the last bit. Rows come in groups which a gate takes or leaves as one.
+"""
+
+import math
+
+from relnav.arrays import Codes, Flags, Matrix, Vector
+from relnav.codegen.kernel import entry, kernel
+from relnav.geometry.linear_algebra import cholesky, solve_lower
+
+
+@kernel
+def clear(matrix: Matrix) -> None:
+    """Write zeros."""
+    for i in range(matrix.shape[0]):
+        for k in range(matrix.shape[1]):
+            matrix[i, k] = 0.0
+
+
+@kernel
+def _innovation_into(P: Matrix, H: Matrix, R: Matrix, HP: Matrix, S: Matrix) -> None:
+    """Write H P (m, n) and S = H P H^T + R (m, m); entries of H that are zero cost nothing."""
+    rows, n = H.shape
+    clear(HP)
+    for i in range(rows):
+        for j in range(n):
+            h = H[i, j]
+            if h != 0.0:
+                for c in range(n):
+                    HP[i, c] += h * P[j, c]
+    for i in range(rows):
+        for k in range(i + 1):
+            total = R[i, k]
+            for j in range(n):
+                if H[k, j] != 0.0:
+                    total += HP[i, j] * H[k, j]
+            S[i, k] = total
+            S[k, i] = total
+
+
+@kernel
+def _squared(S: Matrix, residual: Vector, chosen: Codes, factor: Matrix, y: Vector) -> float:
+    """NIS of the chosen rows, with C in factor and C^-1 r in y, without gaps; infinite if S is not positive."""
+    count = 0
+    for i in range(len(residual)):
+        if chosen[i] == 0:
+            continue
+        y[count], place = residual[i], 0
+        for j in range(i + 1):
+            if chosen[j] > 0:
+                factor[count, place] = S[i, j]
+                place += 1
+        count += 1
+    within = factor[:count, :count]
+    if not cholesky(within, 0.0, within):
+        return math.inf
+    return solve_lower(within, y[:count])
+
+
+@kernel
+def _choose(chosen: Codes, size: int, group: int, code: int) -> None:
+    for i in range(size * group, size * (group + 1)):
+        chosen[i] = code
+
+
+@kernel
+def _gate(
+    S: Matrix, residual: Vector, size: int, limits: Vector, chosen: Codes, factor: Matrix, y: Vector
+) -> tuple[float, int, int]:
+    """Choose rows to believe; NIS of all that was seen, how many groups were seen, and how many are believed.
+
+    Each group must be credible alone, and those left together; of a set that contradicts itself the group goes without
+    which the rest agrees best. Two that contradict one another both go.
+    """
+    groups, seen = len(residual) // size, 0
+    for g in range(groups):
+        whole = True
+        for i in range(size * g, size * (g + 1)):
+            whole = whole and math.isfinite(residual[i])
+        _choose(chosen, size, g, 1 if whole else 0)
+        seen += 1 if whole else 0
+    if seen == 0:
+        return 0.0, 0, 0
+    everything = _squared(S, residual, chosen, factor, y)
+    if everything <= limits[size]:  # no part of it has more
+        return everything, seen, seen
+    passing = 0
+    for g in range(groups):
+        if chosen[size * g] > 0:
+            good = _alone(S, residual, size, g, factor, y) <= limits[size]
+            _choose(chosen, size, g, 1 if good else 0)
+            passing += 1 if good else 0
+    while passing > 0 and not _squared(S, residual, chosen, factor, y) <= limits[size * passing]:
+        worst, least = -1, math.inf
+        for g in range(groups):
+            if passing > 2 and chosen[size * g] > 0:
+                _choose(chosen, size, g, 0)
+                without = _squared(S, residual, chosen, factor, y)
+                _choose(chosen, size, g, 1)
+                if worst < 0 or without < least:
+                    worst, least = g, without
+        if worst < 0:
+            for i in range(len(residual)):
+                chosen[i] = 0
+            return everything, seen, 0
+        _choose(chosen, size, worst, 0)
+        passing -= 1
+    return everything, seen, passing
+
+
+@kernel
+def _alone(S: Matrix, residual: Vector, size: int, group: int, factor: Matrix, y: Vector) -> float:
+    """NIS of one group by itself."""
+    first = size * group
+    for i in range(size):
+        y[i] = residual[first + i]
+        for j in range(i + 1):
+            factor[i, j] = S[first + i, first + j]
+    within = factor[:size, :size]
+    if not cholesky(within, 0.0, within):
+        return math.inf
+    return solve_lower(within, y[:size])
+
+
+@kernel
+def _update(
+    P: Matrix,
+    considered: Flags,
+    HP: Matrix,
+    chosen: Codes,
+    factor: Matrix,
+    y: Vector,
+    after: Matrix,
+    correction: Vector,
+) -> None:
+    """Write what the chosen rows make of P, and the correction; factor and y as `_squared` left them; HP is used up."""
+    n, count = len(correction), 0
+    for i in range(len(chosen)):
+        if chosen[i] > 0:
+            for c in range(n):
+                HP[count, c] = HP[i, c]
+            for k in range(count):
+                f = factor[count, k]
+                for c in range(n):
+                    HP[count, c] -= f * HP[k, c]
+            scale = factor[count, count]
+            for c in range(n):
+                HP[count, c] /= scale
+            count += 1
+    for a in range(n):
+        total = 0.0
+        for c in range(n):
+            after[a, c] = P[a, c]
+        for i in range(count):
+            w = HP[i, a]
+            total += w * y[i]
+            for c in range(n):
+                after[a, c] -= w * HP[i, c]
+        correction[a] = total
+        if considered[a]:
+            correction[a] = 0.0
+            for c in range(n):
+                if considered[c]:
+                    after[a, c] = P[a, c]
+
+
+@entry
+def take_rows(
+    P: Matrix,
+    considered: Flags,
+    residual: Vector,
+    H: Matrix,
+    R: Matrix,
+    size: int,
+    limits: Vector,
+    chosen: Codes,
+    after: Matrix,
+    correction: Vector,
+    work: Matrix,
+) -> tuple[float, int, int]:
+    """Gate rows, and take in those that are credible.
+
+    P (n, n), considered (n,); residual (m,), NaN where there is nothing to be used, H (m, n), R (m, m) of groups of
+    `size` rows that are independent of one another; limits (m + 1,): the largest credible NIS of k rows. Writes which
+    rows were believed (m,), 1 or 0, P after it and the correction (n,), P and 0 where there are none. work
+    (3 m + 1, n) scratch. Returns NIS of all that was seen, how many groups that is, and of how many believed.
+    """
+    m = len(residual)
+    HP, S, factor, y = work[:m], work[m : 2 * m, :m], work[2 * m : 3 * m, :m], work[3 * m]
+    _innovation_into(P, H, R, HP, S)
+    nis, seen, used = _gate(S, residual, size, limits, chosen, factor, y)
+    if used > 0:
+        _squared(S, residual, chosen, factor, y)
+        _update(P, considered, HP, chosen, factor, y, after, correction)
+    else:
+        for a in range(len(correction)):
+            correction[a] = 0.0
+            for c in range(len(correction)):
+                after[a, c] = P[a, c]
+    return nis, seen, used
+
+
+@entry
+def take_chosen(
+    P: Matrix,
+    considered: Flags,
+    residual: Vector,
+    H: Matrix,
+    R: Matrix,
+    chosen: Codes,
+    at: Vector,
+    after: Matrix,
+    correction: Vector,
+    work: Matrix,
+) -> bool:
+    """Take the chosen rows in, linearised where the state is corrected by at (n,); else as `take_rows`.
+
+    The iterated update (Bell and Cathey 1993, The iterated Kalman filter update as a Gauss-Newton method). False, and
+    nothing written, if a chosen residual is no number or S is not positive definite.
+    """
+    m = len(residual)
+    HP, S, factor, y, r = work[:m], work[m : 2 * m, :m], work[2 * m : 3 * m, :m], work[3 * m], work[3 * m + 1]
+    for i in range(m):
+        r[i] = residual[i]
+        for c in range(len(at)):
+            r[i] += H[i, c] * at[c]
+    _innovation_into(P, H, R, HP, S)
+    if not _squared(S, r[:m], chosen, factor, y) < math.inf:
+        return False
+    _update(P, considered, HP, chosen, factor, y, after, correction)
+    return True
+
+
+@kernel
+def carry_into(P: Matrix, F: Matrix, Q: Matrix, after: Matrix, work: Matrix) -> None:
+    """Write P after a step in which the first m errors move by F (m, k) of the first k <= n, and take noise Q (m, m).
+
+    The others last. after (n, n) is not P; work (k, m) scratch. Entries of F that are zero cost nothing.
+    """
+    moving, driving = F.shape
+    n = P.shape[0]
+    for i in range(moving):
+        for c in range(n):
+            after[i, c] = 0.0
+        for k in range(driving):
+            f = F[i, k]
+            if f != 0.0:
+                for c in range(n):
+                    after[i, c] += f * P[k, c]
+    for k in range(driving):
+        for i in range(moving):
+            work[k, i] = after[i, k]
+    for i in range(moving):
+        for c in range(moving):
+            after[i, c] = Q[i, c]
+        for k in range(driving):
+            f = F[i, k]
+            if f != 0.0:
+                for c in range(moving):
+                    after[i, c] += f * work[k, c]
+        for c in range(i):
+            mean = 0.5 * (after[i, c] + after[c, i])
+            after[i, c] = mean
+            after[c, i] = mean
+    for a in range(moving, n):
+        for i in range(moving):
+            after[a, i] = after[i, a]
+        for c in range(moving, n):
+            after[a, c] = P[a, c]
+
+
+@kernel
+def reset_into(P: Matrix, theta: Vector, at: int) -> None:
+    """Replace P by that about the attitude that took theta (3,) in: G P G^T, G = I - [theta x] / 2 from row `at` on."""
+    a, b, c = 0.5 * theta[0], 0.5 * theta[1], 0.5 * theta[2]
+    for k in range(P.shape[0]):
+        x, y, z = P[at, k], P[at + 1, k], P[at + 2, k]
+        P[at, k], P[at + 1, k], P[at + 2, k] = x + c * y - b * z, y + a * z - c * x, z + b * x - a * y
+    for k in range(P.shape[0]):
+        x, y, z = P[k, at], P[k, at + 1], P[k, at + 2]
+        P[k, at], P[k, at + 1], P[k, at + 2] = x + c * y - b * z, y + a * z - c * x, z + b * x - a * y
+
+
+@kernel
+def information_gained(before: Matrix, after: Matrix, at: int) -> float:
+    """Half the logarithm by which the variance ellipsoid of three errors from row `at` on shrank, nats."""
+    return 0.5 * math.log(max(_volume(before, at) / _volume(after, at), 1e-300))
+
+
+@kernel
+def _volume(P: Matrix, at: int) -> float:
+    """Determinant of three rows and columns of a covariance."""
+    a, b, c = P[at, at], P[at, at + 1], P[at, at + 2]
+    d, e, f = P[at + 1, at + 1], P[at + 1, at + 2], P[at + 2, at + 2]
+    return float(a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d))

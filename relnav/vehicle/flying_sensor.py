@@ -1,0 +1,39 @@
+"""What a sensor of one's own is to the vehicle's filter: errors that last, and rows about the whole state."""
+
+from typing import Any, Protocol
+
+from relnav.arrays import Matrix, Vector
+from relnav.vehicle.layout import LastingError, Layout
+from relnav.vehicle.rows import Rows
+from relnav.vehicle.state import VehicleState
+
+
+class FlyingSensor(Protocol):
+    """A sensor that `VehicleNavigator(vehicle, sensors={name: sensor})` flies beside those of the vehicle file.
+
+    Attributes
+    ----------
+    lasting : sequence of LastingError
+        Its own errors that last a run; each becomes a block of the state, "NAME.KIND".
+    most_rows : int
+        The largest number of rows that it gives at once.
+    """
+
+    lasting: tuple[LastingError, ...]
+    most_rows: int
+
+    def placed(self, name: str, layout: Layout) -> None:
+        """Told once under what name it flies, and where its errors stand: `layout.by_name["NAME.KIND"]`."""
+
+    def taken(self, value: Any, covariance: Any) -> tuple[Vector, Matrix]:
+        """What a caller observed as numbers (k,), NaN = nothing, and the covariance of their noise.
+
+        ValueError, with what is expected, for what cannot be. The arrays are kept for when a late event is inserted
+        before them: they may not be changed later.
+        """
+
+    def rows(self, state: VehicleState, value: Vector, noise: Matrix) -> Rows:
+        """Rows of an observation at an estimate: the same arguments, the same rows.
+
+        The Jacobian is by the errors of `layout` with the attitude error of `relnav.geometry.rotation_vector`.
+        """

@@ -1,0 +1,66 @@
+"""A second filter that watches the first: the same events, but every error that lasts estimated.
+
+Where errors are considered, innovations hang together in time, and a sum of squared ones is no chi-square. Of a filter
+that estimates all of them they are white as long as the vehicle is as stated, so that their sums can be tested. Per
+sensor the squared innovations of some ten seconds are added up with weights that fade,
+
+    X = sum w NIS,   M = sum w dof,   V = sum w^2 2 dof,   w = exp(-age / FADES_S)
+
+X is then nearly M / nu times a chi-square of nu = 2 M^2 / V degrees of freedom, and the cube root of X / M normal about
+1 - 2 / (9 nu) with variance 2 / (9 nu) (Wilson and Hilferty 1931, The distribution of chi-square): a deviation above
+ALARM_SIGMA is an alarm. One that ends there has a probability of 3e-6. A single observation counts for no more than the
+gate lets pass: one glint is no lasting fault.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+from relnav.vehicle.layout import Layout
+from relnav.vehicle.state import VehicleState
+from relnav.vehicle.update import Outcome
+
+FADES_S = 10.0
+ALARM_SIGMA = 4.5
+
+
+class Sums(NamedTuple):
+    """X, M and V of one sensor at t_s."""
+
+    t_s: float
+    nis: float = 0.0
+    dof: float = 0.0
+    variance: float = 0.0
+
+    def after(self, t_s: float, nis: float, dof: int) -> "Sums":
+        """The same with one observation more, the older ones faded."""
+        fade = math.exp((self.t_s - t_s) / FADES_S)
+        return Sums(t_s, fade * self.nis + nis, fade * self.dof + dof, fade * fade * self.variance + 2.0 * dof)
+
+    @property
+    def deviation(self) -> float:
+        """How far the sum lies above what is expected, in 1-sigma; NaN before the first observation."""
+        if self.dof == 0.0:
+            return math.nan
+        share = self.variance / (9.0 * self.dof**2)  # 2 / (9 nu)
+        return float(((self.nis / self.dof) ** (1.0 / 3.0) - 1.0 + share) / math.sqrt(share))
+
+
+class Watched(NamedTuple):
+    """The second filter's estimate, and the sums of each sensor."""
+
+    state: VehicleState
+    sums: Mapping[str, Sums]
+
+    def after(self, state: VehicleState, source: str, outcome: Outcome) -> "Watched":
+        """The same after an observation; one that came while the start was wide tells nothing."""
+        if outcome.groups == 0 or outcome.wide:
+            return Watched(state, self.sums)
+        sums = self.sums[source].after(state.t_s, min(outcome.nis, outcome.largest_credible), outcome.dof)
+        return Watched(state, {**self.sums, source: sums})
+
+
+def all_estimated(layout: Layout) -> Layout:
+    """The same errors, none of them only considered."""
+    return Layout(tuple(replace(block, role="estimated") for block in layout.blocks))

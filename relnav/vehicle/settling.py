@@ -1,0 +1,177 @@
+"""The step of a vehicle's estimate, compiled: relative motion, the target's turn and all covariances.
+
+Errors (Markley and Crassidis 2014, ch. 6, for the gyro; convention of `relnav.geometry.rotation_vector`):
+
+    alpha' = -w x alpha - db - n_w,     d(a) = C_LB (f dk - [f x] (dd + alpha)) + ds
+
+with a = (1 + k) C_LB (f + d x f) + s the acceleration in `lvlh_ccsds`, f the command, k and d the thrusters' errors, s
+the slow acceleration. Relative motion and the target's turn bring their own transitions.
+"""
+
+import numpy as np
+
+from relnav.arrays import Matrix, Record, Vector
+from relnav.codegen.kernel import entry, kernel
+from relnav.dynamics import gauss_markov, relative_motion, rigid_body
+from relnav.dynamics.rigid_body import BODY_ROWS, MEAN_MOTION
+from relnav.estimation.schmidt import carry_into, clear
+from relnav.vehicle.layout import (
+    CHASER_ATTITUDE,
+    DRIVING,
+    GYRO_BIAS,
+    MOVING,
+    SLOW_ACCELERATION,
+    TARGET_ATTITUDE,
+    TARGET_RATE,
+    THRUST_DIRECTION,
+    THRUST_SCALE,
+    VELOCITY,
+)
+from relnav.vehicle.orbit_frame import lvlh_from_inertial_into
+
+_F = np.float64
+
+CONSTANTS = np.dtype(
+    [
+        ("orbit", _F, 4),
+        ("axes", _F, (3, 3)),
+        ("body", _F, (BODY_ROWS, 3)),
+        ("torque_density", _F),
+        ("density", _F, (3, 3)),
+        ("slow_sigma", _F, 3),
+        ("slow_time", _F, 3),
+        ("angle_walk", _F),
+    ]
+)
+"""Of a vehicle: its orbit (`OrbitFrame`), the target (`rigid_body`), densities of white noise, the slow acceleration,
+the gyro's angle random walk squared."""
+
+SCRATCH = np.dtype(
+    [
+        ("phi", _F, (6, 6)),
+        ("q", _F, (6, 6)),
+        ("effect", _F, 6),
+        ("work", _F, (6, 6)),
+        ("turn", _F, (6, 6)),
+        ("spread", _F, (6, 6)),
+        ("steps", _F, (50, 6)),
+        ("fade", _F, (3, 3)),
+        ("drift", _F, (3, 3)),
+        ("acceleration", _F, 3),
+        ("pushed", _F, 3),
+        ("to_lvlh", _F, (3, 3)),
+        ("frame", _F, (3, 3)),
+        ("F", _F, (MOVING, DRIVING)),
+        ("Q", _F, (MOVING, MOVING)),
+        ("product", _F, (DRIVING, MOVING)),
+    ]
+)
+
+_VELOCITY, _TARGET, _RATE, _CHASER = VELOCITY.start, TARGET_ATTITUDE.start, TARGET_RATE.start, CHASER_ATTITUDE.start
+_BIAS, _SLOW, _SCALE, _DIRECTION = (
+    block.start for block in (GYRO_BIAS, SLOW_ACCELERATION, THRUST_SCALE, THRUST_DIRECTION)
+)
+
+
+@kernel
+def _push(scratch: Record, dcm_inertial_from_chaser: Matrix, command: Vector, values: Vector) -> None:
+    """Write C_LB and the acceleration in `lvlh_ccsds` into scratch."""
+    a, pushed, to_lvlh, frame = scratch["acceleration"], scratch["pushed"], scratch["to_lvlh"], scratch["frame"]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        pushed[i] = command[i] + values[_DIRECTION + j] * command[k] - values[_DIRECTION + k] * command[j]
+        for c in range(3):
+            to_lvlh[i, c] = 0.0
+            for m in range(3):
+                to_lvlh[i, c] += frame[i, m] * dcm_inertial_from_chaser[m, c]
+    for i in range(3):
+        along = to_lvlh[i, 0] * pushed[0] + to_lvlh[i, 1] * pushed[1] + to_lvlh[i, 2] * pushed[2]
+        a[i] = (1.0 + values[_SCALE]) * along + values[_SLOW + i]
+
+
+@kernel
+def _write_transition(scratch: Record, dt: float, command: Vector, now: Matrix, before: Matrix) -> None:
+    """Write F (MOVING, DRIVING) of all errors that move; now, before: dcm_inertial_from_chaser at both ends."""
+    F, to_lvlh = scratch["F"], scratch["to_lvlh"]
+    clear(F)
+    pushes = command[0] != 0.0 or command[1] != 0.0 or command[2] != 0.0
+    for i in range(6):
+        for c in range(6):
+            F[i, c] = scratch["phi"][i, c]
+            F[_TARGET + i, _TARGET + c] = scratch["turn"][i, c]
+    for i in range(3):
+        F[i, _SLOW + i], F[_VELOCITY + i, _SLOW + i] = 0.5 * dt * dt, dt
+        F[_SLOW + i, _SLOW + i], F[_BIAS + i, _BIAS + i] = scratch["fade"][i, i], 1.0
+        F[_CHASER + i, _BIAS + i] = -dt
+        for c in range(3):
+            F[_CHASER + i, _CHASER + c] = now[0, i] * before[0, c] + now[1, i] * before[1, c] + now[2, i] * before[2, c]
+        if pushes:
+            along = to_lvlh[i, 0] * command[0] + to_lvlh[i, 1] * command[1] + to_lvlh[i, 2] * command[2]
+            F[i, _SCALE], F[_VELOCITY + i, _SCALE] = 0.5 * dt * dt * along, dt * along
+            for c in range(3):
+                d, e = (c + 1) % 3, (c + 2) % 3
+                across = to_lvlh[i, e] * command[d] - to_lvlh[i, d] * command[e]  # of -C_LB [f x]
+                for first in (_DIRECTION, _CHASER):
+                    F[i, first + c], F[_VELOCITY + i, first + c] = 0.5 * dt * dt * across, dt * across
+
+
+@kernel
+def _write_noise(scratch: Record, dt: float, angle_walk: float, bias_walk: float) -> None:
+    """Write Q (MOVING, MOVING)."""
+    Q = scratch["Q"]
+    clear(Q)
+    for i in range(6):
+        for c in range(6):
+            Q[i, c] = scratch["q"][i, c]
+            Q[_TARGET + i, _TARGET + c] = scratch["spread"][i, c]
+    for i in range(3):
+        Q[_SLOW + i, _SLOW + i] = scratch["drift"][i, i]
+        Q[_CHASER + i, _CHASER + i] = angle_walk * dt + bias_walk * dt * dt * dt / 3.0
+        Q[_CHASER + i, _BIAS + i] = Q[_BIAS + i, _CHASER + i] = -0.5 * bias_walk * dt * dt
+        Q[_BIAS + i, _BIAS + i] = bias_walk * dt
+
+
+@entry
+def settle_into(
+    constants: Record,
+    scratch: Record,
+    t: float,
+    dt: float,
+    now: Matrix,
+    before: Matrix,
+    command: Vector,
+    bias_walk: float,
+    values: Vector,
+    dcm_lvlh_from_target: Matrix,
+    P: Matrix,
+    after: Matrix,
+) -> bool:
+    """Carry an estimate from t s over dt s: values (n,) and dcm_lvlh_from_target in place, P (n, n) into after.
+
+    now, before: dcm_inertial_from_chaser at the end and at the beginning; command (3,) m/s^2, chaser axes; bias_walk:
+    the square of what the gyro's bias gains in a second. False for a step so long that nothing is known after it.
+    """
+    lvlh_from_inertial_into(constants["orbit"], constants["axes"], t + dt, scratch["frame"])
+    _push(scratch, now, command, values)
+    phi, q, effect, body = scratch["phi"], scratch["q"], scratch["effect"], constants["body"]
+    orbit, acceleration, work = constants["orbit"], scratch["acceleration"], scratch["work"]
+    if not relative_motion.propagate_into(orbit, t, dt, acceleration, constants["density"], phi, q, effect, work):
+        return False
+    body[MEAN_MOTION, 0] = relative_motion.frame_rate(orbit, t + 0.5 * dt)
+    turn, spread, rate = scratch["turn"], scratch["spread"], values[_RATE : _RATE + 3]
+    density, steps = constants["torque_density"], scratch["steps"]
+    if not rigid_body.propagate_into(body, dt, dcm_lvlh_from_target, rate, density, turn, spread, steps):
+        return False
+    fade = scratch["fade"]
+    gauss_markov.propagate_into(constants["slow_sigma"], constants["slow_time"], dt, fade, scratch["drift"])
+    _write_transition(scratch, dt, command, now, before)
+    _write_noise(scratch, dt, constants["angle_walk"], bias_walk)
+    for i in range(6):
+        for c in range(6):
+            effect[i] += phi[i, c] * values[c]
+    for i in range(6):
+        values[i] = effect[i]
+    for i in range(3):
+        values[_SLOW + i] *= fade[i, i]
+    carry_into(P, scratch["F"], scratch["Q"], after, scratch["product"])
+    return True
