@@ -19,7 +19,9 @@ def main() -> None:
     report = calibrate_sun(POINTS, model)
     calibration = report.result.calibration
     before, after = np.degrees(report.before_rad), np.degrees(report.result.error_rad)
-    print(f"{len(after)} points; largest error before {np.abs(before).max():.1f} deg, after {np.abs(after).max():.3f} deg")
+    print(
+        f"{len(after)} points; largest error {np.abs(before).max():.1f} deg before, {np.abs(after).max():.3f} deg after"
+    )
     sun = relnav.aps_sun.measure([612.4, 433.1], model, calibration=calibration)
     print(f"spot (612.4, 433.1) px: {sun.status.name}, 1-sigma {np.degrees(sun.sigma_rad):.4f} deg")
 

@@ -28,7 +28,8 @@ def main() -> None:
         sigma = math.sqrt(fix.covariance[0, 0])
         verdict = f"{sigma:.4f} m, {'meets' if sigma <= WANTED_M else 'misses'} {WANTED_M} m"
         nearest = model.sensor.focal_length_m * half_m / (0.5 * model.sensor.detector_size_m[0])
-        print(f"{focal_mm:5.0f}  {half_m:4.1f}   {verdict if fix.status.name == 'OK' else fix.status.name:24s} {nearest:5.2f} m")
+        verdict = verdict if fix.status.name == "OK" else fix.status.name
+        print(f"{focal_mm:5.0f}  {half_m:4.1f}   {verdict:24s} {nearest:5.2f} m")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Fly a campaign: many approaches with what is uncertain drawn anew; is the covariance honest?
+"""Fly a campaign: many approaches with what is uncertain drawn anew, and whether the covariance is honest.
 
 python examples/fly_a_campaign.py [RUNS]
 """

@@ -17,7 +17,7 @@ def main() -> None:
     shipped = relnav.load_model("three_beacon_psd")
     with tempfile.TemporaryDirectory() as folder:
         mine = Path(folder) / "my_sensor.toml"
-        text = Path(shipped.path).read_text()  # on the command line: relnav models three_beacon_psd --copy my_sensor.toml
+        text = Path(shipped.path).read_text()  # or: relnav models three_beacon_psd --copy my_sensor.toml
         text = re.sub(r"focal_length_mm = .*", "focal_length_mm = 75.0", text)
         text = re.sub(r"beacon_half_spacing_m = .*", "beacon_half_spacing_cm = 36.0", text)
         text = re.sub(r"beacon_c_distance_m = .*", "beacon_c_distance_cm = 62.4", text)

@@ -108,7 +108,7 @@ def _filled(app, docname, source):
     source[0] = MARK.sub(lambda mark: MAKERS[mark[1]](), text)
 
 
-def _formulas_as_they_stand(app, what, name, obj, options, lines):  # noqa: ARG001  (Sphinx's signature)
+def _formulas_as_they_stand(app, what, name, obj, options, lines):
     """What is indented in a docstring's text is a formula: shown letter by letter, not read as markup."""
     end = next((k - 1 for k, line in enumerate(lines) if k and line and set(line) == {"-"}), len(lines))
     text: list[str] = []

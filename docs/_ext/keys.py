@@ -1,4 +1,4 @@
-"""Every key that a model file may have, from the dataclasses that the loader fills: units, limits, defaults, meaning."""
+"""Every key that a model file may have, from the dataclasses that the loader fills: units, limits, defaults."""
 
 import dataclasses
 import re
@@ -64,7 +64,13 @@ def _default(field: dataclasses.Field) -> str:
         value = field.default
         if isinstance(value, bool):
             return "false" if not value else "true"
-        return "none" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value).replace("'", "")
+        return (
+            "none"
+            if value is None or value == ()
+            else f"{value:.6g}"
+            if isinstance(value, float)
+            else str(value).replace("'", "")
+        )
     return "**needed**" if field.default_factory is dataclasses.MISSING else "as its own section says"
 
 
@@ -73,7 +79,7 @@ def _table(cls: type) -> list[str]:
     lines = ["| key | other units | value | if left out | meaning |", "| --- | --- | --- | --- | --- |"]
     for field in dataclasses.fields(cls):
         _, unit = split_unit(field.name)
-        others = ", ".join(f"`_{other}`" for other in same_kind(unit) if other != unit) if unit else ""
+        others = ", ".join(other for other in same_kind(unit) if other != unit) if unit else ""
         row = (f"`{field.name}`", others, _kind(hints[field.name]), _default(field), said.get(field.name, ""))
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |")
     return [*lines, ""]

@@ -3,10 +3,15 @@
 docutils brings the translation from LaTeX; here it is made known to Sphinx as a way to write formulas in HTML.
 """
 
+import re
+
 from docutils import nodes
 from docutils.utils.math import MathError
 from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.util import logging
+
+PAPER = re.compile(r"-(\d+)(?:-(\d+))?$")
+"""Of an equation's label: the numbers that it has in its paper, cai-4-6; they are shown, Sphinx's own are not."""
 
 logger = logging.getLogger(__name__)
 
@@ -29,9 +34,8 @@ def _inline(translator, node):
 
 
 def _displayed(translator, node):
-    number = ""
-    if node["number"]:
-        number = f'<span class="eqno">({node["number"]})</span>'
+    paper = PAPER.search(node.get("label") or "")
+    number = f'<span class="eqno">({paper[1]}){f" to ({paper[2]})" if paper[2] else ""}</span>' if paper else ""
     anchor = f' id="{node["ids"][0]}"' if node.get("ids") else ""
     translator.body.append(f'<div class="math"{anchor}>{_mathml(node, block=True)}{number}</div>\n')
     raise nodes.SkipNode
