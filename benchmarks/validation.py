@@ -83,9 +83,13 @@ class Noted:
 
 def references() -> tuple[list[str], bool]:
     """Every outside reference with the largest difference found, its bound, and its test."""
-    files = [str(path) for path in sorted((ROOT / "tests").rglob("test_*.py")) if "outside(" in path.read_text("utf-8")]
+    tests = [
+        f"{path}::{name}"
+        for path in sorted((ROOT / "tests").rglob("test_*.py"))
+        for name in re.findall(r"^def (test_\w+)\([^)]*\boutside\b", path.read_text("utf-8"), re.MULTILINE)
+    ]
     noted = Noted()
-    code = pytest.main([*files, "--rootdir", str(ROOT), "-n", "0", "-p", "no:cacheprovider"], plugins=[noted])
+    code = pytest.main([*tests, "--rootdir", str(ROOT), "-n", "0", "-p", "no:cacheprovider"], plugins=[noted])
     lines = ["| reference | what | difference | bound | held by |", "| --- | --- | --- | --- | --- |"]
     for (reference, what), (difference, bound, path) in noted.found.items():
         lines.append(f"| {reference} | {what} | {difference:.2g} | {bound:.2g} | `{path}` |")

@@ -33,20 +33,17 @@ def commands() -> str:
     """Help of every command, as a terminal of 100 columns shows it."""
     parts: list[str] = []
 
-    def walk(command: click.Command, words: list[str]) -> None:
-        parent = None
-        for word in words[:-1]:
-            parent = click.Context(command, info_name=word, parent=parent)
-        context = click.Context(command, info_name=words[-1], parent=parent, terminal_width=100, max_content_width=100)
-        level = "##" if len(words) < 3 else "###"
-        parts.append(f"{level} {' '.join(words)}\n\n```text\n{command.get_help(context)}\n```\n")
+    def walk(command: click.Command, name: str, parent: click.Context | None) -> None:
+        context = click.Context(command, info_name=name, parent=parent, terminal_width=100, max_content_width=100)
+        level = "###" if parent is not None and parent.parent is not None else "##"
+        parts.append(f"{level} {context.command_path}\n\n```text\n{command.get_help(context)}\n```\n")
         if isinstance(command, click.Group):
-            for name in command.list_commands(context):
-                found = command.get_command(context, name)
+            for inner in command.list_commands(context):
+                found = command.get_command(context, inner)
                 assert found is not None
-                walk(found, [*words, name])
+                walk(found, inner, context)
 
-    walk(root, ["relnav"])
+    walk(root, "relnav", None)
     return "\n".join(parts)
 
 

@@ -52,7 +52,7 @@ def test_every_command_is_there(text):
 
 def test_every_key_is_there(text):
     page = text("reference/keys.html")
-    for key in ("focal_length_m", "mirror_normal", "glass_index", "bias_walk_rad_s_sqrt_s", "axis_tilt_rad"):
+    for key in ("focal_length_m", "mirror_normal", "glass_index", "bias_walk_rad_s_sqrt_s", "axis_polar_rad"):
         assert key in page, key
     shipped = text("reference/shipped.html")
     for name in relnav.list_models():
