@@ -35,7 +35,7 @@ def claims(folder: Path | None) -> tuple[list[str], bool]:
         else:
             report = relnav.measure_accuracy(name).to_dict()
         ok &= report["ok"]
-        lines += [f"### {relnav.load_model(name).title}", "", f"`relnav accuracy {name}`, runs: {report['runs']}", ""]
+        lines += [f"### {relnav.load_model(name).title}", "", f"`relnav accuracy {name} --runs {report['runs']}`:", ""]
         lines += ["| claim | way | published | measured | found | expected |", "| --- | --- | --- | --- | --- | --- |"]
         for row in _shown(report["rows"]):
             where = row.get("condition") or (f"{row['range_m']:g} m" if row.get("range_m") else "")

@@ -29,6 +29,7 @@ nitpick_ignore_regex = [("py:.*", r"(numpy|scipy|pyarrow|matplotlib|pandas|xarra
 
 html_theme = "furo"
 html_title = f"relnav {release}"
+html_theme_options = {"light_css_variables": {"code-font-size": "var(--font-size--small--3)"}}
 html_static_path: list[str] = []
 html_copy_source = False
 html_show_sourcelink = False

@@ -27,6 +27,21 @@ def test_every_tutorial_has_its_script():
     assert len(tutorials) >= 9
 
 
+def test_every_claim_and_reference_is_in_the_report():
+    """What `benchmarks/validation.py` wrote into the page is not behind the models and the tests."""
+    import relnav
+
+    page = (ROOT / "docs" / "validation.md").read_text(encoding="utf-8")
+    for name in ("three_beacon_psd", "dual_field_star", "aps_sun", "three_marker_vision", "birefringent_sun"):
+        _, _, after = page.partition(f"`relnav accuracy {name} --runs ")
+        section = after.split("###")[0]
+        for claim in relnav.load_published(name).claims:
+            assert re.search(rf"\| {re.escape(claim.quantity)} \|.*\| {claim.value:.4g} {claim.unit} ", section), claim
+    for path in (ROOT / "tests").rglob("test_*.py"):
+        if re.search(r"^def test_\w+\([^)]*\boutside\b", path.read_text(encoding="utf-8"), re.MULTILINE):
+            assert f"`{path.relative_to(ROOT)}`" in page, path
+
+
 def test_figures_show_what_the_package_says():
     """The page says 5.56 deg for 5 deg at 6.5 m; the figure's function is what it is drawn by."""
     import importlib.util
