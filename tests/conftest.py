@@ -100,6 +100,20 @@ def truth() -> SimpleNamespace:
     )  # fmt: skip
 
 
+@pytest.fixture
+def outside(record_property: Callable[[str, object], None]) -> Callable[..., None]:
+    """outside(reference, what, difference, bound): held to the bound, and noted for `benchmarks/validation.py`.
+
+    For a reference of other hands: a textbook, another program. `difference` is in the unit that `what` ends with.
+    """
+
+    def hold(reference: str, what: str, difference: float, bound: float) -> None:
+        record_property("outside", (reference, what, float(difference), float(bound)))
+        assert difference <= bound, f"{reference}: {what} differs by {difference}, more than {bound}"
+
+    return hold
+
+
 @pytest.fixture(scope="session")
 def wide_sensor() -> ThreeBeaconSensor:
     """The sensor of Cai et al. (1996) with f a = 0.015 m^2 and a detector without edges."""

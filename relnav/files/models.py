@@ -231,10 +231,11 @@ def mission_of(solution: Any) -> Any:
 def model_values(model: Any) -> dict[str, dict[str, Any]]:
     """What a loaded model's file says: key path -> its value as written, and where that comes from."""
     table, _ = read_toml(Path(model.path))
-    values = {
-        f"{section}.{key}": raw["value"] if isinstance(raw, dict) else raw
-        for section, entries in table.items()
-        if isinstance(entries, dict)
-        for key, raw in entries.items()
-    }
+    values: dict[str, Any] = {}
+    for section, entries in table.items():
+        for key, raw in entries.items() if isinstance(entries, dict) else ():
+            named = isinstance(raw, dict) and "value" not in raw  # [sensor.camera]
+            for inner, value in raw.items() if named else ((None, raw),):
+                path = f"{section}.{key}" if inner is None else f"{section}.{key}.{inner}"
+                values[path] = value["value"] if isinstance(value, dict) else value
     return {key: {"value": value, "source": model.provenance.get(key, "unstated")} for key, value in values.items()}

@@ -101,7 +101,7 @@ def _looks_away(key: str, quaternion: tuple[float, float, float, float], towards
     hint = (
         f"; it would look there as {fitting[0]}" if fitting else "; v_cam = R v, scalar last, boresight +z, is expected"
     )
-    return [(key, f"the camera looks away from the target, {off:.0f} deg off; {hint}")]
+    return [(key, f"the camera looks away from the target, {off:.0f} deg off{hint}")]
 
 
 def _off_deg(quaternion: tuple[float, float, float, float], towards: Any) -> float:

@@ -18,12 +18,13 @@ def grid(half=0.36):
 
 
 @pytest.mark.parametrize("lens", LENSES)
-def test_against_opencv(lens):
+def test_against_opencv(lens, outside):
     cv2 = pytest.importorskip("cv2", reason="OpenCV, the other implementation, is not installed")
     k, xy = LENSES[lens], grid()
     points = np.column_stack([xy, np.ones(len(xy))])
     theirs, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), np.eye(3), k)
-    np.testing.assert_allclose(distort(xy, k)[0], theirs[:, 0], atol=1e-14)
+    off = np.abs(distort(xy, k)[0] - theirs[:, 0]).max()
+    outside("OpenCV projectPoints", f"lens distortion, {lens}, normalised image", off, 1e-14)
 
 
 @pytest.mark.parametrize("lens", LENSES)

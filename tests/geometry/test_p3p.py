@@ -129,7 +129,7 @@ def test_all_real_solutions_are_found():
     assert compared > 2000
 
 
-def test_at_least_as_complete_as_others():
+def test_at_least_as_complete_as_others(outside):
     """OpenCV's two solvers and PoseLib, same views: nobody finds a true pose that is missed here."""
     cv2 = pytest.importorskip("cv2", reason="OpenCV, one of the other solvers, is not installed")
     poselib = pytest.importorskip("poselib", reason="PoseLib, one of the other solvers, is not installed")
@@ -146,7 +146,9 @@ def test_at_least_as_complete_as_others():
             results[name] = [np.vstack([cv2.Rodrigues(v)[0], t.T]) for v, t in zip(turns, places, strict=True)]
         for name, poses in results.items():
             found[name] += error([q for q in poses if np.isfinite(q).all()], dcm, position) < 1e-6
-    assert found["relnav"] == len(views)
+    for name, other in (("PoseLib p3p", "poselib"), ("OpenCV SOLVEPNP_P3P", "P3P"), ("OpenCV SOLVEPNP_AP3P", "AP3P")):
+        told = f"true poses of {len(views)} views that are missed here; missed there: {len(views) - found[other]}"
+        outside(name, told, len(views) - found["relnav"], 0)
     assert 0 < max(found["poselib"], found["P3P"], found["AP3P"]) < len(views)  # the symmetric ones defeat them
 
 

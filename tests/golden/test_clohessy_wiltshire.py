@@ -19,39 +19,41 @@ def mean_motion(case: dict) -> float:
     return math.sqrt(case["mu_m3_s2"] / case["radius_m"] ** 3)
 
 
-def assert_state(got: np.ndarray, expected: list[float], relative: float) -> None:
-    expected = np.array(expected)
-    for part in (slice(0, 3), slice(3, 6)):
-        scale = np.abs(expected[part]).max()
-        np.testing.assert_allclose(got[part], expected[part], rtol=0.0, atol=relative * scale)
+def difference(got: np.ndarray, expected: list[float]) -> float:
+    """Largest difference of a component, relative to the largest of position and of velocity."""
+    parts = np.reshape(expected, (2, 3))
+    return float((np.abs(np.reshape(got, (2, 3)) - parts).max(axis=1) / np.abs(parts).max(axis=1)).max())
 
 
 @pytest.mark.parametrize("case", DATA["free_motion"], ids=lambda case: case["name"])
-def test_free_motion_in_rsw(case: dict) -> None:
-    phi = transition(mean_motion(case), case["dt_s"], frame=case["frame"])
-    assert_state(phi @ np.array(case["start"]), case["end"], case["relative_tolerance"])
+def test_free_motion_in_rsw(case: dict, outside) -> None:
+    end = transition(mean_motion(case), case["dt_s"], frame=case["frame"]) @ np.array(case["start"])
+    what = f"Clohessy-Wiltshire state after {case['dt_s']:g} s, relative"
+    outside(case["authority"], what, difference(end, case["end"]), case["relative_tolerance"])
 
 
 @pytest.mark.parametrize("case", DATA["free_motion"], ids=lambda case: case["name"])
 def test_free_motion_in_lvlh_ccsds_is_the_same_motion_turned(case: dict) -> None:
     end = propagate(LVLH_FROM_RSW @ np.array(case["start"]), mean_motion(case), case["dt_s"])
-    assert_state(end, list(LVLH_FROM_RSW @ np.array(case["end"])), case["relative_tolerance"])
+    assert difference(end, LVLH_FROM_RSW @ np.array(case["end"])) <= case["relative_tolerance"]
 
 
 @pytest.mark.parametrize("case", DATA["thrust"], ids=lambda case: case["name"])
-def test_constant_thrust_in_lvlh_ccsds(case: dict) -> None:
+def test_constant_thrust_in_lvlh_ccsds(case: dict, outside) -> None:
     end = propagate(
         np.array(case["start"]), mean_motion(case), case["dt_s"], acceleration_m_s2=np.array(case["acceleration"])
     )
-    assert_state(end, case["end"], case["relative_tolerance"])
+    what = f"{case['name'].split(maxsplit=1)[1]}, state after {case['dt_s']:g} s, relative"
+    outside(case["authority"], what, difference(end, case["end"]), case["relative_tolerance"])
 
 
-def test_two_impulse_transfer_of_curtis() -> None:
+def test_two_impulse_transfer_of_curtis(outside) -> None:
     case = DATA["transfer"]
     phi = transition(case["mean_motion_rad_s"], case["dt_s"], frame=case["frame"])
     r0, v0 = np.array(case["start_position"]), np.array(case["start_velocity"])
     needed = np.linalg.solve(phi[:3, 3:], -phi[:3, :3] @ r0)
-    np.testing.assert_allclose(needed, v0, rtol=case["relative_tolerance"])
+    off = np.abs(needed / v0 - 1.0).max()
+    outside(case["authority"], "velocity after the first burn, relative", off, case["relative_tolerance"])
     arrival = phi @ np.concatenate([r0, needed])
     np.testing.assert_allclose(arrival[:3], 0.0, atol=1e-7)  # of 20 km: rounding of the solve
     np.testing.assert_allclose(arrival[3:], case["end_velocity"], rtol=1e-11)

@@ -52,13 +52,14 @@ def test_all_four_are_solved(solutions):
         assert np.sqrt(np.nanmean(solution.residual_rad**2)) * ARCSEC < 9.0
 
 
-def test_they_agree_with_the_independent_solver(solutions):
+def test_they_agree_with_the_independent_solver(solutions, outside):
     """A constant offset is the principal point (10.7 and 10.1 px), which that solver puts into the image's centre."""
     offset = np.array(
         [attitude_error(solutions[n].dcm_cam_from_icrs, np.array(REFERENCE[n]["dcm_cam_from_icrs"])) for n in NAMES]
     )
     scatter = offset[:, :2] - offset[:, :2].mean(axis=0)
-    assert np.abs(scatter * ARCSEC).max() < 5.0
+    off = np.abs(scatter * ARCSEC).max()
+    outside("tetra3rs 0.14.0 on four frames of the real sky", "attitude across the boresight, arcsec", off, 5.0)
     assert offset.mean(axis=0)[:2] * ARCSEC == pytest.approx([406.0, 430.0], abs=5.0)
     assert np.abs(offset[:, 2] * ARCSEC).max() < 40.0  # roll is known to 15 arcsec from one field
 

@@ -1,0 +1,55 @@
+"""Pages can be read as they stand: what they name exists."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted([*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md"), ROOT / "models" / "README.md"])
+FOLDERS = ("relnav", "tests", "benchmarks", "examples", "models", "docs", "tools")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_files_that_are_named_exist(page):
+    text = page.read_text(encoding="utf-8")
+    named = re.findall(rf"(?<![\w/.])((?:{'|'.join(FOLDERS)})/[\w/.-]+\.(?:py|md|toml|csv|png))\b", text)
+    linked = [link for link in re.findall(r"\]\(([^)#\s]+)[^)]*\)", text) if not link.startswith("http")]
+    wanted = {ROOT / name for name in named} | {page.parent / link for link in linked}
+    gone = sorted(str(path) for path in wanted if not path.exists() and "NAME" not in str(path))
+    assert gone == []
+
+
+def test_every_tutorial_has_its_script():
+    scripts = {path.stem for path in (ROOT / "examples").glob("*.py")}
+    tutorials = {path.stem for path in (ROOT / "docs" / "tutorials").glob("*.md")} - {"index"}
+    assert scripts == tutorials
+    assert len(tutorials) >= 9
+
+
+def test_every_claim_and_reference_is_in_the_report():
+    """What `benchmarks/validation.py` wrote into the page is not behind the models and the tests."""
+    import relnav
+
+    page = (ROOT / "docs" / "validation.md").read_text(encoding="utf-8")
+    report = page.partition("<!-- validation: claims -->")[2]
+    for name in ("three_beacon_psd", "dual_field_star", "aps_sun", "three_marker_vision", "birefringent_sun"):
+        _, _, after = report.partition(f"`relnav accuracy {name} --runs ")
+        section = after.split("###")[0]
+        for claim in relnav.load_published(name).claims:
+            assert re.search(rf"\| {re.escape(claim.quantity)} \|.*\| {claim.value:.4g} {claim.unit} ", section), claim
+    for path in (ROOT / "tests").rglob("test_*.py"):
+        if re.search(r"^def test_\w+\([^)]*\boutside\b", path.read_text(encoding="utf-8"), re.MULTILINE):
+            assert f"`{path.relative_to(ROOT)}`" in page, path
+
+
+def test_figures_show_what_the_package_says():
+    """The page says 5.56 deg for 5 deg at 6.5 m; the figure's function is what it is drawn by."""
+    import importlib.util
+
+    spec = importlib.util.spec_from_file_location("figures", ROOT / "docs" / "figures.py")
+    figures = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(figures)
+    assert figures.printed_error_deg(6.5) == pytest.approx(0.56, abs=0.005)
+    for name in figures.FIGURES:
+        assert [path.name for path in (ROOT / "docs").rglob(f"{name}.png")] == [f"{name}.png"]

@@ -1,0 +1,67 @@
+"""The documentation builds as a site without network, every warning an error, and its generated pages are complete."""
+
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from html import unescape
+from pathlib import Path
+
+import pytest
+
+import relnav
+from relnav.cli import COMMANDS
+
+ROOT = Path(__file__).parents[2]
+NEEDED = ("sphinx", "myst_parser", "numpydoc", "furo")
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
+    if missing:
+        pytest.skip(f"not installed: {', '.join(missing)}; pip install 'relnav[docs]'")
+    out = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "sphinx", "-nW", "--keep-going", "-q", "-d", str(out / "made"), "docs", str(out)]
+    variables = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=600, env=variables)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return out
+
+
+@pytest.fixture(scope="module")
+def text(site):
+    """text(page) -> the page's HTML without its tags."""
+    return lambda page: unescape(re.sub(r"<[^>]+>", "", (site / page).read_text(encoding="utf-8")))
+
+
+def test_every_public_name_is_there(text):
+    page = text("reference/python.html")
+    for name in relnav.__all__:
+        assert re.search(rf"relnav\.(sensors\.)?{name}\b", page), name
+    assert "Raises" in page
+    assert "system message" not in page.lower()
+
+
+def test_every_command_is_there(text):
+    page = text("reference/commands.html")
+    for name in [*COMMANDS, "stars solve", "calibrate psd", "sun measure"]:
+        assert f"Usage: relnav {name} " in page, name
+
+
+def test_every_key_is_there(text):
+    page = text("reference/keys.html")
+    for key in ("focal_length_m", "mirror_normal", "glass_index", "bias_walk_rad_s_sqrt_s", "axis_polar_rad"):
+        assert key in page, key
+    shipped = text("reference/shipped.html")
+    for name in relnav.list_models():
+        assert relnav.load_model(name).title in shipped, name
+
+
+def test_formulas_are_mathml_and_nothing_comes_from_elsewhere(site):
+    page = (site / "theory" / "three_beacon.html").read_text(encoding="utf-8")
+    assert page.count("<math ") > 15
+    for path in site.rglob("*.html"):
+        loaded = re.findall(r'<(?:script|img|link)[^>]+(?:src|href)="(https?:[^"]*)"', path.read_text(encoding="utf-8"))
+        assert loaded == [], path
