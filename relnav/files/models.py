@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 
 from relnav.accuracy.published import Claim, ClaimException, Published
 from relnav.errors import ModelError
+from relnav.files.model_defaults import add_defaults
 from relnav.files.model_folders import find_model, list_models
 from relnav.files.orbit_altitude import mean_motion_of_altitude
 from relnav.files.plausibility import implausible
@@ -84,7 +85,7 @@ def load_model(name_or_path: str | os.PathLike[str], changes: Changes = None) ->
     """
     path = find_model(name_or_path)
     table, problems = read_toml(path)
-    kind, title = table.pop("sensor_type", None), table.pop("title", path.parent.name)
+    kind, title = table.pop("sensor_type", None), table.pop("title", _label(path))
     if not isinstance(kind, str) or kind not in SYSTEMS:
         problems.add("sensor_type", f"one of {', '.join(SYSTEMS)} is expected; got {shown(repr(kind), 80)}")
         problems.raise_if_any()
@@ -97,6 +98,7 @@ def load_model(name_or_path: str | os.PathLike[str], changes: Changes = None) ->
     for key, value in (changes or {}).items():
         change_value(table, sections, key, value)
     mean_motion_of_altitude(table, problems)
+    add_defaults(table, sections)
     provenance: dict[str, str] = {}
     values: dict[str, Any] = {}
     for name in table:
@@ -118,9 +120,8 @@ def load_model(name_or_path: str | os.PathLike[str], changes: Changes = None) ->
     if system.parts:
         extras |= resolve(system.parts)(values, path, problems)
         problems.raise_if_any()
-    label = path.parent.name if path.name == "model.toml" else path.stem
     try:
-        mission = cls(name=label, title=shown(title), provenance=provenance, path=str(path), **values, **extras)
+        mission = cls(name=_label(path), title=shown(title), provenance=provenance, path=str(path), **values, **extras)
         wrong = implausible(mission)
     except (ValueError, OverflowError, ZeroDivisionError) as error:
         raise ModelError(f"{path}: {shown(error)}") from error
@@ -128,6 +129,11 @@ def load_model(name_or_path: str | os.PathLike[str], changes: Changes = None) ->
         problems.add(key, reason)
     problems.raise_if_any()
     return mission
+
+
+def _label(path: Path) -> str:
+    """What a model is called: its folder if its file is `model.toml`, in the current folder too; else its file."""
+    return path.absolute().parent.name if path.name == "model.toml" else path.stem
 
 
 def _sections(cls: Any) -> tuple[dict[str, Any], set[str]]:
@@ -231,6 +237,7 @@ def mission_of(solution: Any) -> Any:
 def model_values(model: Any) -> dict[str, dict[str, Any]]:
     """What a loaded model's file says: key path -> its value as written, and where that comes from."""
     table, _ = read_toml(Path(model.path))
+    add_defaults(table, _sections(type(model))[0])
     values = {
         f"{section}.{key}": raw["value"] if isinstance(raw, dict) else raw
         for section, entries in table.items()
