@@ -92,7 +92,7 @@ def load_model(name_or_path: str | os.PathLike[str], changes: Changes = None) ->
     system = SYSTEMS[str(kind)]
     cls = resolve(system.mission)
     extras = resolve(system.extras)() if system.extras else {}
-    sections, optional = _sections(cls)
+    sections, optional = sections_of(cls)
     named = _named_sections(cls, table, problems)
     sections = {name: section for name, section in sections.items() if name not in extras} | named
     for key, value in (changes or {}).items():
@@ -136,7 +136,7 @@ def _label(path: Path) -> str:
     return path.absolute().parent.name if path.name == "model.toml" else path.stem
 
 
-def _sections(cls: Any) -> tuple[dict[str, Any], set[str]]:
+def sections_of(cls: Any) -> tuple[dict[str, Any], set[str]]:
     """Dataclasses that are sections of a mission's file, by name, and which of them may be left out (`X | None`)."""
     sections, optional = {}, set()
     for name, hint in typing.get_type_hints(cls).items():
@@ -237,7 +237,7 @@ def mission_of(solution: Any) -> Any:
 def model_values(model: Any) -> dict[str, dict[str, Any]]:
     """What a loaded model's file says: key path -> its value as written, and where that comes from."""
     table, _ = read_toml(Path(model.path))
-    add_defaults(table, _sections(type(model))[0])
+    add_defaults(table, sections_of(type(model))[0])
     values = {
         f"{section}.{key}": raw["value"] if isinstance(raw, dict) else raw
         for section, entries in table.items()

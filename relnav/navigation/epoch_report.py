@@ -54,7 +54,7 @@ def new_report(beacons: int) -> tuple[Vector, Vector]:
 @kernel
 def _are_credible(values: Vector) -> bool:
     """Whether three numbers are finite, and none beyond LARGEST."""
-    credible = values.shape[0] == 3
+    credible: bool = values.shape[0] == 3
     for j in range(3):
         credible = credible and bool(abs(values[j]) <= LARGEST)
     return credible
