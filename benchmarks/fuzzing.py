@@ -243,7 +243,9 @@ def fuzz(name: str, folder: Path, cases: int, *, derandomize: bool = False) -> d
     return {"target": name, "cases": sum(outcomes.values()), "outcomes": dict(sorted(outcomes.items())), "faults": []}
 
 
-def run_targets(about: str, fuzz_one: Callable[..., dict[str, Any]], names: Callable[[Path], Iterable[str]]) -> None:
+def run_targets(
+    about: str, fuzz_one: Callable[..., dict[str, Any]], names: Callable[[Path], Iterable[str]], word: str = "target"
+) -> None:
     """The command line of a script that fuzzes: its targets one after another, what came of each, in JSON too."""
     parser = argparse.ArgumentParser(description=about.splitlines()[0])
     parser.add_argument("--cases", type=int, default=1000)
@@ -258,7 +260,7 @@ def run_targets(about: str, fuzz_one: Callable[..., dict[str, Any]], names: Call
                 entry = fuzz_one(target, folder, options.cases)
             except Exception as error:
                 fault = "; ".join([f"{type(error).__name__}: {error}", *getattr(error, "__notes__", [])])
-                entry = {"target": target, "cases": 0, "outcomes": {}, "faults": [fault]}
+                entry = {word: target, "cases": 0, "outcomes": {}, "faults": [fault]}
             used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
             entry["memory_mib"] = used // 2**20
             if used > MOST_BYTES:

@@ -477,9 +477,9 @@ def fuzz(name: str, folder: Path, cases: int, *, derandomize: bool = False) -> d
         outcomes.update(CALLS[name](data))
 
     one()
-    return {"target": name, "cases": sum(outcomes.values()), "outcomes": dict(sorted(outcomes.items())), "faults": []}
+    return {"call": name, "cases": sum(outcomes.values()), "outcomes": dict(sorted(outcomes.items())), "faults": []}
 
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as _:
-        run_targets(__doc__ or "", fuzz, lambda _folder: list(CALLS))
+        run_targets(__doc__ or "", fuzz, lambda _folder: list(CALLS), "call")
