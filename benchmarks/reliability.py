@@ -131,8 +131,8 @@ CALLED = """## Calls made to break it
 
 `python benchmarks/fuzzing_calls.py --cases N`: every public call with numbers, shapes, types, times and masks
 exchanged, in sequences where an object remembers. A fault is: an error that is no ValueError with a printable sentence,
-a warning, 5 s of processor time, an argument that was changed, a value that is not finite, a covariance that is not positive
-definite, an object that a refused call changed, a record that changed later. The test suite runs a part of them
+a warning, 5 s of processor time, an argument that was changed, a value that is not finite, a covariance that is not
+positive definite, an object that a refused call changed, a record that changed later. The test suite runs some of them
 (`tests/navigation/test_fuzzed_calls.py`).
 
 | call | made | given | refused in a sentence | no value, with its status | faults | tried on |
@@ -150,7 +150,7 @@ itself was still starting.
 MUTATED = """## Mutants of the mathematical rooms
 
 `python benchmarks/mutation.py --sample N`: one operator, comparison, number or function of a formula is exchanged, and
-the tests that name its module have to fail, in plain Python and within some ten seconds. Of what a room or a module
+the tests that name its module have to fail, in plain Python and within some twenty seconds. Of what a room or a module
 holds a random sample is tried. Survivors that change no answer are judged in `benchmarks/mutation_judged.toml`, with
 the reason.
 
