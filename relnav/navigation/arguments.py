@@ -36,13 +36,15 @@ def choose(model: Model, method: str, projection: str | None, engine: str) -> Ve
     return block
 
 
-def vector(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Matrix:
-    """A caller's array as float64; ValueError for another shape, or what is not finite or beyond LARGEST."""
+def vector(name: str, value: ArrayLike, shape: tuple[int, ...], most: float = LARGEST) -> Matrix:
+    """A caller's array as float64; ValueError for another shape, or what is not finite or beyond `most`."""
     array = numbers(name, value)
     if array.shape != shape:
         raise ValueError(f"{name} has shape {shape}; got {array.shape}")
-    if not np.all(np.abs(array) <= LARGEST):
-        raise ValueError(f"{name} must be finite, and up to {LARGEST:g} in size; got {array.tolist()}")
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f"{name} must be finite; got {array.tolist()}")
+    if not np.all(np.abs(array) <= most):
+        raise ValueError(f"{name} must be up to {most:g} in size; got {array.tolist()}")
     return array
 
 

@@ -72,7 +72,7 @@ def test_a_broken_promise_would_be_found(fuzzing):
 def test_a_start_beyond_all_orbits(state):
     """Its range would be infinite beside a finite state."""
     navigator = relnav.Navigator(relnav.load_model("three_beacon_psd"))
-    with pytest.raises(ValueError, match=r"state must be finite, and up to 1e\+30 in size"):
+    with pytest.raises(ValueError, match=r"state must be up to 1e\+30 in size"):
         navigator.start(0.0, state, np.eye(6))
 
 
@@ -80,7 +80,7 @@ def test_a_start_beyond_all_orbits(state):
 def test_a_control_beyond_all_thrusters(name):
     navigator = relnav.Navigator(relnav.load_model("three_beacon_psd"))
     navigator.step(0.0, SPOTS)
-    with pytest.raises(ValueError, match=rf"{name} must be finite, and up to 1e\+30 in size"):
+    with pytest.raises(ValueError, match=rf"{name} must be up to 1e\+30 in size"):
         navigator.step(0.1, SPOTS, **{name: [0.0, 1e31, 0.0]})
 
 
