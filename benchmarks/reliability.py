@@ -70,7 +70,7 @@ def page(runs: dict[str, list[dict[str, Any]]]) -> str:
         f"and {total(called, 'cases')} calls made to break it, {total(ended, 'runs')} interrupted runs, "
         f"{total(runs['mutation'], 'tried')} mutants; **{len(faults)} faults** are open. What was tried, how often and "
         "when stands in each table; by default the command tries more: 1,000 cases a target, 200 runs a command, 100 "
-        "mutants a room. Most targets were run again after a fault of theirs was mended, the others were not.",
+        "mutants a room. A target in which a fault was found was run anew after it was mended, the others were not.",
         "",
         FUZZED,
     ]
@@ -96,11 +96,8 @@ def page(runs: dict[str, list[dict[str, Any]]]) -> str:
         lines.append(row(entry["room"], *counts, left, entry["date"]))
     survivors = [one for entry in runs["mutation"] for one in entry["survivors"]]
     lines += ["", *(survivor(one) for one in survivors)]
-    lines += [
-        "",
-        PYTHONS,
-        *(row(entry["python"], entry["outcome"], entry["date"]) for entry in runs["python_versions"]),
-    ]
+    tried = [row(entry["python"], entry["outcome"], entry["date"]) for entry in runs["python_versions"]]
+    lines += ["", PYTHONS, *(tried or [row("3.11 to 3.14", "not run to its end yet", "")])]
     if faults:
         lines += ["", "## Faults", "", *(f"- {fault}" for fault in faults)]
     return "\n".join([*lines, "", VULNERABLE, LIMITS])
@@ -184,7 +181,8 @@ A log comes from a file, a named pipe, `<(...)`, `/dev/stdin` or `-`; a pipe is 
 pipes or `-`: they are given the whole file at the end. What `relnav` prints beside a file on standard output goes to
 standard error. A killed run leaves at most one folder `.NAME.relnav-part` beside its output.
 
-Not covered: an output on a file system without renaming, files changed by others while they are read, and signals that
+Not covered: commands that are in no table (`campaign`, which goes on where it was stopped, among them), an output on a
+file system without renaming, files changed by others while they are read, and signals that
 arrive before Python has started (nothing is written by then).
 """
 
