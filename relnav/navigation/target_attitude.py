@@ -205,7 +205,7 @@ def _covariance(covariance: ArrayLike | None) -> Matrix:
     noise = np.array(numbers("covariance_rad2", covariance), order="C")
     if noise.shape != (3, 3):
         raise ValueError(f"covariance_rad2 has shape (3, 3), rad^2; got {noise.shape}")
-    if not (np.abs(noise) < LARGEST_RAD2).all():
+    if (np.abs(noise) > LARGEST_RAD2).any():
         raise ValueError(f"covariance_rad2 is in rad^2, finite and below {LARGEST_RAD2:g}; got {noise.tolist()}")
     symmetric = 0.5 * (noise + noise.T)
     if not (np.abs(noise - noise.T) <= 1e-9 * np.abs(symmetric).max()).all():
