@@ -18,7 +18,7 @@ import tempfile
 import time
 import warnings
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -231,6 +231,7 @@ def fuzz(name: str, folder: Path, cases: int, *, derandomize: bool = False) -> d
         deadline=None,
         database=None,
         derandomize=derandomize,
+        report_multiple_bugs=False,
         suppress_health_check=list(HealthCheck),
         phases=(Phase.generate, Phase.shrink),
     )
@@ -242,9 +243,11 @@ def fuzz(name: str, folder: Path, cases: int, *, derandomize: bool = False) -> d
     return {"target": name, "cases": sum(outcomes.values()), "outcomes": dict(sorted(outcomes.items())), "faults": []}
 
 
-def main() -> None:
-    """Run and report."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+def run_targets(
+    about: str, fuzz_one: Callable[..., dict[str, Any]], names: Callable[[Path], Iterable[str]], word: str = "target"
+) -> None:
+    """The command line of a script that fuzzes: its targets one after another, what came of each, in JSON too."""
+    parser = argparse.ArgumentParser(description=about.splitlines()[0])
     parser.add_argument("--cases", type=int, default=1000)
     parser.add_argument("--target", action="append")
     parser.add_argument("--json", type=Path)
@@ -252,11 +255,12 @@ def main() -> None:
     found = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for target in options.target or targets(folder):
+        for target in options.target or names(folder):
             try:
-                entry = fuzz(target, folder, options.cases)
+                entry = fuzz_one(target, folder, options.cases)
             except Exception as error:
-                entry = {"target": target, "cases": 0, "outcomes": {}, "faults": [f"{type(error).__name__}: {error}"]}
+                fault = "; ".join([f"{type(error).__name__}: {error}", *getattr(error, "__notes__", [])])
+                entry = {word: target, "cases": 0, "outcomes": {}, "faults": [fault]}
             used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
             entry["memory_mib"] = used // 2**20
             if used > MOST_BYTES:
@@ -269,4 +273,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_targets(__doc__ or "", fuzz, targets)

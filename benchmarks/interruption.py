@@ -32,6 +32,13 @@ COMMANDS = {
     "calibrate": (["calibrate", "psd", "grid.csv", "--out", "c.toml", "--json", "c.json"], ["c.toml", "c.json"]),
     "models": (["models", "aps_sun", "--copy", "mine.toml", "--json", "m.json"], ["mine.toml", "m.json"]),
     "stars": (["stars", "solve", "frame.csv", "--focal-px", "3000", "--json", "s.json"], ["s.json"]),
+    "sun": (
+        ["sun", "measure", "sun.csv", "--model", "aps_sun", "--out", "d.csv", "--json", "d.json"],
+        ["d.csv", "d.json"],
+    ),
+    "budget": (["budget", "three_beacon_psd", "--json", "b.json"], ["b.json"]),
+    "accuracy": (["accuracy", "birefringent_sun", "--runs", "60", "--json", "acc.json"], ["acc.json"]),
+    "report": (["report", "log.csv", *MODEL, "--out", "r.html"], ["r.html"]),
 }
 SIGNALS = {"SIGINT": signal.SIGINT, "SIGTERM": signal.SIGTERM, "SIGKILL": signal.SIGKILL}
 OLD = "of yesterday\n"
@@ -49,6 +56,8 @@ def prepare(folder: Path) -> None:
     ]
     (folder / "grid.csv").write_text("\n".join(["true_x_um,true_y_um,spot_x_um,spot_y_um", *grid]))
     spots = [f"{x!r},{y!r},{abs(flux)!r}" for x, y, flux in rng.uniform(-500, 500, (40, 3)).tolist()]
+    directions = [f"{k},{512 + 3 * k},{512 - k}" for k in range(200)]
+    (folder / "sun.csv").write_text("\n".join(["t_s,spot_x_px,spot_y_px", *directions]))
     (folder / "frame.csv").write_text("\n".join(["x_px,y_px,flux", *spots]))
 
 

@@ -1,7 +1,10 @@
-"""Write docs/reliability.md: what the files made to break relnav and the interrupted runs came to, with their counts.
+"""Write docs/reliability.md: what was done to break relnav, how often, and what came of it, with dates and commands.
 
-python benchmarks/reliability.py [--cases 1000] [--runs 200] [--out docs/reliability.md]
-python benchmarks/reliability.py --fuzzed FUZZ.json --interrupted ENDED.json    (of runs made before)
+python benchmarks/reliability.py [--cases 1000] [--runs 200] [--sample 100]      (hours)
+python benchmarks/reliability.py --add fuzzing.json interruption.json mutation.json    (of runs made before)
+
+What each target, command or room gave when it was last tried stands in docs/reliability.json, from which the page is
+written; a file that is added, written by one of the scripts with --json, replaces what stands there of the same name.
 """
 
 import argparse
@@ -15,55 +18,122 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
+RUNS = ROOT / "docs" / "reliability.json"
+NAMED_BY = {
+    "fuzzing": "target",
+    "fuzzing_calls": "call",
+    "interruption": "command",
+    "mutation": "room",
+    "python_versions": "python",
+}
+"""Script, and the key that names an entry of what it writes."""
 
 
-def made(script: str, option: str, number: int, folder: Path) -> Path:
+def made(script: str, option: list[str], folder: Path) -> Path:
     """Run a script; where its figures are."""
     out = folder / f"{script}.json"
-    command = [sys.executable, f"benchmarks/{script}.py", option, str(number), "--json", str(out)]
-    subprocess.run(command, cwd=ROOT, check=False)
+    subprocess.run([sys.executable, f"benchmarks/{script}.py", *option, "--json", str(out)], cwd=ROOT, check=False)
     return out
 
 
-def page(fuzzed: list[dict[str, Any]], ended: list[dict[str, Any]], note: str, day: str) -> str:
+def kind_of(entry: dict[str, Any]) -> str:
+    """Which script wrote an entry."""
+    return next(script for script, key in NAMED_BY.items() if key in entry)
+
+
+def added(runs: dict[str, list[dict[str, Any]]], entries: list[dict[str, Any]], day: str) -> None:
+    """Put new entries in the place of older ones of the same name."""
+    for entry in entries:
+        script = kind_of(entry)
+        key, kept = NAMED_BY[script], runs.setdefault(script, [])
+        new = entry | {"date": day, "on": f"Python {platform.python_version()}, {sys.platform}"}
+        places = [k for k, old in enumerate(kept) if old[key] == entry[key]]
+        if places:
+            kept[places[0]] = new
+        else:
+            kept.append(new)
+
+
+def row(*cells: Any) -> str:
+    """A line of a table."""
+    return f"| {' | '.join(map(str, cells))} |"
+
+
+def page(runs: dict[str, list[dict[str, Any]]]) -> str:
     """The page, in Markdown."""
-    faults = [fault for entry in (*fuzzed, *ended) for fault in entry["faults"]]
-    cases, runs = sum(entry["cases"] for entry in fuzzed), sum(entry["runs"] for entry in ended)
+    fuzzed, called, ended = runs["fuzzing"], runs["fuzzing_calls"], runs["interruption"]
+    faults = [fault for entry in (*fuzzed, *called, *ended) for fault in entry["faults"]]
     lines = [
         "# Reliability",
         "",
-        f"Made by `python benchmarks/reliability.py` on {day}, Python {platform.python_version()}, {sys.platform}. "
-        f"{cases} files made to break it, {runs} interrupted runs, **{len(faults)} faults**.",
-        *(["", note] if note else []),
+        f"Written by `python benchmarks/reliability.py` from `docs/reliability.json`. {total(fuzzed, 'cases')} files "
+        f"and {total(called, 'cases')} calls made to break it, {total(ended, 'runs')} interrupted runs, "
+        f"{total(runs['mutation'], 'tried')} mutants; **{len(faults)} faults** are open. What was tried, how often and "
+        "when stands in each table; by default the command tries more: 1,000 cases a target, 200 runs a command, 100 "
+        "mutants a room. A target in which a fault was found was run anew after it was mended, the others were not.",
         "",
         FUZZED,
     ]
     for entry in fuzzed:
-        read = entry["outcomes"].get("read", 0)
-        refused, wrong = entry["cases"] - read, len(entry["faults"])
-        lines.append(f"| {entry['target']} | {entry['cases']} | {read} | {refused} | {wrong} | {entry['memory_mib']} |")
+        read, wrong = entry["outcomes"].get("read", 0), len(entry["faults"])
+        lines.append(
+            row(entry["target"], entry["cases"], read, entry["cases"] - read, wrong, entry["memory_mib"], entry["date"])
+        )
+    lines += ["", CALLED]
+    for entry in called:
+        given, refused = (entry["outcomes"].get(name, 0) for name in ("given", "refused"))
+        cases, wrong = entry["cases"], len(entry["faults"])
+        lines.append(row(entry["call"], cases, given, refused, cases - given - refused, wrong, entry["date"]))
     lines += ["", ENDED]
     for entry in ended:
         codes = ", ".join(f"{name}: {count}" for name, count in entry["codes"].items())
-        lines.append(
-            f"| {entry['command']} | {entry['runs']} | {entry['finished']} | {entry['hidden_after_sigkill']} | {codes} "
-            f"| {len(entry['faults'])} |"
-        )
+        counts = entry["runs"], entry["finished"], entry["hidden_after_sigkill"]
+        lines.append(row(entry["command"], *counts, codes, len(entry["faults"]), entry["date"]))
+    lines += ["", MUTATED]
+    for entry in runs["mutation"]:
+        left = entry["tried"] - entry["killed"] - entry["judged"]
+        counts = (entry[name] for name in ("possible", "tried", "killed", "judged"))
+        lines.append(row(entry["room"], *counts, left, entry["date"]))
+    survivors = [one for entry in runs["mutation"] for one in entry["survivors"]]
+    lines += ["", *(survivor(one) for one in survivors)]
+    tried = [row(entry["python"], entry["outcome"], entry["date"]) for entry in runs["python_versions"]]
+    lines += ["", PYTHONS, *(tried or [row("3.11 to 3.14", "not run to its end yet", "")])]
     if faults:
         lines += ["", "## Faults", "", *(f"- {fault}" for fault in faults)]
-    return "\n".join([*lines, "", LIMITS])
+    return "\n".join([*lines, "", VULNERABLE, LIMITS])
+
+
+def total(entries: list[dict[str, Any]], key: str) -> int:
+    """Of all entries together."""
+    return sum(entry[key] for entry in entries)
+
+
+def survivor(one: dict[str, Any]) -> str:
+    """A line on a mutant that no test killed."""
+    why = one["why"] or "not judged yet: a test is missing, or it changes nothing"
+    return f"- `{one['path']}:{one['line']}`: `{one['before']}` as `{one['after']}`: {why}"
 
 
 FUZZED = """## Files made to break it
 
-`python benchmarks/fuzzing.py --cases N`. Good files with names, cells, lines, keys, types, numbers and bytes exchanged
+`python benchmarks/fuzzing.py --cases N`: good files with names, cells, lines, keys, types, numbers and bytes exchanged
 (hypothesis; the strategies are in the script). A fault is: an exception that is not documented, a warning, a message
 with control characters or without the file's name, 5 s of processor time for one file, 1 GiB of memory, a number of a
 track that is not finite, a covariance that is not positive definite. The test suite runs a part of them
 (`tests/files/test_fuzzing.py`).
 
-| target | files | read | refused in a sentence | faults | memory so far, MiB |
-| --- | ---: | ---: | ---: | ---: | ---: |"""
+| target | files | read | refused in a sentence | faults | memory so far, MiB | tried on |
+| --- | ---: | ---: | ---: | ---: | ---: | --- |"""
+CALLED = """## Calls made to break it
+
+`python benchmarks/fuzzing_calls.py --cases N`: every public call with numbers, shapes, types, times and masks
+exchanged, in sequences where an object remembers. A fault is: an error that is no ValueError with a printable sentence,
+a warning, 5 s of processor time, an argument that was changed, a value that is not finite, a covariance that is not
+positive definite, an object that a refused call changed, a record that changed later. The test suite runs some of them
+(`tests/navigation/test_fuzzed_calls.py`).
+
+| call | made | given | refused in a sentence | no value, with its status | faults | tried on |
+| --- | ---: | ---: | ---: | ---: | ---: | --- |"""
 ENDED = """## Interrupted runs
 
 `python benchmarks/interruption.py --runs N`. Each command is sent SIGINT, SIGTERM and SIGKILL in turn at times drawn
@@ -72,8 +142,28 @@ and old outputs of one command side by side after SIGINT or SIGTERM; anything hi
 folder after SIGKILL, which the next run has to remove. Codes: 130 and 143 are relnav's own; -2 and -15 mean that Python
 itself was still starting.
 
-| command | runs | had finished | folder left by SIGKILL | exit codes | faults |
-| --- | ---: | ---: | ---: | --- | ---: |"""
+| command | runs | had finished | folder left by SIGKILL | exit codes | faults | tried on |
+| --- | ---: | ---: | ---: | --- | ---: | --- |"""
+MUTATED = """## Mutants of the mathematical rooms
+
+`python benchmarks/mutation.py --sample N`: one operator, comparison, number or function of a formula is exchanged, and
+the tests that name its module have to fail, in plain Python and within some twenty seconds. Of what a room or a module
+holds a random sample is tried. Survivors that change no answer are judged in `benchmarks/mutation_judged.toml`, with
+the reason.
+
+| room or module | possible | tried | killed | judged harmless | survive | tried on |
+| --- | ---: | ---: | ---: | ---: | ---: | --- |"""
+PYTHONS = """## Pythons
+
+`python benchmarks/python_versions.py`: installed into a fresh environment each, a first call, and a quick part of the
+tests.
+
+| Python | what came | tried on |
+| --- | --- | --- |"""
+VULNERABLE = """Known vulnerabilities of what is installed are asked for by `pip-audit` in the checks
+(`tests/architecture/test_known_vulnerabilities.py`); where the index has no record of them the test is skipped and says
+so.
+"""
 LIMITS = """## Limits
 
 | what | is refused beyond | why |
@@ -91,7 +181,8 @@ A log comes from a file, a named pipe, `<(...)`, `/dev/stdin` or `-`; a pipe is 
 pipes or `-`: they are given the whole file at the end. What `relnav` prints beside a file on standard output goes to
 standard error. A killed run leaves at most one folder `.NAME.relnav-part` beside its output.
 
-Not covered: an output on a file system without renaming, files changed by others while they are read, and signals that
+Not covered: commands that are in no table (`campaign`, which goes on where it was stopped, among them), an output on a
+file system without renaming, files changed by others while they are read, and signals that
 arrive before Python has started (nothing is written by then).
 """
 
@@ -101,16 +192,26 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--cases", type=int, default=1000)
     parser.add_argument("--runs", type=int, default=200)
-    parser.add_argument("--fuzzed", type=Path)
-    parser.add_argument("--interrupted", type=Path)
-    parser.add_argument("--note", default="", help="What a reader must know of how these runs were made.")
+    parser.add_argument("--sample", type=int, default=100)
+    parser.add_argument("--add", type=Path, nargs="*")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "reliability.md")
     options = parser.parse_args()
+    runs = json.loads(RUNS.read_text(encoding="utf-8"))
     with tempfile.TemporaryDirectory() as name:
-        fuzzed = options.fuzzed or made("fuzzing", "--cases", options.cases, Path(name))
-        ended = options.interrupted or made("interruption", "--runs", options.runs, Path(name))
-        figures = [json.loads(path.read_text()) for path in (fuzzed, ended)]
-    options.out.write_text(page(*figures, options.note, datetime.now(UTC).date().isoformat()), encoding="utf-8")
+        told = {
+            "fuzzing": ["--cases", str(options.cases)],
+            "fuzzing_calls": ["--cases", str(options.cases)],
+            "interruption": ["--runs", str(options.runs)],
+            "mutation": ["--sample", str(options.sample)],
+            "python_versions": [],
+        }
+        files = options.add
+        if files is None:
+            files = [made(script, option, Path(name)) for script, option in told.items()]
+        for file in files:
+            added(runs, json.loads(file.read_text(encoding="utf-8")), datetime.now(UTC).date().isoformat())
+    RUNS.write_text(json.dumps(runs, indent=1) + "\n", encoding="utf-8")
+    options.out.write_text(page(runs), encoding="utf-8")
 
 
 if __name__ == "__main__":

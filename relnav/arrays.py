@@ -29,6 +29,9 @@ Codes: TypeAlias = NDArray[np.int64]
 Record: TypeAlias = Any
 """One record of a structured type, or an array of them: fields by name (`record["state"]`)."""
 
+LARGEST = 1e30
+"""Of a state, a covariance or a control that is handed over, SI: more is a mistake, and its powers would overflow."""
+
 _FLOAT = np.dtype(np.float64)
 _REAL_KINDS = "biuf"
 _NOT_REAL = {

@@ -161,11 +161,11 @@ def _sentence(error: BaseException, done: str) -> str:
 
 
 def main() -> None:
-    """Entry point of the `relnav` command."""
+    """Run the command line of this process; `relnav/__main__.py` is what begins it."""
     _open_streams()
-    signal.signal(signal.SIGTERM, _terminate)
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # else it is ignored, as under nohup
-        signal.signal(signal.SIGINT, _interrupt)
+    for number, handler in ((signal.SIGTERM, _terminate), (signal.SIGINT, _interrupt)):
+        if signal.getsignal(number) is not signal.SIG_IGN:  # as under nohup
+            signal.signal(number, handler)
     sys.exit(run())
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relnav.arrays import Codes, Matrix, Vector
+from relnav.arrays import Codes, Matrix, Vector, number
 
 
 @dataclass(frozen=True)
@@ -53,10 +53,18 @@ class Consistency:
 
 
 def chi_square_interval(dof: int, probability: float = 0.95) -> tuple[float, float]:
-    """Two-sided interval of a chi-square variable divided by its dof; Wilson-Hilferty above 1e6 dof."""
+    """Two-sided interval of a chi-square variable divided by its dof; Wilson-Hilferty above 1e6 dof.
+
+    Raises
+    ------
+    ValueError
+        Unless 0 < probability < 1.
+    """
     from scipy.special import chdtri, ndtri  # half a second, and not every filter's user asks
 
-    tail = 0.5 * (1.0 - probability)
+    tail = 0.5 * (1.0 - number("probability", probability))
+    if not 0.0 < tail < 0.5:
+        raise ValueError(f"0 < probability < 1 is expected; got {probability!r}")
     if dof > 1_000_000:
         k = 2.0 / (9.0 * dof)
         width = float(ndtri(1.0 - tail)) * k**0.5

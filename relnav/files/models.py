@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 
 from relnav.accuracy.published import Claim, ClaimException, Published
 from relnav.errors import ModelError
+from relnav.files.model_defaults import add_defaults
 from relnav.files.model_folders import find_model, list_models
 from relnav.files.orbit_altitude import mean_motion_of_altitude
 from relnav.files.plausibility import implausible
@@ -84,19 +85,20 @@ def load_model(name_or_path: str | os.PathLike[str], changes: Changes = None) ->
     """
     path = find_model(name_or_path)
     table, problems = read_toml(path)
-    kind, title = table.pop("sensor_type", None), table.pop("title", path.parent.name)
+    kind, title = table.pop("sensor_type", None), table.pop("title", _label(path))
     if not isinstance(kind, str) or kind not in SYSTEMS:
         problems.add("sensor_type", f"one of {', '.join(SYSTEMS)} is expected; got {shown(repr(kind), 80)}")
         problems.raise_if_any()
     system = SYSTEMS[str(kind)]
     cls = resolve(system.mission)
     extras = resolve(system.extras)() if system.extras else {}
-    sections, optional = _sections(cls)
+    sections, optional = sections_of(cls)
     named = _named_sections(cls, table, problems)
     sections = {name: section for name, section in sections.items() if name not in extras} | named
     for key, value in (changes or {}).items():
         change_value(table, sections, key, value)
     mean_motion_of_altitude(table, problems)
+    add_defaults(table, sections)
     provenance: dict[str, str] = {}
     values: dict[str, Any] = {}
     for name in table:
@@ -118,9 +120,8 @@ def load_model(name_or_path: str | os.PathLike[str], changes: Changes = None) ->
     if system.parts:
         extras |= resolve(system.parts)(values, path, problems)
         problems.raise_if_any()
-    label = path.parent.name if path.name == "model.toml" else path.stem
     try:
-        mission = cls(name=label, title=shown(title), provenance=provenance, path=str(path), **values, **extras)
+        mission = cls(name=_label(path), title=shown(title), provenance=provenance, path=str(path), **values, **extras)
         wrong = implausible(mission)
     except (ValueError, OverflowError, ZeroDivisionError) as error:
         raise ModelError(f"{path}: {shown(error)}") from error
@@ -130,7 +131,12 @@ def load_model(name_or_path: str | os.PathLike[str], changes: Changes = None) ->
     return mission
 
 
-def _sections(cls: Any) -> tuple[dict[str, Any], set[str]]:
+def _label(path: Path) -> str:
+    """What a model is called: its folder if its file is `model.toml`, in the current folder too; else its file."""
+    return path.absolute().parent.name if path.name == "model.toml" else path.stem
+
+
+def sections_of(cls: Any) -> tuple[dict[str, Any], set[str]]:
     """Dataclasses that are sections of a mission's file, by name, and which of them may be left out (`X | None`)."""
     sections, optional = {}, set()
     for name, hint in typing.get_type_hints(cls).items():
@@ -231,6 +237,7 @@ def mission_of(solution: Any) -> Any:
 def model_values(model: Any) -> dict[str, dict[str, Any]]:
     """What a loaded model's file says: key path -> its value as written, and where that comes from."""
     table, _ = read_toml(Path(model.path))
+    add_defaults(table, sections_of(type(model))[0])
     values: dict[str, Any] = {}
     for section, entries in table.items():
         for key, raw in entries.items() if isinstance(entries, dict) else ():

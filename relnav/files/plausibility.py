@@ -98,10 +98,8 @@ def _looks_away(key: str, quaternion: tuple[float, float, float, float], towards
         "the inverse rotation: turn the signs of x, y, z": (-x, -y, -z, w),
     }
     fitting = [name for name, other in readings.items() if _off_deg(other, towards) < 45.0]
-    hint = (
-        f"; it would look there as {fitting[0]}" if fitting else "; v_cam = R v, scalar last, boresight +z, is expected"
-    )
-    return [(key, f"the camera looks away from the target, {off:.0f} deg off{hint}")]
+    hint = f"it would look there as {fitting[0]}" if fitting else "v_cam = R v, scalar last, boresight +z, is expected"
+    return [(key, f"the camera looks away from the target, {off:.0f} deg off; {hint}")]
 
 
 def _off_deg(quaternion: tuple[float, float, float, float], towards: Any) -> float:

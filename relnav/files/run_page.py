@@ -33,7 +33,7 @@ def write_run_page(
     used |= {line.get("sigma") for chart in charts for line in chart.get("lines", [])}
     used |= {row["column"] for chart in charts for row in chart.get("rows", [])}
     limits = {key: line for key, line in _limits(view).items() if key in used}
-    columns = {name: view.line(name) for name in used if name in view.names} | limits
+    columns = {name: view.line(name) for name in view.names if name in used} | limits
     data = {
         "time": base64.b64encode(np.asarray(view.thin.times(), dtype="<f8").tobytes()).decode(),
         "columns": {

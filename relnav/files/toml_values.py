@@ -79,6 +79,8 @@ def read_toml(path: Path) -> tuple[dict[str, Any], Problems]:
         raise ModelError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise ModelError(f"{path}: not a text file in UTF-8") from error
+    except ModelError:
+        raise
     except tomllib.TOMLDecodeError as error:
         raise ModelError(f"{path}: not valid TOML: {shown(error)}") from error
     except RecursionError as error:
@@ -93,7 +95,7 @@ def _deeper(value: Any, levels: int) -> bool:
     return bool(held) and (levels == 0 or any(_deeper(item, levels - 1) for item in held))
 
 
-def _find_field(key: str, names: list[str]) -> tuple[str, float, str]:
+def find_field(key: str, names: list[str]) -> tuple[str, float, str]:
     """The field that a key means ("" if it means none), its factor to SI, and what is wrong with the key, if it is."""
     if key in names:
         return key, 1.0, ""
@@ -163,7 +165,7 @@ def build(cls: Any, table: Any, where: str, problems: Problems, provenance: dict
     named: dict[str, str] = {}
     for key, raw in table.items():
         key_path = f"{where}.{key}" if where else key
-        name, factor, wrong = _find_field(key, list(fields))
+        name, factor, wrong = find_field(key, list(fields))
         if wrong:
             problems.add(key_path, wrong)
             named.setdefault(name, key)
@@ -222,7 +224,7 @@ def change_value(table: dict[str, Any], sections: dict[str, Any], key: str, valu
     found = []
     for where, cls in sections.items():
         names = [field.name for field in dataclasses.fields(cls)]
-        meant, _, wrong = _find_field(name, names)
+        meant, _, wrong = find_field(name, names)
         if section in ("", where) and not wrong:
             found.append((where, meant, names))
     if len(found) != 1:
@@ -232,6 +234,6 @@ def change_value(table: dict[str, Any], sections: dict[str, Any], key: str, valu
         raise UsageError(f"'{key}' cannot be set: {places}; write section.key with its unit, as the model's file does")
     where, meant, names = found[0]
     entries = table.setdefault(where, {})
-    for other in [entry for entry in entries if _find_field(entry, names)[0] == meant]:
+    for other in [entry for entry in entries if find_field(entry, names)[0] == meant]:
         del entries[other]
     entries[name] = {"value": value, "source": "assumed", "why": "set for this run"}

@@ -132,7 +132,10 @@ def solve_p3p(rays: Matrix, points: Matrix, near: bool, poses: Stack) -> int:
             xi, eta = (scale * x0, scale * y0) if k == 0 else (scale * x1, scale * y1)
             if not (-1.0 < xi < math.inf and -1.0 < eta < math.inf):
                 continue
-            d3 = math.sqrt(A23 / (eta * eta + (1.0 + eta) * e23))
+            chord2 = eta * eta + (1.0 + eta) * e23
+            if not chord2 > 0.0:  # two rays that are one
+                continue
+            d3 = math.sqrt(A23 / chord2)
             exact, d1, d2, d3 = _polish((1.0 + xi) * d3, (1.0 + eta) * d3, d3, e12, e13, e23, A12, A13, A23)
             if not ((exact or met == 1) and min(d1, d2, d3) > 0.0):
                 continue

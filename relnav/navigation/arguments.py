@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Vector, number, numbers
+from relnav.arrays import LARGEST, Matrix, Vector, number, numbers
 from relnav.estimation.factored import factorize
 from relnav.mission import Model, VisionMission
 from relnav.navigation.beacon_geometry import attitude_changed
@@ -36,13 +36,15 @@ def choose(model: Model, method: str, projection: str | None, engine: str) -> Ve
     return block
 
 
-def vector(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Matrix:
-    """A caller's array as float64; ValueError for another shape, or what is not finite."""
+def vector(name: str, value: ArrayLike, shape: tuple[int, ...], most: float = LARGEST) -> Matrix:
+    """A caller's array as float64; ValueError for another shape, or what is not finite or beyond `most`."""
     array = numbers(name, value)
     if array.shape != shape:
         raise ValueError(f"{name} has shape {shape}; got {array.shape}")
     if not np.all(np.isfinite(array)):
         raise ValueError(f"{name} must be finite; got {array.tolist()}")
+    if not np.all(np.abs(array) <= most):
+        raise ValueError(f"{name} must be up to {most:g} in size; got {array.tolist()}")
     return array
 
 
@@ -74,7 +76,7 @@ def quaternions(name: str, n: int, given: Matrix | None) -> Matrix:
     if given is None:
         return np.empty((0, 4))
     quaternion = np.ascontiguousarray(vector(name, given, (n, 4)))
-    if np.any(np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) > 9e-4):
+    if np.any(np.abs(quaternion) > 2.0) or np.any(np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) > 9e-4):
         raise ValueError(f"{name} must hold unit quaternions (x, y, z, w)")
     return quaternion
 

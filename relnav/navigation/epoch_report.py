@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from relnav.arrays import Matrix, Record, Vector
+from relnav.arrays import LARGEST, Matrix, Record, Vector
 from relnav.codegen.kernel import entry, kernel
 from relnav.estimation.rows import copy_track
 from relnav.geometry.rotation import are_a_rotation
@@ -52,8 +52,12 @@ def new_report(beacons: int) -> tuple[Vector, Vector]:
 
 
 @kernel
-def _are_finite(values: Vector) -> bool:
-    return values.shape[0] == 3 and math.isfinite(values[0] + values[1] + values[2])
+def _are_credible(values: Vector) -> bool:
+    """Whether three numbers are finite, and none beyond LARGEST."""
+    credible: bool = values.shape[0] == 3
+    for j in range(3):
+        credible = credible and bool(abs(values[j]) <= LARGEST)
+    return credible
 
 
 @kernel
@@ -61,9 +65,9 @@ def _can_be_taken(
     m: Memory, told: int, acceleration: Vector, delta_v: Vector, dcm: Matrix, spot_sigma: Matrix, attitude_noise: float
 ) -> bool:
     """Whether what is told has the shapes and values that `Navigator.step` asks for."""
-    if told & ACCELERATION and not _are_finite(acceleration):
+    if told & ACCELERATION and not _are_credible(acceleration):
         return False
-    if told & DELTA_V and not _are_finite(delta_v):
+    if told & DELTA_V and not _are_credible(delta_v):
         return False
     if told & ATTITUDE_NOISE and not 0.0 <= attitude_noise < math.inf:
         return False

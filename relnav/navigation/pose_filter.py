@@ -71,7 +71,9 @@ def take_in(scratch: Record, track: Record, sensitivities: Matrix) -> None:
         rate[i] += x[9 + i]
         for j in range(3):
             dcm[i, j] = turned[i, j]
-            g[6 + i, 6 + j] = 1.0 if i == j else 0.0
+    for i in range(6):  # all of it: as plain Python `turn_errors` reads what the last time update left here
+        for j in range(6):
+            g[i, j] = g[6 + i, 6 + j] = 1.0 if i == j else 0.0
     a, b, c = 0.5 * x[6], 0.5 * x[7], 0.5 * x[8]
     g[6, 7], g[6, 8], g[7, 6], g[7, 8], g[8, 6], g[8, 7] = c, -b, -c, a, b, -a
     turn_errors(track["ld"], g)

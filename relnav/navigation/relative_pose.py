@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Flags, Matrix, Stack, Vector, number, numbers
+from relnav.arrays import LARGEST, Flags, Matrix, Stack, Vector, number, numbers
 from relnav.dynamics.relative_motion import frame_rate
 from relnav.dynamics.rigid_body import lvlh_rate
 from relnav.geometry.rotation import is_rotation
@@ -330,6 +330,6 @@ def look_for_roots(memory: Vector, mission: VisionMission, event: Event, wants: 
 
 def _vector(name: str, value: ArrayLike) -> Vector:
     out = np.array(numbers(name, value))
-    if out.shape != (3,) or not all(map(math.isfinite, out.tolist())):
-        raise ValueError(f"{name} has three finite components; got {out.tolist()}")
+    if out.shape != (3,) or not all(abs(x) <= LARGEST for x in out.tolist()):
+        raise ValueError(f"{name} has three finite components, up to {LARGEST:g} in size; got {out.tolist()}")
     return out

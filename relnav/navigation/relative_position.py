@@ -239,7 +239,7 @@ class Navigator:
         """What is told as arrays in one piece, empty where nothing is; ValueError for what cannot be taken."""
         a = NOTHING if acceleration is None else vector("acceleration_m_s2", acceleration, (3,))
         v = NOTHING if delta_v is None else vector("delta_v_m_s", delta_v, (3,))
-        c = NO_MATRIX if dcm is None else vector("dcm_cam_from_lvlh", dcm, (3, 3))
+        c = NO_MATRIX if dcm is None else vector("dcm_cam_from_lvlh", dcm, (3, 3), np.inf)
         if dcm is not None and not is_rotation(c):
             raise ValueError("dcm_cam_from_lvlh must be a rotation matrix (orthonormal, determinant +1)")
         sigma = NO_MATRIX if spot_sigma is None else numbers("spot_sigma_m", spot_sigma)

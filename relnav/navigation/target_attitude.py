@@ -17,7 +17,7 @@ from relnav.dynamics.rigid_body import RigidBody
 from relnav.estimation.gating import chi_square_limit
 from relnav.geometry.linear_algebra import cholesky
 from relnav.geometry.rotation import is_rotation
-from relnav.navigation.arguments import vector
+from relnav.navigation.arguments import not_negative, vector
 from relnav.navigation.attitude_prediction import MEMORY, advance
 from relnav.navigation.attitude_record import NOT_COMPARED, NOT_KNOWN, AttitudeRecord
 from relnav.navigation.attitude_step import use
@@ -26,6 +26,8 @@ from relnav.navigation.status import STARTED, UPDATED
 METHODS = ("multiplicative", "unscented")
 TRIAL_PROBABILITY = 0.99
 """With which a good measured attitude agrees with a trial: a start is refused sooner than a measurement."""
+LARGEST_RAD2 = 1e100
+"""Of a measured attitude's covariance: far beyond a turn, and its products stay finite."""
 _NOTHING = np.eye(3)
 
 
@@ -86,25 +88,25 @@ class TargetAttitude:
         """
         if method not in METHODS:
             raise ValueError(f'method must be "multiplicative" or "unscented"; got {method!r}')
-        if not (math.isfinite(initial_rate_sigma_rad_s) and initial_rate_sigma_rad_s > 0.0):
+        if not_negative("initial_rate_sigma_rad_s", initial_rate_sigma_rad_s) == 0.0:
             raise ValueError(f"initial_rate_sigma_rad_s must be > 0 and finite; got {initial_rate_sigma_rad_s!r}")
-        for name, value in (
-            ("rate_noise_density_rad2_s3", rate_noise_density_rad2_s3),
-            ("chaser_attitude_sigma_rad", chaser_attitude_sigma_rad),
-        ):
-            if not (math.isfinite(value) and value >= 0.0):
-                raise ValueError(f"{name} must be >= 0 and finite; got {value!r}")
-        if not restart_after >= 1:
+        not_negative("rate_noise_density_rad2_s3", rate_noise_density_rad2_s3)
+        if not 1.0 <= number("restart_after", restart_after) < 2**31:
             raise ValueError(f"restart_after must be 1 or more; got {restart_after!r}")
-        self.body, self.method = RigidBody(np.asarray(inertia_kg_m2), mean_motion_rad_s), method
-        self.memory, self._chaser_sigma = np.zeros(1, MEMORY), float(chaser_attitude_sigma_rad)
+        inertia = numbers("inertia_kg_m2", inertia_kg_m2)
+        self.body, self.method = RigidBody(inertia, number("mean_motion_rad_s", mean_motion_rad_s)), method
+        self.memory = np.zeros(1, MEMORY)
+        self._chaser_sigma = not_negative("chaser_attitude_sigma_rad", chaser_attitude_sigma_rad)
         m = self.memory[0]
         m["body"], m["density"], m["rate_sigma"] = (
             self.body.matrix,
             rate_noise_density_rad2_s3,
             initial_rate_sigma_rad_s,
         )
-        m["gate"], m["trial_gate"] = chi_square_limit(gate_probability, 3), chi_square_limit(TRIAL_PROBABILITY, 3)
+        m["gate"], m["trial_gate"] = (
+            chi_square_limit(number("gate_probability", gate_probability), 3),
+            chi_square_limit(TRIAL_PROBABILITY, 3),
+        )
         m["chaser_sigma"], m["restart_after"] = chaser_attitude_sigma_rad, restart_after
         m["unscented"] = method == "unscented"
         if inertia_sigma_kg_m2 is not None:
@@ -203,6 +205,8 @@ def _covariance(covariance: ArrayLike | None) -> Matrix:
     noise = np.array(numbers("covariance_rad2", covariance), order="C")
     if noise.shape != (3, 3):
         raise ValueError(f"covariance_rad2 has shape (3, 3), rad^2; got {noise.shape}")
+    if (np.abs(noise) > LARGEST_RAD2).any():
+        raise ValueError(f"covariance_rad2 is in rad^2, finite and below {LARGEST_RAD2:g}; got {noise.tolist()}")
     symmetric = 0.5 * (noise + noise.T)
     if not (np.abs(noise - noise.T) <= 1e-9 * np.abs(symmetric).max()).all():
         raise ValueError(f"covariance_rad2 must be finite and symmetric, to 1e-9; got {noise.tolist()}")

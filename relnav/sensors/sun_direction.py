@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Vector, numbers
+from relnav.arrays import Matrix, Vector, number, numbers
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.rotation import dcm_from_quaternion, is_rotation
 from relnav.sensors.measurement import Status
@@ -115,19 +115,25 @@ def attitude_observation(
     Raises
     ------
     ValueError
-        If the measurement is none (its status says why), or `sun_inertial` is not a unit vector.
+        If the measurement is none (its status says why), `sun_inertial` is not a unit vector, the attitude is no
+        rotation, or the sigma is none.
     """
-    sun = numbers("sun_inertial", sun_inertial)
-    if sun.shape != (3,) or abs(np.linalg.norm(sun) - 1.0) > 1e-6:
+    sun, dcm = numbers("sun_inertial", sun_inertial), numbers("dcm_body_from_inertial", dcm_body_from_inertial)
+    sigma = number("sun_sigma_rad", sun_sigma_rad)
+    if sun.shape != (3,) or not (np.abs(sun) < 2.0).all() or abs(np.linalg.norm(sun) - 1.0) > 1e-6:
         raise ValueError(f"sun_inertial is a unit vector (3,); got {sun.tolist()}")
+    if not is_rotation(dcm):
+        raise ValueError(f"dcm_body_from_inertial is a rotation matrix (3, 3); got {dcm.tolist()}")
+    if not 0.0 <= sigma <= np.pi:
+        raise ValueError(f"sun_sigma_rad is an angle in radians, 0 or more; got {sun_sigma_rad!r}")
     if not measured_body.ok:
         raise ValueError(f"no observation without a measurement; its status is {measured_body.status.name}")
-    predicted = numbers("dcm_body_from_inertial", dcm_body_from_inertial) @ sun
+    predicted = dcm @ sun
     basis = tangent_basis(predicted)
     return AttitudeObservation(
         innovation=basis.T @ measured_body.direction,
         jacobian=basis.T @ cross_matrix(predicted),
-        covariance=basis.T @ measured_body.covariance @ basis + sun_sigma_rad**2 * np.eye(2),
+        covariance=basis.T @ measured_body.covariance @ basis + sigma**2 * np.eye(2),
     )
 
 

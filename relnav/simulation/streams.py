@@ -148,8 +148,8 @@ class Draws:
 
     def __init__(self, seed: int, run: int) -> None:
         for name, value in (("seed", seed), ("run", run)):
-            if not 0 <= value <= ALL_ONES:
-                raise ValueError(f"{name} is 0 or more and below 2^64; got {value!r}")
+            if not isinstance(value, int | np.integer) or not 0 <= value <= ALL_ONES:
+                raise ValueError(f"{name} is 0 or more and below 2^64, a whole number; got {value!r}")
         self._key, self._words = np.array([seed, run, 0, 0], dtype=np.uint64), np.zeros(5, dtype=np.uint64)
 
     def uniforms(self, stream: Stream, shape: tuple[int, ...]) -> Vector:

@@ -64,7 +64,7 @@ def test_no_tests_and_no_caches(names):
 def test_the_licence_and_the_command_are_declared(wheel, names):
     with zipfile.ZipFile(wheel) as archive:
         (entry_points,) = [name for name in names if name.endswith("entry_points.txt")]
-        assert "relnav = relnav.cli:main" in archive.read(entry_points).decode()
+        assert "relnav = relnav.__main__:main" in archive.read(entry_points).decode()
     assert any(name.endswith("licenses/LICENSE") for name in names)
 
 

@@ -69,3 +69,14 @@ def test_killed_and_run_again(program, short_log, tmp_path):
     arguments = ("filter", short_log, "--model", "three_beacon_psd", "--out", "work/track.csv")
     assert program(*arguments, environment={"RELNAV_JIT": "0"}).returncode == 0
     assert [entry.name for entry in folder.iterdir()] == ["track.csv"]
+
+
+@pytest.mark.parametrize(("number", "code", "word"), [("SIGTERM", 143, "terminated"), ("SIGINT", 130, "interrupted")])
+def test_while_it_is_still_being_loaded(program, tmp_path, number, code, word):
+    """The signal comes where click is imported: no traceback of Python's."""
+    (tmp_path / "click.py").write_text(
+        f"import os, signal, time\nos.kill(os.getpid(), signal.{number})\ntime.sleep(9)\n"
+    )
+    places = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    done = program("models", environment={"PYTHONPATH": places})
+    assert (done.returncode, done.stderr) == (code, f"relnav: {word}; nothing was written\n")

@@ -75,3 +75,14 @@ def test_without_a_command_the_help_is_shown(run):
     code, out, err = run()
     assert code == 2
     assert "Usage: relnav" in out + err
+
+
+def test_a_schema_for_editors(run, tmp_path):
+    out = tmp_path / "beacons.schema.json"
+    code, said, _ = run("models", "three_beacon_psd", "--schema", out)
+    assert code == 0
+    assert f"#:schema {out}" in said
+    schema = json.loads(out.read_text())
+    assert schema["properties"]["sensor_type"] == {"const": "three_beacon"}
+    assert "focal_length_mm" in schema["properties"]["sensor"]["properties"]
+    assert run("models", "--schema", out)[0] == 2

@@ -9,6 +9,8 @@ import pytest
 
 import relnav
 from relnav.dynamics.two_body import MU_EARTH_M3_S2
+from relnav.errors import ModelError
+from relnav.files.models import load_model, model_values
 from relnav.simulation.orbits import EARTH_RADIUS_M
 
 HOSTILE = {
@@ -146,3 +148,41 @@ class TestCalibrationPaths:
         (folder / "sub").mkdir()
         assert "is no regular file" in self.load(write_model, "pipe")
         assert "is no regular file" in self.load(write_model, "sub")
+
+
+class TestWhatMayBeLeftOut:
+    """Process noise and initial velocity have defaults, which are shown with their reasons."""
+
+    def test_it_is_what_the_shipped_model_says(self, write_model, shipped_text):
+        lines = shipped_text.splitlines(keepends=True)
+        noise = next(line for line in lines if line.startswith("acceleration_noise_density"))
+        speed = next(line for line in lines if line.startswith("initial_velocity_sigma"))
+        path = write_model((noise, ""), (speed, ""))
+        model, shipped = load_model(path), load_model("three_beacon_psd")
+        assert (model.process_noise, model.filter) == (shipped.process_noise, shipped.filter)
+        assert "left out" in model.provenance["filter.initial_velocity_sigma_m_s"]
+        assert model_values(model)["filter.initial_velocity_sigma_m_s"]["value"] == 0.1
+
+    def test_another_unit_counts_as_given(self, write_model, shipped_text):
+        speed = next(line for line in shipped_text.splitlines() if line.startswith("initial_velocity_sigma"))
+        assert (
+            load_model(write_model((speed, "initial_velocity_sigma_mm_s = 50.0"))).filter.initial_velocity_sigma_m_s
+            == 0.05
+        )
+
+    def test_a_whole_section(self, write_model, shipped_text):
+        begin, end = shipped_text.index("[filter]"), shipped_text.index("[detector]")
+        assert load_model(write_model((shipped_text[begin:end], ""))).filter.initial_velocity_sigma_m_s == 0.1
+
+
+def test_a_model_in_the_current_folder_has_a_name(write_model, monkeypatch):
+    monkeypatch.chdir(write_model().parent)
+    assert load_model("model.toml").name == load_model(".").name == "mine"
+
+
+def test_a_long_file_is_not_called_a_long_number(tmp_path):
+    path = tmp_path / "model.toml"
+    path.write_text("a = 1\n" * 40_000)
+    with pytest.raises(ModelError, match=r"model\.toml: longer than 200000 characters") as error:
+        load_model(path)
+    assert "number" not in str(error.value)

@@ -68,6 +68,13 @@ def test_numbers_are_those_of_the_track(page, track):
     np.testing.assert_allclose(shown[1:], rows["range_m"][1:], rtol=1e-6)
 
 
+def test_the_same_run_gives_the_same_page(page, track):
+    """Byte for byte: the order of the columns is the track's, not that of a set, which is another in every process."""
+    header = next(line for line in track.read_text().splitlines() if not line.startswith("#")).split(",")
+    shown = [name for name in data_of(page)["columns"] if name in header]
+    assert shown == [name for name in header if name in shown]
+
+
 def test_it_says_what_was_assumed_and_where_figures_come_from(page):
     for said in ("What the model assumed", "published 0.02 m", "abstract and section 3", "sensor.focal_length_mm"):
         assert said in page, said

@@ -116,5 +116,5 @@ def _direction(sensor: BirefringentSunSensor, spots: tuple[float, float, float, 
 def _without_covariance(noise: Matrix) -> SunDirection:
     """No direction where a spot's covariance is not finite; ValueError for one that is none."""
     if np.isfinite(noise).all():
-        raise ValueError(f"covariance_px2 is symmetric and positive definite; got {noise.round(12).tolist()}")
+        raise ValueError(f"covariance_px2 is symmetric and positive definite; got {noise.tolist()}")
     return no_direction(Status.NO_CONVERGENCE)

@@ -42,7 +42,8 @@ class Dark:
         noise = ndimage.maximum_filter(_mesh(smooth, dead)[1], 3, mode="nearest")  # a roof is quieter than the sky
         found = []
         for rows, threshold in _strips(noise, self.rows, self.columns, smooth.shape):
-            places = np.argwhere(smooth[rows] > sigmas * threshold)
+            with np.errstate(over="ignore"):  # beyond the largest float: nothing stands out
+                places = np.argwhere(smooth[rows] > sigmas * threshold)
             found.append(places + np.array([rows.start, 0]))
         above = np.concatenate(found)
         if len(above) > most:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from relnav.arrays import Flags, Matrix, Stack, Vector, numbers
+from relnav.arrays import Flags, Matrix, Stack, Vector, number, numbers
 from relnav.sensors.dual_field.sky_background import Dark, smoothed, subtract_background
 
 FIRST_PIXEL_PX = 0.0
@@ -161,11 +161,14 @@ def _checked(
     given: NDArray[Any] = image if type(image) is np.ndarray and image.dtype.kind in "iuf" else numbers("image", image)
     if given.ndim != 2 or min(given.shape) < 8:
         raise ValueError(f"a picture has two axes (rows, columns) of 8 pixels or more; got shape {given.shape}")
-    options = {"threshold_sigma": threshold_sigma, "saturation": saturation, "electrons_per_count": gain}
+    optional = {"saturation": saturation, "electrons_per_count": gain}
+    options = {"threshold_sigma": threshold_sigma} | {
+        name: value for name, value in optional.items() if value is not None
+    }
     for name, value in options.items():
-        if value is not None and not 0.0 < value < np.inf:
-            raise ValueError(f"{name} is a number above zero; got {value}")
-    if most < 1:
+        if not 1e-12 < number(name, value) < 1e12:
+            raise ValueError(f"{name} is a number above zero, of a credible size; got {value}")
+    if not 1 <= number("most", most) < np.inf:
         raise ValueError(f"most is one star or more; got {most}")
     full = np.inf if given.dtype.kind == "f" else float(np.iinfo(given.dtype).max)
     with np.errstate(over="ignore", invalid="ignore"):  # beyond the largest float: a dead pixel

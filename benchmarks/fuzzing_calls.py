@@ -1,0 +1,485 @@
+"""Every public call with what a program can hand over by mistake: shapes, types, sizes, times, rotations that are none.
+
+A case is a good call with some of its arguments exchanged: numbers in an array, its shape, type, order or mask, or the
+whole of it for something else. What must hold: an error is a ValueError with one printable sentence; none takes 5 s of
+processor time; no warning; arguments stay as they were; where there is a value it is finite and its covariance positive
+definite; a refused call leaves the object as it was, to the last bit, and a record that was returned never changes.
+
+    python benchmarks/fuzzing_calls.py [--cases 1000] [--target "Navigator.step"] [--json FILE]
+
+The test suite runs some of the same cases (tests/navigation/test_fuzzed_calls.py).
+"""
+
+import copy
+import pickle
+import tempfile
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from fuzzing import SLOWEST_S, run_targets
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+import relnav
+from relnav.navigation.in_frame import FRAMES
+from relnav.sensors.sun_direction import attitude_observation
+from relnav.spacecraft import POINTS
+
+SPOTS_M = np.array([[-1.5e-3, 0.0], [1.5e-3, 0.0], [0.0, 0.0]])
+SPOTS_PX = np.array([[553.7, 553.7], [469.3, 553.7], [511.5, 511.5]])
+NUMBERS = [0.0, -0.0, 1.0, -1.0, 1e-300, 5e-324, 1e-9, 1e3, 1e10, 1e20, 1e155, 1e300, -1e308, np.nan, np.inf, -np.inf]
+OTHERS: list[Any] = [
+    None,
+    "text",
+    b"",
+    1j,
+    [],
+    {},
+    [[1.0], [2.0, 3.0]],
+    object(),
+    10**400,
+    True,
+    np.datetime64("2026-01-01"),
+]
+OTHERS += [np.ma.masked, float, [None], np.zeros((0, 2)), np.zeros((2, 2, 2, 2)), np.array(["a"]), np.zeros(3, "f4,f4")]
+LONGEST = 1e5
+"""Epochs of a simulated flight; more are meant to take their time."""
+number = st.sampled_from(NUMBERS) | st.floats()
+
+
+@st.composite
+def like(draw: Any, good: Any, *, optional: bool = False) -> Any:
+    """Something like a good array or number: mostly itself, or with numbers, shape, type or all of it exchanged."""
+    if optional and draw(st.integers(0, 2)):
+        return None
+    what = draw(st.integers(0, 19))
+    if what == 0:
+        return copy.deepcopy(draw(st.sampled_from(OTHERS)))
+    array = np.array(good, dtype=float)
+    if array.ndim == 0:
+        return draw(number) if what < 4 else good
+    if what == 1:
+        return _reshaped(draw, array)
+    for _ in range(draw(st.integers(1, 3)) if what < 7 else 0):
+        array.flat[draw(st.integers(0, array.size - 1))] = draw(number)
+    return _otherwise(draw, array) if what in (2, 3, 7) else array
+
+
+def _reshaped(draw: Any, array: Any) -> Any:
+    """Rows or columns more or less."""
+    how = draw(st.sampled_from(["less", "more", "turned", "flat", "deep"]))
+    if how == "less":
+        return array[:-1]
+    if how == "more":
+        return np.concatenate([array, array])
+    return array.T if how == "turned" else array.ravel() if how == "flat" else array[None]
+
+
+def _otherwise(draw: Any, array: Any) -> Any:
+    """The same numbers in another container."""
+    how = draw(st.sampled_from(["list", "float32", "int", "object", "masked", "fortran", "strided", "kept", "swapped"]))
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        if how in ("float32", "object", "int"):
+            return array.astype({"float32": "f4", "object": "O", "int": "i8"}[how])
+    if how == "masked":
+        return np.ma.masked_array(array, draw(st.lists(st.booleans(), min_size=array.size, max_size=array.size)))
+    if how == "strided":
+        return np.repeat(array, 2, axis=0)[::2]
+    if how == "kept":
+        array.setflags(write=False)
+    made = {"list": array.tolist(), "fortran": np.asfortranarray(array), "swapped": array.astype(">f8")}
+    return made.get(how, array)
+
+
+def drawn(data: Any, rare: int = 1, **good: Any) -> dict[str, Any]:
+    """Optional arguments: each like a good value, or (`rare`) mostly left out."""
+    return {name: data.draw(like(value, optional=bool(rare))) for name, value in good.items()}
+
+
+def rotation(angle: float = 0.3, axis: int = 0) -> Any:
+    """A turn about an axis, (3, 3)."""
+    c, s, i, j = np.cos(angle), np.sin(angle), (axis + 1) % 3, (axis + 2) % 3
+    dcm = np.eye(3)
+    dcm[i, i], dcm[j, j], dcm[i, j], dcm[j, i] = c, c, s, -s
+    return dcm
+
+
+def check_covariance(covariance: Any, *, singular: bool = False) -> None:
+    """Finite, variances above zero, positive definite to rounding."""
+    covariance = np.asarray(covariance)
+    assert np.isfinite(covariance).all(), "a covariance is finite"
+    variances = np.diagonal(covariance)
+    assert (variances >= 0.0).all() if singular else (variances > 0.0).all(), "a variance is above zero"
+    scale = np.sqrt(np.where(variances > 0.0, variances, 1.0))
+    assert np.linalg.eigvalsh(covariance / scale / scale[:, None]).min() > -1e-9, "a covariance is positive definite"
+
+
+def asked(call: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
+    """What a call gives; None if it refuses with a sentence. AssertionError for everything that must not be."""
+    before, begin, result = _kept(arguments, named), time.process_time(), None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            warnings.filterwarnings("ignore", ".* encountered in scalar ")  # of kernels run as plain Python alone
+            result = call(*arguments, **named)
+    except ValueError as error:
+        message = str(error)
+        assert message, "an error says something"
+        assert len(message) < 30_000, "a message is read by people"
+        assert all(line.isprintable() for line in message.split("\n")), f"a message in visible characters: {message!r}"
+    assert time.process_time() - begin < SLOWEST_S, "it takes too long"
+    assert _kept(arguments, named) == before, "arguments stay as they were"
+    return result
+
+
+def _kept(arguments: tuple[Any, ...], named: dict[str, Any]) -> list[bytes]:
+    arrays = [a for a in (*arguments, *named.values()) if isinstance(a, np.ndarray) and a is not np.ma.masked]
+    return [a.tobytes() for a in arrays if a.dtype != object]
+
+
+def state_of(filter_: Any) -> bytes:
+    """Everything that a filter knows: what its pickle holds."""
+    held = filter_.__getstate__()
+    return pickle.dumps({name: value for name, value in held.items() if name not in ("model", "mission", "arguments")})
+
+
+def in_turn(filter_: Any, look: Callable[[Any], None], call: Callable[..., Any], *arguments: Any, **named: Any) -> str:
+    """One call of a filter, which stays as it was if it refuses; `look` at the record."""
+    before = state_of(filter_)
+    record = asked(call, *arguments, **named)
+    if record is None:
+        assert state_of(filter_) == before, "a refused call leaves the filter as it was"
+        return "refused"
+    look(record)
+    return "given"
+
+
+@cache
+def model(name: str) -> Any:
+    """A shipped model."""
+    return relnav.load_model(name)
+
+
+def look_at_record(record: Any) -> None:
+    """A beacon record: state and covariance whole, or none."""
+    state = record.state
+    if not record.has_state:
+        assert np.isnan(state).all(), "no state at all"
+        return
+    assert np.isfinite(state).all(), "a state is finite"
+    check_covariance(record.covariance)
+    assert np.isfinite([record.range_m, record.azimuth_rad, record.elevation_rad]).all()
+
+
+def navigator_step(data: Any) -> list[str]:
+    """Images of one navigator, then a start from outside among them."""
+    navigator = relnav.Navigator(model("three_beacon_psd"), data.draw(st.sampled_from(["fix", "spots"])))
+    outcomes, t = [], 0.0
+    kept: list[tuple[Any, bytes, bytes]] = []
+
+    def look(record: Any) -> None:
+        look_at_record(record)
+        kept.append((record, record.state.tobytes(), record.covariance.tobytes()))
+
+    for k in range(data.draw(st.integers(1, 7))):
+        t += data.draw(st.sampled_from([0.1, 0.1, 0.1, 0.1, 1e-9, 10.0, 1e5, 1e300, 0.0, -1.0]))
+        told, time_s, spots = {}, t, SPOTS_M
+        if k >= 2:
+            told = drawn(
+                data,
+                acceleration_m_s2=np.zeros(3),
+                delta_v_m_s=np.zeros(3),
+                dcm_cam_from_lvlh=model("three_beacon_psd").dcm_cam_from_lvlh,
+                spot_sigma_m=np.full((3, 2), 1e-5),
+                attitude_noise_rad=1e-3,
+            )
+            time_s, spots = data.draw(like(t)), data.draw(like(SPOTS_M))
+        if k and data.draw(st.integers(0, 9)) == 9:
+            start = data.draw(like([-10.0, 0, 0, 0, 0, 0])), data.draw(like(np.eye(6)))
+            asked(navigator.start, time_s, *start)
+        outcomes.append(in_turn(navigator, look, navigator.step, time_s, spots, **told))
+        for record, state, covariance in kept:
+            assert (record.state.tobytes(), record.covariance.tobytes()) == (state, covariance), (
+                "a record never changes"
+            )
+    return outcomes
+
+
+def look_at_pose(record: Any) -> None:
+    """A pose record, likewise."""
+    if not np.isnan(record.state).all():
+        assert np.isfinite(record.state).all(), "a state is finite"
+        assert np.isfinite(record.dcm_lvlh_from_target).all()
+        check_covariance(record.covariance)
+
+
+def pose_step(data: Any) -> list[str]:
+    """Images of one pose navigator, some of them late."""
+    navigator = relnav.PoseNavigator(model("three_marker_vision"))
+    outcomes, t = [], 0.0
+    for k in range(data.draw(st.integers(1, 6))):
+        t += data.draw(st.sampled_from([0.1, 0.1, 0.1, 10.0, 1e5, 1e300, 0.0, -1.0]))
+        told, time_s, spots = {}, t, SPOTS_PX
+        if k >= 2:
+            told = drawn(
+                data,
+                image_t_s=t - 0.05,
+                acceleration_m_s2=np.zeros(3),
+                delta_v_m_s=np.zeros(3),
+                dcm_chaser_from_lvlh=model("three_marker_vision").dcm_chaser_from_lvlh,
+                chaser_rate_rad_s=np.zeros(3),
+                spot_covariance_px2=np.tile(0.01 * np.eye(2), (3, 1, 1)),
+                attitude_noise_rad=1e-3,
+            )
+            time_s, spots = data.draw(like(t)), data.draw(like(SPOTS_PX))
+        outcomes.append(in_turn(navigator, look_at_pose, navigator.step, time_s, spots, **told))
+    return outcomes
+
+
+def look_at_attitude(record: Any) -> None:
+    """An attitude record."""
+    if np.isfinite(record.dcm_lvlh_from_target).all():
+        assert np.isfinite(record.rate_rad_s).all()
+        check_covariance(record.covariance)
+
+
+def target_attitude(data: Any) -> list[str]:
+    """The target's attitude alone: its making and its epochs."""
+    filter_ = asked(
+        relnav.TargetAttitude,
+        data.draw(like(np.diag([300.0, 400.0, 500.0]))),
+        data.draw(like(1.1e-3)),
+        rate_noise_density_rad2_s3=data.draw(like(1e-10)),
+        initial_rate_sigma_rad_s=data.draw(like(1e-3)),
+        method=data.draw(st.sampled_from(["multiplicative", "unscented"])),
+        **drawn(data, 1, inertia_sigma_kg_m2=np.eye(3)),
+        **drawn(data, 0, chaser_attitude_sigma_rad=0.0, restart_after=8, gate_probability=0.9999),
+    )
+    if filter_ is None:
+        return ["refused"]
+    outcomes, t = ["given"], 0.0
+    for _ in range(data.draw(st.integers(1, 5))):
+        t += data.draw(st.sampled_from([0.1, 0.1, 10.0, 1e5, 1e300, 0.0, -1.0]))
+        told = [data.draw(like(t)), data.draw(like(rotation())), data.draw(like(1e-6 * np.eye(3)))]
+        outcomes.append(
+            in_turn(filter_, look_at_attitude, filter_.step, *told, **drawn(data, 1, dcm_chaser_from_lvlh=np.eye(3)))
+        )
+    return outcomes
+
+
+def filter_epochs(data: Any) -> list[str]:
+    """A log in memory."""
+    n = data.draw(st.integers(1, 12))
+    solution = asked(
+        relnav.filter_epochs,
+        model("three_beacon_psd"),
+        data.draw(like(0.1 * np.arange(n))),
+        data.draw(like(np.tile(SPOTS_M, (n, 1, 1)))),
+        smooth=data.draw(st.booleans()),
+        method=data.draw(st.sampled_from(["fix", "spots", "fix", "ekf"])),
+        **drawn(
+            data,
+            acceleration_m_s2=np.zeros((n, 3)),
+            delta_v_m_s=np.zeros((n, 3)),
+            q_cam_from_lvlh=np.tile([0.5, -0.5, -0.5, -0.5], (n, 1)),
+            spot_sigma_m=np.full((n, 3, 2), 1e-5),
+        ),
+    )
+    if solution is None:
+        return ["refused"]
+    check_track(solution)
+    degrees = data.draw(like([51.6, 10.0, 20.0], optional=True))
+    track = asked(solution.in_frame, data.draw(st.sampled_from([*FRAMES, "lvlh"])), orientation_deg=degrees)
+    if track is not None:
+        check_track(track)
+    asked(solution.nis_consistency, data.draw(like(0.95)))
+    return ["given", "refused" if track is None else "given"]
+
+
+def check_track(track: Any) -> None:
+    """Each row a state with its covariance, or neither."""
+    for state, covariance in zip(track.state, track.covariance, strict=True):
+        if np.isfinite(state).all():
+            check_covariance(covariance)
+        else:
+            assert np.isnan(state).all(), "a state is known whole or not at all"
+
+
+def measured(found: Any, value: str, *, singular: bool = False) -> str:
+    """Of a measurement: a value (the name of its attribute) with its covariance, or none."""
+    if found is None:
+        return "refused"
+    ok = found.status.name == "OK"
+    if ok:
+        assert np.isfinite(getattr(found, value)).all(), "a value is finite"
+        check_covariance(found.covariance, singular=singular)
+    return "given" if ok else "no value"
+
+
+def beacons(data: Any) -> list[str]:
+    """One image of the beacons."""
+    mission, spots = model("three_beacon_psd"), data.draw(like(SPOTS_M))
+    form = data.draw(st.sampled_from([None, "perspective", "parallel", "none"]))
+    places = asked(relnav.three_beacon.positions, spots, mission)
+    assert places is None or np.isfinite(places).all()
+    return [measured(asked(relnav.three_beacon.measure, spots, mission, projection=form), "value")]
+
+
+def markers(data: Any) -> list[str]:
+    """One image of the markers, labelled or not."""
+    found = asked(
+        relnav.three_marker.measure,
+        data.draw(like(SPOTS_PX)),
+        model("three_marker_vision"),
+        spot_covariance_px2=data.draw(like(np.tile(0.01 * np.eye(2), (3, 1, 1)), optional=True)),
+        labelled=data.draw(st.booleans()),
+        method=data.draw(st.sampled_from(["exact", "small_angle"])),
+    )
+    return ["refused" if found is None else "given"]
+
+
+def stars(data: Any) -> list[str]:
+    """One frame of a star sensor, lost in space and near an attitude."""
+    spots, sensor = data.draw(like(np.random.default_rng(0).uniform(-500, 500, (12, 2)))), model("dual_field_star")
+    told = {
+        "velocity_km_s": data.draw(like(np.zeros(3))),
+        **drawn(data, flux=np.arange(12.0) + 1.0, epoch_jyear=2026.0),
+    }
+    prior = data.draw(like(rotation())), data.draw(like(1e-3))
+    found = asked(relnav.dual_field.measure, spots, sensor, **told)
+    near = asked(relnav.dual_field.track, spots, sensor, *prior, **told)
+    return ["refused" if entry is None else entry.status.name.lower() for entry in (found, near)]
+
+
+def pictures(data: Any) -> list[str]:
+    """Star spots of a picture, and the sun's."""
+    image = np.random.default_rng(1).normal(100.0, 3.0, (24, 24))
+    image[8:11, 9:12] += 400.0
+    seen, told = data.draw(like(image)), drawn(data, saturation=4e3, electrons_per_count=2.0)
+    found = asked(relnav.find_stars, seen, threshold_sigma=data.draw(like(5.0)), **told)
+    sun = asked(relnav.aps_sun.measure, seen, model("aps_sun"), corner_px=data.draw(like([500.0, 500.0])))
+    return ["refused" if found is None else "given", measured(sun, "direction", singular=True)]
+
+
+def suns(data: Any) -> list[str]:
+    """Spots of both sun sensors, and what an attitude filter is given."""
+    outcomes = []
+    noise = drawn(data, 1, covariance_px2=0.01 * np.eye(4))
+    two = data.draw(like([[512.0, 512.0], [540.0, 512.0]]))
+    for found in (
+        asked(relnav.aps_sun.measure, data.draw(like([512.0, 512.0])), model("aps_sun")),
+        asked(relnav.birefringent_sun.measure, two, model("birefringent_sun"), **noise),
+    ):
+        outcomes.append(measured(found, "direction", singular=True))
+        if found is not None:
+            told = data.draw(like([0.0, 0.0, 1.0])), data.draw(like(rotation()))
+            seen = asked(attitude_observation, found, *told, sun_sigma_rad=data.draw(like(0.0)))
+            outcomes.append("refused" if seen is None else "given")
+    return outcomes
+
+
+def models(data: Any) -> list[str]:
+    """A shipped model with values exchanged."""
+    name = data.draw(st.sampled_from([name for name in relnav.list_models() if name != "rendezvous_demo"]))
+    value = number | st.sampled_from(OTHERS) | like([1.0, 2.0])
+    changes = data.draw(st.dictionaries(st.sampled_from(_keys(name)), value, max_size=3))
+    return ["refused" if asked(relnav.load_model, name, changes) is None else "given"]
+
+
+@cache
+def _keys(name: str) -> list[str]:
+    from relnav.files.models import model_values
+
+    return list(model_values(model(name)))
+
+
+def simulated(data: Any) -> list[str]:
+    """A short scenario with a number of its approach exchanged."""
+    plan = relnav.Scenario()
+    names = [key for key, value in vars(plan.approach).items() if isinstance(value, float)]
+    changes = {"duration_s": 2.0, data.draw(st.sampled_from(names)): data.draw(number)}
+    approach = asked(replace, plan.approach, **changes)
+    if approach is None or not approach.duration_s * approach.rate_hz < LONGEST:
+        return ["refused" if approach is None else "too long to try"]
+    flown = asked(replace, plan, approach=approach)
+    log = asked(relnav.simulate, model("three_beacon_psd"), flown, data.draw(like(3)), data.draw(like(1)))
+    if log is not None:
+        assert np.isfinite(log.truth).all(), "the truth is finite"
+    return ["refused" if log is None else "given"]
+
+
+def vehicle(data: Any) -> list[str]:
+    """Observations of a whole vehicle."""
+    flown = model("rendezvous_demo")
+    navigator = asked(relnav.VehicleNavigator, flown, t_s=data.draw(like(0.0)))
+    if navigator is None:
+        return ["refused"]
+    outcomes, t = ["given"], 0.0
+    for _ in range(data.draw(st.integers(1, 5))):
+        t += data.draw(st.sampled_from([0.1, 0.1, 0.1, -0.2, 1e5, 1e300]))
+        name = data.draw(st.sampled_from(["gyro", "thrust", *flown.sensor, "none"]))
+        good = np.array([0.0, 0.0, 0.0, 1.0])
+        if name in ("gyro", "thrust", "none"):
+            good = np.zeros(3)
+        elif flown.kind(name) == POINTS:
+            good = np.zeros((len(flown.points_m(name)), 2))
+        before = navigator.state().covariance
+        when, value, noise = data.draw(like(t)), data.draw(like(good)), drawn(data, 1, covariance=1e-8 * np.eye(3))
+        taken = asked(navigator.observe, name, when, value, **noise)
+        estimate = navigator.state()
+        assert taken is not None or np.array_equal(before, estimate.covariance), "a refused call leaves it as it was"
+        assert np.isfinite(estimate.values).all(), "a state is finite"
+        check_covariance(estimate.covariance, singular=True)
+        ahead = asked(navigator.state, data.draw(like(t + 1.0)))
+        outcomes += ["refused" if entry is None else "given" for entry in (taken, ahead)]
+    return outcomes
+
+
+CALLS: dict[str, Callable[[Any], list[str]]] = {
+    "Navigator.step": navigator_step,
+    "PoseNavigator.step": pose_step,
+    "TargetAttitude.step": target_attitude,
+    "filter_epochs": filter_epochs,
+    "three_beacon.measure": beacons,
+    "three_marker.measure": markers,
+    "dual_field.measure": stars,
+    "find_stars": pictures,
+    "sun sensors' measure": suns,
+    "load_model": models,
+    "simulate": simulated,
+    "VehicleNavigator.observe": vehicle,
+}
+
+
+def fuzz(name: str, folder: Path, cases: int, *, derandomize: bool = False) -> dict[str, Any]:  # noqa: ARG001
+    """Try so many cases of one call; what came of them. The first that must not be is raised, made small."""
+    outcomes: Counter[str] = Counter()
+
+    @settings(
+        max_examples=cases,
+        deadline=None,
+        database=None,
+        derandomize=derandomize,
+        report_multiple_bugs=False,
+        suppress_health_check=list(HealthCheck),
+        phases=(Phase.generate, Phase.shrink),
+    )
+    @given(st.data())
+    def one(data: Any) -> None:
+        outcomes.update(CALLS[name](data))
+
+    one()
+    return {"call": name, "cases": sum(outcomes.values()), "outcomes": dict(sorted(outcomes.items())), "faults": []}
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as _:
+        run_targets(__doc__ or "", fuzz, lambda _folder: list(CALLS), "call")

@@ -1,0 +1,90 @@
+"""The package on every Python it is meant for: installed into a fresh environment each, and a quick part of the tests.
+
+Looks for python3.11 to python3.14 on the path, under pyenv, and through uv where that is there; says which are missing.
+
+    python benchmarks/python_versions.py [--only 3.12] [--json FILE] [TESTS ...]
+"""
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+VERSIONS = ("3.11", "3.12", "3.13", "3.14")
+NEEDED = ("pytest>=9,<10", "hypothesis>=6.100", "mpmath>=1.3")
+QUICK = (
+    "tests/geometry",
+    "tests/cli/test_models_command.py",
+    "tests/files/test_model_errors.py",
+    "tests/files/test_units.py",
+)
+TRIED = """
+import relnav
+navigator = relnav.Navigator(relnav.load_model("three_beacon_psd"))
+navigator.step(0.0, [[-1.5e-3, 0.0], [1.5e-3, 0.0], [0.0, 0.0]])
+"""
+
+
+def interpreter(version: str) -> str | None:
+    """A Python of this version that starts."""
+    places = [shutil.which(f"python{version}"), *map(str, Path.home().glob(f".pyenv/versions/{version}.*/bin/python"))]
+    if (uv := shutil.which("uv")) is not None:
+        found = subprocess.run([uv, "python", "find", version], capture_output=True, text=True, check=False)
+        places.append(found.stdout.strip())
+    asks = "import sys; print('%d.%d' % sys.version_info[:2])"
+    for place in filter(None, places):
+        said = subprocess.run([place, "-c", asks], capture_output=True, text=True, check=False)
+        if said.stdout.strip() == version:
+            return place
+    return None
+
+
+def tried(version: str, tests: list[str]) -> dict[str, object]:
+    """Install and test; what came of it."""
+    place, begin = interpreter(version), time.monotonic()
+    if place is None:
+        return {"python": version, "outcome": "not on this machine"}
+    with tempfile.TemporaryDirectory() as folder:
+        python = str(Path(folder) / "bin" / "python")
+        steps = {
+            "environment": [place, "-m", "venv", folder],
+            "installation": [python, "-m", "pip", "install", "-q", str(ROOT), *NEEDED],
+            "first call": [python, "-c", TRIED],
+            "tests": [python, "-m", "pytest", "-q", "-p", "no:xdist", "-o", "addopts=--import-mode=importlib", *tests],
+        }
+        said = ""
+        for name, command in steps.items():
+            plain = {"RELNAV_PREBUILD": "0", "RELNAV_JIT": "0"} if name != "first call" else {"RELNAV_JIT": "0"}
+            environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"} | plain
+            done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+            said = (done.stdout.strip() or done.stderr.strip()).splitlines()[-1:] or [""]
+            if done.returncode != 0:
+                last = (done.stderr.strip() or done.stdout.strip()).splitlines()[-1:]
+                return {"python": version, "outcome": f"{name} failed: {' '.join(last)}"}
+        return {"python": version, "outcome": said[0], "seconds": round(time.monotonic() - begin)}
+
+
+def main() -> None:
+    """Run and report."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("tests", nargs="*", default=list(QUICK))
+    parser.add_argument("--only", action="append", choices=VERSIONS)
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    found = []
+    for version in options.only or VERSIONS:
+        found.append(tried(version, options.tests))
+        print(json.dumps(found[-1]), flush=True)
+    if options.json:
+        options.json.write_text(json.dumps(found, indent=2) + "\n")
+    sys.exit(any("failed" in str(entry["outcome"]) for entry in found))
+
+
+if __name__ == "__main__":
+    main()
