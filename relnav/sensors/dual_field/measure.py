@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from relnav.arrays import Codes, Matrix, Vector, number, numbers, one_piece
-from relnav.geometry.rotation import is_rotation
 from relnav.geometry.star_places import LIGHT_KM_S
 from relnav.sensors.dual_field.frame_solver import (
     BETA,
@@ -28,7 +27,14 @@ from relnav.sensors.dual_field.optics import plane_points, ray_sigma, rays
 from relnav.sensors.dual_field.search import AMBIGUOUS, FOUND, MOST_TRIED, ONE_FIELD
 from relnav.sensors.dual_field.sensor import StarSensor
 from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solution
-from relnav.sensors.dual_field.tracking import ALONG_A_LINE, FOUND_ALONE, LEAST_STARS, WIDEST_PRIOR_RAD, track_spots
+from relnav.sensors.dual_field.tracking import (
+    ALONG_A_LINE,
+    FOUND_ALONE,
+    LEAST_STARS,
+    NO_ROTATION,
+    WIDEST_PRIOR_RAD,
+    track_spots,
+)
 
 NO_MAGNITUDE = np.empty(0)
 LOG_10 = math.log(10.0)
@@ -176,25 +182,19 @@ def track(
         As `measure`, and for a prior that is no rotation or too wide.
     """
     prior = one_piece("dcm_prior", dcm_prior)
-    if not is_rotation(prior):
-        raise ValueError(f"dcm_prior is a rotation matrix (3, 3); got {prior.tolist()}")
     sigma_prior_rad = number("sigma_prior_rad", sigma_prior_rad)
     if not 0.0 < sigma_prior_rad <= WIDEST_PRIOR_RAD:
         raise ValueError(f"sigma_prior_rad is above 0 and up to {WIDEST_PRIOR_RAD:g} rad; got {sigma_prior_rad}")
     spots, mag, velocity = _checked(spots_px, model, flux, magnitude, velocity_km_s)
     sky, (star, found, block) = model.sky(_epoch(epoch_jyear)), _room(len(spots))
-    block[:9] = prior.ravel()
-    verdict = track_spots(
-        spots,
-        NO_MAGNITUDE if mag is None else mag,
-        _parameters(model, mag, velocity),
-        sigma_prior_rad,
-        *sky.arrays,
-        sky.hip,
-        star,
-        found,
-        block,
-    )
+    verdict = NO_ROTATION
+    if prior.shape == (3, 3):
+        block[:9] = prior.ravel()
+        brightness = NO_MAGNITUDE if mag is None else mag
+        parameters = _parameters(model, mag, velocity)
+        verdict = track_spots(spots, brightness, parameters, sigma_prior_rad, *sky.arrays, sky.hip, star, found, block)
+    if verdict == NO_ROTATION:
+        raise ValueError(f"dcm_prior is a rotation matrix (3, 3); got {prior.tolist()}")
     focal, seen = model.camera.focal_length_px, int(block[20])
     if verdict == FOUND:
         return _solution(StarStatus.OK, "", block, star, found, focal)
@@ -269,9 +269,9 @@ def _epoch(jyear: float | None) -> float | None:
 def observer_velocity(value: ArrayLike) -> Vector:
     """A velocity (3,) km/s that stars can be seen from, or a ValueError that says so."""
     vector = numbers("velocity_km_s", value)
-    if vector.shape != (3,) or not np.all(np.isfinite(vector)):
+    if vector.shape != (3,) or not all(map(math.isfinite, vector.tolist())):
         raise ValueError(f"velocity_km_s is three finite numbers; got {vector.tolist()}")
-    if np.abs(vector).max() > FASTEST_KM_S or np.linalg.norm(vector) > FASTEST_KM_S:
+    if math.hypot(*vector.tolist()) > FASTEST_KM_S:
         raise ValueError(f"velocity_km_s is in km/s and up to {FASTEST_KM_S:g} in size; got {vector.tolist()}")
     return vector
 

@@ -4,6 +4,7 @@ import math
 
 from relnav.arrays import Codes, Matrix, Vector
 from relnav.codegen.kernel import entry
+from relnav.geometry.rotation import are_a_rotation
 from relnav.sensors.dual_field.attitude_fit import fit_attitude, forget_slip
 from relnav.sensors.dual_field.evidence import FOLD_CHI2, fold_distance2
 from relnav.sensors.dual_field.frame_solver import (
@@ -25,8 +26,8 @@ from relnav.sensors.dual_field.sky import Bits, SkyArrays
 LEAST_STARS = 2
 WIDEST_PRIOR_RAD = 3e-3 / 5.0
 """Five sigma of the prior may not reach farther than the loosest tolerance of a match."""
-FOUND_ALONE, ALONG_A_LINE = 2, -7
-"""Besides the verdicts of `solve_spots`: all stars in one field of two; stars that fix no attitude."""
+FOUND_ALONE, ALONG_A_LINE, NO_ROTATION = 2, -7, -8
+"""Besides the verdicts of `solve_spots`: all stars in one field of two; stars, or a prior, that are no attitude."""
 
 
 @entry
@@ -48,7 +49,7 @@ def track_spots(
     found: Codes,
     block: Vector,
 ) -> int:
-    """Attitude near a prior one: FOUND, FOUND_ALONE, TOO_FEW, NOTHING, ALONG_A_LINE or OFF_FOLD.
+    """Attitude near a prior one: FOUND, FOUND_ALONE, TOO_FEW, NOTHING, ALONG_A_LINE, OFF_FOLD or NO_ROTATION.
 
     Arguments as of `solve_spots`; the prior attitude stands in block[:9], sigma_prior (rad) about each axis is at most
     `WIDEST_PRIOR_RAD`. The result does not lean on the prior: it only says where to look. Stars are believed when
@@ -58,6 +59,8 @@ def track_spots(
     total = spots.shape[0]
     solution, residual, scratch = block[:21].reshape((7, 3)), block[21 : 21 + total], block[21 + total :]
     order, match = found[:total], found[total : 3 * total].reshape((total, 2))
+    if not are_a_rotation(block[0], block[1], block[2], block[3], block[4], block[5], block[6], block[7], block[8]):
+        return NO_ROTATION
     for s in range(total):
         star[s], found[3 * total + s], residual[s] = 0, -1, math.nan
     n = usable_spots_into(spots, magnitude, p[HALF_WIDTH], p[HALF_HEIGHT], order)
