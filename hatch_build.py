@@ -2,8 +2,8 @@
 
 What is compiled is the package's own code, run here as a user runs it (`FLIGHTS`), beacons, markers and text tables
 side by side; the files that it leaves are put into the wheel (`relnav/codegen/store.py`), which then is one for this
-platform and this Python. On another processor of that platform they do not fit and are left alone. RELNAV_PREBUILD=0 in the
-environment builds a wheel without them, for any platform: `py3-none-any`.
+platform and this Python. On another processor of that platform they do not fit and are left alone. RELNAV_PREBUILD=0 in
+the environment builds a wheel without them, for any platform: `py3-none-any`.
 """
 
 import os

@@ -14,17 +14,22 @@ from relnav.codegen.kernel import is_at_hand, is_compiled
 from relnav.decimals import LONGEST_NUMBER, powers_of_ten, read_rows, write_rows
 from relnav.files.text_table import MOST_EMPTY_LINES, TextTable
 
-MANY_NUMBERS = 1_000_000
-"""Python's own way with them takes seconds, as compiling does, once."""
+MANY_NUMBERS = 150_000
+"""In one piece of a table: there are more pieces then, and Python's own way takes seconds, as compiling does, once."""
 CHARACTERS_EACH = 10
 ROWS_AT_ONCE = 2_000
 MOST_ASKED = 1_000
 """Numbers of a block that Python may be asked for: with more it reads them all."""
 
 
-def worth_compiling(numbers: int) -> bool:
-    """Whether so many numbers are written or read by compiled code."""
-    return is_at_hand(write_rows, read_rows) or (numbers >= MANY_NUMBERS and is_compiled())
+def worth_writing(numbers: int) -> bool:
+    """Whether compiled code writes a piece of so many numbers."""
+    return is_at_hand(write_rows) or (numbers >= MANY_NUMBERS and is_compiled())
+
+
+def worth_reading(numbers: int) -> bool:
+    """Whether it reads one."""
+    return is_at_hand(read_rows) or (numbers >= MANY_NUMBERS and is_compiled())
 
 
 def texts_of(columns: list[Vector], integers: tuple[int, ...]) -> Iterator[str]:
@@ -70,7 +75,7 @@ class BlockReader:
         LogError
             For a cell that is no number.
         """
-        if not worth_compiling(len(block) // CHARACTERS_EACH):
+        if not worth_reading(len(block) // CHARACTERS_EACH):
             return None
         table, state = self._table, self._state
         rows = min(most_rows, block.count(b"\n", place))

@@ -45,7 +45,7 @@ BAD = {
 @pytest.mark.parametrize("rows", GOOD.values(), ids=GOOD)
 @pytest.mark.parametrize("compiled", [True, False])
 def test_what_is_read_either_way(tmp_path, monkeypatch, rows, end, compiled):
-    monkeypatch.setattr(compiled_text, "worth_compiling", lambda _numbers: compiled)
+    monkeypatch.setattr(compiled_text, "worth_reading", lambda _numbers: compiled)
     path = tmp_path / "log.csv"
     path.write_bytes(end.join([HEAD, *rows]).encode())
     cells = [row.replace('"', "").split(",") for row in rows if row.strip() and row.strip()[0] != "#"]
@@ -61,7 +61,7 @@ def test_what_is_refused_either_way(tmp_path, monkeypatch, rows):
     path.write_bytes("\n".join([HEAD, *rows]).encode(errors="surrogateescape"))
     said = []
     for way in (True, False):
-        monkeypatch.setattr(compiled_text, "worth_compiling", lambda _numbers, way=way: way)
+        monkeypatch.setattr(compiled_text, "worth_reading", lambda _numbers, way=way: way)
         with pytest.raises(LogError) as caught:
             read_log(path)
         said.append(str(caught.value))
@@ -72,6 +72,6 @@ def test_a_track_has_the_same_bytes_either_way(tmp_path, monkeypatch, vbar_log):
     solution = relnav.filter_log(vbar_log, "three_beacon_psd").part(0, 300)
     solution.state[5] = np.nan
     for way in (True, False):
-        monkeypatch.setattr(tables, "worth_compiling", lambda _numbers, way=way: way)
+        monkeypatch.setattr(tables, "worth_writing", lambda _numbers, way=way: way)
         relnav.write(solution, tmp_path / f"{way}.csv")
     assert (tmp_path / "True.csv").read_bytes() == (tmp_path / "False.csv").read_bytes()
