@@ -1,9 +1,9 @@
 """Compiles the filters while a wheel is built, so that a fresh install gives its first estimate at once.
 
-What is compiled is the package's own code, run here as a user runs it (`FLIGHTS`), beacons and markers side by side;
-the files that it leaves are put into the wheel (`relnav/codegen/store.py`), which then is one for this platform and
-this Python. On another processor of that platform they do not fit and are left alone. RELNAV_PREBUILD=0 in the
-environment builds a wheel without them, for any platform: `py3-none-any`.
+What is compiled is the package's own code, run here as a user runs it (`FLIGHTS`), beacons, markers and text tables
+side by side; the files that it leaves are put into the wheel (`relnav/codegen/store.py`), which then is one for this
+platform and this Python. On another processor of that platform they do not fit and are left alone. RELNAV_PREBUILD=0 in
+the environment builds a wheel without them, for any platform: `py3-none-any`.
 """
 
 import os
@@ -75,7 +75,24 @@ def markers():
     repr(record), record.covariance, record.docking
 
 
-FLIGHTS = {"beacons": beacons, "markers": markers}
+def tables():
+    """A text table written and read back."""
+    import numpy as np
+
+    from relnav.files import compiled_text
+    from relnav.files.text_table import TextTable
+
+    compiled_text.MANY_NUMBERS = 0
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "table.csv"
+        path.write_text("a,b\n" + "".join(compiled_text.texts_of([np.ones(3), np.full(3, 0.1)], (0,))))
+        table = TextTable(path)
+        reader = compiled_text.BlockReader(table, [0, 1])
+        for line, block in table.blocks():
+            reader.read(block, 0, line, 3)
+
+
+FLIGHTS = {"beacons": beacons, "markers": markers, "tables": tables}
 
 if __name__ == "__main__":
     FLIGHTS[sys.argv[1]]()

@@ -188,8 +188,12 @@ def other_sensors(rng):
     """Three beacons, and stars: tracking beside the same frame lost in space."""
     beacons, stars = relnav.load_model("three_beacon_psd"), relnav.load_model("dual_field_star")
     spots = np.array([[-0.0015, 0.0], [0.0015, 0.0], [0.0, 0.0001]])
-    frame = StarFieldSimulator(stars, SkyConditions(5.75, 0.15, 0.0, 0)).frame(rng)
-    known = {"magnitude": frame.magnitude, "velocity_km_s": np.zeros(3)}
+    sky, still = StarFieldSimulator(stars, SkyConditions(5.75, 0.15, 0.0, 0)), np.zeros(3)
+    while True:  # a frame with stars of one field alone has no attitude lost in space
+        frame = sky.frame(rng)
+        known = {"magnitude": frame.magnitude, "velocity_km_s": still}
+        if relnav.dual_field.measure(frame.spots_px, stars, **known).ok:
+            break
 
     def lost():
         return relnav.dual_field.measure(frame.spots_px, stars, **known)

@@ -230,13 +230,17 @@ class Problem:
         }
 
 
-def from_file_to_file(model, log, folder):
-    """Name -> (epochs, function): Parquet in, Parquet out, all 43 columns."""
+def long_log(log):
+    """The problem's images again and again, with noise, FILE_EPOCHS of them."""
     repeats = FILE_EPOCHS // EPOCHS
     spots = np.concatenate([log.spots_m] * repeats) + np.random.default_rng(2).normal(size=(FILE_EPOCHS, 3, 2)) * 1e-7
     t = np.arange(FILE_EPOCHS) * 0.1
-    whole = SimulatedLog(t, spots, np.zeros((FILE_EPOCHS, 3)), np.zeros((FILE_EPOCHS, 6)))
-    write_log(whole, folder / "log.parquet")
+    return SimulatedLog(t, spots, np.zeros((FILE_EPOCHS, 3)), np.zeros((FILE_EPOCHS, 6)))
+
+
+def from_file_to_file(model, log, folder):
+    """Name -> (epochs, function): Parquet in, Parquet out, all 43 columns."""
+    write_log(long_log(log), folder / "log.parquet")
 
     def run():
         filter_file(folder / "log.parquet", model, folder / "track.parquet", method="fix")

@@ -173,6 +173,11 @@ def plain(function: Callable[P, R]) -> Callable[P, R]:
     return lines
 
 
+def is_at_hand(*functions: Callable[..., Any]) -> bool:
+    """Whether finished code of all these entries is at hand: nothing has to be compiled, nor numba imported."""
+    return all(isinstance(function, Entry) and bool(function._finished) for function in functions)
+
+
 def is_compiled() -> bool:
     """Whether kernels run compiled in this process."""
     return _compiler() is not None

@@ -14,6 +14,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
 from relnav.errors import LogError
+from relnav.files.compiled_text import BlockReader
 from relnav.files.log_columns import (
     ACCELERATION,
     DELTA_V,
@@ -145,10 +146,20 @@ class LogFile:
 
     def _csv_rows(self) -> Iterator[tuple[Matrix, Vector]]:
         """Rows as they stand in the file."""
-        for kept in pieces(self._table.rows()):
-            fast = _parse_fast([text for _, text in kept], self.columns)
-            values = fast if fast is not None else _parse_slowly(kept, self._table, self.columns)
-            yield values, np.array([number for number, _ in kept], dtype=np.float64)
+        reader = BlockReader(self._table, list(self.columns.index.values()))
+        for begin, block in self._table.blocks():
+            place, line = 0, begin
+            while read := reader.read(block, place, line, CHUNK_LINES):
+                values, lines, place, line = read
+                if len(values):
+                    yield values, lines
+                if place == len(block):
+                    break
+            else:  # not compiled, or not as simple as that
+                for kept in pieces(self._table.rows_of(line, block[place:])):
+                    fast = _parse_fast([text for _, text in kept], self.columns)
+                    values = fast if fast is not None else _parse_slowly(kept, self._table, self.columns)
+                    yield values, np.array([number for number, _ in kept], dtype=np.float64)
 
     def _parquet_rows(self) -> Iterator[tuple[Matrix, Vector]]:
         from relnav.files.parquet import read_batches

@@ -12,6 +12,7 @@ import numpy as np
 from relnav.arrays import Vector
 from relnav.errors import UsageError
 from relnav.files.atomic import is_stream, replacing
+from relnav.files.compiled_text import texts_of, worth_writing
 from relnav.files.wording import printable
 from relnav.navigation.docking_view import UPPER
 from relnav.navigation.in_frame import FramedTrack
@@ -105,6 +106,9 @@ def write_table(
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(columns)
             for part in parts:
+                if worth_writing(len(part) * len(part[0])):
+                    file.writelines(texts_of(part, integers))
+                    continue
                 rows = zip(*(column.tolist() for column in part), strict=True)
                 writer.writerows(_cells(row, integers) for row in rows)
 

@@ -8,9 +8,8 @@ million columns) is refused as soon as it is seen, so that an endless input cost
 import csv
 import math
 from collections.abc import Iterator
-from itertools import islice
+from itertools import chain
 from pathlib import Path
-from typing import TextIO
 
 from relnav.errors import LogError
 from relnav.files.wording import printable, shown
@@ -21,6 +20,9 @@ MOST_HEAD_LINES = 10_000
 MOST_EMPTY_LINES = 100_000
 MOST_ROWS = 1_000_000
 """Of a table that is read whole, not streamed."""
+HEAD_BYTES, BLOCK_BYTES = 65_536, 2_000_000
+"""What is read at once: of a pipe's head what there is, then whole blocks."""
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
 
 class TextTable:
@@ -38,6 +40,8 @@ class TextTable:
         The header's number.
     head : list of str
         All lines up to the header, as they stand.
+    last_row : int
+        Number of the last row that was read, or of the header.
 
     Raises
     ------
@@ -49,22 +53,36 @@ class TextTable:
         self.path = path
         self.metadata: dict[str, str] = {}
         self.head: list[str] = []
-        self._unread: Iterator[tuple[int, str]] | None = _lines(path)
-        for number, text in self._unread:
-            self.line = number
-            self.head.append(text)
-            if text.lstrip().startswith("#"):
-                key, equals, value = text.strip().lstrip("# ").partition("=")
-                if equals:
-                    self.metadata[shown(key.strip())] = shown(value.strip())
-            elif text.strip():
-                self.names = self._header(text.strip())
-                return
-            if self.line > MOST_HEAD_LINES:
-                raise LogError(f"{path}: {MOST_HEAD_LINES} lines and no header yet; a table of cells is expected")
+        self.last_row = 0
+        blocks = _blocks(path)
+        for _, block in blocks:
+            place = 0
+            while place < len(block):
+                end = block.index(b"\n", place)
+                self.line = len(self.head) + 1
+                text = _decoded(block[place:end], path, self.line)
+                place = end + 1
+                if self._is_header(text):
+                    rest = (self.line + 1, block[place:])
+                    self._unread: Iterator[tuple[int, bytes]] | None = chain([rest], blocks)
+                    return
         raise LogError(
             f"{path}: the file is empty; a header line and one row an epoch, slot, point or spot are expected"
         )
+
+    def _is_header(self, text: str) -> bool:
+        """Take in a line of the head; whether it was the last one."""
+        self.head.append(text)
+        if text.lstrip().startswith("#"):
+            key, equals, value = text.strip().lstrip("# ").partition("=")
+            if equals:
+                self.metadata[shown(key.strip())] = shown(value.strip())
+        elif text.strip():
+            self.names = self._header(text.strip())
+            return True
+        if self.line > MOST_HEAD_LINES:
+            raise LogError(f"{self.path}: {MOST_HEAD_LINES} lines and no header yet; a table of cells is expected")
+        return False
 
     def _header(self, text: str) -> list[str]:
         if "," not in text:
@@ -78,6 +96,27 @@ class TextTable:
             )
         return names
 
+    def blocks(self) -> Iterator[tuple[int, bytes]]:
+        """What is behind the header as blocks of whole lines, each with its first line's number; of a pipe only once.
+
+        Every line ends in a line feed.
+
+        Raises
+        ------
+        LogError
+            For what cannot be read or has no end.
+        """
+        blocks, self._unread, self.last_row = self._unread, None, self.line
+        if blocks is not None:
+            yield from blocks
+            return
+        for begin, block in _blocks(self.path):
+            skip = self.line + 1 - begin
+            if skip <= 0:
+                yield begin, block
+            elif block.count(b"\n") > skip:
+                yield self.line + 1, block.split(b"\n", skip)[skip]
+
     def rows(self) -> Iterator[tuple[int, str]]:
         """Number and text of each line after the header that is neither empty nor a comment; of a pipe only once.
 
@@ -86,14 +125,17 @@ class TextTable:
         LogError
             For what cannot be read, is no text, or has no end.
         """
-        lines, self._unread = self._unread, None
-        last = self.line
-        for number, text in lines or islice(_lines(self.path), self.line, None):
-            begin = text.lstrip()
-            if begin and begin[0] != "#":
-                last = number
+        for begin, block in self.blocks():
+            yield from self.rows_of(begin, block)
+
+    def rows_of(self, begin: int, block: bytes) -> Iterator[tuple[int, str]]:
+        """The rows of one of the `blocks`, as of `rows`."""
+        for number, text in _lines(begin, block, self.path):
+            first = text.lstrip()
+            if first and first[0] != "#":
+                self.last_row = number
                 yield number, text
-            elif number - last > MOST_EMPTY_LINES:
+            elif number - self.last_row > MOST_EMPTY_LINES:
                 raise LogError(f"{self.path}:{number}: {MOST_EMPTY_LINES} lines without a row; a table has rows")
 
     def cells(self, number: int, text: str) -> list[str]:
@@ -151,23 +193,62 @@ def cells(text: str, where: str) -> list[str]:
         raise LogError(f"{where}: not a row of cells: {error}") from None
 
 
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Number and text of each line, without its end."""
-    number = 0
+def _lines(begin: int, block: bytes, path: Path) -> Iterator[tuple[int, str]]:
+    """Number and text of each line of a block, without its end; what is no text is told after the lines before it."""
+    good, wrong = block, b""
     try:
-        with path.open(encoding="utf-8-sig") as file:
-            while text := _line(file, path, number + 1):
-                number += 1
-                yield number, text.removesuffix("\n")
+        text = block.decode()
     except UnicodeDecodeError as error:
-        encoding = "UTF-16? save it as UTF-8" if error.object[:2] in (b"\xff\xfe", b"\xfe\xff") else "a CSV is expected"
-        raise LogError(f"{path}: not a text file in UTF-8 (after line {number}); {encoding}") from error
+        cut = block.rfind(b"\n", 0, error.start) + 1
+        good, wrong = block[:cut], block[cut : block.index(b"\n", cut)]
+        text = good.decode()
+    number = begin - 1
+    for number, line in enumerate(text.split("\n")[:-1], begin):
+        if len(line) >= LONGEST_LINE:
+            raise LogError(_no_end(path, number))
+        yield number, line
+    if wrong:
+        _decoded(wrong, path, number + 1)
+
+
+def _decoded(line: bytes, path: Path, number: int) -> str:
+    """The text of a line, that of this number."""
+    if len(line) >= LONGEST_LINE:
+        raise LogError(_no_end(path, number))
+    try:
+        return line.decode()
+    except UnicodeDecodeError as error:
+        encoding = "UTF-16? save it as UTF-8" if line[:2] in (b"\xff\xfe", b"\xfe\xff") else "a CSV is expected"
+        raise LogError(f"{path}: not a text file in UTF-8 (after line {number - 1}); {encoding}") from error
+
+
+def _no_end(path: Path, number: int) -> str:
+    return f"{path}:{number}: a line of {LONGEST_LINE} characters or more; a row of cells is expected"
+
+
+def _blocks(path: Path) -> Iterator[tuple[int, bytes]]:
+    """Whole lines, however they end in the file, as blocks in which each ends in a line feed; number of their first."""
+    number, kept = 1, b""
+    try:
+        with path.open("rb") as file:
+            came = file.read1(HEAD_BYTES).removeprefix(_BYTE_ORDER_MARK)
+            while came:
+                whole = kept + came
+                held = b"\r" if whole.endswith(b"\r") else b""  # its line feed may be still to come
+                whole = _line_feeds(whole.removesuffix(b"\r"))
+                cut = whole.rfind(b"\n") + 1
+                kept = whole[cut:] + held
+                if cut:
+                    yield number, whole[:cut]
+                    number += whole.count(b"\n", 0, cut)
+                if len(kept) >= 4 * LONGEST_LINE:
+                    raise LogError(_no_end(path, number))
+                came = file.read(BLOCK_BYTES)
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror}") from error
+    if kept:
+        yield number, _line_feeds(kept).removesuffix(b"\n") + b"\n"
 
 
-def _line(file: TextIO, path: Path, number: int) -> str:
-    text = file.readline(LONGEST_LINE)
-    if len(text) == LONGEST_LINE and not text.endswith("\n"):
-        raise LogError(f"{path}:{number}: a line of {LONGEST_LINE} characters or more; a row of cells is expected")
-    return text
+def _line_feeds(text: bytes) -> bytes:
+    return text.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in text else text

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from relnav.arrays import Matrix, Record
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import entry, kernel
 from relnav.dynamics.inertia_error import inertia_effect_into
 from relnav.dynamics.rigid_body import (
     BODY_ROWS,
@@ -104,7 +104,7 @@ def _turn_points(body: Matrix, points: Record, dt: float, work: Matrix) -> bool:
     return True
 
 
-@kernel
+@entry
 def advance(memory: Record, t: float) -> int:
     """Carry the track and the trial of memory (1,), of type MEMORY, to t s; returns the status if nothing is measured.
 
@@ -161,7 +161,7 @@ def advance(memory: Record, t: float) -> int:
     return REJECTED if m["rejections"] > 0 else PREDICTED
 
 
-@kernel
+@entry
 def take_if_near(memory: Record, of_trial: bool, measured: Matrix, noise: Matrix, chaser: Matrix, limit: float) -> bool:
     """Compare the track or the trial with a measured attitude (3, 3) of covariance noise (3, 3), into `compared`.
 

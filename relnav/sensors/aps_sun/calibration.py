@@ -175,9 +175,16 @@ def _fit_without_outliers(
     return fit, choice, used, left
 
 
-@lru_cache(maxsize=8)
 def as_built(model: ApsSunModel) -> Calibration:
     """The calibration that a model's own dimensions give, as if nothing had been measured."""
+    if "as built" not in model.kept:
+        model.kept["as built"] = _as_built(model)
+    built: Calibration = model.kept["as built"]
+    return built
+
+
+@lru_cache(maxsize=8)
+def _as_built(model: ApsSunModel) -> Calibration:
     form, _ = compile_table(model, None)
     sensor = model.sensor
     return Calibration("as built", form, sensor.field_half_angle_rad, sensor.spot_noise_px, 0.0)

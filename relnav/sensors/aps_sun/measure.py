@@ -2,13 +2,11 @@
 
 import math
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Vector, numbers
 from relnav.sensors.aps_sun.calibration import Calibration, as_built
 from relnav.sensors.aps_sun.sensor import ApsSunModel
-from relnav.sensors.aps_sun.table import direction_into
 from relnav.sensors.measurement import Status
 from relnav.sensors.spot_centroid import ORIGIN, centroid, window_corner
 from relnav.sensors.sun_direction import SunDirection, direction_with_covariance, no_direction
@@ -77,10 +75,8 @@ def _direction(
     width, height = model.sensor.detector_size_px
     if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
         return no_direction(Status.OFF_DETECTOR)
-    tangents, out = used.form.tangents_with_slope(x, y), np.empty((6, 3))
-    (alpha, _, _), (beta, _, _) = tangents.tolist()
-    if not (abs(alpha) <= used.largest_tangent and abs(beta) <= used.largest_tangent):
-        return no_direction(Status.OUTSIDE_FIELD)
     (xx, xy, yy), more = covariance, used.calibration_noise_px**2
-    direction_into(tangents, xx + more, xy, yy + more, out)
-    return direction_with_covariance(out[0], out[3:])
+    out = used.form.direction_of(x, y, xx + more, xy, yy + more)
+    if not (abs(out[6, 0]) <= used.largest_tangent and abs(out[7, 0]) <= used.largest_tangent):
+        return no_direction(Status.OUTSIDE_FIELD)
+    return direction_with_covariance(out[0], out[3:6])

@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 
 from relnav.arrays import Codes, Matrix, Stack, Vector, numbers
 from relnav.codegen.kernel import kernel
+from relnav.sensors.aps_sun.table import direction_into
 
 DEGREE = 7
 NEAR_AXIS_TAN = math.tan(math.radians(2.0))
@@ -66,6 +67,13 @@ class PatentTables:
         at_ends = np.tan(stage_one_angles(self, ends))
         slope = np.stack([at_ends[0] - at_ends[1], at_ends[2] - at_ends[3]], axis=1) / (2.0 * SLOPE_STEP_PX)
         return np.column_stack([np.tan(patent_angles(self, spot[None])[0][0]), slope])
+
+    def direction_of(self, x_px: float, y_px: float, xx: float, xy: float, yy: float) -> Matrix:
+        """As `DirectionTable.direction_of`."""
+        out = np.empty((8, 3))
+        out[6:8] = self.tangents_with_slope(x_px, y_px)
+        direction_into(out[6:8], xx, xy, yy, out)
+        return out
 
 
 def paraxial(spots_px: ArrayLike, tangents: ArrayLike) -> tuple[Vector, float]:

@@ -5,7 +5,8 @@ Source: "Error compensation method for the APS sun sensor of a Mars rover" (Chin
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated
+from functools import cached_property
+from typing import Annotated, Any
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
@@ -109,3 +110,8 @@ class ApsSunModel:
     mounting: Mounting
     provenance: Mapping[str, str] = field(default_factory=dict, compare=False, hash=False)
     path: str = field(default="", compare=False)
+
+    @cached_property
+    def kept(self) -> dict[str, Any]:
+        """What was worked out of the model once, by name: to find it by the model's value takes longer than its use."""
+        return {}

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import entry, kernel
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,13 @@ class DirectionTable:
         tangents_into(x_px, y_px, self.grid, self._rows, nx, ny, out)
         return out
 
+    def direction_of(self, x_px: float, y_px: float, xx: float, xy: float, yy: float) -> Matrix:
+        """(8, 3): what `direction_into` writes of a spot and its covariance px^2, then its tangents and their slope."""
+        out = np.empty((8, 3))
+        nx, ny = self.cells.shape[:2]
+        spot_into(x_px, y_px, xx, xy, yy, self.grid, self._rows, nx, ny, out)
+        return out
+
     @cached_property
     def _rows(self) -> Matrix:
         """The cells as the kernels read them, (nx ny, 32)."""
@@ -125,6 +132,15 @@ def direction_into(tangents: Matrix, xx: float, xy: float, yy: float, out: Matri
         p, q = xx * out[1, i] + xy * out[2, i], xy * out[1, i] + yy * out[2, i]
         for j in range(3):
             out[3 + i, j] = p * out[1, j] + q * out[2, j]
+
+
+@entry
+def spot_into(
+    x: float, y: float, xx: float, xy: float, yy: float, grid: Vector, cells: Matrix, nx: int, ny: int, out: Matrix
+) -> None:
+    """`tangents_into` rows 6 and 7 of out (8, 3), and of them `direction_into` rows 0 to 5."""
+    tangents_into(x, y, grid, cells, nx, ny, out[6:8])
+    direction_into(out[6:8], xx, xy, yy, out)
 
 
 @kernel

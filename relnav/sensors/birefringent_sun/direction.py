@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Flags, Matrix, Stack, Vector, numbers
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import entry
 from relnav.geometry.linear_algebra import cholesky, solve_lower
 from relnav.sensors.birefringent_sun.sensor import BirefringentSunSensor
 from relnav.sensors.birefringent_sun.spots import ordinary_scale, two_spots_into
@@ -36,7 +36,7 @@ class TwoSpotFit:
     chi2: Vector
 
 
-@kernel
+@entry
 def fit_pair(spots: Vector, covariance: Matrix, first: int, plate: Vector, work: Matrix, out: Vector) -> bool:
     """Least-squares transverse direction of a pair of spots; False if the covariance is not positive definite.
 

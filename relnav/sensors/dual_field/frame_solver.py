@@ -3,7 +3,7 @@
 import math
 
 from relnav.arrays import Codes, Matrix, Vector
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import entry, inlined, kernel
 from relnav.sensors.dual_field.attitude_fit import miss2
 from relnav.sensors.dual_field.evidence import FOLD_CHI2, fold_distance2, nearly_matched
 from relnav.sensors.dual_field.matching import PRIOR, SHIFT, SLIP_ROWS, Frame
@@ -54,7 +54,42 @@ def usable_spots_into(spots: Matrix, magnitude: Vector, half_width: float, half_
     return min(count, MOST_SPOTS)
 
 
+@inlined
+def framed(scratch: Vector, parameters: Vector, n: int) -> Frame:
+    """A frame of n spots in scratch (9 n + 3 (WORK_ROWS + SLIP_ROWS),), to be filled; its rows of work stay free."""
+    fields, place = int(parameters[FIELDS]), 9 * n + 3 * WORK_ROWS
+    return Frame(
+        scratch[: 3 * fields * n].reshape((fields * n, 3)),
+        scratch[6 * n : 7 * n],
+        scratch[7 * n : 8 * n],
+        scratch[8 * n : 9 * n],
+        parameters[BETA : BETA + 3],
+        parameters[FOLD : FOLD + 9].reshape((3, 3)),
+        parameters[GATE],
+        fields,
+        scratch[place : place + 3 * SLIP_ROWS].reshape((SLIP_ROWS, 3)),
+    )
+
+
 @kernel
+def fill_frame(frame: Frame, spots: Matrix, magnitude: Vector, order: Codes, parameters: Vector) -> None:
+    """Fill a frame with the spots that `order` names, as rays; the fold is as stated."""
+    n, p, slip, W, M = frame.sigma2.shape[0], parameters, frame.slip, frame.W, frame.fold
+    for r in range(3):
+        slip[SHIFT, r] = 0.0
+        for c in range(3):
+            slip[PRIOR + r, c] = p[FOLD_COVARIANCE + 3 * r + c]
+    for q in range(n):
+        s = order[q]
+        x, y = plane_point(spots[s, 0], spots[s, 1], p[FOCAL], p[CX], p[CY], p[K1], p[K2])
+        W[q, 0], W[q, 1], W[q, 2], frame.sigma2[q] = ray_and_variance(x, y, p[SPOT_SIGMA] / p[FOCAL])
+        frame.magnitude[q] = magnitude[s] if magnitude.shape[0] > 0 else 0.0
+        if frame.fields == 2:
+            for r in range(3):
+                W[n + q, r] = M[r, 0] * W[q, 0] + M[r, 1] * W[q, 1] + M[r, 2] * W[q, 2]
+
+
+@entry
 def solve_spots(
     spots: Matrix,
     magnitude: Vector,
@@ -93,33 +128,9 @@ def solve_spots(
     if n < LEAST_SPOTS:
         solution[6, 2] = n
         return TOO_FEW
-    fields = int(p[FIELDS])
     work = scratch[9 * n : 9 * n + 3 * WORK_ROWS].reshape((WORK_ROWS, 3))
-    slip = scratch[9 * n + 3 * WORK_ROWS : 9 * n + 3 * (WORK_ROWS + SLIP_ROWS)].reshape((SLIP_ROWS, 3))
-    for r in range(3):
-        slip[SHIFT, r] = 0.0
-        for c in range(3):
-            slip[PRIOR + r, c] = p[FOLD_COVARIANCE + 3 * r + c]
-    frame = Frame(
-        scratch[: 3 * fields * n].reshape((fields * n, 3)),
-        scratch[6 * n : 7 * n],
-        scratch[7 * n : 8 * n],
-        scratch[8 * n : 9 * n],
-        p[BETA : BETA + 3],
-        p[FOLD : FOLD + 9].reshape((3, 3)),
-        p[GATE],
-        fields,
-        slip,
-    )
-    W, M = frame.W, frame.fold
-    for q in range(n):
-        s = order[q]
-        x, y = plane_point(spots[s, 0], spots[s, 1], p[FOCAL], p[CX], p[CY], p[K1], p[K2])
-        W[q, 0], W[q, 1], W[q, 2], frame.sigma2[q] = ray_and_variance(x, y, p[SPOT_SIGMA] / p[FOCAL])
-        frame.magnitude[q] = magnitude[s] if magnitude.shape[0] > 0 else 0.0
-        if fields == 2:
-            for r in range(3):
-                W[n + q, r] = M[r, 0] * W[q, 0] + M[r, 1] * W[q, 1] + M[r, 2] * W[q, 2]
+    frame = framed(scratch, p, n)
+    fill_frame(frame, spots, magnitude, order, p)
     verdict = search_pairs(
         frame, sky, p[SETTINGS : SETTINGS + 4], match[:n], solution[0:3], solution[3:6], work, solution[6]
     )

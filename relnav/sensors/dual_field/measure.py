@@ -5,10 +5,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from relnav.arrays import Codes, Matrix, Vector, number, numbers, one_piece
-from relnav.geometry.rotation import is_rotation
 from relnav.geometry.star_places import LIGHT_KM_S
 from relnav.sensors.dual_field.frame_solver import (
     BETA,
@@ -23,12 +22,19 @@ from relnav.sensors.dual_field.frame_solver import (
     solve_spots,
     usable_spots_into,
 )
-from relnav.sensors.dual_field.identify import OFF_FOLD_REASON, ONE_FIELD_REASON
+from relnav.sensors.dual_field.identify import OFF_FOLD_REASON, ONE_FIELD_REASON, SINGLE_FIELD_REASON
 from relnav.sensors.dual_field.optics import plane_points, ray_sigma, rays
 from relnav.sensors.dual_field.search import AMBIGUOUS, FOUND, MOST_TRIED, ONE_FIELD
 from relnav.sensors.dual_field.sensor import StarSensor
 from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solution
-from relnav.sensors.dual_field.tracking import WIDEST_PRIOR_RAD, track_rays
+from relnav.sensors.dual_field.tracking import (
+    ALONG_A_LINE,
+    FOUND_ALONE,
+    LEAST_STARS,
+    NO_ROTATION,
+    WIDEST_PRIOR_RAD,
+    track_spots,
+)
 
 NO_MAGNITUDE = np.empty(0)
 LOG_10 = math.log(10.0)
@@ -76,24 +82,41 @@ def measure(
         For arrays of the wrong shape, both flux and magnitude, or two fields without a velocity.
     """
     spots, mag, velocity = _checked(spots_px, model, flux, magnitude, velocity_km_s)
-    n, sky, parameters = len(spots), model.sky(_epoch(epoch_jyear)), model.parameters
-    if velocity is not None or mag is None:
-        parameters = parameters.copy()
-        if velocity is not None:
-            parameters[BETA : BETA + 3] = velocity / LIGHT_KM_S
-        if mag is None:
-            parameters[GATE] = math.inf
-            parameters[SETTINGS + MOST_TRIED] *= WITHOUT_BRIGHTNESS
-    found, star = np.empty(4 * n, dtype=np.int64), np.empty(n, dtype=np.int32)
-    block = np.empty(BLOCK + 10 * n)
+    sky, parameters = model.sky(_epoch(epoch_jyear)), _parameters(model, mag, velocity)
+    star, found, block = _room(len(spots))
     brightness = NO_MAGNITUDE if mag is None else mag
     verdict = solve_spots(spots, brightness, parameters, *sky.arrays, sky.hip, star, found, block)
     focal = model.camera.focal_length_px
     if verdict != FOUND:
-        return _refused(verdict, block, n, focal)
+        return _refused(verdict, block, len(spots), focal)
+    return _solution(StarStatus.OK, "", block, star, found, focal)
+
+
+def _parameters(model: StarSensor, magnitude: Vector | None, velocity_km_s: Vector | None) -> Vector:
+    """The model's numbers for one frame."""
+    parameters = model.parameters
+    if velocity_km_s is not None or magnitude is None:
+        parameters = parameters.copy()
+        if velocity_km_s is not None:
+            parameters[BETA : BETA + 3] = velocity_km_s / LIGHT_KM_S
+        if magnitude is None:
+            parameters[GATE] = math.inf
+            parameters[SETTINGS + MOST_TRIED] *= WITHOUT_BRIGHTNESS
+    return parameters
+
+
+def _room(n: int) -> tuple[NDArray[np.int32], Codes, Vector]:
+    """Star, `found` and `block` of a frame of n spots, for the compiled solvers."""
+    return np.empty(n, dtype=np.int32), np.empty(4 * n, dtype=np.int64), np.empty(BLOCK + 10 * n)
+
+
+def _solution(
+    status: StarStatus, reason: str, block: Vector, star: NDArray[np.int32], found: Codes, focal_px: float
+) -> StarSolution:
+    n = len(star)
     return StarSolution(
-        StarStatus.OK,
-        "",
+        status,
+        reason,
         block[:9].reshape(3, 3),
         block[9:18].reshape(3, 3),
         star,
@@ -101,7 +124,7 @@ def measure(
         block[21 : 21 + n],
         float(block[18]) / LOG_10,
         int(block[19]),
-        focal,
+        focal_px,
     )
 
 
@@ -159,26 +182,33 @@ def track(
         As `measure`, and for a prior that is no rotation or too wide.
     """
     prior = one_piece("dcm_prior", dcm_prior)
-    if not is_rotation(prior):
-        raise ValueError(f"dcm_prior is a rotation matrix (3, 3); got {prior.tolist()}")
     sigma_prior_rad = number("sigma_prior_rad", sigma_prior_rad)
     if not 0.0 < sigma_prior_rad <= WIDEST_PRIOR_RAD:
         raise ValueError(f"sigma_prior_rad is above 0 and up to {WIDEST_PRIOR_RAD:g} rad; got {sigma_prior_rad}")
-    ready = prepare(spots_px, model, flux, magnitude, velocity_km_s)
-    solution = track_rays(
-        ready.rays,
-        model.sky(_epoch(epoch_jyear)),
-        prior,
-        sigma_prior_rad,
-        sigma_rad=ready.sigma_rad,
-        magnitude=ready.magnitude,
-        gate=model.identification.magnitude_gate,
-        fold=ready.fold,
-        fold_covariance=model.fold.covariance,
-        velocity_km_s=ready.velocity_km_s,
-        false_alarm_probability=model.identification.false_alarm_probability,
+    spots, mag, velocity = _checked(spots_px, model, flux, magnitude, velocity_km_s)
+    sky, (star, found, block) = model.sky(_epoch(epoch_jyear)), _room(len(spots))
+    verdict = NO_ROTATION
+    if prior.shape == (3, 3):
+        block[:9] = prior.ravel()
+        brightness = NO_MAGNITUDE if mag is None else mag
+        parameters = _parameters(model, mag, velocity)
+        verdict = track_spots(spots, brightness, parameters, sigma_prior_rad, *sky.arrays, sky.hip, star, found, block)
+    if verdict == NO_ROTATION:
+        raise ValueError(f"dcm_prior is a rotation matrix (3, 3); got {prior.tolist()}")
+    focal, seen = model.camera.focal_length_px, int(block[20])
+    if verdict == FOUND:
+        return _solution(StarStatus.OK, "", block, star, found, focal)
+    if verdict == FOUND_ALONE:
+        return _solution(StarStatus.SINGLE_FIELD, SINGLE_FIELD_REASON, block, star, found, focal)
+    status, reason = {
+        TOO_FEW: (StarStatus.TOO_FEW, f"{seen} spots; {LEAST_STARS} or more are needed"),
+        ALONG_A_LINE: (StarStatus.NO_MATCH, "the stars found lie along one line"),
+        OFF_FOLD: (StarStatus.NO_MATCH, OFF_FOLD_REASON),
+    }.get(
+        verdict,
+        (StarStatus.NO_MATCH, f"{seen} spots fall on stars near the prior attitude: chance might do as much"),
     )
-    return in_order_of_spots(solution, ready.order, ready.spots, model.camera.focal_length_px)
+    return no_solution(status, reason, len(spots), tried=int(block[19]), focal_length_px=focal)
 
 
 class Ready(NamedTuple):
@@ -239,9 +269,9 @@ def _epoch(jyear: float | None) -> float | None:
 def observer_velocity(value: ArrayLike) -> Vector:
     """A velocity (3,) km/s that stars can be seen from, or a ValueError that says so."""
     vector = numbers("velocity_km_s", value)
-    if vector.shape != (3,) or not np.all(np.isfinite(vector)):
+    if vector.shape != (3,) or not all(map(math.isfinite, vector.tolist())):
         raise ValueError(f"velocity_km_s is three finite numbers; got {vector.tolist()}")
-    if np.abs(vector).max() > FASTEST_KM_S or np.linalg.norm(vector) > FASTEST_KM_S:
+    if math.hypot(*vector.tolist()) > FASTEST_KM_S:
         raise ValueError(f"velocity_km_s is in km/s and up to {FASTEST_KM_S:g} in size; got {vector.tolist()}")
     return vector
 

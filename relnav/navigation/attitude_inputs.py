@@ -1,0 +1,33 @@
+"""A measured attitude with its covariance, looked at in one compiled call: in Python that takes longer than its use."""
+
+from relnav.arrays import Matrix
+from relnav.codegen.kernel import entry
+from relnav.geometry.linear_algebra import cholesky
+from relnav.geometry.rotation import are_a_rotation
+
+ASYMMETRY, LEAST_PIVOT = 1e-9, 1e-12
+LARGEST_RAD2 = 1e100
+"""Of a measured attitude's covariance: far beyond a turn, and its products stay finite."""
+
+
+@entry
+def can_be_used(dcm: Matrix, covariance: Matrix, symmetric: Matrix, factor: Matrix) -> bool:
+    """Whether dcm is a rotation and covariance finite, symmetric and positive definite, both (3, 3).
+
+    Writes the covariance, symmetric to the last bit, into symmetric (3, 3); factor (3, 3) is scratch.
+    """
+    if dcm.shape[0] != 3 or dcm.shape[1] != 3 or covariance.shape[0] != 3 or covariance.shape[1] != 3:
+        return False
+    if not are_a_rotation(
+        dcm[0, 0], dcm[0, 1], dcm[0, 2], dcm[1, 0], dcm[1, 1], dcm[1, 2], dcm[2, 0], dcm[2, 1], dcm[2, 2]
+    ):
+        return False
+    largest, apart = 0.0, 0.0
+    for i in range(3):
+        for j in range(3):
+            symmetric[i, j] = 0.5 * (covariance[i, j] + covariance[j, i])
+            if not abs(covariance[i, j]) <= LARGEST_RAD2:  # NaN too
+                return False
+            largest = max(largest, abs(symmetric[i, j]))
+            apart = max(apart, abs(covariance[i, j] - covariance[j, i]))
+    return apart <= ASYMMETRY * largest and cholesky(symmetric, LEAST_PIVOT, factor)
