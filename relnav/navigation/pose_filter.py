@@ -34,7 +34,7 @@ from relnav.navigation.propagation import prepare_step
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
 
 DROP = 2.0 * math.log(1e6)
-RENEWED_S, RENEWED_BLURRED_S = 10.0, 1.0
+RENEWED_S, RENEWED_BLURRED_S = 10.0, 0.4
 """How often roots are looked for that no hypothesis covers; the second while the leading one is wide and after."""
 BLURRED = 0.5
 """Of ln |R| by the second order of an image: the leading hypothesis then may cover roots that it cannot tell apart."""
@@ -43,6 +43,8 @@ TELLING_SHARE = 0.01
 """Of the image that a spot's gate may cover where it is to confirm a start, or the exchange of markers."""
 LONE_SHARE = 0.001
 """Of the image that the gate of a spot may cover that is seen alone."""
+SETTLING_S = 10.0
+"""After a pose was taken up beside others: what it learns of velocity and rate is not held against it."""
 AGREED = 2
 """Images that must confirm a trial which is to replace a track that is contradicted."""
 
@@ -81,7 +83,9 @@ def take_in(scratch: Record, track: Record, sensitivities: Matrix) -> None:
         rate[i] += x[9 + i]
         for j in range(3):
             dcm[i, j] = turned[i, j]
-            g[6 + i, 6 + j] = 1.0 if i == j else 0.0
+    for i in range(POSE):
+        for j in range(POSE):
+            g[i, j] = 1.0 if i == j else 0.0
     a, b, c = 0.5 * x[6], 0.5 * x[7], 0.5 * x[8]
     g[6, 7], g[6, 8], g[7, 6], g[7, 8], g[8, 6], g[8, 7] = c, -b, -c, a, b, -a
     turn_errors(track["ld"], g)
@@ -91,6 +95,17 @@ def take_in(scratch: Record, track: Record, sensitivities: Matrix) -> None:
         s[6], s[7], s[8] = u + c * v - b * w, v - c * u + a * w, w + b * u - a * v
     for i in range(POSE):
         x[i] = 0.0
+
+
+@kernel
+def _noise_log_determinant(image: Observed) -> float:
+    """Of the noise of all rows that the last sweep took in."""
+    total = 0.0
+    for i in range(image.groups.shape[0]):
+        if image.independent[i]["tested"] > 0:
+            variance = image.independent[i]["variance"]
+            total += math.log(variance[0]) + math.log(variance[1])
+    return total
 
 
 @kernel
@@ -127,9 +142,11 @@ def spot_update(
         if used > 0:
             taken, _ = sweep(track, track["state"], image, m.work)
     if used > 0:
-        bending = m.scratch["bending"]
-        track["score"] += taken + log_determinant(image)
+        bending, width = m.scratch["bending"], log_determinant(image)
+        track["score"] += taken + width
         track["doubt"] += bending + min(1.0, bending) * max(0.0, taken - 2.0 * used)
+        if m.clock["t"] - track["added"] <= SETTLING_S:
+            track["doubt"] += max(0.0, width - _noise_log_determinant(image))
         copy_track(m.work, track)
         update_sensitivities(track["ld"], image, m.by_error[:n], m.news, sensitivities)
         take_in(m.scratch, track, sensitivities)
@@ -189,7 +206,7 @@ def _correct_bank(
     """Correct all hypotheses; result and `accepted` are of the one that leads.
 
     Returns how many remain, whether the leading one's gates were small, so that a glint would hardly pass, and whether
-    it was too wide to tell roots apart.
+    it is too wide to tell roots apart, or has not led before.
     """
     result, least, telling, blurred = m.result, math.inf, False, False
     for k in range(count):
@@ -199,7 +216,7 @@ def _correct_bank(
             least = bank[k]["score"]
             result["nis"], result["dof"], result["seen"], result["used"] = nis, 2 * groups, seen, used
             telling = gates_share(m, m.best["ld"], groups) < TELLING_SHARE
-            blurred = m.scratch["bending"] >= BLURRED
+            blurred = k > 0 or m.scratch["bending"] >= BLURRED
             for i in range(spots.shape[0]):
                 m.accepted[i] = 0.0
             for g in range(groups):

@@ -56,9 +56,13 @@ POSE_TRACK = np.dtype(
         ("ld", _F, (POSE, POSE)),
         ("score", _F),
         ("doubt", _F),
+        ("added", _F),
     ]
 )
-"""One hypothesis; score: minus twice its log-likelihood, doubt: how much of that may be bending; the past fading."""
+"""One hypothesis; score: minus twice its log-likelihood, doubt: how much of that may be undeserved; the past fading.
+
+added: when it was taken up beside others; -inf for those of a start.
+"""
 POSE_GROUP = group_type(POSE)
 POSE_SCRATCH = np.dtype(
     [

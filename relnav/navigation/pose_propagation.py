@@ -83,7 +83,7 @@ def copy_pose(source: Record, target: Record) -> None:
         target["rate"][i] = source["rate"][i]
         for j in range(3):
             target["dcm"][i, j] = source["dcm"][i, j]
-    target["score"], target["doubt"] = source["score"], source["doubt"]
+    target["score"], target["doubt"], target["added"] = source["score"], source["doubt"], source["added"]
 
 
 @kernel

@@ -21,7 +21,7 @@ from relnav.sensors.three_marker.pose import Pose
 from relnav.sensors.three_marker.sensor import View
 
 WIDENED = 4.0
-_COVERED = 16.0  # chi-square: a root whose attitude is this near a hypothesis starts none
+_COVERED = 6.25  # chi-square, 90 % of three: a root whose attitude is this near a hypothesis starts none
 
 
 @dataclass(frozen=True)
@@ -56,6 +56,7 @@ def write_state(track: Record, state: PoseState, score: float = 0.0) -> None:
         ld=factorize(covariance),
         score=score,
         doubt=0.0,
+        added=-math.inf,
     )
 
 
@@ -137,6 +138,7 @@ def add_uncovered(m: PoseMemory, found: list[Root]) -> None:
         if all(_distance2(held, root.state) > _COVERED for held in bank) and m.clock["running"] < MOST_POSES:
             k = int(m.clock["running"])
             write_root(m.bank[k], m.bank_sensitivities[k], root, float(m.bank[0]["score"]))
+            m.bank[k]["added"] = m.clock["t"]
             m.clock["running"] += 1
 
 
