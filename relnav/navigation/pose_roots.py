@@ -76,13 +76,14 @@ def roots(
     dcm_chaser_from_lvlh: Matrix,
     mission: VisionMission,
     believed: Root | None,
-    near: Sequence[Matrix] = (),
+    near: Sequence[Matrix],
+    view_sigma_rad: float,
 ) -> tuple[list[Root], Flags, bool]:
     """States on the poses that explain an image and are not a million times less credible than the best; markers used.
 
     The expected view decides and is part of the state. An image whose spots misfit every pose has none, and a pose that
-    contradicts the view has no state, unless it is as near an attitude of `near`, dcm_cam_from_target: the last value
-    says whether one was left out for that.
+    contradicts the view, to view_sigma_rad, has no state, unless it is as near an attitude of `near`,
+    dcm_cam_from_target: the last value says whether one was left out for that.
     """
     result = measure(spots, mission, spot_covariance_px2=covariances)
     expected = [mission.view.dcm_cam_from_target, *near]
@@ -92,7 +93,7 @@ def roots(
     for root in result.roots:
         if root.score - result.roots[0].score > DROP or root.misfit > worst:
             continue
-        if all(_contradicts(root.pose, dcm, mission.view.attitude_sigma_rad) for dcm in expected):
+        if all(_contradicts(root.pose, dcm, view_sigma_rad) for dcm in expected):
             contradicted = True
             continue
         pose = _with_view(root.pose, mission.view)

@@ -328,10 +328,11 @@ def look_for_roots(memory: Vector, mission: VisionMission, event: Event, wants: 
     near = [mount @ chaser @ mission.target.dcm_target_from_lvlh.T]
     if running:
         near.append(mount @ chaser @ m.bank[0]["dcm"])
-    now = replace(
-        mission, view=view_at(mission.view, event.t_s - m.clock["begun"], mission.filter.initial_rate_sigma_rad_s)
-    )
-    found, used, contradicted = roots(spots, own, chaser, now, believed, near)
+    elapsed, rate_sigma = event.t_s - float(m.clock["begun"]), mission.filter.initial_rate_sigma_rad_s
+    view = view_at(mission.view, elapsed, rate_sigma)
+    # the poses of a trial begin as equals: of these the view as it is stated decides
+    model = replace(mission, view=view) if wants == NEW_ROOTS else mission
+    found, used, contradicted = roots(spots, own, chaser, model, believed, near, view.attitude_sigma_rad)
     if wants == NEW_ROOTS:
         add_uncovered(m, found)
     elif found:
