@@ -57,6 +57,10 @@ def filter_markers(
     return 0 if figures["epochs_with_state"] else NOT_STARTED
 
 
+_ALARMS = ("exchanged", "out_of_view")
+"""Codes of `PoseAlarm` from 1 on."""
+
+
 class Summary:
     """Figures of a run, gathered while its parts pass; sigmas are those of the last epoch."""
 
@@ -65,7 +69,7 @@ class Summary:
         self._model, self._nis, self._dof = model, 0.0, 0
         self._last: tuple[Vector, Vector] | None = None
         self._smoothed = False
-        names = ("epochs", "with_state", "with_rejected_spots", "unobservable", "ambiguous", "too_late")
+        names = ("epochs", "with_state", "with_rejected_spots", "unobservable", "ambiguous", "too_late", *_ALARMS)
         self._counts = dict.fromkeys(names, 0)
 
     def passing(self, parts: "Iterable[PoseSolution]") -> "Iterator[PoseSolution]":
@@ -80,9 +84,9 @@ class Summary:
                 "with_state": started,
                 "with_rejected_spots": part.refused,
                 "unobservable": started & ~part.observable,
-                "ambiguous": part.hypotheses > 1,
+                "ambiguous": np.isfinite(part.ambiguity),
                 "too_late": part.too_late,
-            }
+            } | {name: part.alarm == code for code, name in enumerate(_ALARMS, start=1)}
             for name, flag in flags.items():
                 self._counts[name] += int(flag.sum())
             self._nis += float(part.nis[whole].sum())
@@ -122,7 +126,8 @@ def lines(figures: dict[str, Any], name: str) -> list[str]:
     model = figures["model"] + (", smoothed" if figures["smoothed"] else "")
     out = [f"{name}: {figures['epochs']} epochs, model {model}, {figures['epochs_with_state']} with a state"]
     if figures["epochs_with_state"] == 0:
-        return [*out, "no start: three markers on one image are needed, with a pose near the expected view"]
+        seen = f" ({figures['epochs_out_of_view']} images had none)" if figures["epochs_out_of_view"] else ""
+        return [*out, f"no start: three markers on one image are needed, with a pose near the expected view{seen}"]
     out.append(f"port from port at the end, target axes: {triple('port_m', digits='.3f')} m")
     out.append(
         f"  1-sigma {triple('sigma_port_m', 1e3)} mm, {triple('sigma_port_velocity_m_s', 1e3)} mm/s, attitude "
@@ -138,6 +143,12 @@ def lines(figures: dict[str, Any], name: str) -> list[str]:
         out.append(
             f"{figures['epochs_unobservable']} epochs long after three markers off one line were last used: attitude "
             "hardly observed, column 'observable'"
+        )
+    if figures["epochs_exchanged"]:
+        out.append(f"{figures['epochs_exchanged']} images of markers that look exchanged, not used: 'alarm' 1")
+    if figures["epochs_out_of_view"]:
+        out.append(
+            f"{figures['epochs_out_of_view']} images whose poses all contradict the model's [view], no start: 'alarm' 2"
         )
     if figures["epochs_too_late"]:
         out.append(f"{figures['epochs_too_late']} images later than the model's longest_delay_s, not used: 'too_late'")

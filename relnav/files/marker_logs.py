@@ -42,10 +42,10 @@ TRACK_COLUMNS = (
     *(f"sigma_{name}_{unit}" for name, unit in zip(_ERRORS, _ERROR_UNITS, strict=True)),
     *PORT_COLUMNS,
     *(f"sigma_port_{name}_{unit}" for name, unit in zip(_ERRORS, _ERROR_UNITS, strict=True)),
-    *("nis", "dof", "used", "status", "hypotheses", "ambiguity", "observable", "too_late"),
+    *("nis", "dof", "used", "status", "hypotheses", "ambiguity", "observable", "too_late", "alarm"),
     *(f"cov_{_ERRORS[i]}_{_ERRORS[j]}" for i, j in zip(*_UPPER, strict=True)),
 )
-_WHOLE_NUMBERS = ("dof", "used", "status", "hypotheses", "observable", "too_late")
+_WHOLE_NUMBERS = ("dof", "used", "status", "hypotheses", "observable", "too_late", "alarm")
 _INTEGERS = tuple(TRACK_COLUMNS.index(name) for name in _WHOLE_NUMBERS)
 
 
@@ -143,7 +143,7 @@ def _sigmas(covariance: Stack) -> Matrix:
 def write_track(parts: Iterable[PoseSolution], model: str, path: Path, metadata: dict[str, str] | None = None) -> None:
     """Write consecutive solutions (.csv or .parquet), one row an epoch; the covariance in SI (m, m/s, rad, rad/s).
 
-    An empty `ambiguity`: no other pose is possible.
+    An empty `ambiguity`: no other pose is possible. `alarm`: codes of `PoseAlarm`, 0 = none.
     """
     _write(path, TRACK_COLUMNS, map(_rows, parts), {"model": model} | (metadata or {}), _INTEGERS)
 
@@ -167,7 +167,7 @@ def _rows(solution: PoseSolution) -> Table:
         *np.degrees(solution.relative_rate_rad_s).T,
         *_sigmas(solution.docking_covariance).T,
         *(solution.nis, solution.dof, solution.used, solution.status, solution.hypotheses, doubtful),
-        *(solution.observable, solution.too_late),
+        *(solution.observable, solution.too_late, solution.alarm),
         *solution.covariance[:, _UPPER[0], _UPPER[1]].T,
     ]
 

@@ -23,6 +23,7 @@ from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import kernel
 from relnav.estimation.considered import add_lasting_noise, subtract_taken
 from relnav.estimation.factored import compose_into
+from relnav.geometry.linear_algebra import cholesky
 from relnav.navigation.pose_memory import CHASER_ATTITUDE, FOCAL_LENGTH, MOUNTING, PLACEMENT, PoseMemory
 
 
@@ -219,6 +220,17 @@ def _add_second_order(
 
 
 @kernel
+def _half_log_determinant(noise: Matrix, factor: Matrix) -> float:
+    """Half of ln |noise|, (n, n); zero where it is not positive definite. factor (n, n) or more: scratch."""
+    if not cholesky(noise, 0.0, factor):
+        return 0.0
+    total = 0.0
+    for i in range(noise.shape[0]):
+        total += math.log(factor[i, i])
+    return total
+
+
+@kernel
 def observe_markers(
     m: PoseMemory, track: Record, sensitivities: Matrix, spots: Matrix, covariances: Stack
 ) -> tuple[int, int]:
@@ -226,7 +238,7 @@ def observe_markers(
 
     sensitivities (m, 12) of the track: what it has not taken up of lasting errors is in the noise, and in `by_error`.
     covariances (n, 2, 2) px^2, or (0, 2, 2): the camera's noise. A spot off the image, or of a marker expected behind
-    the camera, is seen and not used.
+    the camera, is seen and not used. `bending` in scratch: by how much the second order makes ln |noise| larger.
     """
     pose, seen, count = m.scratch["pose"], 0, 0
     pose_of(m.camera, track, pose)
@@ -253,9 +265,12 @@ def observe_markers(
     by_error = m.by_error[: 2 * count]
     subtract_taken(m.groups[:count], by_error, sensitivities, 0, by_error.shape[1])
     add_lasting_noise(by_error, m.noise)
+    n = 2 * count
+    before = _half_log_determinant(m.noise[:n, :n], m.factor)
     _add_second_order(
         m.scratch, m.groups[:count], m.points, m.which, m.nearer, m.by_marker, m.bends, m.noise, track["ld"]
     )
+    m.scratch["bending"] = 2.0 * max(0.0, _half_log_determinant(m.noise[:n, :n], m.factor) - before)
     for k in range(count):
         group, variance = m.groups[k], m.groups[k]["variance"]
         group["rows"], group["tested"] = 2, 1

@@ -14,6 +14,9 @@ PACKED = POSE * (POSE + 1) // 2
 LOWER = np.tril_indices(POSE)
 """Rows and columns of packed factors."""
 
+SETTLED_S = 5.0
+"""After the leading hypothesis was too wide to tell roots apart: until roots that it has left are found again."""
+
 _F, _I = np.float64, np.int64
 
 EPOCH = np.dtype(
@@ -35,6 +38,7 @@ EPOCH = np.dtype(
         ("used", _I),
         ("observable", _I),
         ("too_late", _I),
+        ("alarm", _I),
         ("row", _I),  # an epoch of the log, not the exposure of a late image
     ]
 )
@@ -107,6 +111,18 @@ def write_covariance(
 
 
 @kernel
+def ambiguity_of(m: PoseMemory) -> float:
+    """Odds of the leading hypothesis against the next, less what the next may have lost by its bending.
+
+    Zero at most while the leader is, or was until lately, so wide that it covers roots that it cannot tell apart.
+    """
+    odds, clock = math.inf, m.clock
+    for k in range(1, clock["running"]):
+        odds = min(odds, m.bank[k]["score"] - m.bank[k]["doubt"] - m.bank[0]["score"])
+    return min(odds, 0.0) if clock["t"] - clock["blurred"] <= SETTLED_S else odds
+
+
+@kernel
 def write_epoch(m: PoseMemory, out: Record, apart: Matrix) -> None:
     """Write what the filter says after its last event.
 
@@ -127,7 +143,7 @@ def write_epoch(m: PoseMemory, out: Record, apart: Matrix) -> None:
             chaser[i, j] = m.camera["chaser"][i, j]
     out["t"], out["nis"], out["dof"], out["status"] = clock["t"], result["nis"], result["dof"], result["status"]
     out["hypotheses"], out["too_late"], out["row"] = count, 0, 1
-    out["ambiguity"] = m.bank[1]["score"] - lead["score"] if count > 1 else math.inf
+    out["ambiguity"], out["alarm"] = ambiguity_of(m), result["alarm"]
     out["observable"] = (
         1 if count > 0 and _spans_a_plane(m.points, m.used_s, clock["t"], m.fixed["few_markers_limit"]) else 0
     )

@@ -25,16 +25,28 @@ from relnav.estimation.factored import orthogonalise, spread
 from relnav.estimation.rows import Observed, copy_track, gate_groups, log_determinant, pair_covariance, sweep
 from relnav.geometry.rotation_vector import rotation_vector_into, turn_by_rotation_vector
 from relnav.navigation.marker_observation import aim_camera, has_spot, observe_markers
+from relnav.navigation.pose_alarm import EXCHANGED
+from relnav.navigation.pose_epoch import SETTLED_S
+from relnav.navigation.pose_exchange import gates_share, is_exchanged
 from relnav.navigation.pose_memory import POSE, PoseMemory, pose_views
 from relnav.navigation.pose_propagation import advance_bank, copy_pose, copy_rows, is_wide
 from relnav.navigation.propagation import prepare_step
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
 
 DROP = 2.0 * math.log(1e6)
-RENEWED_S = 10.0
+RENEWED_S, RENEWED_BLURRED_S = 10.0, 0.4
+"""How often roots are looked for that no hypothesis covers; the second while the leading one is wide and after."""
+BLURRED = 0.5
+"""Of ln |R| by the second order of an image: the leading hypothesis then may cover roots that it cannot tell apart."""
 JOINED = 1.0  # chi-square of twelve: two hypotheses this near are one
 TELLING_SHARE = 0.01
-"""Of the image that a spot's gate may cover where it is to confirm a start."""
+"""Of the image that a spot's gate may cover where it is to confirm a start, or the exchange of markers."""
+LONE_SHARE = 0.001
+"""Of the image that the gate of a spot may cover that is seen alone."""
+SETTLING_S = 10.0
+"""After a pose was taken up beside others: what it learns of velocity and rate is not held against it."""
+AGREED = 2
+"""Images that must confirm a trial which is to replace a track that is contradicted."""
 
 NOTHING, ROOTS, NEW_ROOTS = 0, 1, 2
 """What the caller is to look for: poses to open a trial with; poses that no hypothesis covers."""
@@ -71,9 +83,9 @@ def take_in(scratch: Record, track: Record, sensitivities: Matrix) -> None:
         rate[i] += x[9 + i]
         for j in range(3):
             dcm[i, j] = turned[i, j]
-    for i in range(6):  # all of it: as plain Python `turn_errors` reads what the last time update left here
-        for j in range(6):
-            g[i, j] = g[6 + i, 6 + j] = 1.0 if i == j else 0.0
+    for i in range(POSE):
+        for j in range(POSE):
+            g[i, j] = 1.0 if i == j else 0.0
     a, b, c = 0.5 * x[6], 0.5 * x[7], 0.5 * x[8]
     g[6, 7], g[6, 8], g[7, 6], g[7, 8], g[8, 6], g[8, 7] = c, -b, -c, a, b, -a
     turn_errors(track["ld"], g)
@@ -86,13 +98,25 @@ def take_in(scratch: Record, track: Record, sensitivities: Matrix) -> None:
 
 
 @kernel
+def _noise_log_determinant(image: Observed) -> float:
+    """Of the noise of all rows that the last sweep took in."""
+    total = 0.0
+    for i in range(image.groups.shape[0]):
+        if image.independent[i]["tested"] > 0:
+            variance = image.independent[i]["variance"]
+            total += math.log(variance[0]) + math.log(variance[1])
+    return total
+
+
+@kernel
 def spot_update(
     m: PoseMemory, track: Record, sensitivities: Matrix, spots: Matrix, covariances: Stack
 ) -> tuple[int, int, int, float]:
     """Correct a hypothesis by an image; (markers seen, groups, groups used, NIS), its score counted on.
 
     sensitivities (m, 12) of the hypothesis. Which groups were used stands in `groups`. A rejected spot costs what one
-    at the gate's limit would.
+    at the gate's limit would. Of an image of which half the spots or more contradict the hypothesis nothing is used:
+    those that pass may be glints as well; nor is a lone spot through a wide gate.
     """
     limit = m.gate[1]
     seen, count = observe_markers(m, track, sensitivities, spots, covariances)
@@ -103,7 +127,11 @@ def spot_update(
     image = Observed(m.groups[:count], m.noise[:n, :n], m.factor[:n, :n], m.independent[:count])
     nis, dof = sweep(track, track["state"], image, m.work)
     used = gate_groups(track, image, m.gate, m.work, nis, dof)
-    taken = nis
+    taken, wide = nis, seen == 1 and used == 1 and not gates_share(m, track["ld"], 1) < LONE_SHARE
+    if (seen > 1 and 2 * used <= seen) or wide:
+        used = 0
+        for k in range(count):
+            m.groups[k]["tested"] = 0
     if used < count:
         for k in range(count):
             if m.groups[k]["tested"] == 0:
@@ -114,7 +142,11 @@ def spot_update(
         if used > 0:
             taken, _ = sweep(track, track["state"], image, m.work)
     if used > 0:
-        track["score"] += taken + log_determinant(image)
+        bending, width = m.scratch["bending"], log_determinant(image)
+        track["score"] += taken + width
+        track["doubt"] += bending + min(1.0, bending) * max(0.0, taken - 2.0 * used)
+        if m.clock["t"] - track["added"] <= SETTLING_S:
+            track["doubt"] += max(0.0, width - _noise_log_determinant(image))
         copy_track(m.work, track)
         update_sensitivities(track["ld"], image, m.by_error[:n], m.news, sensitivities)
         take_in(m.scratch, track, sensitivities)
@@ -156,9 +188,7 @@ def order_bank(m: PoseMemory, bank: Record, sensitivities: Stack, count: int) ->
         order[j] = k
     for i in range(count):
         one = spare[order[i]]
-        if kept > 0 and one["score"] - bank[0]["score"] > DROP:
-            break
-        alone = True
+        alone = kept == 0 or one["score"] - one["doubt"] - bank[0]["score"] <= DROP
         for k in range(kept):
             if _distance2(m.scratch["error"], bank[k], one) <= JOINED:
                 alone = False
@@ -170,30 +200,23 @@ def order_bank(m: PoseMemory, bank: Record, sensitivities: Stack, count: int) ->
 
 
 @kernel
-def _telling(m: PoseMemory, ld: Matrix, count: int) -> bool:
-    """Whether the gates of the spots in the groups are small on the image, so that a glint would hardly pass."""
-    size = m.camera["size"]
-    for k in range(count):
-        xx, xy, yy = pair_covariance(ld, m.groups[k]["gradient"], m.groups[k]["variance"], m.noise[2 * k, 2 * k + 1])
-        area = math.pi * m.gate[1] * math.sqrt(max(0.0, xx * yy - xy * xy))
-        if not area < TELLING_SHARE * size[0] * size[1]:
-            return False
-    return True
-
-
-@kernel
 def _correct_bank(
     m: PoseMemory, bank: Record, sensitivities: Stack, count: int, spots: Matrix, covariances: Stack
-) -> tuple[int, bool]:
-    """Correct all hypotheses; result and `accepted` are of the one that leads; (how many remain, a small gate)."""
-    result, least, telling = m.result, math.inf, False
+) -> tuple[int, bool, bool]:
+    """Correct all hypotheses; result and `accepted` are of the one that leads.
+
+    Returns how many remain, whether the leading one's gates were small, so that a glint would hardly pass, and whether
+    it is too wide to tell roots apart, or has not led before.
+    """
+    result, least, telling, blurred = m.result, math.inf, False, False
     for k in range(count):
         copy_pose(bank[k], m.best)
         seen, groups, used, nis = spot_update(m, bank[k], sensitivities[k], spots, covariances)
         if k == 0 or bank[k]["score"] < least:
             least = bank[k]["score"]
             result["nis"], result["dof"], result["seen"], result["used"] = nis, 2 * groups, seen, used
-            telling = _telling(m, m.best["ld"], groups)
+            telling = gates_share(m, m.best["ld"], groups) < TELLING_SHARE
+            blurred = k > 0 or m.scratch["bending"] >= BLURRED
             for i in range(spots.shape[0]):
                 m.accepted[i] = 0.0
             for g in range(groups):
@@ -202,13 +225,13 @@ def _correct_bank(
     if result["used"] == 0:
         for i in range(spots.shape[0]):
             m.accepted[i] = 0.0
-    return order_bank(m, bank, sensitivities, count), telling
+    return order_bank(m, bank, sensitivities, count), telling, blurred
 
 
 @kernel
 def _clear(result: Record, accepted: Vector) -> None:
     result["nis"], result["dof"], result["seen"], result["used"] = math.nan, 0, 0, 0
-    result["status"] = WAITING
+    result["status"], result["alarm"] = WAITING, 0
     for i in range(accepted.shape[0]):
         accepted[i] = 0.0
 
@@ -226,13 +249,14 @@ def _confirm(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) -> int:
     clock, result = m.clock, m.result
     if clock["trial"] == 0:
         return CONTRADICTED
-    remain, telling = _correct_bank(m, m.trial, m.trial_sensitivities, clock["trial"], spots, covariances)
+    remain, telling, blurred = _correct_bank(m, m.trial, m.trial_sensitivities, clock["trial"], spots, covariances)
     if result["used"] < 3 or result["used"] < result["seen"]:
         clock["trial"] = 0
         return CONTRADICTED
     clock["trial"] = remain
     _mark_used(m.trial_used_s, m.accepted, t)
-    if not telling:
+    clock["agreed"] += 1
+    if not telling or (clock["rejected"] > 0 and clock["agreed"] < AGREED):
         return GOES_ON
     for k in range(remain):
         copy_pose(m.trial[k], m.bank[k])
@@ -240,7 +264,57 @@ def _confirm(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) -> int:
     for i in range(m.used_s.shape[0]):
         m.used_s[i] = m.trial_used_s[i]
     clock["running"], clock["trial"], clock["rejected"], clock["renewed"] = remain, 0, 0, t
+    clock["blurred"] = t if blurred else -math.inf
     return CONFIRMED
+
+
+@kernel
+def _advance(m: PoseMemory, t: float) -> None:
+    """Carry bank and trial to t, the control acting."""
+    clock, v = m.clock, m.motion["delta_v"]
+    dt = t - clock["t"] if clock["t"] == clock["t"] else 0.0
+    if (clock["running"] > 0 or clock["trial"] > 0) and (dt > 0.0 or v[0] != 0.0 or v[1] != 0.0 or v[2] != 0.0):
+        prepare_step(m.step, m.motion, m.scratch, clock["t"], dt)
+        body, step, scratch, orbit, at, taken = m.body, m.step, m.scratch, m.motion["orbit"], clock["t"], m.step["dt"]
+        clock["running"] = advance_bank(
+            body, step, scratch, orbit, m.bank, m.bank_sensitivities, clock["running"], at, taken
+        )
+        clock["trial"] = advance_bank(
+            body, step, scratch, orbit, m.trial, m.trial_sensitivities, clock["trial"], at, taken
+        )
+    if math.isnan(clock["begun"]):
+        clock["begun"] = t
+    clock["t"] = t
+
+
+@kernel
+def _use(m: PoseMemory, t: float, spots: Matrix, covariances: Stack, seen: int) -> int:
+    """Correct the bank with an image; what is then to be looked for: nothing, poses to restart from, or others."""
+    clock, result = m.clock, m.result
+    clock["running"], _, blurred = _correct_bank(m, m.bank, m.bank_sensitivities, clock["running"], spots, covariances)
+    used = result["used"]
+    result["status"] = REJECTED if used == 0 else (UPDATED if used == result["seen"] else PARTIAL)
+    if used > 0:
+        _mark_used(m.used_s, m.accepted, t)
+        if blurred:
+            clock["blurred"] = t
+    if 2 * used <= seen:
+        clock["rejected"] += 1
+    else:
+        clock["rejected"], clock["trial"] = 0, 0
+    if seen - used >= 2:
+        lead, effects = m.bank[0], m.bank_sensitivities[0]
+        if is_exchanged(m, lead, effects, spots, covariances, seen, TELLING_SHARE):
+            result["alarm"], clock["trial"] = EXCHANGED, 0
+            return NOTHING
+    if clock["rejected"] >= m.fixed["restart_after"]:
+        return ROOTS
+    # of an image that was used whole alone: another one's poses are those of its glints
+    often = RENEWED_BLURRED_S if t - clock["blurred"] <= SETTLED_S else RENEWED_S
+    if seen >= 3 and used == seen and t - clock["renewed"] >= often:
+        clock["renewed"] = t
+        return NEW_ROOTS
+    return NOTHING
 
 
 @shared_entry
@@ -253,18 +327,7 @@ def pose_step(block: Vector, t: float, chaser: Matrix, spots: Matrix, covariance
     m = pose_views(block)
     clock, result = m.clock, m.result
     _clear(result, m.accepted)
-    dt = t - clock["t"] if clock["t"] == clock["t"] else 0.0
-    v = m.motion["delta_v"]
-    if (clock["running"] > 0 or clock["trial"] > 0) and (dt > 0.0 or v[0] != 0.0 or v[1] != 0.0 or v[2] != 0.0):
-        prepare_step(m.step, m.motion, m.scratch, clock["t"], dt)
-        body, step, scratch, orbit, at, taken = m.body, m.step, m.scratch, m.motion["orbit"], clock["t"], m.step["dt"]
-        clock["running"] = advance_bank(
-            body, step, scratch, orbit, m.bank, m.bank_sensitivities, clock["running"], at, taken
-        )
-        clock["trial"] = advance_bank(
-            body, step, scratch, orbit, m.trial, m.trial_sensitivities, clock["trial"], at, taken
-        )
-    clock["t"] = t
+    _advance(m, t)
     aim_camera(m.camera, chaser)
     seen = 0
     for i in range(spots.shape[0]):
@@ -275,26 +338,12 @@ def pose_step(block: Vector, t: float, chaser: Matrix, spots: Matrix, covariance
     if seen == 0:
         result["status"] = PREDICTED if running else WAITING
         return NOTHING
-    search = not running
     if running and seen >= 3 and is_wide(m.bank[0]):
-        search = True
         result["seen"], result["status"] = seen, PREDICTED
     elif running:
-        clock["running"], _ = _correct_bank(m, m.bank, m.bank_sensitivities, clock["running"], spots, covariances)
-        used = result["used"]
-        result["status"] = REJECTED if used == 0 else (UPDATED if used == result["seen"] else PARTIAL)
-        if used > 0:
-            _mark_used(m.used_s, m.accepted, t)
-        if 2 * used <= seen:
-            clock["rejected"] += 1
-        else:
-            clock["rejected"], clock["trial"] = 0, 0
-        search = clock["rejected"] >= m.fixed["restart_after"]
-    if not search:
-        if seen >= 3 and t - clock["renewed"] >= RENEWED_S:
-            clock["renewed"] = t
-            return NEW_ROOTS
-        return NOTHING
+        wants = _use(m, t, spots, covariances, seen)
+        if wants != ROOTS:
+            return wants
     if seen < 3:
         return NOTHING
     nis, dof, used, status = result["nis"], result["dof"], result["used"], result["status"]

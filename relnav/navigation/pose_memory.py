@@ -55,9 +55,14 @@ POSE_TRACK = np.dtype(
         ("state", _F, POSE),  # errors about these, zero between updates
         ("ld", _F, (POSE, POSE)),
         ("score", _F),
+        ("doubt", _F),
+        ("added", _F),
     ]
 )
-"""One hypothesis; score: minus twice its log-likelihood, the past fading."""
+"""One hypothesis; score: minus twice its log-likelihood, doubt: how much of that may be undeserved; the past fading.
+
+added: when it was taken up beside others; -inf for those of a start.
+"""
 POSE_GROUP = group_type(POSE)
 POSE_SCRATCH = np.dtype(
     [
@@ -74,6 +79,7 @@ POSE_SCRATCH = np.dtype(
         ("turned", _F, (3, 3)),
         ("error", _F, POSE),
         ("order", _I, 2 * MOST_POSES),
+        ("bending", _F),  # of the latest image: ln |R| by the second order of the errors
     ]
 )
 LASTING = np.dtype([("attitude", _F), ("focal_length", _F), ("mounting", _F), ("placement", _F)])
@@ -84,13 +90,18 @@ POSE_CLOCK = np.dtype(
     [
         ("t", _F),
         ("renewed", _F),  # when roots were last looked for
+        ("begun", _F),  # of the first event
+        ("blurred", _F),  # when the leading hypothesis was last too wide to tell roots apart
         ("running", _I),  # hypotheses of the bank; 0: no state
         ("trial", _I),  # of the trial
         ("rejected", _I),
+        ("agreed", _I),  # images that have confirmed the trial
         ("markers", _I),
     ]
 )
-POSE_RESULT = np.dtype([("nis", _F), ("dof", _I), ("status", _I), ("used", _I), ("seen", _I), ("wants", _I)])
+POSE_RESULT = np.dtype(
+    [("nis", _F), ("dof", _I), ("status", _I), ("used", _I), ("seen", _I), ("wants", _I), ("alarm", _I)]
+)
 POSE_FIXED = np.dtype(
     [
         ("restart_after", _I),
@@ -148,12 +159,13 @@ class PoseMemory(NamedTuple):
     spare_sensitivities: Stack
     by_error: Matrix  # (2 n, m), what it does to each row
     news: Matrix  # (m, 12), scratch
+    exchanged: Matrix  # (n, 2), spots that have changed places, scratch
 
 
 def _size_of(markers: int, considered: int) -> int:
     n, m = markers, considered
     lasting = (3 * MOST_POSES + 1) * POSE * m + 2 * n * m
-    return _FIXED + 3 * MOST_POSES * _TRACK + 103 * n + 8 * n * n + 2 * n * _GROUP + lasting
+    return _FIXED + 3 * MOST_POSES * _TRACK + 105 * n + 8 * n * n + 2 * n * _GROUP + lasting
 
 
 @inlined
@@ -173,6 +185,7 @@ def pose_views(block: Vector) -> PoseMemory:
     u, one = s + _GROUP * n, MOST_POSES * m * POSE
     v, w, x = u + one, u + 2 * one, u + 3 * one
     y = x + 2 * n * m
+    z = y + m * POSE
     return PoseMemory(
         fixed,
         fixed["camera"],
@@ -207,7 +220,8 @@ def pose_views(block: Vector) -> PoseMemory:
         block[v:w].reshape((MOST_POSES, m, POSE)),
         block[w:x].reshape((MOST_POSES, m, POSE)),
         block[x:y].reshape((2 * n, m)),
-        block[y : y + m * POSE].reshape((m, POSE)),
+        block[y:z].reshape((m, POSE)),
+        block[z : z + 2 * n].reshape((n, 2)),
     )
 
 
@@ -250,7 +264,8 @@ def new_pose_memory(mission: VisionMission) -> Vector:
     body = RigidBody(np.array(target.inertia_kg_m2), mission.orbit.mean_motion_rad_s)
     fill(m.body, values=body.matrix, noise_density=target.rate_noise_density_rad2_s3)
     write_motion_model(m.motion, mission.orbit, mission.process_noise, mission.filter)
-    m.step["dt"], m.clock["t"], m.clock["renewed"] = np.nan, np.nan, -np.inf
+    m.step["dt"], m.clock["t"], m.clock["begun"] = np.nan, np.nan, np.nan
+    m.clock["renewed"], m.clock["blurred"] = -np.inf, -np.inf
     m.gate[:] = gate_limits(mission.filter.gate_probability, 2 * count)
     m.points[:], m.used_s[:], m.trial_used_s[:] = mission.markers.points_m, np.nan, np.nan
     return block

@@ -83,7 +83,7 @@ def copy_pose(source: Record, target: Record) -> None:
         target["rate"][i] = source["rate"][i]
         for j in range(3):
             target["dcm"][i, j] = source["dcm"][i, j]
-    target["score"] = source["score"]
+    target["score"], target["doubt"], target["added"] = source["score"], source["doubt"], source["added"]
 
 
 @kernel
@@ -170,6 +170,6 @@ def advance_bank(
                 copy_rows(sensitivities[k], sensitivities[kept])
             if advance_pose(body, step, scratch, orbit, bank[kept], t, dt):
                 carry_sensitivities(scratch["phi"], sensitivities[kept])
-                bank[kept]["score"] *= fade
+                bank[kept]["score"], bank[kept]["doubt"] = fade * bank[kept]["score"], fade * bank[kept]["doubt"]
                 kept += 1
     return kept

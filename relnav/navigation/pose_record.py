@@ -11,6 +11,7 @@ from relnav.estimation.consistency import Consistency, nis_consistency
 from relnav.estimation.factored import compose
 from relnav.mission import VisionMission
 from relnav.navigation.docking_port import DockingState, docking_states
+from relnav.navigation.pose_alarm import PoseAlarm
 from relnav.navigation.pose_epoch import unpacked
 from relnav.navigation.presented import Presented
 from relnav.navigation.status import EpochStatus
@@ -105,6 +106,11 @@ class PoseRecord:
     def status(self) -> EpochStatus:
         """What became of the epoch."""
         return EpochStatus(int(self.epoch["status"]))
+
+    @property
+    def alarm(self) -> PoseAlarm:
+        """What was noticed beyond the status: markers exchanged, or an image from which no start is believed."""
+        return PoseAlarm(int(self.epoch["alarm"]))
 
     @property
     def too_late(self) -> bool:
@@ -273,6 +279,11 @@ class PoseSolution(Presented):
         """As in `PoseRecord`, (n,)."""
         flags: Flags = self.epochs["observable"] > 0
         return flags
+
+    @property
+    def alarm(self) -> Codes:
+        """Codes of PoseAlarm, (n,)."""
+        return np.asarray(self.epochs["alarm"])
 
     @property
     def too_late(self) -> Flags:

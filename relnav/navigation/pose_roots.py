@@ -1,6 +1,7 @@
 """Poses that explain one image, as hypotheses of the marker filter: to open a trial, and those that none covers."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +21,7 @@ from relnav.sensors.three_marker.pose import Pose
 from relnav.sensors.three_marker.sensor import View
 
 WIDENED = 4.0
-_COVERED = 16.0  # chi-square: a root whose attitude is this near a hypothesis starts none
+_COVERED = 6.25  # chi-square, 90 % of three: a root whose attitude is this near a hypothesis starts none
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,8 @@ def write_state(track: Record, state: PoseState, score: float = 0.0) -> None:
         state=0.0,
         ld=factorize(covariance),
         score=score,
+        doubt=0.0,
+        added=-math.inf,
     )
 
 
@@ -73,17 +76,25 @@ def roots(
     dcm_chaser_from_lvlh: Matrix,
     mission: VisionMission,
     believed: Root | None,
-) -> tuple[list[Root], Flags]:
+    near: Sequence[Matrix],
+    view_sigma_rad: float,
+) -> tuple[list[Root], Flags, bool]:
     """States on the poses that explain an image and are not a million times less credible than the best; markers used.
 
-    The expected view decides and is part of the state. An image whose spots misfit every pose has none.
+    The expected view decides and is part of the state. An image whose spots misfit every pose has none, and a pose that
+    contradicts the view, to view_sigma_rad, has no state, unless it is as near an attitude of `near`,
+    dcm_cam_from_target: the last value says whether one was left out for that.
     """
     result = measure(spots, mission, spot_covariance_px2=covariances)
+    expected = [mission.view.dcm_cam_from_target, *near]
     used = np.array(result.labels) >= 0
     worst = chi_square_limit(1.0 - MISFIT_PROBABILITY, result.dof) if result.dof > 0 else math.inf
-    out = []
+    out, contradicted = [], False
     for root in result.roots:
         if root.score - result.roots[0].score > DROP or root.misfit > worst:
+            continue
+        if all(_contradicts(root.pose, dcm, view_sigma_rad) for dcm in expected):
+            contradicted = True
             continue
         pose = _with_view(root.pose, mission.view)
         state = state_from_pose(pose, mission, dcm_chaser_from_lvlh, widened=WIDENED)
@@ -95,14 +106,28 @@ def roots(
             state = replace(state, motion=motion, covariance=covariance)
             sensitivities[:, 3:6] = believed.sensitivities[:, 3:6]
         out.append(Root(state, sensitivities))
-    return out, used
+    return out, used, contradicted
+
+
+def view_at(view: View, elapsed_s: float, rate_sigma_rad_s: float) -> View:
+    """The expected view after a time, the target's rate being known to a sigma."""
+    return replace(
+        view, attitude_sigma_rad=min(math.pi, math.hypot(view.attitude_sigma_rad, rate_sigma_rad_s * elapsed_s))
+    )
+
+
+def _contradicts(pose: Pose, dcm_cam_from_target: Matrix, sigma_rad: float) -> bool:
+    """Whether a pose's attitude is farther from another, known to a sigma, than chance allows once in a million."""
+    off = rotation_vector_between(pose.dcm_cam_from_target, dcm_cam_from_target)
+    spread = pose.covariance[3:, 3:] + sigma_rad**2 * np.eye(3)
+    return bool(off @ np.linalg.solve(spread, off) > chi_square_limit(1.0 - MISFIT_PROBABILITY, 3))
 
 
 def open_trial(m: PoseMemory, found: list[Root], used: Flags) -> None:
     """Begin a trial on the poses of an image; used: which markers' spots they rest on."""
     for track, sensitivities, root in zip(m.trial, m.trial_sensitivities, found, strict=False):
         write_root(track, sensitivities, root)
-    m.clock["trial"] = min(len(found), MOST_POSES)
+    m.clock["trial"], m.clock["agreed"] = min(len(found), MOST_POSES), 0
     m.trial_used_s[:] = np.where(used, m.clock["t"], np.nan)
 
 
@@ -114,6 +139,7 @@ def add_uncovered(m: PoseMemory, found: list[Root]) -> None:
         if all(_distance2(held, root.state) > _COVERED for held in bank) and m.clock["running"] < MOST_POSES:
             k = int(m.clock["running"])
             write_root(m.bank[k], m.bank_sensitivities[k], root, float(m.bank[0]["score"]))
+            m.bank[k]["added"] = m.clock["t"]
             m.clock["running"] += 1
 
 

@@ -19,12 +19,13 @@ from relnav.geometry.rotation_vector import turned
 from relnav.mission import VisionMission
 from relnav.navigation.arguments import not_negative, start_values
 from relnav.navigation.memory import fill, orbit_values
+from relnav.navigation.pose_alarm import OUT_OF_VIEW
 from relnav.navigation.pose_epoch import EPOCH, JOINED, read_epoch
 from relnav.navigation.pose_filter import NEW_ROOTS, NOTHING, pose_step
 from relnav.navigation.pose_memory import POSE, new_pose_memory, pose_named
 from relnav.navigation.pose_propagation import is_wide
 from relnav.navigation.pose_record import PoseRecord
-from relnav.navigation.pose_roots import Root, add_uncovered, open_trial, roots, state_of
+from relnav.navigation.pose_roots import Root, add_uncovered, open_trial, roots, state_of, view_at
 from relnav.navigation.pose_state import PoseState
 from relnav.navigation.status import EpochStatus
 from relnav.sensors.three_marker.camera import usable_covariance
@@ -128,9 +129,9 @@ class PoseNavigator:
         if t < self.last_t_s:
             raise ValueError(f"t_s must not be before the last epoch, {self.last_t_s!r}; got {t_s!r}")
         m = pose_named(self.memory)
-        fill(m.bank[0], motion=motion, dcm=attitude, rate=rate, state=0.0, ld=ld, score=0.0)
+        fill(m.bank[0], motion=motion, dcm=attitude, rate=rate, state=0.0, ld=ld, score=0.0, doubt=0.0, added=-math.inf)
         m.bank_sensitivities[0] = 0.0
-        fill(m.clock, t=t, renewed=t, running=1, trial=0, rejected=0)
+        fill(m.clock, t=t, begun=t, renewed=t, blurred=-math.inf, running=1, trial=0, rejected=0)
         m.used_s[:] = t
         self._events, self._after = [], []
         self._before, self._oldest_s = self.memory.copy(), t
@@ -272,7 +273,7 @@ class PoseNavigator:
         if delay_s > 0.0 and rate is not None:
             relative = rate - lvlh_rate(dcm.T, frame_rate(orbit_values(self.mission.orbit), event.t_s))
             dcm = turned(dcm.T, delay_s * relative).T
-        status, running = outcome.status, one["hypotheses"] > 0
+        status, running, one["alarm"] = outcome.status, one["hypotheses"] > 0, outcome.alarm
         if too_late or not running:
             status = EpochStatus.PREDICTED if running else EpochStatus.WAITING
         one["nis"], one["dof"] = outcome.nis, outcome.dof
@@ -288,6 +289,7 @@ class Outcome:
     accepted: Flags
     nis: float
     dof: int
+    alarm: int = 0
 
 
 def nothing_used(markers: int) -> Outcome:
@@ -299,7 +301,8 @@ def outcome_of(memory: Vector) -> Outcome:
     """Of the last event."""
     m = pose_named(memory)
     result = m.result
-    return Outcome(EpochStatus(int(result["status"])), m.accepted > 0.0, float(result["nis"]), int(result["dof"]))
+    status, alarm = EpochStatus(int(result["status"])), int(result["alarm"])
+    return Outcome(status, m.accepted > 0.0, float(result["nis"]), int(result["dof"]), alarm)
 
 
 def take(memory: Vector, mission: VisionMission, event: Event) -> None:
@@ -321,11 +324,21 @@ def look_for_roots(memory: Vector, mission: VisionMission, event: Event, wants: 
     believed = Root(state_of(m.bank[0], np.zeros((0, POSE))), effects.copy()) if keeps else None
     own = event.covariance_px2 if len(event.covariance_px2) else None
     spots = np.where(np.isfinite(event.spots_px).all(axis=1, keepdims=True), event.spots_px, np.nan)
-    found, used = roots(spots, own, event.dcm_chaser_from_lvlh, mission, believed)
+    mount, chaser = mission.camera.dcm_cam_from_chaser, event.dcm_chaser_from_lvlh
+    near = [mount @ chaser @ mission.target.dcm_target_from_lvlh.T]
+    if running:
+        near.append(mount @ chaser @ m.bank[0]["dcm"])
+    elapsed, rate_sigma = event.t_s - float(m.clock["begun"]), mission.filter.initial_rate_sigma_rad_s
+    view = view_at(mission.view, elapsed, rate_sigma)
+    # the poses of a trial begin as equals: of these the view as it is stated decides
+    model = replace(mission, view=view) if wants == NEW_ROOTS else mission
+    found, used, contradicted = roots(spots, own, chaser, model, believed, near, view.attitude_sigma_rad)
     if wants == NEW_ROOTS:
         add_uncovered(m, found)
     elif found:
         open_trial(m, found, used)
+    elif contradicted:
+        m.result["alarm"] = OUT_OF_VIEW
 
 
 def _vector(name: str, value: ArrayLike) -> Vector:

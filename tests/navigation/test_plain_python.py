@@ -10,7 +10,10 @@ import pytest
 
 import relnav
 from relnav.codegen.kernel import is_compiled
+from relnav.navigation.pose_log import filter_marker_epochs
 from relnav.sensors.three_beacon.calibration import Calibration
+from relnav.simulation.marker_flight import simulate_flight
+from relnav.simulation.trajectory import Approach
 
 CASES = ["spots", "fix", "unknown", "considered", "considered fix"]
 
@@ -125,3 +128,36 @@ def test_the_log_is_nasty_indeed(plain):
     """All outcomes occur, so that the comparison above compares them all."""
     assert set(plain["spots_status"].tolist()) == set(range(6))
     assert {0, 1, 2}.issubset(set(plain["fix_measurement_status"].tolist()))
+
+
+PLAIN_MARKERS = """
+import sys
+import numpy as np
+import relnav
+from relnav.codegen.kernel import is_compiled
+from relnav.navigation.pose_log import filter_marker_epochs
+
+assert not is_compiled()
+given = np.load(sys.argv[1])
+solution = filter_marker_epochs(
+    relnav.load_model("three_marker_vision"), given["t"], given["spots"], acceleration_m_s2=given["acceleration"]
+)
+np.savez(sys.argv[2], state=solution.state, covariance=solution.covariance, status=solution.status)
+"""
+
+
+def test_the_marker_filter_in_plain_python(tmp_path):
+    """Its covariance after an update, which held the transition of the step before in place of a unit matrix."""
+    mission = relnav.load_model("three_marker_vision")
+    flight = simulate_flight(mission, Approach(3.0, 2.0, start_m=(10.0, 0.25, -0.15)), seed=1)
+    given, out = tmp_path / "given.npz", tmp_path / "out.npz"
+    np.savez(given, t=flight.t_s, spots=flight.spots_px, acceleration=flight.acceleration_m_s2)
+    environment = os.environ | {"RELNAV_JIT": "0"}
+    subprocess.run([sys.executable, "-c", PLAIN_MARKERS, given, out], env=environment, check=True)
+    plain = np.load(out)
+    compiled = filter_marker_epochs(mission, flight.t_s, flight.spots_px, acceleration_m_s2=flight.acceleration_m_s2)
+    np.testing.assert_array_equal(plain["status"], compiled.status)
+    sigma = np.sqrt(np.diagonal(compiled.covariance, axis1=1, axis2=2))[1:]
+    assert (np.abs(plain["state"] - compiled.state)[1:] <= 1e-5 * sigma[:, :6]).all()
+    difference = np.abs(plain["covariance"] - compiled.covariance)[1:]
+    assert (difference <= 1e-5 * sigma[:, :, None] * sigma[:, None, :]).all()

@@ -265,3 +265,19 @@ def test_relative_to_a_chaser_whose_attitude_is_off(method):
         assert (values > 0.6).all()
         assert (values < 1.3).all()
     assert np.degrees(relative[6]) < 0.1
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_long_run_of_wrong_attitudes_that_agree(method):
+    """Twenty replace the track, which nothing in them forbids: STARTED says so, and it is left within ten attitudes."""
+    rng, t = np.random.default_rng(12), 0.1 * np.arange(100)
+    dcm, rate = slow_targets(t, 4, rng, 0.2)
+    for run in range(4):
+        nav, seen = make(method), noisy(dcm[:, run], rng)
+        seen[40:60] = seen[40:60] @ Rotation.random(rng=rng).as_matrix()
+        records = [nav.step(now, measured, NOISE) for now, measured in zip(t, seen, strict=True)]
+        assert [r.status for r in records[40:47]] == [REJECTED] * 7
+        assert [k for k, r in enumerate(records) if r.status == STARTED] == [1, 47, 67]
+        for k in (*range(2, 47), *range(60, 100)):
+            if is_relied_on(records[k]):
+                assert sigmas_off(records[k], dcm[k, run], rate[k, run]).max() < 5.0

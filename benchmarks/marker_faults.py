@@ -1,0 +1,71 @@
+"""Marker faults and flat patterns over many flights: how often the filter is relied on while it is wrong.
+
+    python benchmarks/marker_faults.py faults --runs 1000
+    python benchmarks/marker_faults.py flat --runs 500
+
+Flies what the tests fly a part of, with the same bounds; exit code 1 if one is missed.
+"""
+
+import argparse
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import relnav
+from relnav.simulation.marker_flight import simulate_flight
+
+TESTS = Path(__file__).parents[1] / "tests" / "navigation" / "test_pose_honesty.py"
+FLIGHTS = 40
+"""Simulated once each, and flown with every fault."""
+
+
+def faults(tests, runs, seed):
+    """Starts and bursts: epochs in a row beyond 5 sigma and relied on; images after a fault until a state is."""
+    mission, good = relnav.load_model("three_marker_vision"), True
+    flights = [simulate_flight(mission, tests.FLIGHT, seed=seed + k) for k in range(min(FLIGHTS, runs))]
+    each = max(1, -(-runs // len(tests.KINDS)))
+    for name, spoil in tests.KINDS.items():
+        flown = [
+            tests.through_fault(mission, flights[run % len(flights)], spoil, seed + run)[:2] for run in range(each)
+        ]
+        wrong, waits = np.array(flown).T
+        good &= bool(wrong.max() <= 3 and waits.max() <= 10)
+        bad = np.flatnonzero((wrong > 3) | (waits > 10))
+        print(
+            f"{name:<36} {each} runs: relied on beyond 5 sigma at most {wrong.max()} epochs [0, 3], "
+            f"after the fault {waits.max()} images to a state [1, 10]; {len(bad)} runs missed"
+            + (f", seeds {(seed + bad[:8]).tolist()}" if len(bad) else ""),
+            flush=True,
+        )
+    return good
+
+
+def flat(tests, runs, seed):
+    """Flat patterns from 10 m to 5 m at 4 Hz: flights that rely on a wrong pose, and shares of epochs."""
+    mission = relnav.load_model("three_marker_vision_flat")
+    flown = np.array([tests.flat_flight(mission, seed + run) for run in range(runs)])
+    lost, epochs = np.flatnonzero(flown[:, 0] > 3), runs * round(tests.FLAT.duration_s * tests.FLAT.rate_hz)
+    bound = max(1, runs // 500)
+    print(f"flat pattern: wrong and relied on for more than 3 epochs in {len(lost)} of {runs} flights [0, {bound}]")
+    print(f"  seeds {(seed + lost[:12]).tolist()}; relied on {flown[:, 2].sum() / epochs:.3f} of all epochs")
+    print(f"  wrong of the epochs relied on: {flown[:, 1].sum() / max(1, flown[:, 2].sum()):.1e}")
+    return len(lost) <= bound
+
+
+def main() -> int:
+    """Fly."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("faults", "flat"))
+    parser.add_argument("--runs", type=int, default=500)
+    parser.add_argument("--seed", type=int, default=50000)
+    options = parser.parse_args()
+    spec = importlib.util.spec_from_file_location("honesty", TESTS)
+    tests = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(tests)
+    return 0 if {"faults": faults, "flat": flat}[options.what](tests, options.runs, options.seed) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
