@@ -24,6 +24,7 @@ from relnav.navigation.epoch_report import (
     take_inputs,
     write_report,
 )
+from relnav.navigation.beacon_monitors import watch_new_track
 from relnav.navigation.memory import MOTION, fill, named
 from relnav.navigation.record import FilterRecord
 from relnav.navigation.reference_engine import ReferenceEngine
@@ -107,6 +108,7 @@ class Navigator:
         m = self._named
         fill(m.track, state=x, ld=ld)
         m.sensitivities[:] = 0.0
+        plain(watch_new_track)(m, False)
         fill(m.clock, t=t, running=1, trial=0, rejected=0, starts=m.clock["starts"] + 1)
         if self._reference is not None:
             self._reference.take_over()

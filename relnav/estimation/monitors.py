@@ -1,0 +1,296 @@
+"""Monitors: whether what a filter's images say stays what it was, and within what is stated, from image to image.
+
+NIS of single images does not see an error that is small in each image and lasts. Here the innovations of each row are
+averaged with their sign over a second and over five, and compared with two things. With what they were before (their
+mean over some 20 s): an error that lasts from the start, of attitude, mountings or beacons, is in both and falls out of
+the difference, so that the limit needs no knowledge of it; what is left has the variance
+
+    R (q + q') + (H P H' + H P' H') / 2
+
+with q, q' the sums of squared weights of the two means, P' the covariance when the older one was made. Innovations of a
+filter that weighs rightly are white, and H P H' is then in R q and R q' already; one that takes lasting errors for noise
+weighs its images less, and its innovations share the error of the state for as long as it remembers (30 to 50 s): over
+20 s half of it. And the older mean is compared with zero: it has the variance R q' + H P H' + c, c what lasting errors
+may leave in the row; not divided by the number of images. c is E - H S squared (`considered.py`).
+
+The third is scatter: squared innovations about their own mean of the last second, over three seconds, for each group.
+
+While an alarm of the first kind lasts the older mean is not carried on: it stands for the time before. The alarm ends
+when the innovations are again what they were, for five seconds; what was learnt meanwhile is not believed, and the
+filter is asked to start anew (`restart`). Where what changed does not change back, the alarm stays.
+
+Limits of single tests: five sigma, 6e-7, with six rows and two means a test a second of 300 s would alarm in 1 of 500
+runs. Nothing here knows a sensor: it hands over rows in groups (`watched_type`).
+"""
+
+import math
+
+import numpy as np
+
+from relnav.arrays import Record
+from relnav.codegen.kernel import kernel
+
+SHIFTED, CONTRADICTED, NOISY, STUCK, CLOCK, RESTARTED, UNWATCHED = 1, 2, 4, 8, 16, 32, 64
+
+FAST_S, MIDDLE_S, USUAL_S, SCATTER_S = 1.0, 5.0, 20.0, 3.0
+"""Time constants of the means."""
+WARM_S = 10.0
+"""So long the older mean is made before others are compared with it."""
+AWAY_S = 3.0
+"""A group that is not seen for so long has left: what the others say changes with it, and is learnt anew."""
+QUIET_S = 5.0
+HOLD_S = 10.0
+"""After a start that replaced a track."""
+SAID_S = 3.0
+"""An alarm of the second or third kind stays for so long after its last cause."""
+SHIFT_LIMIT2, CALM_LIMIT2, LASTING_LIMIT2 = 25.0, 16.0, 20.25
+SCATTER_LIMIT = 8.0
+"""Of the mean of squares, in 1-sigma of such a mean."""
+JUMP_S = 5.0
+"""A jump of the clock is named for so long after the step that was too long."""
+EXPLAINED = 0.5
+
+_F, _I = np.float64, np.int64
+
+WATCH = np.dtype(
+    [
+        ("alarm", _I),  # bits
+        ("on", _I),  # innovations have shifted
+        ("clock", _I),  # as if by a jump of the clock
+        ("restart", _I),  # the filter is asked to start anew
+        ("age", _F),  # of the older means
+        ("quiet", _F),  # since the innovations are what they were
+        ("hold", _F),  # left of it
+        ("contradicted", _F),
+        ("noisy", _F),
+        ("interval", _F),  # usual step
+        ("jumped", _F),  # since a step that was too long
+        ("offset", _F),  # s, by which an image seems late where `clock`
+    ]
+)
+"""What is known of all groups."""
+
+
+def watched_type() -> np.dtype[np.void]:
+    """A group of at most three rows.
+
+    Handed over for each image: rows; seen; value, z - h(x); variances of what is new in each image (noise), of the
+    state's part H P H' (state), of what lasts (lasting); motion, what an image that is one second late adds to value.
+    """
+    return np.dtype(
+        [
+            ("rows", _I),
+            ("seen", _I),
+            ("present", _I),
+            ("images", _I),
+            ("learnt", _I),
+            ("away", _F),
+            ("value", _F, 3),
+            ("noise", _F, 3),
+            ("state", _F, 3),
+            ("lasting", _F, 3),
+            ("motion", _F, 3),
+            ("fast", _F, 3),
+            ("middle", _F, 3),
+            ("usual", _F, 3),
+            ("usual_state", _F, 3),
+            ("scatter", _F),
+            ("fast_share", _F),
+            ("middle_share", _F),
+            ("usual_share", _F),
+            ("scatter_share", _F),
+            ("reading", _F, 2),
+            ("repeated", _I),
+            ("since", _F),
+        ]
+    )
+
+
+@kernel
+def forget(watch: Record, groups: Record) -> None:
+    """Learn anew what is usual."""
+    watch["age"], watch["on"], watch["clock"], watch["restart"] = 0.0, 0, 0, 0
+    for g in range(groups.shape[0]):
+        groups[g]["images"], groups[g]["learnt"] = 0, 0
+
+
+@kernel
+def watch_start(watch: Record, groups: Record, again: bool) -> None:
+    """A track has started; again: it replaced one. What was usual before is kept then, if it was known."""
+    if not again:
+        forget(watch, groups)
+        watch["hold"], watch["alarm"], watch["jumped"], watch["interval"] = 0.0, 0, math.inf, 0.0
+        watch["contradicted"], watch["noisy"] = 0.0, 0.0
+        return
+    watch["hold"], watch["alarm"] = HOLD_S, RESTARTED | (CLOCK if watch["clock"] > 0 else 0)
+    if not watch["age"] > WARM_S:
+        forget(watch, groups)
+    watch["on"], watch["restart"], watch["quiet"] = 0, 0, 0.0
+    for g in range(groups.shape[0]):
+        groups[g]["images"] = 0
+
+
+@kernel
+def _mean_share(share: float, weight: float) -> float:
+    """Sum of squared weights of a mean after the next value."""
+    return (1.0 - weight) * (1.0 - weight) * share + weight * weight
+
+
+@kernel
+def _take(group: Record, dt: float, learning: bool) -> None:
+    """Carry the means of a group on; dt: s since it was last seen."""
+    group["images"] += 1
+    first = 1.0 / group["images"]
+    fast, middle = max(first, dt / (dt + FAST_S)), max(first, dt / (dt + MIDDLE_S))
+    value, noise, state = group["value"], group["noise"], group["state"]
+    mean, longer, usual, usual_state = group["fast"], group["middle"], group["usual"], group["usual_state"]
+    if group["images"] == 1:
+        group["fast_share"], group["middle_share"], group["scatter_share"], group["scatter"] = 1.0, 1.0, 1.0, 1.0
+    else:
+        squares = 0.0
+        for k in range(group["rows"]):
+            off = value[k] - mean[k]
+            squares += off * off / (noise[k] * (1.0 + group["fast_share"]) + state[k])
+        weight = max(1.0 / (group["images"] - 1), dt / (dt + SCATTER_S))
+        group["scatter"] += weight * (squares / group["rows"] - group["scatter"])
+        group["scatter_share"] = _mean_share(group["scatter_share"], weight)
+        group["fast_share"] = _mean_share(group["fast_share"], fast)
+        group["middle_share"] = _mean_share(group["middle_share"], middle)
+    for k in range(group["rows"]):
+        mean[k] = value[k] if group["images"] == 1 else mean[k] + fast * (value[k] - mean[k])
+        longer[k] = value[k] if group["images"] == 1 else longer[k] + middle * (value[k] - longer[k])
+    if learning:
+        group["learnt"] += 1
+        if group["learnt"] == 1:
+            group["usual_share"] = 1.0
+        slow = max(1.0 / group["learnt"], dt / (dt + USUAL_S))
+        group["usual_share"] = _mean_share(group["usual_share"], slow)
+        for k in range(group["rows"]):
+            usual[k] += slow * (value[k] - usual[k])
+            usual_state[k] += slow * (state[k] - usual_state[k])
+
+
+@kernel
+def _has_shifted(group: Record, limit2: float) -> bool:
+    """Whether a mean of the group is not what it usually was."""
+    mean, longer, usual = group["fast"], group["middle"], group["usual"]
+    for k in range(group["rows"]):
+        noise, common = group["noise"][k], 0.5 * (group["state"][k] + group["usual_state"][k])
+        off = mean[k] - usual[k]
+        if off * off > limit2 * (noise * (group["fast_share"] + group["usual_share"]) + common):
+            return True
+        off = longer[k] - usual[k]
+        if off * off > limit2 * (noise * (group["middle_share"] + group["usual_share"]) + common):
+            return True
+    return False
+
+
+@kernel
+def _contradicts(group: Record) -> bool:
+    """Whether the usual mean is more than lasting errors and the state's explain."""
+    for k in range(group["rows"]):
+        usual = group["usual"][k]
+        known = group["noise"][k] * group["usual_share"] + group["state"][k] + group["lasting"][k]
+        if usual * usual > LASTING_LIMIT2 * known:
+            return True
+    return False
+
+
+@kernel
+def _is_noisy(group: Record) -> bool:
+    """Whether the group scatters more than its noise explains; sigma of a mean of squares of rows: sqrt(2 / rows)."""
+    over = group["scatter"] - 1.0
+    return bool(over > 0.0 and over * over * group["rows"] > SCATTER_LIMIT * SCATTER_LIMIT * group["scatter_share"])
+
+
+@kernel
+def _looks_late(watch: Record, groups: Record) -> bool:
+    """Whether images that are late, or early, by one time explain most of what has shifted; the time into `offset`."""
+    along, scale, total = 0.0, 0.0, 0.0
+    for g in range(groups.shape[0]):
+        group = groups[g]
+        if group["present"] == 0 or group["learnt"] == 0 or group["images"] == 0:
+            continue
+        for k in range(group["rows"]):
+            variance = group["noise"][k] * (group["fast_share"] + group["usual_share"]) + group["state"][k]
+            off, motion = group["fast"][k] - group["usual"][k], group["motion"][k]
+            along += off * motion / variance
+            scale += motion * motion / variance
+            total += off * off / variance
+    if not scale > 0.0:
+        return False
+    watch["offset"] = along / scale
+    return bool(along * along > EXPLAINED * scale * total)
+
+
+@kernel
+def _note_step(watch: Record, dt: float) -> None:
+    """Notice a step that is much longer than usual."""
+    watch["jumped"] += dt
+    watch["hold"] = max(0.0, watch["hold"] - dt)
+    watch["contradicted"] = max(0.0, watch["contradicted"] - dt)
+    watch["noisy"] = max(0.0, watch["noisy"] - dt)
+    if watch["interval"] > 0.0 and dt > 2.5 * watch["interval"]:
+        watch["jumped"] = 0.0
+    else:
+        watch["interval"] = dt if watch["interval"] == 0.0 else watch["interval"] + 0.1 * (dt - watch["interval"])
+
+
+@kernel
+def _come_and_go(groups: Record, dt: float) -> tuple[bool, bool]:
+    """Count how long groups are away; whether one came or left, and whether any is seen."""
+    changed, seen = False, False
+    for g in range(groups.shape[0]):
+        group = groups[g]
+        group["away"] += dt
+        if group["seen"] > 0:
+            seen = True
+            if group["present"] == 0:
+                group["present"], group["away"], changed = 1, dt, True
+        elif group["present"] > 0 and group["away"] > AWAY_S:
+            group["present"], group["images"], changed = 0, 0, True
+    return changed, seen
+
+
+@kernel
+def watch_image(watch: Record, groups: Record, dt: float) -> None:
+    """Take what the groups say of an image dt s after the last into the monitors, and write the alarm."""
+    _note_step(watch, dt)
+    changed, seen = _come_and_go(groups, dt)
+    if changed and watch["on"] == 0 and watch["hold"] == 0.0:
+        forget(watch, groups)
+    limit2, shifted = CALM_LIMIT2 if watch["on"] > 0 else SHIFT_LIMIT2, False
+    learning, warm = watch["on"] == 0 and watch["hold"] == 0.0, watch["age"] > WARM_S
+    for g in range(groups.shape[0]):
+        group = groups[g]
+        if group["seen"] == 0:
+            continue
+        _take(group, group["away"], learning)
+        group["away"] = 0.0
+        if group["learnt"] > 0:
+            shifted = shifted or (warm and _has_shifted(group, limit2))
+            if group["learnt"] >= 10 and _contradicts(group):
+                watch["contradicted"] = SAID_S
+        if group["images"] >= 10 and _is_noisy(group):
+            watch["noisy"] = SAID_S
+    if seen and learning:
+        watch["age"] += dt
+    if shifted:
+        watch["quiet"] = 0.0
+        if watch["on"] == 0:
+            watch["on"] = 1
+            watch["clock"] = 1 if watch["jumped"] < JUMP_S and _looks_late(watch, groups) else 0
+        watch["restart"] = watch["clock"]
+    elif watch["on"] > 0 and seen:
+        watch["quiet"] += dt
+        if watch["quiet"] > QUIET_S:
+            watch["restart"] = 1
+    if watch["on"] == 0 and watch["hold"] == 0.0:
+        watch["clock"] = 0
+    watch["alarm"] = (
+        (SHIFTED if watch["on"] > 0 else 0)
+        | (CONTRADICTED if watch["contradicted"] > 0.0 else 0)
+        | (NOISY if watch["noisy"] > 0.0 else 0)
+        | (CLOCK if watch["clock"] > 0 else 0)
+        | (RESTARTED if watch["hold"] > 0.0 else 0)
+    )
