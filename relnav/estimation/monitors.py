@@ -8,10 +8,11 @@ the difference, so that the limit needs no knowledge of it; what is left has the
     R (q + q') + (H P H' + H P' H') / 2
 
 with q, q' the sums of squared weights of the two means, P' the covariance when the older one was made. Innovations of a
-filter that weighs rightly are white, and H P H' is then in R q and R q' already; one that takes lasting errors for noise
-weighs its images less, and its innovations share the error of the state for as long as it remembers (30 to 50 s): over
-20 s half of it. And the older mean is compared with zero: it has the variance R q' + H P H' + c, c what lasting errors
-may leave in the row; not divided by the number of images. c is E - H S squared (`considered.py`).
+filter that weighs rightly are white, and means of them need R q alone while H P H' is small beside R. One that takes
+lasting errors for noise weighs its images less, and its innovations, as all residuals of the updated state, share the
+state's error for as long as the filter remembers (30 to 50 s): what of it differs over 20 s is half of 2 H P H'. And
+the older mean is compared with zero: it has the variance R q' + H P H' + c, c what lasting errors may leave in the row,
+not divided by the number of images: E - H S squared (`considered.py`), their effect less what the state has taken up.
 
 The third is scatter: squared innovations about their own mean of the last second, over three seconds, for each group.
 
@@ -36,6 +37,8 @@ FAST_S, MIDDLE_S, USUAL_S, SCATTER_S = 1.0, 5.0, 20.0, 3.0
 """Time constants of the means."""
 WARM_S = 10.0
 """So long the older mean is made before others are compared with it."""
+MISSING_S = 0.5
+"""A group that is not seen for so long, while others are, is missing: the others are not judged without it."""
 AWAY_S = 3.0
 """A group that is not seen for so long has left: what the others say changes with it, and is learnt anew."""
 QUIET_S = 5.0
@@ -43,7 +46,8 @@ HOLD_S = 10.0
 """After a start that replaced a track."""
 SAID_S = 3.0
 """An alarm of the second or third kind stays for so long after its last cause."""
-SHIFT_LIMIT2, CALM_LIMIT2, LASTING_LIMIT2 = 25.0, 16.0, 20.25
+SHIFT_LIMIT2, CALM_LIMIT2 = 25.0, 16.0
+LASTING_LIMIT2, LASTING_CALM2 = 20.25, 6.25
 SCATTER_LIMIT = 8.0
 """Of the mean of squares, in 1-sigma of such a mean."""
 JUMP_S = 5.0
@@ -61,6 +65,7 @@ WATCH = np.dtype(
         ("age", _F),  # of the older means
         ("quiet", _F),  # since the innovations are what they were
         ("hold", _F),  # left of it
+        ("pause", _F),  # left of it: set by the sensor while means would not be what they seem
         ("contradicted", _F),
         ("noisy", _F),
         ("interval", _F),  # usual step
@@ -84,7 +89,8 @@ def watched_type() -> np.dtype[np.void]:
             ("present", _I),
             ("images", _I),
             ("learnt", _I),
-            ("away", _F),
+            ("away", _F),  # since it was seen last
+            ("gone", _F),  # while others were
             ("value", _F, 3),
             ("noise", _F, 3),
             ("state", _F, 3),
@@ -115,17 +121,22 @@ def forget(watch: Record, groups: Record) -> None:
 
 
 @kernel
-def watch_start(watch: Record, groups: Record, again: bool) -> None:
-    """A track has started; again: it replaced one. What was usual before is kept then, if it was known."""
+def watch_start(watch: Record, groups: Record, again: bool, comparable: bool) -> None:
+    """A track has started; again: it replaced one. What was usual before is kept then, if rows of both can be compared.
+
+    They can where a row hardly depends on how the track took lasting errors up.
+    """
     if not again:
         forget(watch, groups)
         watch["hold"], watch["alarm"], watch["jumped"], watch["interval"] = 0.0, 0, math.inf, 0.0
-        watch["contradicted"], watch["noisy"] = 0.0, 0.0
+        watch["contradicted"], watch["noisy"], watch["pause"] = 0.0, 0.0, 0.0
         return
-    watch["hold"], watch["alarm"] = HOLD_S, RESTARTED | (CLOCK if watch["clock"] > 0 else 0)
-    if not watch["age"] > WARM_S:
+    clock = 1 if watch["clock"] > 0 or watch["jumped"] < JUMP_S else 0
+    watch["hold"], watch["alarm"] = HOLD_S, RESTARTED | (CLOCK if clock > 0 else 0)
+    if not comparable or not watch["age"] > WARM_S:
         forget(watch, groups)
-    watch["on"], watch["restart"], watch["quiet"] = 0, 0, 0.0
+    watch["on"], watch["restart"], watch["quiet"], watch["clock"] = 0, 0, 0.0, clock
+    watch["contradicted"], watch["noisy"] = 0.0, 0.0
     for g in range(groups.shape[0]):
         groups[g]["images"] = 0
 
@@ -186,33 +197,38 @@ def _has_shifted(group: Record, limit2: float) -> bool:
 
 
 @kernel
-def _contradicts(group: Record) -> bool:
+def _contradicts(group: Record, limit2: float) -> bool:
     """Whether the usual mean is more than lasting errors and the state's explain."""
     for k in range(group["rows"]):
         usual = group["usual"][k]
         known = group["noise"][k] * group["usual_share"] + group["state"][k] + group["lasting"][k]
-        if usual * usual > LASTING_LIMIT2 * known:
+        if usual * usual > limit2 * known:
             return True
     return False
 
 
 @kernel
 def _is_noisy(group: Record) -> bool:
-    """Whether the group scatters more than its noise explains; sigma of a mean of squares of rows: sqrt(2 / rows)."""
+    """Whether the group scatters more than its noise explains; variance of a mean of squares over rows: 2 / rows."""
     over = group["scatter"] - 1.0
-    return bool(over > 0.0 and over * over * group["rows"] > SCATTER_LIMIT * SCATTER_LIMIT * group["scatter_share"])
+    variance = 2.0 / group["rows"] * group["scatter_share"]
+    return bool(over > 0.0 and over * over > SCATTER_LIMIT * SCATTER_LIMIT * variance)
 
 
 @kernel
 def _looks_late(watch: Record, groups: Record) -> bool:
-    """Whether images that are late, or early, by one time explain most of what has shifted; the time into `offset`."""
+    """Whether images that are late, or early, by one time explain most of a shift; the time into `offset`.
+
+    One number is sought, so that five sigma of it are seen before any single row has them.
+    """
     along, scale, total = 0.0, 0.0, 0.0
     for g in range(groups.shape[0]):
         group = groups[g]
         if group["present"] == 0 or group["learnt"] == 0 or group["images"] == 0:
             continue
         for k in range(group["rows"]):
-            variance = group["noise"][k] * (group["fast_share"] + group["usual_share"]) + group["state"][k]
+            variance = group["noise"][k] * (group["fast_share"] + group["usual_share"])
+            variance += 0.5 * (group["state"][k] + group["usual_state"][k])
             off, motion = group["fast"][k] - group["usual"][k], group["motion"][k]
             along += off * motion / variance
             scale += motion * motion / variance
@@ -220,7 +236,7 @@ def _looks_late(watch: Record, groups: Record) -> bool:
     if not scale > 0.0:
         return False
     watch["offset"] = along / scale
-    return bool(along * along > EXPLAINED * scale * total)
+    return bool(along * along > scale * max(EXPLAINED * total, SHIFT_LIMIT2))
 
 
 @kernel
@@ -238,50 +254,58 @@ def _note_step(watch: Record, dt: float) -> None:
 
 @kernel
 def _come_and_go(groups: Record, dt: float) -> tuple[bool, bool]:
-    """Count how long groups are away; whether one came or left, and whether any is seen."""
-    changed, seen = False, False
+    """Count how long groups are away; whether one came or left, and whether those present are seen, as a whole."""
+    changed, seen, missing = False, False, False
+    for g in range(groups.shape[0]):
+        seen = seen or groups[g]["seen"] > 0
     for g in range(groups.shape[0]):
         group = groups[g]
         group["away"] += dt
         if group["seen"] > 0:
-            seen = True
+            group["gone"] = 0.0
             if group["present"] == 0:
                 group["present"], group["away"], changed = 1, dt, True
-        elif group["present"] > 0 and group["away"] > AWAY_S:
-            group["present"], group["images"], changed = 0, 0, True
-    return changed, seen
+        elif group["present"] > 0 and seen:
+            group["gone"] += dt
+            missing = missing or group["gone"] > MISSING_S
+            if group["gone"] > AWAY_S:
+                group["present"], group["images"], changed = 0, 0, True
+    return changed, seen and not missing
 
 
 @kernel
 def watch_image(watch: Record, groups: Record, dt: float) -> None:
     """Take what the groups say of an image dt s after the last into the monitors, and write the alarm."""
     _note_step(watch, dt)
-    changed, seen = _come_and_go(groups, dt)
+    changed, whole = _come_and_go(groups, dt)
+    if watch["pause"] > 0.0:
+        watch["pause"] -= dt
+        changed, whole = True, False
     if changed and watch["on"] == 0 and watch["hold"] == 0.0:
         forget(watch, groups)
+    lasting2 = LASTING_CALM2 if watch["contradicted"] > 0.0 else LASTING_LIMIT2
     limit2, shifted = CALM_LIMIT2 if watch["on"] > 0 else SHIFT_LIMIT2, False
     learning, warm = watch["on"] == 0 and watch["hold"] == 0.0, watch["age"] > WARM_S
     for g in range(groups.shape[0]):
         group = groups[g]
-        if group["seen"] == 0:
+        if group["seen"] == 0 or not whole:
             continue
         _take(group, group["away"], learning)
         group["away"] = 0.0
         if group["learnt"] > 0:
             shifted = shifted or (warm and _has_shifted(group, limit2))
-            if group["learnt"] >= 10 and _contradicts(group):
+            if group["learnt"] >= 10 and _contradicts(group, lasting2):
                 watch["contradicted"] = SAID_S
         if group["images"] >= 10 and _is_noisy(group):
             watch["noisy"] = SAID_S
-    if seen and learning:
+    if whole and learning:
         watch["age"] += dt
-    if shifted:
-        watch["quiet"] = 0.0
-        if watch["on"] == 0:
-            watch["on"] = 1
-            watch["clock"] = 1 if watch["jumped"] < JUMP_S and _looks_late(watch, groups) else 0
-        watch["restart"] = watch["clock"]
-    elif watch["on"] > 0 and seen:
+    late = whole and warm and watch["jumped"] < JUMP_S and watch["hold"] == 0.0 and _looks_late(watch, groups)
+    if late:
+        watch["clock"] = 1
+    if shifted or late:
+        watch["quiet"], watch["on"], watch["restart"] = 0.0, 1, watch["clock"]
+    elif watch["on"] > 0 and whole:
         watch["quiet"] += dt
         if watch["quiet"] > QUIET_S:
             watch["restart"] = 1

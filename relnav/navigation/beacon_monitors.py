@@ -1,22 +1,24 @@
 """What of an image of the beacons is watched (`estimation/monitors.py`): rows, and what may be in them.
 
 `spots`: the two coordinates of every spot, a group a beacon. `fix` and invariants: their three independent rows are one
-group, and where the attitude is stated what the image says of it is another: three spots are six numbers, of which a fix
-leaves three, where the image lies, two, and its roll (`attitude_check.py`). That is the residual of the triangle's shape
-too: a beacon that is displaced seems to turn the target.
+group, and where the attitude is stated what the image says of it is another: three spots are six numbers, of which a
+fix leaves three, where the image lies, two, and its roll (`attitude_check.py`). That is the residual of the triangle's
+shape: with three beacons and an attitude there is no other, and a beacon that is displaced seems to turn the target.
 
-A spot near the detector's edge is not watched: it is seen only where its noise is inward, and its mean is not its place.
+While a spot is near the detector's edge nothing is watched: it is seen only where its noise is inward, so that its mean
+is not its place, and what the others say depends on how often it is seen.
 """
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
 from relnav.estimation.factored import innovation_variance
-from relnav.estimation.monitors import STUCK, watch_image, watch_start
+from relnav.estimation.monitors import AWAY_S, STUCK, watch_image, watch_start
 from relnav.navigation.beacon_geometry import see_beacon, uses_coordinates
 from relnav.navigation.memory import Memory
 from relnav.navigation.status import PARTIAL, UPDATED
 
-EDGE_SIGMAS = 4.0
+EDGE_SIGMAS = 2.0
+"""So far from the edge noise cut off there moves a mean by 0.06 sigma."""
 REPEATS = 10
 """A spot that is read alike so often, to the last bit, though it should have moved by its noise, is stuck."""
 
@@ -56,7 +58,7 @@ def gather_rows(m: Memory, track: Record, spots: Matrix) -> None:
             group["motion"][k] = -(h[0] * x[3] + h[1] * x[4] + h[2] * x[5])
             expected = spots[i, k] - residual[k] + (fast[k] if group["images"] > 0 else 0.0)
             if abs(expected) > half[k] - EDGE_SIGMAS * own[k]:
-                group["seen"] = 0
+                m.watch["pause"] = AWAY_S
 
 
 @kernel
@@ -71,7 +73,7 @@ def gather_attitude(m: Memory, value: Vector, noise: Vector, state: Vector, last
         for k in range(2):
             expected = predicted[i, k] + (fast[k] if group["images"] > 0 else 0.0)
             if abs(expected) > half[k] - EDGE_SIGMAS * m.beacons[i]["spot_sigma"][k]:
-                group["seen"], m.watched[0]["seen"] = 0, 0
+                m.watch["pause"] = AWAY_S
 
 
 @kernel
@@ -113,4 +115,4 @@ def watch(m: Memory, spots: Matrix, dt: float, status: int) -> None:
 @kernel
 def watch_new_track(m: Memory, again: bool) -> None:
     """A track has started; again: it replaced one."""
-    watch_start(m.watch, m.watched, again)
+    watch_start(m.watch, m.watched, again, not uses_coordinates(m.sensor))

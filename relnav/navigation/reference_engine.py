@@ -1,7 +1,8 @@
 """`engine="filterpy"`: the filter's decisions in plain Python over filterpy's algebra, for comparison.
 
 Measurement rows and noise come from the same `observation`; prediction, update, NIS, gate, iteration and restart are
-done here a second time on purpose, in covariance form; the monitors are not (its alarm is UNWATCHED). On well-conditioned logs both engines agree to 1e-9 sigma.
+done here a second time on purpose, in covariance form; the monitors are not (its alarm is UNWATCHED). On
+well-conditioned logs both engines agree to 1e-9 sigma.
 """
 
 import math

@@ -13,6 +13,7 @@ from relnav.codegen.kernel import plain, ready
 from relnav.geometry.rotation import is_rotation
 from relnav.mission import Model
 from relnav.navigation.arguments import choose, not_negative, start_values, vector
+from relnav.navigation.beacon_monitors import watch_new_track
 from relnav.navigation.epoch_report import (
     ACCELERATION,
     ATTITUDE,
@@ -24,7 +25,6 @@ from relnav.navigation.epoch_report import (
     take_inputs,
     write_report,
 )
-from relnav.navigation.beacon_monitors import watch_new_track
 from relnav.navigation.memory import MOTION, fill, named
 from relnav.navigation.record import FilterRecord
 from relnav.navigation.reference_engine import ReferenceEngine

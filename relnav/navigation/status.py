@@ -56,3 +56,7 @@ class Alarm(IntFlag):
     def words(self) -> str:
         """Names, joined by +; empty for none."""
         return "+".join(str(one.name) for one in Alarm if one & self)
+
+
+ALARM_TABLE = "sum of " + ", ".join(f"{int(one)} {one.name}" for one in Alarm) + "; 0: no alarm"
+"""Codes of an `alarm` column, for its reader."""
