@@ -118,13 +118,13 @@ class FaultsReport:
         for row in self.rows:
             if row.flown != flown:
                 flown = row.flown
-                out.append(f"{flown:<34}method  beyond  alarmed  silent  95 % bounds     recovery, s")
+                out.append(f"{flown:<38}method  beyond  alarmed  silent  95 % bounds     recovery, s")
             bounds = f"{row.silent_low:.3f} .. {row.silent_high:.3f}"
             recovery = f"{row.recovery_s:5.1f} {row.recovery_worst_s:6.1f}" if row.recovery_s == row.recovery_s else ""
             verdict = "" if row.observable else "  not observable"
             verdict = verdict if row.ok else "  BAR NOT MET"
             out.append(
-                f"  {row.fault:<32}{row.method:<7}{row.beyond:>7}{row.alarmed:>9}{row.silent:>8}  {bounds}"
+                f"  {row.fault:<36}{row.method:<7}{row.beyond:>7}{row.alarmed:>9}{row.silent:>8}  {bounds}"
                 f"  {recovery:<12}{verdict}".rstrip()
             )
         out.append("every bar is met" if self.ok else "SOME BARS ARE NOT MET")

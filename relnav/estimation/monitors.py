@@ -44,15 +44,15 @@ AWAY_S = 3.0
 QUIET_S = 5.0
 HOLD_S = 10.0
 """After a start that replaced a track."""
-SAID_S = 3.0
-"""An alarm of the second or third kind stays for so long after its last cause."""
+SAID_S, LASTING_SAID_S = 3.0, 100.0
+"""An alarm of the third kind, and of the second, stays for so long after its last cause."""
 SHIFT_LIMIT2, CALM_LIMIT2 = 25.0, 16.0
 LASTING_LIMIT2, LASTING_CALM2 = 20.25, 6.25
 SCATTER_LIMIT = 8.0
 """Of the mean of squares, in 1-sigma of such a mean."""
 JUMP_S = 5.0
-"""A jump of the clock is named for so long after the step that was too long."""
-EXPLAINED = 0.5
+"""A jump of the clock is looked for so long after a step that was too long: such steps are rare, so four sigma are enough."""
+EXPLAINED, LATE_LIMIT2 = 0.25, 16.0
 
 _F, _I = np.float64, np.int64
 
@@ -133,10 +133,11 @@ def watch_start(watch: Record, groups: Record, again: bool, comparable: bool) ->
         return
     clock = 1 if watch["clock"] > 0 or watch["jumped"] < JUMP_S else 0
     watch["hold"], watch["alarm"] = HOLD_S, RESTARTED | (CLOCK if clock > 0 else 0)
+    if watch["restart"] > 0:  # asked for: what was wrong is over
+        watch["contradicted"], watch["noisy"] = 0.0, 0.0
     if not comparable or not watch["age"] > WARM_S:
         forget(watch, groups)
     watch["on"], watch["restart"], watch["quiet"], watch["clock"] = 0, 0, 0.0, clock
-    watch["contradicted"], watch["noisy"] = 0.0, 0.0
     for g in range(groups.shape[0]):
         groups[g]["images"] = 0
 
@@ -219,7 +220,7 @@ def _is_noisy(group: Record) -> bool:
 def _looks_late(watch: Record, groups: Record) -> bool:
     """Whether images that are late, or early, by one time explain most of a shift; the time into `offset`.
 
-    One number is sought, so that five sigma of it are seen before any single row has them.
+    One number is sought, so that it is seen before any single row shows it.
     """
     along, scale, total = 0.0, 0.0, 0.0
     for g in range(groups.shape[0]):
@@ -236,7 +237,7 @@ def _looks_late(watch: Record, groups: Record) -> bool:
     if not scale > 0.0:
         return False
     watch["offset"] = along / scale
-    return bool(along * along > scale * max(EXPLAINED * total, SHIFT_LIMIT2))
+    return bool(along * along > scale * max(EXPLAINED * total, LATE_LIMIT2))
 
 
 @kernel
@@ -295,7 +296,7 @@ def watch_image(watch: Record, groups: Record, dt: float) -> None:
         if group["learnt"] > 0:
             shifted = shifted or (warm and _has_shifted(group, limit2))
             if group["learnt"] >= 10 and _contradicts(group, lasting2):
-                watch["contradicted"] = SAID_S
+                watch["contradicted"] = LASTING_SAID_S
         if group["images"] >= 10 and _is_noisy(group):
             watch["noisy"] = SAID_S
     if whole and learning:

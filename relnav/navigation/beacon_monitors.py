@@ -19,8 +19,8 @@ from relnav.navigation.status import PARTIAL, UPDATED
 
 EDGE_SIGMAS = 2.0
 """So far from the edge noise cut off there moves a mean by 0.06 sigma."""
-REPEATS = 10
-"""A spot that is read alike so often, to the last bit, though it should have moved by its noise, is stuck."""
+REPEATS, LEAST_MOTION = 10, 0.1
+"""A spot that is read alike so often, to the last bit, has no noise; where it should have moved too, it is stuck."""
 
 
 @kernel
@@ -78,7 +78,10 @@ def gather_attitude(m: Memory, value: Vector, noise: Vector, state: Vector, last
 
 @kernel
 def _is_stuck(m: Memory, i: int, spots: Matrix, dt: float) -> bool:
-    """Whether the spot of a beacon has not moved although the predicted one has, by more than its noise."""
+    """Whether the spot of a beacon has not moved although the predicted one has, at all: by a tenth of its noise.
+
+    Noise alone never repeats a reading; a log without noise may, of a spot that does not move.
+    """
     group, x = m.watched[i], m.track["state"]
     reading = group["reading"]
     if spots[i, 0] == reading[0] and spots[i, 1] == reading[1]:
@@ -94,7 +97,7 @@ def _is_stuck(m: Memory, i: int, spots: Matrix, dt: float) -> bool:
     see_beacon(x, m.kept["mount"], position, focal_length, spots[i], residual, h)
     for k in range(2):
         rate2 += (h[k, 0] * x[3] + h[k, 1] * x[4] + h[k, 2] * x[5]) ** 2
-    return bool(rate2 * group["since"] ** 2 > m.beacons[i]["spot_sigma"][0] ** 2)
+    return bool(rate2 * group["since"] ** 2 > (LEAST_MOTION * m.beacons[i]["spot_sigma"][0]) ** 2)
 
 
 @kernel

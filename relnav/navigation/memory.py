@@ -301,7 +301,7 @@ def new_memory(model: Model, method: str, projection: str) -> Vector:
             beacon_placement=tolerances.beacon_placement_sigma_m,
         )
     m.step["dt"], m.clock["t"] = np.nan, -np.inf
-    m.watched["reading"] = np.nan
+    watch_anew(m)
     m.gate[:] = gate_limits(settings.gate_probability, 2 * count)
     m.kept["dock"][:, :3], m.kept["dock"][:, 3] = model.dcm_dock_from_lvlh, model.port_position_m
     m.kept["mount"][:, :3], m.kept["mount"][:, 3] = model.dcm_cam_from_lvlh, model.camera_lever_cam_m
@@ -341,6 +341,14 @@ def write_motion_model(motion: Record, orbit: Orbit, noise: ProcessNoise, settin
         control_correlation_time=noise.control_correlation_time_s,
         initial_velocity_sigma=settings.initial_velocity_sigma_m_s,
     )
+
+
+def watch_anew(m: Memory) -> None:
+    """Let the monitors know nothing yet."""
+    fill(m.watch, **dict.fromkeys(WATCH.names or (), 0))
+    m.watch["jumped"] = np.inf
+    m.watched[:] = np.zeros(1, dtype=WATCHED)
+    m.watched["reading"] = np.nan
 
 
 def fill(record: Record, **values: Any) -> None:

@@ -13,7 +13,6 @@ from relnav.codegen.kernel import plain, ready
 from relnav.geometry.rotation import is_rotation
 from relnav.mission import Model
 from relnav.navigation.arguments import choose, not_negative, start_values, vector
-from relnav.navigation.beacon_monitors import watch_new_track
 from relnav.navigation.epoch_report import (
     ACCELERATION,
     ATTITUDE,
@@ -25,7 +24,7 @@ from relnav.navigation.epoch_report import (
     take_inputs,
     write_report,
 )
-from relnav.navigation.memory import MOTION, fill, named
+from relnav.navigation.memory import MOTION, fill, named, watch_anew
 from relnav.navigation.record import FilterRecord
 from relnav.navigation.reference_engine import ReferenceEngine
 from relnav.navigation.step import wrong_use
@@ -108,7 +107,7 @@ class Navigator:
         m = self._named
         fill(m.track, state=x, ld=ld)
         m.sensitivities[:] = 0.0
-        plain(watch_new_track)(m, False)
+        watch_anew(m)
         fill(m.clock, t=t, running=1, trial=0, rejected=0, starts=m.clock["starts"] + 1)
         if self._reference is not None:
             self._reference.take_over()
