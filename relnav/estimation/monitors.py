@@ -51,7 +51,7 @@ LASTING_LIMIT2, LASTING_CALM2 = 20.25, 6.25
 SCATTER_LIMIT = 8.0
 """Of the mean of squares, in 1-sigma of such a mean."""
 JUMP_S = 5.0
-"""A jump of the clock is looked for so long after a step that was too long: such steps are rare, so four sigma are enough."""
+"""A jump of the clock is looked for so long after a step that was too long; these are rare, so that four sigma do."""
 EXPLAINED, LATE_LIMIT2 = 0.25, 16.0
 
 _F, _I = np.float64, np.int64

@@ -1,7 +1,7 @@
 """Faults that last are told: alarms by name, none on healthy runs, and a state that comes back.
 
-Truth is flown by `relnav.simulation`, which shares nothing with the filter; what lasts is drawn once a run. The shares of
-`docs/validation.md` come from `relnav accuracy MODEL --faults`; here a few runs of each class.
+Truth is flown by `relnav.simulation`, which shares nothing with the filter; what lasts is drawn once a run. The shares
+of `docs/validation.md` come from `relnav accuracy MODEL --faults`; here a few runs of each class.
 """
 
 import numpy as np
