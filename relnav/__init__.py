@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from relnav.navigation.record import Solution as Solution
     from relnav.navigation.relative_pose import PoseNavigator as PoseNavigator
     from relnav.navigation.relative_position import Navigator as Navigator
+    from relnav.navigation.status import Alarm as Alarm
     from relnav.navigation.status import EpochStatus as EpochStatus
     from relnav.navigation.target_attitude import TargetAttitude as TargetAttitude
     from relnav.sensors import aps_sun as aps_sun

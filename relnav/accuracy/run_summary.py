@@ -9,7 +9,7 @@ import numpy as np
 from relnav.accuracy.published import Comparison, Published, PublishedTrend
 from relnav.estimation.consistency import Consistency, consistency_of_sum
 from relnav.navigation.record import Solution
-from relnav.navigation.status import EpochStatus
+from relnav.navigation.status import Alarm, EpochStatus
 from relnav.sensors.measurement import Status
 
 
@@ -24,6 +24,10 @@ class RunSummary:
         How many, from when to when.
     counts, reasons : Counter
         Epochs by EpochStatus; and by Status of their measurement.
+    alarms : Counter
+        Epochs by Alarm.
+    alarmed, alarm_first_s, alarm_last_s : int, float, float
+        Epochs with any, the first and the last of them.
     started_s, known_s : float
         First time with a state, last time with one; NaN if there is none.
     restarts : int
@@ -49,6 +53,8 @@ class RunSummary:
         self.started_s, self.known_s = math.nan, math.nan
         self.counts: Counter[int] = Counter()
         self.reasons: Counter[int] = Counter()
+        self.alarms: Counter[int] = Counter()
+        self.alarmed, self.alarm_first_s, self.alarm_last_s = 0, math.nan, math.nan
         self.last = EpochStatus.WAITING
         self.ignored, self.considered = "", ""
         self.notes: tuple[str, ...] = ()
@@ -69,6 +75,7 @@ class RunSummary:
         for counter, codes in ((self.counts, part.status), (self.reasons, part.measurement_status)):
             values, numbers = np.unique(codes, return_counts=True)
             counter.update(dict(zip(values.tolist(), numbers.tolist(), strict=True)))
+        self._take_alarms(part)
         started = part.t_s[part.status == EpochStatus.STARTED]
         if len(started) and math.isnan(self.started_s):
             self.started_s = float(started[0])
@@ -88,6 +95,28 @@ class RunSummary:
         times = np.concatenate([part.t_s[:1] if math.isnan(self._t_before) else [self._t_before], part.t_s])
         self.longest_gap_s = max(self.longest_gap_s, float(np.diff(times).max()))
         self._t_before = float(part.t_s[-1])
+
+    def _take_alarms(self, part: Solution) -> None:
+        alarmed = part.t_s[part.alarm != 0]
+        if not len(alarmed):
+            return
+        self.alarms.update({int(one): int(np.sum(part.alarm & int(one) > 0)) for one in Alarm})
+        if self.alarmed == 0:
+            self.alarm_first_s = float(alarmed[0])
+        self.alarmed, self.alarm_last_s = self.alarmed + len(alarmed), float(alarmed[-1])
+
+    @property
+    def alarm_line(self) -> str:
+        """What the monitors say of the log; empty if nothing."""
+        if not self.alarmed:
+            return ""
+        if self.alarms[Alarm.UNWATCHED]:
+            return "not watched for faults that last: this engine has no monitors"
+        names = ", ".join(f"{one.name} {self.alarms[one]}" for one in Alarm if self.alarms[one])
+        return (
+            f"ALARM in {self.alarmed} epochs, {self.alarm_first_s:.12g} s to {self.alarm_last_s:.12g} s "
+            f"(epochs: {names}): states there are not to be relied on"
+        )
 
     @property
     def started(self) -> bool:
@@ -139,6 +168,10 @@ class RunSummary:
             "restarts": self.restarts,
             "epochs_by_status": {status.name.lower(): self.counts[status] for status in EpochStatus},
             "accepted": self.accepted,
+            "alarmed": self.alarmed,
+            "alarm_first_s": self.alarm_first_s if self.alarmed else None,
+            "alarm_last_s": self.alarm_last_s if self.alarmed else None,
+            "epochs_by_alarm": {str(one.name).lower(): self.alarms[one] for one in Alarm},
             "nis_per_dof": self.nis.ratio,
             "nis_interval": [self.nis.lower, self.nis.upper],
             "nis_consistent": None if self.considered else self.nis.consistent,
@@ -184,6 +217,8 @@ class RunSummary:
             f"in part {counts[EpochStatus.PARTIAL]}, rejected {counts[EpochStatus.REJECTED]}, "
             f"without a measurement {counts[EpochStatus.PREDICTED]}, without a state {counts[EpochStatus.WAITING]}"
         )
+        if self.alarm_line:
+            lines.append(self.alarm_line)
         if self.considered:  # they are the same in every epoch: no average over epochs is near one for certain
             lines.append(f"NIS per degree of freedom {self.nis.ratio:.3f} (epochs used whole), lasting errors included")
         else:

@@ -1,5 +1,6 @@
 """Errors against truth as statistics that a reviewer can check: bias, spread, tails, and whether sigma was right."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,6 +50,15 @@ def error_statistics(error: Vector, reported_sigma: Vector) -> ErrorStatistics:
         coverage_3=float(np.mean(e <= 3.0 * s)),
         count=int(e.size),
     )
+
+
+def wilson_bounds(count: int, total: int) -> tuple[float, float]:
+    """95 % bounds of a share of which `count` of `total` were seen (Wilson 1927)."""
+    z2 = 3.841458820694124  # 1.96^2, of the normal distribution
+    share, whole = count / total, 1.0 + z2 / total
+    middle = (share + z2 / (2.0 * total)) / whole
+    half = math.sqrt(z2 * (share * (1.0 - share) / total + z2 / (4.0 * total * total))) / whole
+    return max(0.0, middle - half), min(1.0, middle + half)
 
 
 @dataclass(frozen=True)

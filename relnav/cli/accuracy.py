@@ -3,7 +3,7 @@
 import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -22,8 +22,15 @@ if TYPE_CHECKING:
 )
 @click.option("--json", "json_path", type=OutputPath(), help="Write the report as one JSON object.")
 @click.option("--plot", type=OutputPath(), help="Draw errors and 1-sigma over range, .png.")
+@click.option(
+    "--faults",
+    is_flag=True,
+    help="Of the beacons' sensor: how often faults that last leave the estimate silently wrong, and how it recovers.",
+)
 @click.option("--quiet", is_flag=True, help="Print nothing.")
-def command(model: str, runs: int | None, seed: int, json_path: Path | None, plot: Path | None, quiet: bool) -> int:
+def command(
+    model: str, runs: int | None, seed: int, json_path: Path | None, plot: Path | None, faults: bool, quiet: bool
+) -> int:
     """Measure MODEL against truth and against its paper: single shots, filters and smoothers of a mission.
 
     Truth is integrated on two-body orbits with the white acceleration that the filter assumes. Exit code 0: every row
@@ -46,6 +53,8 @@ def command(model: str, runs: int | None, seed: int, json_path: Path | None, plo
     check_distinct(json_path, plot)
     mission = load_model(model)
     system = system_of(mission)
+    if faults:
+        return _faults(mission, runs, seed, json_path, plot, quiet)
     if plot is not None and system.mission != "relnav.mission:Model":
         raise UsageError(f"--plot draws relative navigation missions; {mission.name} has no picture")
     count = system.runs if runs is None else runs
@@ -66,6 +75,35 @@ def command(model: str, runs: int | None, seed: int, json_path: Path | None, plo
     if not quiet:
         say(claim_lines(report) if isinstance(report, ClaimsReport) else report_lines(report), json_path, plot)
     return 0 if report.ok and compared(report) else NOT_MET
+
+
+def _faults(mission: Any, runs: int | None, seed: int, json_path: Path | None, plot: Path | None, quiet: bool) -> int:
+    """Faults that last; exit code 1 if a bar is not met."""
+    from relnav.accuracy.faults import RUNS, cases, measure_faults
+    from relnav.cli import NOT_MET
+    from relnav.errors import UsageError
+    from relnav.files.atomic import Outputs
+    from relnav.files.tables import write_json
+    from relnav.mission import Model
+
+    if not isinstance(mission, Model) or mission.tolerances is None:
+        raise UsageError(f"--faults flies a three-beacon mission with [tolerances]; {mission.name} is none")
+    if plot is not None:
+        raise UsageError("--faults has no picture; leave --plot out")
+    count = RUNS if runs is None else runs
+    with click.progressbar(
+        length=len(cases()) * count,
+        label=f"{count} runs of {len(cases())} cases",
+        file=sys.stderr,
+        hidden=quiet or not sys.stderr.isatty(),
+    ) as bar:
+        report = measure_faults(mission, runs=count, seed=seed, progress=bar.update)
+    with Outputs() as outputs:
+        if json_path is not None:
+            write_json(report.to_dict(), outputs.path(json_path))
+    if not quiet:
+        say(report.lines(), json_path)
+    return 0 if report.ok else NOT_MET
 
 
 def claim_lines(report: "ClaimsReport") -> list[str]:

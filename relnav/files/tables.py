@@ -17,6 +17,7 @@ from relnav.files.wording import printable
 from relnav.navigation.docking_view import UPPER
 from relnav.navigation.in_frame import FramedTrack
 from relnav.navigation.record import DIAGONAL, Solution
+from relnav.navigation.status import ALARM_TABLE
 
 STATE = ("x", "y", "z", "vx", "vy", "vz")
 STATE_UNITS = ("m", "m", "m", "m_s", "m_s", "m_s")
@@ -31,9 +32,10 @@ COLUMNS = (
     "nis",
     "dof",
     "accepted",
+    "alarm",
     *COVARIANCE_COLUMNS,
 )
-INTEGERS = (COLUMNS.index("dof"), COLUMNS.index("accepted"))
+INTEGERS = tuple(COLUMNS.index(name) for name in ("dof", "accepted", "alarm"))
 
 
 def relnav_version() -> str:
@@ -52,6 +54,7 @@ def head(model: str, method: str, smoothed: bool) -> dict[str, str]:
         "units": "SI; angles in degrees; covariance in SI (m, m/s)",
         "model": model,
         "method": method + (", smoothed" if smoothed else ""),
+        "alarm": ALARM_TABLE,
     }
 
 
@@ -79,6 +82,7 @@ def rows_of(part: Solution, turned: FramedTrack | None = None) -> Table:
         part.nis,
         part.dof,
         part.accepted,
+        part.alarm,
         *covariance,
     ]
 

@@ -6,10 +6,11 @@ two things are compared that the fix has not used: where the three lie in the im
 to A lies.
 """
 
-from relnav.arrays import Matrix, Record
+from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
 from relnav.estimation.rows import pair_covariance
 from relnav.navigation.beacon_geometry import see_beacon
+from relnav.navigation.beacon_monitors import gather_attitude
 from relnav.navigation.memory import FIX, Memory
 
 
@@ -21,6 +22,33 @@ def _roll_is_credible(sensor: Record, spots: Matrix, predicted: Matrix, noise: f
     length2 = x * x + y * y
     variance = 2.0 * noise / length2 + sensor["attitude_sigma"] ** 2
     return bool(across * across <= limit * variance * length2 * length2)
+
+
+@kernel
+def _hand_over(
+    m: Memory, residual: Vector, variance: Vector, xx: float, yy: float, predicted: Matrix, spots: Matrix, noise: float
+) -> None:
+    """Let the monitors have what the image says of the attitude; variance (2,): of noise and attitude, xx and yy whole.
+
+    What lasts in it besides the attitude's error: mountings, and places of beacons, that seem to turn the target.
+    """
+    sensor, t, numbers = m.sensor, m.tolerances, m.scratch["triads"]
+    value, own, state, lasting = numbers[0], numbers[1], numbers[2], numbers[3]
+    a, b, stated = sensor["half_spacing"], sensor["c_distance"], sensor["attitude_sigma"] ** 2
+    placed = t["beacon_placement"] ** 2
+    turn = stated + t["camera_mounting"] ** 2 + t["beacon_mounting"] ** 2
+    turn_across = turn + 1.5 * placed / (b * b)
+    x, y = predicted[0, 0] - predicted[1, 0], predicted[0, 1] - predicted[1, 1]
+    across = x * (spots[0, 1] - spots[1, 1]) - y * (spots[0, 0] - spots[1, 0])
+    f2, length2, fresh = sensor["focal_length"] ** 2, x * x + y * y, sensor["attitude_noise"] ** 2
+    whole = xx, yy
+    for k in range(2):
+        value[k], state[k] = residual[k], whole[k] - variance[k]
+        own[k] = noise / 3.0 + fresh * f2
+        lasting[k] = max(0.0, variance[k] - noise / 3.0) + (turn_across - stated) * f2
+    value[2], own[2], state[2] = across / length2, 2.0 * noise / length2 + fresh, 0.0
+    lasting[2] = turn + 0.5 * placed / (a * a)
+    gather_attitude(m, value, own, state, lasting, predicted)
 
 
 @kernel
@@ -58,6 +86,7 @@ def attitude_is_credible(m: Memory, track: Record, spots: Matrix) -> bool:
     variance[1] += turn * ((f + v * v / f) ** 2 + (u * v / f) ** 2 + u * u)
     both = turn * u * v * (1.0 + (u * u + v * v) / (f * f))
     xx, xy, yy = pair_covariance(track["ld"], gradient, variance, both)
+    _hand_over(m, residual, variance, xx, yy, predicted, spots, noise)
     x, y = residual[0], residual[1]
     if x * x * yy - 2.0 * x * y * xy + y * y * xx > m.gate[1] * (xx * yy - xy * xy):
         return False

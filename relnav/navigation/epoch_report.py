@@ -32,6 +32,7 @@ REPORT = np.dtype(
         ("reason", _I),
         ("rejected", _I),
         ("has_state", _I),
+        ("alarm", _I),
         ("docking", _F, 3),  # range, azimuth, elevation
         ("docking_sigma", _F, 3),
         ("docking_covariance", _F, (3, 3)),
@@ -192,6 +193,7 @@ def write_report(block: Vector, report: Vector) -> None:
     out["t"], out["nis"], out["dof"] = clock["t"], result["nis"], result["dof"]
     out["status"], out["reason"], out["rejected"] = result["status"], result["reason"], clock["rejected"]
     out["has_state"] = clock["running"]
+    out["alarm"] = m.watch["alarm"] if clock["running"] > 0 else 0
     numbers = m.innovations.shape[0]
     for k in range(numbers):
         report[REPORT_SIZE + k] = m.innovations[k]

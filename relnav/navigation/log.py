@@ -29,7 +29,7 @@ CHUNK = 65_536
 class Epochs:
     """What the filter says of n epochs.
 
-    state (n, 6), factor (n, 21), innovation (n, 2 beacons), nis (n,); codes (n, 3): dof, EpochStatus, Status;
+    state (n, 6), factor (n, 21), innovation (n, 2 beacons), nis (n,); codes (n, 4): dof, EpochStatus, Status, Alarm;
     considered (n, m, 6): sensitivities to what is considered, factor then being the filter's own, until both are
     joined. m = 0: nothing is considered, or it is in the factors.
     """
@@ -44,7 +44,7 @@ class Epochs:
     @classmethod
     def empty(cls, n: int, beacons: int, considered: int = 0) -> "Epochs":
         """Room for n epochs."""
-        codes, numbers = np.empty((n, 3), dtype=np.int64), 2 * beacons
+        codes, numbers = np.empty((n, 4), dtype=np.int64), 2 * beacons
         rows = np.empty((n, considered, 6))
         return cls(np.empty((n, 6)), np.empty((n, 21)), np.empty((n, numbers)), np.empty(n), codes, rows)
 
@@ -103,6 +103,7 @@ def _run(
         codes[e, 1] = step(block, t[e], spots[e])
         codes[e, 0] = result["dof"]
         codes[e, 2] = result["reason"]
+        codes[e, 3] = m.watch["alarm"] if m.clock["running"] > 0 else 0
         nis[e] = result["nis"]
         for k in range(innovation.shape[1]):
             innovation[e, k] = m.innovations[k]
@@ -221,6 +222,7 @@ class LogFilter:
             dof=epochs.codes[:, 0],
             status=epochs.codes[:, 1],
             measurement_status=epochs.codes[:, 2],
+            alarm=epochs.codes[:, 3],
             model=self.model.name,
             method=self.method,
             restarts=self.restarts,

@@ -13,6 +13,7 @@ from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import inlined, plain
 from relnav.dynamics.relative_motion import orbit_vector
 from relnav.estimation.gating import gate_limits
+from relnav.estimation.monitors import WATCH, watched_type
 from relnav.estimation.rows import group_type, track_type
 from relnav.mission import FilterSettings, Model, Orbit, ProcessNoise
 from relnav.sensors.three_beacon.fix import WORK_ROWS
@@ -128,6 +129,7 @@ CLOCK = np.dtype([("t", _F), ("running", _I), ("trial", _I), ("rejected", _I), (
 RESULT = np.dtype([("nis", _F), ("status", _I), ("dof", _I), ("reason", _I), ("iterations", _I), ("used", _I)])
 TRACK = track_type(MOTION)
 GROUP = group_type(MOTION)
+WATCHED = watched_type()
 KEPT = np.dtype(
     [
         ("dock", _F, (3, 4)),  # dcm_dock_from_lvlh | port position, lvlh_ccsds
@@ -154,12 +156,13 @@ FIXED = np.dtype(
         ("work", TRACK),
         ("at", _F, MOTION),
         ("set_aside", RESULT),
+        ("watch", WATCH),
         ("kept", KEPT),
     ]
 )
 """All that does not depend on the number of beacons."""
 FIXED_SIZE = FIXED.itemsize // 8
-_BEACON_SIZE, _GROUP_SIZE = BEACON.itemsize // 8, GROUP.itemsize // 8
+_BEACON_SIZE, _GROUP_SIZE, _WATCHED_SIZE = BEACON.itemsize // 8, GROUP.itemsize // 8, WATCHED.itemsize // 8
 
 
 class Memory(NamedTuple):
@@ -180,6 +183,7 @@ class Memory(NamedTuple):
     clock: Record
     track: Record
     result: Record
+    watch: Record
     innovations: Vector  # (2 n,)
     sensitivities: Matrix  # (m, 6), of the track
     news: Matrix  # (m, 6), scratch
@@ -193,13 +197,15 @@ class Memory(NamedTuple):
     turns: Matrix  # (2 n, 3), each row by a turn of the camera
     noise: Matrix  # (2 n, 2 n), of coordinates that share the attitude's noise
     factor: Matrix  # (2 n, 2 n), scratch
+    watched: Record  # (n,), groups of rows under watch
     nothing: Matrix  # (0, 0)
 
 
 def size_of(beacons: int, considered: int) -> int:
     """Numbers that a filter of so many beacons and lasting errors needs."""
     n, m = beacons, considered
-    return FIXED_SIZE + 12 * n + 3 * MOTION * m + n * (_BEACON_SIZE + 2 * _GROUP_SIZE) + 2 * n * m + 8 * n * n
+    by_beacon = _BEACON_SIZE + 2 * _GROUP_SIZE + _WATCHED_SIZE
+    return FIXED_SIZE + 12 * n + 3 * MOTION * m + n * by_beacon + 2 * n * m + 8 * n * n
 
 
 @inlined
@@ -215,6 +221,7 @@ def views(block: Vector) -> Memory:
     j = i + 2 * n * m
     k = j + 6 * n
     o = k + 4 * n * n
+    p = o + 4 * n * n
     return Memory(
         fixed,
         fixed["sensor"],
@@ -231,6 +238,7 @@ def views(block: Vector) -> Memory:
         kept["clock"],
         kept["track"],
         kept["result"],
+        fixed["watch"],
         block[FIXED_SIZE:a],
         block[a:b].reshape((m, MOTION)),
         block[b:c].reshape((m, MOTION)),
@@ -243,7 +251,8 @@ def views(block: Vector) -> Memory:
         block[i:j].reshape((2 * n, m)),
         block[j:k].reshape((2 * n, 3)),
         block[k:o].reshape((2 * n, 2 * n)),
-        block[o : o + 4 * n * n].reshape((2 * n, 2 * n)),
+        block[o:p].reshape((2 * n, 2 * n)),
+        block[p : p + _WATCHED_SIZE * n].view(WATCHED),
         block[0:0].reshape((0, 0)),
     )
 
@@ -292,6 +301,7 @@ def new_memory(model: Model, method: str, projection: str) -> Vector:
             beacon_placement=tolerances.beacon_placement_sigma_m,
         )
     m.step["dt"], m.clock["t"] = np.nan, -np.inf
+    watch_anew(m)
     m.gate[:] = gate_limits(settings.gate_probability, 2 * count)
     m.kept["dock"][:, :3], m.kept["dock"][:, 3] = model.dcm_dock_from_lvlh, model.port_position_m
     m.kept["mount"][:, :3], m.kept["mount"][:, 3] = model.dcm_cam_from_lvlh, model.camera_lever_cam_m
@@ -331,6 +341,14 @@ def write_motion_model(motion: Record, orbit: Orbit, noise: ProcessNoise, settin
         control_correlation_time=noise.control_correlation_time_s,
         initial_velocity_sigma=settings.initial_velocity_sigma_m_s,
     )
+
+
+def watch_anew(m: Memory) -> None:
+    """Let the monitors know nothing yet."""
+    fill(m.watch, **dict.fromkeys(WATCH.names or (), 0))
+    m.watch["jumped"] = np.inf
+    m.watched[:] = np.zeros(1, dtype=WATCHED)
+    m.watched["reading"] = np.nan
 
 
 def fill(record: Record, **values: Any) -> None:

@@ -14,10 +14,10 @@ from relnav.estimation.consistency import Consistency, nis_consistency
 from relnav.navigation.docking_view import UPPER, symmetric, views
 from relnav.navigation.epoch_report import REPORT
 from relnav.navigation.presented import Presented
-from relnav.navigation.status import STARTED, UPDATED, EpochStatus
+from relnav.navigation.status import STARTED, UPDATED, Alarm, EpochStatus
 from relnav.sensors.measurement import Status
 
-PER_EPOCH = ("t_s", "state", "factor", "innovation", "nis", "dof", "status", "measurement_status")
+PER_EPOCH = ("t_s", "state", "factor", "innovation", "nis", "dof", "status", "measurement_status", "alarm")
 DIAGONAL = np.flatnonzero(np.equal(*UPPER))
 """Which of the 21 elements are variances."""
 
@@ -127,6 +127,11 @@ class FilterRecord:
         return Status(_whole(self._memory, _AT["reason"])[0])
 
     @property
+    def alarm(self) -> Alarm:
+        """What the monitors say: unless it is NONE (0) the state is there, but not to be relied on."""
+        return Alarm(_whole(self._memory, _AT["alarm"])[0])
+
+    @property
     def rejected_streak(self) -> int:
         """Consecutive epochs, up to this one, with at least half of what was seen rejected."""
         return _whole(self._memory, _AT["rejected"])[0]
@@ -144,7 +149,8 @@ class FilterRecord:
             f"FilterRecord(t_s={self.t_s:.12g}, {self.status.name}, "
             f"range {self.range_m:.4f} +- {self.sigma_range_m:.4f} m, "
             f"azimuth {degrees(self.azimuth_rad):.4f} +- {degrees(self.sigma_azimuth_rad):.4f} deg, "
-            f"elevation {degrees(self.elevation_rad):.4f} +- {degrees(self.sigma_elevation_rad):.4f} deg)"
+            f"elevation {degrees(self.elevation_rad):.4f} +- {degrees(self.sigma_elevation_rad):.4f} deg"
+            f"{f', ALARM {self.alarm.words}' if self.alarm else ''})"
         )
 
 
@@ -165,6 +171,8 @@ class Solution(Presented):
         As in FilterRecord: of everything seen, before the gate.
     status, measurement_status : (n,)
         Codes of EpochStatus and Status.
+    alarm : (n,)
+        Bits of Alarm: where one is set the state is not to be relied on.
     model, method : str
         What made it.
     restarts : int
@@ -185,6 +193,7 @@ class Solution(Presented):
     dof: Codes
     status: Codes
     measurement_status: Codes
+    alarm: Codes
     model: str
     method: str
     restarts: int

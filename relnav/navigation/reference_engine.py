@@ -1,7 +1,8 @@
 """`engine="filterpy"`: the filter's decisions in plain Python over filterpy's algebra, for comparison.
 
 Measurement rows and noise come from the same `observation`; prediction, update, NIS, gate, iteration and restart are
-done here a second time on purpose, in covariance form. On well-conditioned logs both engines agree to 1e-9 sigma.
+done here a second time on purpose, in covariance form; the monitors are not (its alarm is UNWATCHED). On
+well-conditioned logs both engines agree to 1e-9 sigma.
 """
 
 import math
@@ -11,6 +12,7 @@ import numpy as np
 
 from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.estimation.factored import compose, factorize
+from relnav.estimation.monitors import UNWATCHED
 from relnav.estimation.reference import ReferenceTrack
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.pinhole import central_projection, central_projection_jacobian
@@ -80,7 +82,7 @@ class ReferenceEngine:
             m.track["ld"] = factorize(0.5 * (self.track.covariance + self.track.covariance.T))
             m.sensitivities[:] = self.track.considered
         m.clock["running"], m.clock["rejected"] = self.track is not None, self.streak
-        m.result["status"] = status
+        m.result["status"], m.watch["alarm"] = status, UNWATCHED
         return status
 
     def _place(self, track: ReferenceTrack) -> tuple[float, float]:
@@ -306,7 +308,7 @@ def run_reference(
         if len(lasting):
             m.beacons["lasting_sigma"] = lasting[e]
         status = engine.step(float(t[e]), spots[e])
-        codes[e] = m.result["dof"], status, m.result["reason"]
+        codes[e] = m.result["dof"], status, m.result["reason"], UNWATCHED
         nis[e], innovation[e] = m.result["nis"], m.innovations
         running = engine.track is not None
         state[e] = m.track["state"] if running else math.nan

@@ -24,7 +24,7 @@ from relnav.navigation.epoch_report import (
     take_inputs,
     write_report,
 )
-from relnav.navigation.memory import MOTION, fill, named
+from relnav.navigation.memory import MOTION, fill, named, watch_anew
 from relnav.navigation.record import FilterRecord
 from relnav.navigation.reference_engine import ReferenceEngine
 from relnav.navigation.step import wrong_use
@@ -107,6 +107,7 @@ class Navigator:
         m = self._named
         fill(m.track, state=x, ld=ld)
         m.sensitivities[:] = 0.0
+        watch_anew(m)
         fill(m.clock, t=t, running=1, trial=0, rejected=0, starts=m.clock["starts"] + 1)
         if self._reference is not None:
             self._reference.take_over()

@@ -144,7 +144,7 @@ def smooth_run(
 ) -> None:
     """Smooth filtered epochs in place, from their last to their first.
 
-    state (n, 6), factor (n, 21) and codes (n, 3) as `_run` wrote them; control (n, 6) may be empty. A piece ends where
+    state (n, 6), factor (n, 21) and codes (n, 4) as `_run` wrote them; control (n, 6) may be empty. A piece ends where
     the filter was not running or was started anew. considered (n, m, 6): sensitivities, m may be 0. after: what stands
     after the last epoch (`nothing_later`), replaced by what stands at the first. models: `new_models`.
     """

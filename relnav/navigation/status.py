@@ -1,6 +1,8 @@
 """What became of one epoch."""
 
-from enum import IntEnum
+from enum import IntEnum, IntFlag
+
+from relnav.estimation import monitors
 
 
 class EpochStatus(IntEnum):
@@ -28,3 +30,33 @@ PREDICTED = int(EpochStatus.PREDICTED)
 STARTED = int(EpochStatus.STARTED)
 LOST = -1
 """Within one step: the track was worthless and has been dropped."""
+
+
+class Alarm(IntFlag):
+    """What the monitors say beside an epoch: the state is not to be relied on unless it is NONE."""
+
+    NONE = 0
+    """Nothing."""
+    SHIFTED = monitors.SHIFTED
+    """Innovations of a beacon or an image are not what they were: something has begun that lasts."""
+    CONTRADICTED = monitors.CONTRADICTED
+    """Images contradict the stated attitude, or beacons, by more than their lasting errors explain."""
+    NOISY = monitors.NOISY
+    """Innovations scatter more than their noise explains."""
+    STUCK = monitors.STUCK
+    """A spot does not move although the predicted one does."""
+    CLOCK = monitors.CLOCK
+    """After a long step images look late or early: the clock has jumped."""
+    RESTARTED = monitors.RESTARTED
+    """A new start has replaced the track less than 10 s ago."""
+    UNWATCHED = monitors.UNWATCHED
+    """The engine has no monitors (filterpy)."""
+
+    @property
+    def words(self) -> str:
+        """Names, joined by +; empty for none."""
+        return "+".join(str(one.name) for one in Alarm if one & self)
+
+
+ALARM_TABLE = "sum of " + ", ".join(f"{int(one)} {one.name}" for one in Alarm) + "; 0: no alarm"
+"""Codes of an `alarm` column, for its reader."""

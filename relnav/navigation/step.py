@@ -8,7 +8,8 @@ agree cannot either.
 
 Lost: a track whose position sigma grows beyond its range is dropped. Lock-out: after `restart after` epochs in a row
 with at least half of what was seen rejected, trials are opened beside the running track, and a confirmed one replaces
-it; an image that is used, or shows nothing, ends the row and the trial.
+it; an image that is used, or shows nothing, ends the row and the trial. The same where the monitors ask for it: after a
+fault that is over, or a jump of the clock.
 """
 
 import math
@@ -17,6 +18,7 @@ from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, shared_entry
 from relnav.estimation.rows import copy_track
 from relnav.navigation.beacon_geometry import prior_is_tight, uses_coordinates
+from relnav.navigation.beacon_monitors import watch, watch_new_track
 from relnav.navigation.beacon_start import start
 from relnav.navigation.memory import Memory, views
 from relnav.navigation.propagation import advance, prepare_step
@@ -99,9 +101,9 @@ def step(block: Vector, t: float, spots: Matrix) -> int:
     wrong = wrong_use(m, t, spots)
     if wrong != 0:
         return wrong
-    running = clock["running"] > 0
+    running, dt = clock["running"] > 0, t - clock["t"]
     if running or clock["trial"] > 0:
-        prepare_step(m.step, m.motion, m.scratch, clock["t"], t - clock["t"])
+        prepare_step(m.step, m.motion, m.scratch, clock["t"], dt)
     if running:
         advance(m.step, m.motion["orbit"], m.track, m.sensitivities)
     if clock["trial"] > 0:
@@ -113,22 +115,28 @@ def step(block: Vector, t: float, spots: Matrix) -> int:
         running = status != LOST
         clock["running"] = 1 if running else 0
     if running:
+        watch(m, spots, dt, status)
+        anew = m.watch["restart"] > 0
         if status == REJECTED or (status == PARTIAL and _half_rejected(spots, result["used"])):
             clock["rejected"] += 1
         else:  # used, or nothing seen: what was rejected is not consecutive any more
             clock["rejected"] = 0
-            clock["trial"] = 0
-        if clock["rejected"] < m.fixed["restart_after"]:
+            if not anew:
+                clock["trial"] = 0
+        if clock["rejected"] < m.fixed["restart_after"] and not anew:
             result["status"] = status
             return status
         aside = m.fixed["set_aside"]
         _copy_result(result, m.innovations, aside, m.innovations_aside)
         if _look_for_start(m, spots):
             status = STARTED
+            watch_new_track(m, True)
         else:
             _copy_result(aside, m.innovations_aside, result, m.innovations)
     else:
         status = STARTED if _look_for_start(m, spots) else WAITING
+        if status == STARTED:
+            watch_new_track(m, False)
         if status == WAITING:
             reason = result["reason"]
             clear_results(result, m.innovations)

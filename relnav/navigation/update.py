@@ -12,6 +12,7 @@ from relnav.estimation.factored import innovation_variance
 from relnav.estimation.rows import copy_track, gate_groups, sweep
 from relnav.navigation.attitude_check import attitude_is_credible
 from relnav.navigation.beacon_geometry import locate, uses_coordinates
+from relnav.navigation.beacon_monitors import gather_rows
 from relnav.navigation.beacon_observation import observe, observe_again
 from relnav.navigation.considered import add_considered_noise, consider, observed
 from relnav.navigation.memory import Memory
@@ -109,6 +110,7 @@ def correct(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix) -> i
     _keep_innovations(m)
     nis, dof = sweep(track, x, image, work)
     result["nis"], result["dof"] = nis, dof
+    gather_rows(m, track, spots)
     passed = seen
     # a part's NIS is at most the whole's, and no whole beacon has fewer than two degrees of freedom
     if not coordinates or usable < 2 * seen or not nis <= m.gate[1]:

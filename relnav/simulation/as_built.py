@@ -51,6 +51,14 @@ def as_built(model: Model, seed: int = 0) -> Model:
     return built(model, model.tolerances, rng.normal(size=7 + model.sensor.beacons_dock_m.size))
 
 
+def attitude_off(model: Model, theta: Vector) -> Model:
+    """A model whose camera is really turned by theta (3,) rad about its own axes against what is stated."""
+    attitude = model.attitude
+    return dataclasses.replace(
+        model, attitude=dataclasses.replace(attitude, q_cam_from_lvlh=_turned(attitude.q_cam_from_lvlh, theta))
+    )
+
+
 class BuildErrors(Protocol):
     """1-sigma of each error that a sensor is built with; a model's `Tolerances` say them too."""
 

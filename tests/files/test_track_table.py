@@ -22,6 +22,7 @@ CONTRACT = [
     "nis",
     "dof",
     "accepted",
+    "alarm",
     *(f"cov_{NAMES[i]}_{NAMES[j]}" for i in range(6) for j in range(i, 6)),
 ]
 
@@ -57,7 +58,7 @@ def test_columns_stand_in_the_order_of_the_contract(solution, tmp_path):
     relnav.write(solution, tmp_path / "track.csv")
     _, rows = read(tmp_path / "track.csv")
     assert list(rows[0]) == CONTRACT
-    assert len(CONTRACT) == 43
+    assert len(CONTRACT) == 44
 
 
 def test_one_row_an_epoch_and_every_number_exact(solution, tmp_path):

@@ -1,0 +1,321 @@
+"""Monitors: whether what a filter's images say stays what it was, and within what is stated, from image to image.
+
+NIS of single images does not see an error that is small in each image and lasts. Here the innovations of each row are
+averaged with their sign over a second and over five, and compared with two things. With what they were before (their
+mean over some 20 s): an error that lasts from the start, of attitude, mountings or beacons, is in both and falls out of
+the difference, so that the limit needs no knowledge of it; what is left has the variance
+
+    R (q + q') + (H P H' + H P' H') / 2
+
+with q, q' the sums of squared weights of the two means, P' the covariance when the older one was made. Innovations of a
+filter that weighs rightly are white, and means of them need R q alone while H P H' is small beside R. One that takes
+lasting errors for noise weighs its images less, and its innovations, as all residuals of the updated state, share the
+state's error for as long as the filter remembers (30 to 50 s): what of it differs over 20 s is half of 2 H P H'. And
+the older mean is compared with zero: it has the variance R q' + H P H' + c, c what lasting errors may leave in the row,
+not divided by the number of images: E - H S squared (`considered.py`), their effect less what the state has taken up.
+
+The third is scatter: squared innovations about their own mean of the last second, over three seconds, for each group.
+
+While an alarm of the first kind lasts the older mean is not carried on: it stands for the time before. The alarm ends
+when the innovations are again what they were, for five seconds; what was learnt meanwhile is not believed, and the
+filter is asked to start anew (`restart`). Where what changed does not change back, the alarm stays.
+
+Limits of single tests: five sigma, 6e-7, with six rows and two means a test a second of 300 s would alarm in 1 of 500
+runs. Nothing here knows a sensor: it hands over rows in groups (`watched_type`).
+"""
+
+import math
+
+import numpy as np
+
+from relnav.arrays import Record
+from relnav.codegen.kernel import kernel
+
+SHIFTED, CONTRADICTED, NOISY, STUCK, CLOCK, RESTARTED, UNWATCHED = 1, 2, 4, 8, 16, 32, 64
+
+FAST_S, MIDDLE_S, USUAL_S, SCATTER_S = 1.0, 5.0, 20.0, 3.0
+"""Time constants of the means."""
+WARM_S = 10.0
+"""So long the older mean is made before others are compared with it."""
+MISSING_S = 0.5
+"""A group that is not seen for so long, while others are, is missing: the others are not judged without it."""
+AWAY_S = 3.0
+"""A group that is not seen for so long has left: what the others say changes with it, and is learnt anew."""
+QUIET_S = 5.0
+HOLD_S = 10.0
+"""After a start that replaced a track."""
+SAID_S, LASTING_SAID_S = 3.0, 100.0
+"""An alarm of the third kind, and of the second, stays for so long after its last cause."""
+SHIFT_LIMIT2, CALM_LIMIT2 = 25.0, 16.0
+LASTING_LIMIT2, LASTING_CALM2 = 20.25, 6.25
+SCATTER_LIMIT = 8.0
+"""Of the mean of squares, in 1-sigma of such a mean."""
+JUMP_S = 5.0
+"""A jump of the clock is looked for so long after a step that was too long; these are rare, so that four sigma do."""
+EXPLAINED, LATE_LIMIT2 = 0.25, 16.0
+
+_F, _I = np.float64, np.int64
+
+WATCH = np.dtype(
+    [
+        ("alarm", _I),  # bits
+        ("on", _I),  # innovations have shifted
+        ("clock", _I),  # as if by a jump of the clock
+        ("restart", _I),  # the filter is asked to start anew
+        ("age", _F),  # of the older means
+        ("quiet", _F),  # since the innovations are what they were
+        ("hold", _F),  # left of it
+        ("pause", _F),  # left of it: set by the sensor while means would not be what they seem
+        ("contradicted", _F),
+        ("noisy", _F),
+        ("interval", _F),  # usual step
+        ("jumped", _F),  # since a step that was too long
+        ("offset", _F),  # s, by which an image seems late where `clock`
+    ]
+)
+"""What is known of all groups."""
+
+
+def watched_type() -> np.dtype[np.void]:
+    """A group of at most three rows.
+
+    Handed over for each image: rows; seen; value, z - h(x); variances of what is new in each image (noise), of the
+    state's part H P H' (state), of what lasts (lasting); motion, what an image that is one second late adds to value.
+    """
+    return np.dtype(
+        [
+            ("rows", _I),
+            ("seen", _I),
+            ("present", _I),
+            ("images", _I),
+            ("learnt", _I),
+            ("away", _F),  # since it was seen last
+            ("gone", _F),  # while others were
+            ("value", _F, 3),
+            ("noise", _F, 3),
+            ("state", _F, 3),
+            ("lasting", _F, 3),
+            ("motion", _F, 3),
+            ("fast", _F, 3),
+            ("middle", _F, 3),
+            ("usual", _F, 3),
+            ("usual_state", _F, 3),
+            ("scatter", _F),
+            ("fast_share", _F),
+            ("middle_share", _F),
+            ("usual_share", _F),
+            ("scatter_share", _F),
+            ("reading", _F, 2),
+            ("repeated", _I),
+            ("since", _F),
+        ]
+    )
+
+
+@kernel
+def forget(watch: Record, groups: Record) -> None:
+    """Learn anew what is usual."""
+    watch["age"], watch["on"], watch["clock"], watch["restart"] = 0.0, 0, 0, 0
+    for g in range(groups.shape[0]):
+        groups[g]["images"], groups[g]["learnt"] = 0, 0
+
+
+@kernel
+def watch_start(watch: Record, groups: Record, again: bool, comparable: bool) -> None:
+    """A track has started; again: it replaced one. What was usual before is kept then, if rows of both can be compared.
+
+    They can where a row hardly depends on how the track took lasting errors up.
+    """
+    if not again:
+        forget(watch, groups)
+        watch["hold"], watch["alarm"], watch["jumped"], watch["interval"] = 0.0, 0, math.inf, 0.0
+        watch["contradicted"], watch["noisy"], watch["pause"] = 0.0, 0.0, 0.0
+        return
+    clock = 1 if watch["clock"] > 0 or watch["jumped"] < JUMP_S else 0
+    watch["hold"], watch["alarm"] = HOLD_S, RESTARTED | (CLOCK if clock > 0 else 0)
+    if watch["restart"] > 0:  # asked for: what was wrong is over
+        watch["contradicted"], watch["noisy"] = 0.0, 0.0
+    if not comparable or not watch["age"] > WARM_S:
+        forget(watch, groups)
+    watch["on"], watch["restart"], watch["quiet"], watch["clock"] = 0, 0, 0.0, clock
+    for g in range(groups.shape[0]):
+        groups[g]["images"] = 0
+
+
+@kernel
+def _mean_share(share: float, weight: float) -> float:
+    """Sum of squared weights of a mean after the next value."""
+    return (1.0 - weight) * (1.0 - weight) * share + weight * weight
+
+
+@kernel
+def _take(group: Record, dt: float, learning: bool) -> None:
+    """Carry the means of a group on; dt: s since it was last seen."""
+    group["images"] += 1
+    first = 1.0 / group["images"]
+    fast, middle = max(first, dt / (dt + FAST_S)), max(first, dt / (dt + MIDDLE_S))
+    value, noise, state = group["value"], group["noise"], group["state"]
+    mean, longer, usual, usual_state = group["fast"], group["middle"], group["usual"], group["usual_state"]
+    if group["images"] == 1:
+        group["fast_share"], group["middle_share"], group["scatter_share"], group["scatter"] = 1.0, 1.0, 1.0, 1.0
+    else:
+        squares = 0.0
+        for k in range(group["rows"]):
+            off = value[k] - mean[k]
+            squares += off * off / (noise[k] * (1.0 + group["fast_share"]) + state[k])
+        weight = max(1.0 / (group["images"] - 1), dt / (dt + SCATTER_S))
+        group["scatter"] += weight * (squares / group["rows"] - group["scatter"])
+        group["scatter_share"] = _mean_share(group["scatter_share"], weight)
+        group["fast_share"] = _mean_share(group["fast_share"], fast)
+        group["middle_share"] = _mean_share(group["middle_share"], middle)
+    for k in range(group["rows"]):
+        mean[k] = value[k] if group["images"] == 1 else mean[k] + fast * (value[k] - mean[k])
+        longer[k] = value[k] if group["images"] == 1 else longer[k] + middle * (value[k] - longer[k])
+    if learning:
+        group["learnt"] += 1
+        if group["learnt"] == 1:
+            group["usual_share"] = 1.0
+        slow = max(1.0 / group["learnt"], dt / (dt + USUAL_S))
+        group["usual_share"] = _mean_share(group["usual_share"], slow)
+        for k in range(group["rows"]):
+            usual[k] += slow * (value[k] - usual[k])
+            usual_state[k] += slow * (state[k] - usual_state[k])
+
+
+@kernel
+def _has_shifted(group: Record, limit2: float) -> bool:
+    """Whether a mean of the group is not what it usually was."""
+    mean, longer, usual = group["fast"], group["middle"], group["usual"]
+    for k in range(group["rows"]):
+        noise, common = group["noise"][k], 0.5 * (group["state"][k] + group["usual_state"][k])
+        off = mean[k] - usual[k]
+        if off * off > limit2 * (noise * (group["fast_share"] + group["usual_share"]) + common):
+            return True
+        off = longer[k] - usual[k]
+        if off * off > limit2 * (noise * (group["middle_share"] + group["usual_share"]) + common):
+            return True
+    return False
+
+
+@kernel
+def _contradicts(group: Record, limit2: float) -> bool:
+    """Whether the usual mean is more than lasting errors and the state's explain."""
+    for k in range(group["rows"]):
+        usual = group["usual"][k]
+        known = group["noise"][k] * group["usual_share"] + group["state"][k] + group["lasting"][k]
+        if usual * usual > limit2 * known:
+            return True
+    return False
+
+
+@kernel
+def _is_noisy(group: Record) -> bool:
+    """Whether the group scatters more than its noise explains; variance of a mean of squares over rows: 2 / rows."""
+    over = group["scatter"] - 1.0
+    variance = 2.0 / group["rows"] * group["scatter_share"]
+    return bool(over > 0.0 and over * over > SCATTER_LIMIT * SCATTER_LIMIT * variance)
+
+
+@kernel
+def _looks_late(watch: Record, groups: Record) -> bool:
+    """Whether images that are late, or early, by one time explain most of a shift; the time into `offset`.
+
+    One number is sought, so that it is seen before any single row shows it.
+    """
+    along, scale, total = 0.0, 0.0, 0.0
+    for g in range(groups.shape[0]):
+        group = groups[g]
+        if group["present"] == 0 or group["learnt"] == 0 or group["images"] == 0:
+            continue
+        for k in range(group["rows"]):
+            variance = group["noise"][k] * (group["fast_share"] + group["usual_share"])
+            variance += 0.5 * (group["state"][k] + group["usual_state"][k])
+            off, motion = group["fast"][k] - group["usual"][k], group["motion"][k]
+            along += off * motion / variance
+            scale += motion * motion / variance
+            total += off * off / variance
+    if not scale > 0.0:
+        return False
+    watch["offset"] = along / scale
+    return bool(along * along > scale * max(EXPLAINED * total, LATE_LIMIT2))
+
+
+@kernel
+def _note_step(watch: Record, dt: float) -> None:
+    """Notice a step that is much longer than usual."""
+    watch["jumped"] += dt
+    watch["hold"] = max(0.0, watch["hold"] - dt)
+    watch["contradicted"] = max(0.0, watch["contradicted"] - dt)
+    watch["noisy"] = max(0.0, watch["noisy"] - dt)
+    if watch["interval"] > 0.0 and dt > 2.5 * watch["interval"]:
+        watch["jumped"] = 0.0
+    else:
+        watch["interval"] = dt if watch["interval"] == 0.0 else watch["interval"] + 0.1 * (dt - watch["interval"])
+
+
+@kernel
+def _come_and_go(groups: Record, dt: float) -> tuple[bool, bool]:
+    """Count how long groups are away; whether one came or left, and whether those present are seen, as a whole."""
+    changed, seen, missing = False, False, False
+    for g in range(groups.shape[0]):
+        seen = seen or groups[g]["seen"] > 0
+    for g in range(groups.shape[0]):
+        group = groups[g]
+        group["away"] += dt
+        if group["seen"] > 0:
+            group["gone"] = 0.0
+            if group["present"] == 0:
+                group["present"], group["away"], changed = 1, dt, True
+        elif group["present"] > 0 and seen:
+            group["gone"] += dt
+            missing = missing or group["gone"] > MISSING_S
+            if group["gone"] > AWAY_S:
+                group["present"], group["images"], changed = 0, 0, True
+    return changed, seen and not missing
+
+
+@kernel
+def watch_image(watch: Record, groups: Record, dt: float) -> None:
+    """Take what the groups say of an image dt s after the last into the monitors, and write the alarm."""
+    _note_step(watch, dt)
+    changed, whole = _come_and_go(groups, dt)
+    if watch["pause"] > 0.0:
+        watch["pause"] -= dt
+        changed, whole = True, False
+    if changed and watch["on"] == 0 and watch["hold"] == 0.0:
+        forget(watch, groups)
+    lasting2 = LASTING_CALM2 if watch["contradicted"] > 0.0 else LASTING_LIMIT2
+    limit2, shifted = CALM_LIMIT2 if watch["on"] > 0 else SHIFT_LIMIT2, False
+    learning, warm = watch["on"] == 0 and watch["hold"] == 0.0, watch["age"] > WARM_S
+    for g in range(groups.shape[0]):
+        group = groups[g]
+        if group["seen"] == 0 or not whole:
+            continue
+        _take(group, group["away"], learning)
+        group["away"] = 0.0
+        if group["learnt"] > 0:
+            shifted = shifted or (warm and _has_shifted(group, limit2))
+            if group["learnt"] >= 10 and _contradicts(group, lasting2):
+                watch["contradicted"] = LASTING_SAID_S
+        if group["images"] >= 10 and _is_noisy(group):
+            watch["noisy"] = SAID_S
+    if whole and learning:
+        watch["age"] += dt
+    late = whole and warm and watch["jumped"] < JUMP_S and watch["hold"] == 0.0 and _looks_late(watch, groups)
+    if late:
+        watch["clock"] = 1
+    if shifted or late:
+        watch["quiet"], watch["on"], watch["restart"] = 0.0, 1, watch["clock"]
+    elif watch["on"] > 0 and whole:
+        watch["quiet"] += dt
+        if watch["quiet"] > QUIET_S:
+            watch["restart"] = 1
+    if watch["on"] == 0 and watch["hold"] == 0.0:
+        watch["clock"] = 0
+    watch["alarm"] = (
+        (SHIFTED if watch["on"] > 0 else 0)
+        | (CONTRADICTED if watch["contradicted"] > 0.0 else 0)
+        | (NOISY if watch["noisy"] > 0.0 else 0)
+        | (CLOCK if watch["clock"] > 0 else 0)
+        | (RESTARTED if watch["hold"] > 0.0 else 0)
+    )

@@ -1,0 +1,121 @@
+"""What of an image of the beacons is watched (`estimation/monitors.py`): rows, and what may be in them.
+
+`spots`: the two coordinates of every spot, a group a beacon. `fix` and invariants: their three independent rows are one
+group, and where the attitude is stated what the image says of it is another: three spots are six numbers, of which a
+fix leaves three, where the image lies, two, and its roll (`attitude_check.py`). That is the residual of the triangle's
+shape: with three beacons and an attitude there is no other, and a beacon that is displaced seems to turn the target.
+
+While a spot is near the detector's edge nothing is watched: it is seen only where its noise is inward, so that its mean
+is not its place, and what the others say depends on how often it is seen.
+"""
+
+from relnav.arrays import Matrix, Record, Vector
+from relnav.codegen.kernel import kernel
+from relnav.estimation.factored import innovation_variance
+from relnav.estimation.monitors import AWAY_S, STUCK, watch_image, watch_start
+from relnav.navigation.beacon_geometry import see_beacon, uses_coordinates
+from relnav.navigation.memory import Memory
+from relnav.navigation.status import PARTIAL, UPDATED
+
+EDGE_SIGMAS = 2.0
+"""So far from the edge noise cut off there moves a mean by 0.06 sigma."""
+REPEATS, LEAST_MOTION = 10, 0.1
+"""A spot that is read alike so often, to the last bit, has no noise; where it should have moved too, it is stuck."""
+
+
+@kernel
+def _write_row(group: Record, k: int, residual: float, noise: float, lasting: float, ld: Matrix, h: Vector) -> None:
+    group["value"][k], group["noise"][k], group["lasting"][k] = residual, noise, lasting
+    group["state"][k] = innovation_variance(ld, h, h)
+
+
+@kernel
+def gather_rows(m: Memory, track: Record, spots: Matrix) -> None:
+    """Hand over the rows of an image as they stand at the prediction."""
+    x, ld, half = track["state"], track["ld"], m.sensor["half_width"]
+    if not uses_coordinates(m.sensor):
+        group, source = m.watched[0], m.groups[0]
+        group["rows"], group["seen"], m.watched[1]["seen"] = 3, 1 if source["variance"][2] > 0.0 else 0, 0
+        if group["seen"] > 0:
+            for k in range(3):
+                h = source["gradient"][k]
+                _write_row(group, k, source["residual"][k], source["variance"][k], 0.0, ld, h)
+                group["motion"][k] = -(h[0] * x[3] + h[1] * x[4] + h[2] * x[5])
+        return
+    turned = m.sensor["attitude_noise"] ** 2
+    for i in range(m.groups.shape[0]):
+        group, source, own, fast = m.watched[i], m.groups[i], m.beacons[i]["spot_sigma"], m.watched[i]["fast"]
+        residual, variance = source["residual"], source["variance"]
+        group["rows"], group["seen"] = 2, 1 if variance[0] > 0.0 and variance[1] > 0.0 else 0
+        if group["seen"] == 0:
+            continue
+        for k in range(2):
+            h, noise = source["gradient"][k], own[k] * own[k]
+            if turned > 0.0:
+                turn = m.turns[2 * i + k]
+                noise += turned * (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
+            _write_row(group, k, residual[k], noise, max(0.0, variance[k] - noise), ld, h)
+            group["motion"][k] = -(h[0] * x[3] + h[1] * x[4] + h[2] * x[5])
+            expected = spots[i, k] - residual[k] + (fast[k] if group["images"] > 0 else 0.0)
+            if abs(expected) > half[k] - EDGE_SIGMAS * own[k]:
+                m.watch["pause"] = AWAY_S
+
+
+@kernel
+def gather_attitude(m: Memory, value: Vector, noise: Vector, state: Vector, lasting: Vector, predicted: Matrix) -> None:
+    """Hand over what an image says of the stated attitude: where it lies and its roll, (3,); predicted spots (3, 2)."""
+    group, half, fast = m.watched[1], m.sensor["half_width"], m.watched[1]["fast"]
+    group["rows"], group["seen"] = 3, 1
+    for k in range(3):
+        group["value"][k], group["noise"][k], group["motion"][k] = value[k], noise[k], 0.0
+        group["state"][k], group["lasting"][k] = state[k], lasting[k]
+    for i in range(3):
+        for k in range(2):
+            expected = predicted[i, k] + (fast[k] if group["images"] > 0 else 0.0)
+            if abs(expected) > half[k] - EDGE_SIGMAS * m.beacons[i]["spot_sigma"][k]:
+                m.watch["pause"] = AWAY_S
+
+
+@kernel
+def _is_stuck(m: Memory, i: int, spots: Matrix, dt: float) -> bool:
+    """Whether the spot of a beacon has not moved although the predicted one has, at all: by a tenth of its noise.
+
+    Noise alone never repeats a reading; a log without noise may, of a spot that does not move.
+    """
+    group, x = m.watched[i], m.track["state"]
+    reading = group["reading"]
+    if spots[i, 0] == reading[0] and spots[i, 1] == reading[1]:
+        group["repeated"] += 1
+        group["since"] += dt
+    else:
+        reading[0], reading[1] = spots[i, 0], spots[i, 1]
+        group["repeated"], group["since"] = 0, 0.0
+    if group["repeated"] < REPEATS:
+        return False
+    h, residual, rate2 = m.scratch["six"], m.scratch["vectors"][0], 0.0
+    focal_length, position = m.sensor["focal_length"], m.beacons[i]["position"]
+    see_beacon(x, m.kept["mount"], position, focal_length, spots[i], residual, h)
+    for k in range(2):
+        rate2 += (h[k, 0] * x[3] + h[k, 1] * x[4] + h[k, 2] * x[5]) ** 2
+    return bool(rate2 * group["since"] ** 2 > (LEAST_MOTION * m.beacons[i]["spot_sigma"][0]) ** 2)
+
+
+@kernel
+def watch(m: Memory, spots: Matrix, dt: float, status: int) -> None:
+    """Take an image (n, 2) m that the running track was updated with, or not, into the monitors."""
+    stuck, groups = False, m.watched
+    coordinates = uses_coordinates(m.sensor)
+    for i in range(groups.shape[0]):
+        used = status == UPDATED or (status == PARTIAL and (not coordinates or m.groups[i]["tested"] > 0))
+        if not used or (not coordinates and i > 1):
+            groups[i]["seen"] = 0
+        stuck = _is_stuck(m, i, spots, dt) or stuck
+    watch_image(m.watch, groups, dt)
+    if stuck:
+        m.watch["alarm"] |= STUCK
+
+
+@kernel
+def watch_new_track(m: Memory, again: bool) -> None:
+    """A track has started; again: it replaced one."""
+    watch_start(m.watch, m.watched, again, not uses_coordinates(m.sensor))
