@@ -2,6 +2,7 @@
 
 import math
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 @click.option(
     "--faults",
     is_flag=True,
-    help="Of the beacons' sensor: how often faults that last leave the estimate silently wrong, and how it recovers.",
+    help="Faults that last, of a beacons' sensor or a vehicle: how often the estimate is silently wrong.",
 )
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
@@ -79,25 +80,34 @@ def command(
 
 def _faults(mission: Any, runs: int | None, seed: int, json_path: Path | None, plot: Path | None, quiet: bool) -> int:
     """Faults that last; exit code 1 if a bar is not met."""
-    from relnav.accuracy.faults import RUNS, cases, measure_faults
+    from relnav.accuracy import faults, vehicle_faults
     from relnav.cli import NOT_MET
     from relnav.errors import UsageError
     from relnav.files.atomic import Outputs
     from relnav.files.tables import write_json
     from relnav.mission import Model
+    from relnav.spacecraft import Vehicle
 
-    if not isinstance(mission, Model) or mission.tolerances is None:
-        raise UsageError(f"--faults flies a three-beacon mission with [tolerances]; {mission.name} is none")
     if plot is not None:
         raise UsageError("--faults has no picture; leave --plot out")
-    count = RUNS if runs is None else runs
+    cases: Sequence[object]
+    measure: Callable[..., Any]
+    if isinstance(mission, Vehicle):
+        cases, usual, measure = vehicle_faults.cases(mission), vehicle_faults.RUNS, vehicle_faults.measure_faults
+    elif isinstance(mission, Model) and mission.tolerances is not None:
+        cases, usual, measure = faults.cases(), faults.RUNS, faults.measure_faults
+    else:
+        raise UsageError(
+            f"--faults flies a three-beacon mission with [tolerances] or a vehicle; {mission.name} is none"
+        )
+    count = usual if runs is None else runs
     with click.progressbar(
-        length=len(cases()) * count,
-        label=f"{count} runs of {len(cases())} cases",
+        length=len(cases) * count,
+        label=f"{count} runs of {len(cases)} cases",
         file=sys.stderr,
         hidden=quiet or not sys.stderr.isatty(),
     ) as bar:
-        report = measure_faults(mission, runs=count, seed=seed, progress=bar.update)
+        report = measure(mission, runs=count, seed=seed, progress=bar.update)
     with Outputs() as outputs:
         if json_path is not None:
             write_json(report.to_dict(), outputs.path(json_path))
