@@ -159,10 +159,11 @@ class VehicleFaultsReport:
 
     def lines(self) -> list[str]:
         """For a reader."""
+        way = f"from {FLIGHT.start_m:g} to {FLIGHT.final_m:g} m"
         out = [
-            f"model {self.model}, {self.runs} runs from {FLIGHT.start_m:g} to {FLIGHT.final_m:g} m a row, seed {self.seed}",
-            f"a ramp: within {RAMP_S:g} s to {RAMP_SIGMA:g} sigma of an observation, noise and mounting; after: median, from",
-            "its beginning; silent: the port off by more than its protection level, and no alarm",
+            f"model {self.model}, {self.runs} runs {way} a row, seed {self.seed}",
+            f"a ramp: within {RAMP_S:g} s to {RAMP_SIGMA:g} sigma of an observation, noise and mounting",
+            "after: median, from its beginning; silent: the port off by more than its protection level, and no alarm",
             f"{'ramp in':<20}alarmed  naming it  after, s  error / level  silent  95 % bounds",
         ]
         for row in self.rows:
