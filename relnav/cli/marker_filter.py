@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from relnav.cli.printing import say
 from relnav.errors import UsageError
+from relnav.navigation.status import Alarm
 
 if TYPE_CHECKING:
     from relnav.arrays import Vector
@@ -57,8 +58,7 @@ def filter_markers(
     return 0 if figures["epochs_with_state"] else NOT_STARTED
 
 
-_ALARMS = ("exchanged", "out_of_view")
-"""Codes of `PoseAlarm` from 1 on."""
+_ALARMS = {"exchanged": Alarm.EXCHANGED, "out_of_view": Alarm.OUT_OF_VIEW}
 
 
 class Summary:
@@ -86,7 +86,7 @@ class Summary:
                 "unobservable": started & ~part.observable,
                 "ambiguous": np.isfinite(part.ambiguity),
                 "too_late": part.too_late,
-            } | {name: part.alarm == code for code, name in enumerate(_ALARMS, start=1)}
+            } | {name: part.alarm == code for name, code in _ALARMS.items()}
             for name, flag in flags.items():
                 self._counts[name] += int(flag.sum())
             self._nis += float(part.nis[whole].sum())
@@ -145,10 +145,13 @@ def lines(figures: dict[str, Any], name: str) -> list[str]:
             "hardly observed, column 'observable'"
         )
     if figures["epochs_exchanged"]:
-        out.append(f"{figures['epochs_exchanged']} images of markers that look exchanged, not used: 'alarm' 1")
+        out.append(
+            f"{figures['epochs_exchanged']} images of markers that look exchanged, not used: 'alarm' {Alarm.EXCHANGED:d}"
+        )
     if figures["epochs_out_of_view"]:
         out.append(
-            f"{figures['epochs_out_of_view']} images whose poses all contradict the model's [view], no start: 'alarm' 2"
+            f"{figures['epochs_out_of_view']} images whose poses all contradict the model's [view], no start: "
+            f"'alarm' {int(Alarm.OUT_OF_VIEW)}"
         )
     if figures["epochs_too_late"]:
         out.append(f"{figures['epochs_too_late']} images later than the model's longest_delay_s, not used: 'too_late'")

@@ -143,7 +143,7 @@ def _sigmas(covariance: Stack) -> Matrix:
 def write_track(parts: Iterable[PoseSolution], model: str, path: Path, metadata: dict[str, str] | None = None) -> None:
     """Write consecutive solutions (.csv or .parquet), one row an epoch; the covariance in SI (m, m/s, rad, rad/s).
 
-    An empty `ambiguity`: no other pose is possible. `alarm`: codes of `PoseAlarm`, 0 = none.
+    An empty `ambiguity`: no other pose is possible. `alarm`: codes of `Alarm`, 0 = none.
     """
     _write(path, TRACK_COLUMNS, map(_rows, parts), {"model": model} | (metadata or {}), _INTEGERS)
 

@@ -25,13 +25,12 @@ from relnav.estimation.factored import orthogonalise, spread
 from relnav.estimation.rows import Observed, copy_track, gate_groups, log_determinant, pair_covariance, sweep
 from relnav.geometry.rotation_vector import rotation_vector_into, turn_by_rotation_vector
 from relnav.navigation.marker_observation import aim_camera, has_spot, observe_markers
-from relnav.navigation.pose_alarm import EXCHANGED
 from relnav.navigation.pose_epoch import SETTLED_S
 from relnav.navigation.pose_exchange import gates_share, is_exchanged
 from relnav.navigation.pose_memory import POSE, PoseMemory, pose_views
 from relnav.navigation.pose_propagation import advance_bank, copy_pose, copy_rows, is_wide
 from relnav.navigation.propagation import prepare_step
-from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
+from relnav.navigation.status import EXCHANGED, PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
 
 DROP = 2.0 * math.log(1e6)
 RENEWED_S, RENEWED_BLURRED_S = 10.0, 0.4

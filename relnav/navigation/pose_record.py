@@ -11,10 +11,9 @@ from relnav.estimation.consistency import Consistency, nis_consistency
 from relnav.estimation.factored import compose
 from relnav.mission import VisionMission
 from relnav.navigation.docking_port import DockingState, docking_states
-from relnav.navigation.pose_alarm import PoseAlarm
 from relnav.navigation.pose_epoch import unpacked
 from relnav.navigation.presented import Presented
-from relnav.navigation.status import EpochStatus
+from relnav.navigation.status import Alarm, EpochStatus
 
 
 def _frozen(array: Any) -> Any:
@@ -108,9 +107,9 @@ class PoseRecord:
         return EpochStatus(int(self.epoch["status"]))
 
     @property
-    def alarm(self) -> PoseAlarm:
+    def alarm(self) -> Alarm:
         """What was noticed beyond the status: markers exchanged, or an image from which no start is believed."""
-        return PoseAlarm(int(self.epoch["alarm"]))
+        return Alarm(int(self.epoch["alarm"]))
 
     @property
     def too_late(self) -> bool:
@@ -282,7 +281,7 @@ class PoseSolution(Presented):
 
     @property
     def alarm(self) -> Codes:
-        """Codes of PoseAlarm, (n,)."""
+        """Codes of `Alarm`, (n,)."""
         return np.asarray(self.epochs["alarm"])
 
     @property

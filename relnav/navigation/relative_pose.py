@@ -19,7 +19,6 @@ from relnav.geometry.rotation_vector import turned
 from relnav.mission import VisionMission
 from relnav.navigation.arguments import not_negative, start_values
 from relnav.navigation.memory import fill, orbit_values
-from relnav.navigation.pose_alarm import OUT_OF_VIEW
 from relnav.navigation.pose_epoch import EPOCH, JOINED, read_epoch
 from relnav.navigation.pose_filter import NEW_ROOTS, NOTHING, pose_step
 from relnav.navigation.pose_memory import POSE, new_pose_memory, pose_named
@@ -27,7 +26,7 @@ from relnav.navigation.pose_propagation import is_wide
 from relnav.navigation.pose_record import PoseRecord
 from relnav.navigation.pose_roots import Root, add_uncovered, open_trial, roots, state_of, view_at
 from relnav.navigation.pose_state import PoseState
-from relnav.navigation.status import EpochStatus
+from relnav.navigation.status import OUT_OF_VIEW, EpochStatus
 from relnav.sensors.three_marker.camera import usable_covariance
 
 NO_SPOTS, NO_COVARIANCES = np.empty((0, 2)), np.empty((0, 2, 2))

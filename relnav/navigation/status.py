@@ -51,6 +51,10 @@ class Alarm(IntFlag):
     """A new start has replaced the track less than 10 s ago."""
     UNWATCHED = monitors.UNWATCHED
     """The engine has no monitors (filterpy)."""
+    EXCHANGED = 128
+    """The image fits the state once markers change places: their spots are labelled wrongly, and nothing is started."""
+    OUT_OF_VIEW = 256
+    """Every pose that explains the image contradicts the expected view and the state: no start is looked for on it."""
 
     @property
     def words(self) -> str:
@@ -58,5 +62,6 @@ class Alarm(IntFlag):
         return "+".join(str(one.name) for one in Alarm if one & self)
 
 
+EXCHANGED, OUT_OF_VIEW = int(Alarm.EXCHANGED), int(Alarm.OUT_OF_VIEW)
 ALARM_TABLE = "sum of " + ", ".join(f"{int(one)} {one.name}" for one in Alarm) + "; 0: no alarm"
 """Codes of an `alarm` column, for its reader."""

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import relnav
-from relnav.navigation.pose_alarm import PoseAlarm
 from relnav.navigation.pose_log import filter_marker_epochs
 from relnav.navigation.pose_state import PoseState
 from relnav.navigation.relative_pose import PoseNavigator
+from relnav.navigation.status import Alarm
 from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
 from relnav.simulation.marker_flight import simulate_flight
 from relnav.simulation.trajectory import Approach
@@ -226,13 +226,13 @@ def test_exchanged_markers_are_named(mission, flights):
     for run, flight in enumerate(flights):
         for kind in (exchanged, gone_round):
             _, _, alarms = through_fault(mission, flight, kind, run)
-            assert (alarms == PoseAlarm.EXCHANGED).all()
+            assert (alarms == Alarm.EXCHANGED).all()
 
 
 def test_a_start_on_exchanged_markers_is_out_of_view(mission, flights):
     for run, flight in enumerate(flights):
         _, _, alarms = through_fault(mission, flight, exchanged_first, run)
-        assert (alarms == PoseAlarm.OUT_OF_VIEW).all()
+        assert (alarms == Alarm.OUT_OF_VIEW).all()
 
 
 def test_exchanged_markers_in_the_record(mission, flights):
@@ -240,11 +240,11 @@ def test_exchanged_markers_in_the_record(mission, flights):
     for k in range(10):
         nav.step(flight.t_s[k], flight.spots_px[k], acceleration_m_s2=flight.acceleration_m_s2[k])
     record = nav.step(flight.t_s[10], flight.spots_px[10, [1, 0, 2]], acceleration_m_s2=flight.acceleration_m_s2[10])
-    assert record.alarm is PoseAlarm.EXCHANGED
+    assert record.alarm is Alarm.EXCHANGED
     assert record.status is relnav.EpochStatus.REJECTED
     assert not record.accepted.any()
     record = nav.step(flight.t_s[11], flight.spots_px[11], acceleration_m_s2=flight.acceleration_m_s2[11])
-    assert record.alarm is PoseAlarm.NONE
+    assert record.alarm is Alarm.NONE
     assert record.status is relnav.EpochStatus.UPDATED
 
 
