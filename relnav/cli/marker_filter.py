@@ -145,9 +145,8 @@ def lines(figures: dict[str, Any], name: str) -> list[str]:
             "hardly observed, column 'observable'"
         )
     if figures["epochs_exchanged"]:
-        out.append(
-            f"{figures['epochs_exchanged']} images of markers that look exchanged, not used: 'alarm' {Alarm.EXCHANGED:d}"
-        )
+        seen = figures["epochs_exchanged"]
+        out.append(f"{seen} images of markers that look exchanged, not used: 'alarm' {int(Alarm.EXCHANGED)}")
     if figures["epochs_out_of_view"]:
         out.append(
             f"{figures['epochs_out_of_view']} images whose poses all contradict the model's [view], no start: "
