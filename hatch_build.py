@@ -71,7 +71,7 @@ def markers():
 
     navigator = relnav.PoseNavigator(relnav.load_model("three_marker_vision"))
     for k in range(3):
-        record = navigator.step(0.1 * k, [[562.0, 531.0], [459.0, 532.0], [511.0, 478.0]])
+        record = navigator.step(0.1 * k, [[459.0, 532.0], [562.0, 531.0], [511.0, 478.0]])
     repr(record), record.covariance, record.docking
 
 

@@ -34,6 +34,7 @@ LARGEST = 1e30
 
 _FLOAT = np.dtype(np.float64)
 _REAL_KINDS = "biuf"
+_ROWS = (list, tuple)
 _NOT_REAL = {
     "c": "complex numbers: give their real part if that is meant",
     "M": "dates (datetime64): give seconds, (t - t[0]) / np.timedelta64(1, 's')",
@@ -79,6 +80,21 @@ def numbers(name: str, value: ArrayLike) -> NDArray[np.float64]:
     if mask is not None:
         array[mask] = np.nan
     return array
+
+
+def of_floats(value: Any) -> Any:
+    """A list or tuple of floats, or of such lists of one length, as an array: a microsecond; all else as it is."""
+    if type(value) in _ROWS and value:
+        rows = value if type(value[0]) in _ROWS else (value,)
+        size = len(rows[0])
+        for row in rows:
+            if type(row) not in _ROWS or len(row) != size:
+                return value
+            for entry in row:
+                if type(entry) is not float:
+                    return value
+        return np.array(value)
+    return value
 
 
 def number(name: str, value: float) -> float:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from relnav.arrays import number, numbers, one_piece
+from relnav.arrays import number, numbers, of_floats, one_piece
 
 
 class NAType:
@@ -97,3 +97,25 @@ def test_compiled_code_gets_one_kind_of_array():
         assert made.flags.c_contiguous
         assert made.flags.writeable
         np.testing.assert_array_equal(made, other)
+
+
+@pytest.mark.parametrize("value", [[1.0, -2.0, math.nan], (0.5,), [[1.0, 2.0], (3.0, 4.0)], ((1.0,), [2.0])])
+def test_lists_of_floats_become_arrays(value):
+    array = of_floats(value)
+    assert array.dtype == np.float64
+    np.testing.assert_array_equal(array, np.asarray(value))
+
+
+@pytest.mark.parametrize(
+    "value", [None, [], 1.0, [1, 2.0], [True, 1.0], [None, 1.0], [[1.0], [2.0, 3.0]], [[1.0], 2.0], [np.float64(1.0)]]
+)
+def test_all_else_stays_as_it_is_for_who_says_what_is_wrong(value):
+    assert of_floats(value) is value
+
+
+def test_a_subclass_is_no_plain_list():
+    class Mine(list):
+        pass
+
+    mine = Mine([1.0])
+    assert of_floats(mine) is mine

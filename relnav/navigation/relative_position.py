@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Vector, number, numbers, one_piece
+from relnav.arrays import Matrix, Vector, number, numbers, of_floats, one_piece
 from relnav.codegen.kernel import plain, ready
 from relnav.geometry.rotation import is_rotation
 from relnav.mission import Model
@@ -193,10 +193,10 @@ class Navigator:
                 self._navigate(
                     self._block,
                     t_s,
-                    spots_m,
+                    of_floats(spots_m),
                     told,
-                    acceleration_m_s2,
-                    delta_v_m_s,
+                    of_floats(acceleration_m_s2),
+                    of_floats(delta_v_m_s),
                     dcm_cam_from_lvlh,
                     spot_sigma_m,
                     noise,

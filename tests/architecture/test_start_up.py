@@ -28,7 +28,7 @@ FIRST = {
     "beacons": "n = relnav.Navigator(relnav.load_model('three_beacon_psd')); "
     "[n.step(0.1 * k, [[-0.0015, 0.0], [0.0015, 0.0], [0.0, 0.0]]).covariance for k in range(3)]",
     "markers": "n = relnav.PoseNavigator(relnav.load_model('three_marker_vision')); "
-    "[n.step(0.1 * k, [[562.0, 531.0], [459.0, 532.0], [511.0, 478.0]]).docking for k in range(3)]",
+    "[n.step(0.1 * k, [[459.0, 532.0], [562.0, 531.0], [511.0, 478.0]]).docking for k in range(3)]",
 }
 
 

@@ -133,7 +133,7 @@ def test_a_covariance_of_1e308():
 def test_two_images_at_one_time_leave_the_velocity_unknown():
     """As plain Python the covariance was turned by what the last time update had left: velocity known exactly."""
     navigator = relnav.PoseNavigator(relnav.load_model("three_marker_vision"))
-    spots = [[553.7, 553.7], [469.3, 553.7], [511.5, 511.5]]
+    spots = [[469.3, 553.7], [553.7, 553.7], [511.5, 511.5]]
     navigator.step(0.1, spots)
     record = navigator.step(0.1, spots)
     assert record.status is relnav.EpochStatus.STARTED
