@@ -12,7 +12,8 @@ import numpy as np
 from relnav.arrays import Matrix, Vector
 from relnav.codegen.kernel import is_at_hand, is_compiled
 from relnav.decimals import LONGEST_NUMBER, powers_of_ten, read_rows, write_rows
-from relnav.files.text_table import MOST_EMPTY_LINES, TextTable
+from relnav.files import text_table
+from relnav.files.text_table import TextTable
 
 MANY_NUMBERS = 150_000
 """In one piece of a table: there are more pieces then, and Python's own way takes seconds, as compiling does, once."""
@@ -86,7 +87,7 @@ class BlockReader:
             return None
         place, line, last, count, asked = state.tolist()
         values, lines = values[:count], lines[:count]
-        if np.diff(lines, prepend=table.last_row, append=line).max() > MOST_EMPTY_LINES:
+        if np.diff(lines, prepend=table.last_row, append=line).max() > text_table.MOST_EMPTY_LINES:
             return None
         for row, column, begin, end in self._ask[:asked].tolist():
             cell, name = block[begin:end].decode("ascii"), table.names[self._cells[column]]
