@@ -221,10 +221,8 @@ def try_one(path: Path, read: Callable[[Path], Any], content: bytes) -> str:
     return outcome
 
 
-def fuzz(name: str, folder: Path, cases: int, *, derandomize: bool = False) -> dict[str, Any]:
-    """Try so many cases of one target; what came of them. The first that must not be is raised, made small."""
-    ending, read, strategy = targets(folder)[name]
-    outcomes: Counter[str] = Counter()
+def try_cases(strategy: Any, one: Callable[[Any], None], cases: int, *, derandomize: bool) -> None:
+    """So many cases of a strategy; the first that must not be is raised, made small."""
 
     @settings(
         max_examples=cases,
@@ -236,10 +234,21 @@ def fuzz(name: str, folder: Path, cases: int, *, derandomize: bool = False) -> d
         phases=(Phase.generate, Phase.shrink),
     )
     @given(strategy)
+    def each(case: Any) -> None:
+        one(case)
+
+    each()
+
+
+def fuzz(name: str, folder: Path, cases: int, *, derandomize: bool = False) -> dict[str, Any]:
+    """Try so many cases of one target; what came of them. The first that must not be is raised, made small."""
+    ending, read, strategy = targets(folder)[name]
+    outcomes: Counter[str] = Counter()
+
     def one(content: bytes) -> None:
         outcomes[try_one(folder / ending, read, content)] += 1
 
-    one()
+    try_cases(strategy, one, cases, derandomize=derandomize)
     return {"target": name, "cases": sum(outcomes.values()), "outcomes": dict(sorted(outcomes.items())), "faults": []}
 
 

@@ -115,7 +115,7 @@ def test_all_else_stays_as_it_is_for_who_says_what_is_wrong(value):
 
 def test_a_subclass_is_no_plain_list():
     class Mine(list):
-        pass
+        """Its elements may be anything."""
 
     mine = Mine([1.0])
     assert of_floats(mine) is mine

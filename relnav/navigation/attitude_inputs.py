@@ -25,9 +25,9 @@ def can_be_used(dcm: Matrix, covariance: Matrix, symmetric: Matrix, factor: Matr
     largest, apart = 0.0, 0.0
     for i in range(3):
         for j in range(3):
-            symmetric[i, j] = 0.5 * (covariance[i, j] + covariance[j, i])
-            if not abs(covariance[i, j]) <= LARGEST_RAD2:  # NaN too
+            if not (abs(covariance[i, j]) <= LARGEST_RAD2 and abs(covariance[j, i]) <= LARGEST_RAD2):  # NaN too
                 return False
+            symmetric[i, j] = 0.5 * (covariance[i, j] + covariance[j, i])
             largest = max(largest, abs(symmetric[i, j]))
             apart = max(apart, abs(covariance[i, j] - covariance[j, i]))
     return apart <= ASYMMETRY * largest and cholesky(symmetric, LEAST_PIVOT, factor)
