@@ -17,7 +17,7 @@ import relnav
 from relnav.accuracy.pose_filter import flown, joined, loose_errors, smoothed_errors, tight_errors
 from relnav.accuracy.target_attitude import attitude_trials
 from relnav.navigation.pose_filter import pose_step
-from relnav.navigation.pose_memory import new_pose_memory, pose_named
+from relnav.navigation.pose_memory import new_pose_memory, pose_views
 from relnav.navigation.pose_roots import Root, state_of, write_root
 from relnav.navigation.pose_state import PoseState, sensitivities_from_pose, state_from_pose
 from relnav.navigation.relative_pose import PoseNavigator
@@ -105,7 +105,7 @@ def wrong(error, covariance):
 def single_filter(mission, flight):
     """Error and covariance at the end of one filter on the most credible root of the first image."""
     dcm, memory, none = mission.dcm_chaser_from_lvlh, new_pose_memory(mission), np.empty((0, 2, 2))
-    m = pose_named(memory)
+    m = pose_views(memory)
     pose, seen = measure(flight.spots_px[0], mission).roots[0].pose, np.isfinite(flight.spots_px[0]).all(axis=1)
     effects = sensitivities_from_pose(pose, mission, dcm, seen, None)
     write_root(m.bank[0], m.bank_sensitivities[0], Root(state_from_pose(pose, mission, dcm, widened=4.0), effects))

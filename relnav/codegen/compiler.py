@@ -3,27 +3,25 @@
 from collections.abc import Callable
 from typing import Any
 
-from numba import njit, typeof, types
+from numba import typeof, types
 
 from relnav.codegen import lowering, store
 from relnav.codegen.python_call import takes
-from relnav.codegen.whole_program import Outer, PythonEntry
+from relnav.codegen.whole_program import Outer, PythonEntry, SharedEntry, objects_of
 
 # Kernels work on the memory that they are given: without reference counts (_nrt) they are a quarter faster.
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": False, "boundscheck": False, "_nrt": False}
 register = lowering.register
 
-FORMS = ("kernel", "long kernel", "entry", "long entry", "shared entry", "inlined")
+FORMS = ("kernel", "long kernel", "entry", "long entry", "shared entry")
 
 
 def dispatcher(function: Callable[..., Any], form: str) -> Any:
     """Numba's form of a function."""
-    if form == "inlined":
-        return njit(inline="always", **OPTIONS)(function)
     options = OPTIONS | {"nogil": form.startswith("long")}
     if form in ("entry", "long entry"):  # its finished code is kept by us
         return PythonEntry(function, options, shared=False)
-    compiled = (PythonEntry if form == "shared entry" else Outer)(function, options, shared=form == "shared entry")
+    compiled = (SharedEntry if form == "shared entry" else Outer)(function, options, shared=form == "shared entry")
     if store.folder() is not None:
         compiled.enable_caching()
     return compiled
@@ -37,11 +35,8 @@ def finish(name: str, compiled: Any, arguments: tuple[Any, ...]) -> tuple[store.
     compiled.compile(kinds)
     result = compiled.overloads[kinds]
     library, symbol = result.library, result.fndesc.llvm_cpython_wrapper_name
-    module = library._final_module
-    if not list(module.functions):  # numba read it from a file, where only another caller needed it
-        module = library._get_module_for_linking()
-    needs = sorted(f.name for f in module.functions if f.is_declaration and "." not in f.name)
-    code = store.Code(name, store.kinds_of(arguments), symbol, needs, library._get_compiled_object())
+    objects, needs = objects_of(library)
+    code = store.Code(name, store.kinds_of(arguments), symbol, needs, objects)
     return code, store.python_function(name, library.get_pointer_to_function(symbol))
 
 

@@ -70,12 +70,6 @@ class Kernel:
         return self.dispatcher._numba_type_
 
 
-class Inlined(Kernel):
-    """A kernel that is written out where it is called."""
-
-    targetoptions = {"inline": "always"}  # noqa: RUF012  (numba asks for it by this name)
-
-
 class Entry(Kernel):
     """A kernel that Python calls: its finished code is kept in files, and is run without numba.
 
@@ -147,14 +141,6 @@ def long_entry(function: Callable[P, R]) -> Callable[P, R]:
 def shared_entry(function: Callable[P, R]) -> Callable[P, R]:
     """A kernel that both Python and other kernels call, and that is long: it is finished once for all of them."""
     return _marked(Entry, function, "shared entry")
-
-
-def inlined(function: Callable[P, R]) -> Callable[P, R]:
-    """A kernel that is written out where it is called: for one that returns views of memory by name.
-
-    From Python only `plain` of it can be called.
-    """
-    return _marked(Inlined, function, "inlined")
 
 
 def _marked(mark: type[Kernel], function: Callable[P, R], form: str = "kernel") -> Callable[P, R]:

@@ -14,6 +14,7 @@ import tempfile
 import warnings
 from collections.abc import Callable
 from functools import cache
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,14 +32,15 @@ _HELD: list[Any] = []
 class Code(NamedTuple):
     """Finished code of one kernel for arguments of these kinds.
 
-    symbol: name of the function that Python calls (`python_call`); needs: what it calls outside.
+    symbol: name of the function that Python calls (`python_call`); needs: what is called outside of the objects, which
+    are the kernel's and those that it shares with others.
     """
 
     name: str
     kinds: str
     symbol: str
     needs: list[str]
-    machine_code: bytes
+    objects: tuple[bytes, ...]
 
 
 @cache
@@ -122,12 +124,13 @@ def save(code: Code, place: Path | None = None) -> None:
     place = place or folder()
     if place is None:
         return
-    header: dict[str, Any] = {"stamp": code_stamp(), "machine": machine(), "digest": _digest(code.machine_code)}
-    header |= {"kinds": code.kinds, "symbol": code.symbol, "needs": code.needs}
+    machine_code = b"".join(code.objects)
+    header: dict[str, Any] = {"stamp": code_stamp(), "machine": machine(), "digest": _digest(machine_code)}
+    header |= {"kinds": code.kinds, "symbol": code.symbol, "needs": code.needs, "sizes": [*map(len, code.objects)]}
     path = _path(place, code.name, code.kinds)
     unfinished = path.with_suffix(f".{os.getpid()}")
     try:
-        unfinished.write_bytes(json.dumps(header).encode() + b"\n" + code.machine_code)
+        unfinished.write_bytes(json.dumps(header).encode() + b"\n" + machine_code)
         unfinished.replace(path)
     except OSError:
         unfinished.unlink(missing_ok=True)
@@ -145,7 +148,9 @@ def _read(path: Path) -> Code | None:
         fits = header["stamp"] == code_stamp() and header["machine"] == machine()
         if not fits or header["digest"] != _digest(machine_code):
             return None
-        return Code(path.name.rpartition("-")[0], header["kinds"], header["symbol"], header["needs"], machine_code)
+        ends = [0, *accumulate(header["sizes"])]
+        objects = tuple(machine_code[a:b] for a, b in pairwise(ends))
+        return Code(path.name.rpartition("-")[0], header["kinds"], header["symbol"], header["needs"], objects)
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
@@ -175,7 +180,8 @@ def load(code: Code) -> Callable[..., Any] | None:
     )
     if not all(binding.address_of_symbol(name) for name in code.needs):
         return None
-    engine.add_object_file(binding.ObjectFileRef.from_data(code.machine_code))
+    for one in code.objects:
+        engine.add_object_file(binding.ObjectFileRef.from_data(one))
     engine.finalize_object()
     _HELD.append(engine)
     return python_function(code.name, engine.get_function_address(code.symbol))

@@ -21,6 +21,7 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.registry import CPUDispatcher, cpu_target
 
 from relnav.codegen import store
+from relnav.codegen.passes import KernelCompiler
 from relnav.codegen.python_call import write_python_call
 
 
@@ -43,12 +44,21 @@ class _Unfinished(JITCodeLibrary):  # type: ignore[misc]  # numba has no types, 
 class _Whole(JITCodeLibrary):  # type: ignore[misc]
     """Finished code, linked with all that it calls and what that calls."""
 
+    is_shared = False
+
     def add_linking_library(self, library: Any) -> None:
         if library not in self._linking_libraries:
             super().add_linking_library(library)
             if isinstance(library, _Unfinished):
                 for called in library._linking_libraries:
                     self.add_linking_library(called)
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
+
+    def _optimize_final_module(self) -> None:
+        passes, builder = self._codegen._module_pass_manager()  # without numba's pass before, for reference counts
+        passes.run(self._final_module, builder)
 
     @classmethod
     def _unserialize(cls, codegen: Any, state: Any) -> Any:
@@ -57,6 +67,21 @@ class _Whole(JITCodeLibrary):  # type: ignore[misc]
         if kind == "object":  # numba forgets it when it is loaded, and our files want it
             library._compiled_object = data[0]
         return library
+
+
+class _Caller(_Whole):
+    """The same, but that finished code which it calls stays outside, and is not optimised and translated again."""
+
+    def __init__(self, codegen: Any, name: str) -> None:
+        super().__init__(codegen, name)
+        self.outside: list[_Whole] = []
+
+    def add_linking_library(self, library: Any) -> None:
+        if not getattr(library, "is_shared", False):
+            super().add_linking_library(library)
+        elif library not in self.outside:
+            library._ensure_finalized()
+            self.outside.append(library)
 
 
 class _Target:
@@ -138,9 +163,11 @@ class Outer(CPUDispatcher):  # type: ignore[misc]
 
     def __init__(self, function: Callable[..., Any], options: dict[str, Any], *, shared: bool) -> None:
         """Options as numba's; shared: other kernels link the finished code, instead of compiling it into their own."""
-        super().__init__(function, targetoptions={"nopython": True, **self._more, **options})
+        super().__init__(
+            function, targetoptions={"nopython": True, **self._more, **options}, pipeline_class=KernelCompiler
+        )
         bare = {"nopython": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **options}
-        self._inner = self if shared else _Inner(function, targetoptions=bare)
+        self._inner = self if shared else _Inner(function, targetoptions=bare, pipeline_class=KernelCompiler)
 
     def compile(self, sig: Any) -> Any:
         """Compile for these types; nothing of what the compiler makes on its way is worth a search for garbage."""
@@ -162,8 +189,36 @@ class Outer(CPUDispatcher):  # type: ignore[misc]
         return types.Dispatcher(self._inner)
 
 
-class PythonEntry(Outer):
+class SharedEntry(Outer):
     """The same, called from Python by `python_call`: not through numba's dispatcher."""
 
     targetdescr = _Target(_Whole, own_calls=True)
     _more: ClassVar[dict[str, bool]] = {"no_cfunc_wrapper": True}
+
+    def compile(self, sig: Any) -> Any:
+        """Compile, or find in a file, for these types."""
+        compiled = super().compile(sig)
+        for result in self.overloads.values():
+            result.library.is_shared = self._inner is self
+        return compiled
+
+
+class PythonEntry(SharedEntry):
+    """The same, calling what is shared where it stands."""
+
+    targetdescr = _Target(_Caller, own_calls=True)
+
+
+def objects_of(library: Any) -> tuple[tuple[bytes, ...], list[str]]:
+    """Machine code of a finished library and of what it calls outside, and the names of all that these need."""
+    objects: list[bytes] = []
+    needed: set[str] = set()
+    defined: set[str] = set()
+    for one in (library, *getattr(library, "outside", ())):
+        objects.append(one._get_compiled_object())
+        module = one._final_module
+        if not list(module.functions):  # numba read it from a file, where only another caller needed it
+            module = one._get_module_for_linking()
+        for function in module.functions:
+            (needed if function.is_declaration else defined).add(function.name)
+    return tuple(objects), sorted(name for name in needed - defined if "." not in name)

@@ -9,7 +9,7 @@ from relnav.arrays import LARGEST, Matrix, Vector, number, numbers
 from relnav.estimation.factored import factorize
 from relnav.mission import Model, VisionMission
 from relnav.navigation.beacon_geometry import attitude_changed
-from relnav.navigation.memory import METHODS, named, new_memory
+from relnav.navigation.memory import METHODS, new_memory, views
 from relnav.sensors.three_beacon.measure import PROJECTIONS
 
 ENGINES = ("compiled", "filterpy")
@@ -31,7 +31,7 @@ def choose(model: Model, method: str, projection: str | None, engine: str) -> Ve
     if name not in PROJECTIONS:
         raise ValueError(f'projection must be "perspective" or "parallel"; got {name!r}')
     block = new_memory(model, method, name)
-    m = named(block)
+    m = views(block)
     attitude_changed(m.kept, m.sensor)
     return block
 

@@ -144,7 +144,7 @@ def _start_of_planes(m: Memory, track: Record, sensitivities: Matrix, spots: Mat
     The planes' meeting point, then one Gauss-Newton step with the spots' noise; its normal matrix is the information.
     The track is left alone unless the image can begin one: it may be a trial that goes on.
     """
-    normal, inverse, covariance, x = m.scratch["normal"], m.scratch["turn"], m.scratch["covariance"], m.at
+    normal, inverse, covariance, x = m.scratch["normal"], m.scratch["turn"], m.scratch["covariance"], m.fixed["at"]
     mount, none = m.kept["mount"], m.news
     _, usable, _ = take_in_coordinates(m.sensor, m.beacons, m.groups, spots)
     if usable < 6:

@@ -15,7 +15,7 @@ from relnav.arrays import Codes, Matrix
 from relnav.mission import Model
 from relnav.navigation.arguments import choose
 from relnav.navigation.beacon_geometry import uses_coordinates
-from relnav.navigation.memory import named
+from relnav.navigation.memory import views
 from relnav.navigation.record import Solution
 from relnav.navigation.status import REJECTED, UPDATED
 from relnav.navigation.steady_state_filter import rows_at
@@ -39,7 +39,7 @@ def innovation_covariances(model: Model, solution: Solution, at: Codes) -> list[
     unknown = np.empty((0, 0))
     if solution.smoothed or solution.metadata.get("considered") or len(solution.lever_lvlh_m) > 1:
         return [unknown] * len(at)
-    m, seen = named(choose(model, solution.method, None, "compiled")), np.ones(len(model.beacons_lvlh_m), dtype=bool)
+    m, seen = views(choose(model, solution.method, None, "compiled")), np.ones(len(model.beacons_lvlh_m), dtype=bool)
     numbers = 2 * len(seen) if uses_coordinates(m.sensor) else 3
     out = []
     for e in map(int, at):

@@ -16,7 +16,7 @@ from relnav.mission import Model
 from relnav.navigation.arguments import choose, controls, quaternions
 from relnav.navigation.beacon_geometry import attitude_changed
 from relnav.navigation.considered import add_considered
-from relnav.navigation.memory import Memory, named, views
+from relnav.navigation.memory import Memory, views
 from relnav.navigation.record import Solution
 from relnav.navigation.reference_engine import ReferenceEngine, run_reference
 from relnav.navigation.smoothing import new_models, nothing_later, pack_factors, smooth_run, unpack_factors
@@ -154,7 +154,7 @@ class LogFilter:
         self.model, self.method = model, method
         self.block = choose(model, method, projection, engine)
         self._reference = ReferenceEngine(self.block) if engine == "filterpy" else None
-        self._named = named(self.block)
+        self._named = views(self.block)
         self._considered = len(self._named.sensitivities)
 
     def room(self, n: int, *, smooth: bool) -> Epochs:

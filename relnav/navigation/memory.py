@@ -1,16 +1,11 @@
-"""The memory of a filter: one array that crosses from Python, and the names under which compiled code sees it.
-
-One array crosses from Python into compiled code in 0.2 us; ten would cost a microsecond. Inside, `views` names its
-parts once a step: records of fixed size (numpy structured types, which numba reads and writes as one would by hand),
-and arrays whose length depends on the model. A kernel is handed what it works on, by these names.
-"""
+"""The memory of the beacon filter: one array (`codegen.memory_layout`), and the names of its parts."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
-from relnav.codegen.kernel import inlined, plain
+from relnav.codegen.memory_layout import Layout
 from relnav.dynamics.relative_motion import orbit_vector
 from relnav.estimation.gating import gate_limits
 from relnav.estimation.monitors import WATCH, watched_type
@@ -161,8 +156,6 @@ FIXED = np.dtype(
     ]
 )
 """All that does not depend on the number of beacons."""
-FIXED_SIZE = FIXED.itemsize // 8
-_BEACON_SIZE, _GROUP_SIZE, _WATCHED_SIZE = BEACON.itemsize // 8, GROUP.itemsize // 8, WATCHED.itemsize // 8
 
 
 class Memory(NamedTuple):
@@ -178,7 +171,6 @@ class Memory(NamedTuple):
     scratch: Record
     trial: Record
     work: Record
-    at: Vector
     kept: Record
     clock: Record
     track: Record
@@ -201,64 +193,31 @@ class Memory(NamedTuple):
     nothing: Matrix  # (0, 0)
 
 
-def size_of(beacons: int, considered: int) -> int:
-    """Numbers that a filter of so many beacons and lasting errors needs."""
-    n, m = beacons, considered
-    by_beacon = _BEACON_SIZE + 2 * _GROUP_SIZE + _WATCHED_SIZE
-    return FIXED_SIZE + 12 * n + 3 * MOTION * m + n * by_beacon + 2 * n * m + 8 * n * n
-
-
-@inlined
-def views(block: Vector) -> Memory:
-    """The memory by names."""
-    fixed = block[:FIXED_SIZE].view(FIXED)[0]
-    kept = fixed["kept"]
-    n, m = kept["clock"]["beacons"], fixed["considered"]
-    a = FIXED_SIZE + 2 * n
-    b, c, d = a + MOTION * m, a + 2 * MOTION * m, a + 3 * MOTION * m
-    e, f, g = d + 2 * n, d + 4 * n, d + (4 + _BEACON_SIZE) * n
-    h, i = g + _GROUP_SIZE * n, g + 2 * _GROUP_SIZE * n
-    j = i + 2 * n * m
-    k = j + 6 * n
-    o = k + 4 * n * n
-    p = o + 4 * n * n
-    return Memory(
-        fixed,
-        fixed["sensor"],
-        fixed["tolerances"],
-        fixed["motion"],
-        fixed["step"],
-        fixed["prior"],
-        fixed["fix"],
-        fixed["scratch"],
-        fixed["trial"],
-        fixed["work"],
-        fixed["at"],
-        kept,
-        kept["clock"],
-        kept["track"],
-        kept["result"],
-        fixed["watch"],
-        block[FIXED_SIZE:a],
-        block[a:b].reshape((m, MOTION)),
-        block[b:c].reshape((m, MOTION)),
-        block[c:d].reshape((m, MOTION)),
-        block[d:e],
-        block[e:f],
-        block[f:g].view(BEACON),
-        block[g:h].view(GROUP),
-        block[h:i].view(GROUP),
-        block[i:j].reshape((2 * n, m)),
-        block[j:k].reshape((2 * n, 3)),
-        block[k:o].reshape((2 * n, 2 * n)),
-        block[o:p].reshape((2 * n, 2 * n)),
-        block[p : p + _WATCHED_SIZE * n].view(WATCHED),
-        block[0:0].reshape((0, 0)),
-    )
-
-
-named = plain(views)
-"""The memory by names, from Python."""
+_LAYOUT = Layout(
+    Memory,
+    FIXED,
+    {"n": "kept.clock.beacons", "m": "considered"},
+    {"clock": "kept.clock", "track": "kept.track", "result": "kept.result"},
+    {
+        "innovations": ("2n",),
+        "sensitivities": ("m", MOTION),
+        "news": ("m", MOTION),
+        "trial_sensitivities": ("m", MOTION),
+        "innovations_aside": ("2n",),
+        "gate": ("2n",),
+        "beacons": (BEACON, "n"),
+        "groups": (GROUP, "n"),
+        "independent": (GROUP, "n"),
+        "by_error": ("2n", "m"),
+        "turns": ("2n", 3),
+        "noise": ("2n", "2n"),
+        "factor": ("2n", "2n"),
+        "watched": (WATCHED, "n"),
+        "nothing": (0, 0),
+    },
+)
+views = _LAYOUT.views
+"""The memory by names."""
 
 
 def new_memory(model: Model, method: str, projection: str) -> Vector:
@@ -268,11 +227,9 @@ def new_memory(model: Model, method: str, projection: str) -> Vector:
     tolerances = model.tolerances if model.tolerances is not None and model.tolerances.considered else None
     calibration = model.calibration
     first, last = considered_errors(model, method)
-    block = np.zeros(size_of(count, last - first))
-    fixed = block[:FIXED_SIZE].view(FIXED)[0]
-    fixed["considered"], fixed["first_error"], fixed["kept"]["clock"]["beacons"] = last - first, first, count
-    m = named(block)
-    fixed["restart_after"] = settings.restart_after_epochs
+    block = _LAYOUT.new(n=count, m=last - first)
+    m = views(block)
+    m.fixed["first_error"], m.fixed["restart_after"] = first, settings.restart_after_epochs
     half = 0.5 * np.array(sensor.detector_size_m)
     fill(
         m.sensor,

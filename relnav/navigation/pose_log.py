@@ -12,7 +12,7 @@ from relnav.mission import VisionMission
 from relnav.navigation.arguments import controls, quaternions
 from relnav.navigation.pose_epoch import EPOCH, read_epoch, write_epoch
 from relnav.navigation.pose_filter import NOTHING, pose_step
-from relnav.navigation.pose_memory import POSE, pose_named, pose_views
+from relnav.navigation.pose_memory import POSE, pose_views
 from relnav.navigation.pose_record import PoseSolution
 from relnav.navigation.pose_smoothing import PoseSmoother
 from relnav.navigation.relative_pose import NO_COVARIANCES, Event, PoseNavigator, look_for_roots
@@ -66,7 +66,7 @@ class MarkerLogFilter(PoseNavigator):
         super().__init__(mission)
         self._keep = keep
         self._past: list[tuple[Any, Stack]] = []
-        self._considered = len(pose_named(self.memory).news)
+        self._considered = len(self._named.news)
 
     def forward(
         self, t: Vector, spots: Stack, control: Matrix, quaternion: Matrix, image_t: Vector | None = None
@@ -87,10 +87,10 @@ class MarkerLogFilter(PoseNavigator):
                 self.memory, done, t, spots, control, quaternion, self._held, NO_COVARIANCES, chaser, epochs, apart
             )
             if at < len(t):
-                m = pose_named(self.memory)
+                m = self._named
                 a, v, chaser_now = m.motion["acceleration"], m.motion["delta_v"], m.camera["chaser"]
                 event = Event(float(t[at]), a, v, spots[at], NO_COVARIANCES, chaser_now)
-                look_for_roots(self.memory, self.mission, event, int(m.result["wants"]))
+                look_for_roots(m, self.mission, event, int(m.result["wants"]))
                 read_epoch(self.memory, epochs[at : at + 1], apart[at : at + 1])
             done = at + 1
         self._before, self._oldest_s = self.memory.copy(), float(t[-1])

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from relnav.arrays import Matrix, Record, Stack, Vector
-from relnav.codegen.kernel import inlined, plain
+from relnav.codegen.memory_layout import Layout
 from relnav.dynamics.rigid_body import BODY_ROWS, RigidBody
 from relnav.estimation.gating import gate_limits
 from relnav.estimation.rows import group_type
@@ -119,7 +119,6 @@ POSE_FIXED = np.dtype(
         ("result", POSE_RESULT),
     ]
 )
-_FIXED, _TRACK, _GROUP = POSE_FIXED.itemsize // 8, POSE_TRACK.itemsize // 8, POSE_GROUP.itemsize // 8
 
 
 class PoseMemory(NamedTuple):
@@ -162,71 +161,40 @@ class PoseMemory(NamedTuple):
     exchanged: Matrix  # (n, 2), spots that have changed places, scratch
 
 
-def _size_of(markers: int, considered: int) -> int:
-    n, m = markers, considered
-    lasting = (3 * MOST_POSES + 1) * POSE * m + 2 * n * m
-    return _FIXED + 3 * MOST_POSES * _TRACK + 105 * n + 8 * n * n + 2 * n * _GROUP + lasting
-
-
-@inlined
-def pose_views(block: Vector) -> PoseMemory:
-    """The memory by names."""
-    fixed = block[:_FIXED].view(POSE_FIXED)[0]
-    n, m = fixed["clock"]["markers"], fixed["considered"]
-    a = _FIXED + MOST_POSES * _TRACK
-    b, c = a + MOST_POSES * _TRACK, a + 2 * MOST_POSES * _TRACK
-    d = c + 2 * n
-    e, f = d + 3 * n, d + 4 * n
-    g, h, h2, i = f + n, f + 2 * n, f + 3 * n, f + 4 * n
-    j, k, o = i + 6 * n, i + 12 * n, i + 18 * n
-    p = o + 72 * n
-    q, r = p + 4 * n * n, p + 8 * n * n
-    s = r + _GROUP * n
-    u, one = s + _GROUP * n, MOST_POSES * m * POSE
-    v, w, x = u + one, u + 2 * one, u + 3 * one
-    y = x + 2 * n * m
-    z = y + m * POSE
-    return PoseMemory(
-        fixed,
-        fixed["camera"],
-        fixed["lasting"],
-        fixed["body"],
-        fixed["motion"],
-        fixed["step"],
-        fixed["scratch"],
-        fixed["work"],
-        fixed["best"],
-        fixed["clock"],
-        fixed["result"],
-        block[_FIXED:a].view(POSE_TRACK),
-        block[a:b].view(POSE_TRACK),
-        block[b:c].view(POSE_TRACK),
-        block[c:d],
-        block[d:e].reshape((n, 3)),
-        block[e:f],
-        block[f:g],
-        block[g:h],
-        block[h:h2],
-        block[h2:i],
-        block[i:j].reshape((2 * n, 3)),
-        block[j:k].reshape((n, 6)),
-        block[k:o].reshape((2 * n, 3)),
-        block[o:p].reshape((2 * n, 36)),
-        block[p:q].reshape((2 * n, 2 * n)),
-        block[q:r].reshape((2 * n, 2 * n)),
-        block[r:s].view(POSE_GROUP),
-        block[s:u].view(POSE_GROUP),
-        block[u:v].reshape((MOST_POSES, m, POSE)),
-        block[v:w].reshape((MOST_POSES, m, POSE)),
-        block[w:x].reshape((MOST_POSES, m, POSE)),
-        block[x:y].reshape((2 * n, m)),
-        block[y:z].reshape((m, POSE)),
-        block[z : z + 2 * n].reshape((n, 2)),
-    )
-
-
-pose_named = plain(pose_views)
-"""The memory by names, from Python."""
+_LAYOUT = Layout(
+    PoseMemory,
+    POSE_FIXED,
+    {"n": "clock.markers", "m": "considered"},
+    {},
+    {
+        "bank": (POSE_TRACK, MOST_POSES),
+        "trial": (POSE_TRACK, MOST_POSES),
+        "spare": (POSE_TRACK, MOST_POSES),
+        "gate": ("2n",),
+        "points": ("n", 3),
+        "used_s": ("n",),
+        "trial_used_s": ("n",),
+        "accepted": ("n",),
+        "accepted_aside": ("n",),
+        "which": ("n",),
+        "turns": ("2n", 3),
+        "nearer": ("n", 6),
+        "by_marker": ("2n", 3),
+        "bends": ("2n", 36),
+        "noise": ("2n", "2n"),
+        "factor": ("2n", "2n"),
+        "groups": (POSE_GROUP, "n"),
+        "independent": (POSE_GROUP, "n"),
+        "bank_sensitivities": (MOST_POSES, "m", POSE),
+        "trial_sensitivities": (MOST_POSES, "m", POSE),
+        "spare_sensitivities": (MOST_POSES, "m", POSE),
+        "by_error": ("2n", "m"),
+        "news": ("m", POSE),
+        "exchanged": ("n", 2),
+    },
+)
+pose_views = _LAYOUT.views
+"""The memory by names."""
 
 
 def new_pose_memory(mission: VisionMission) -> Vector:
@@ -234,10 +202,8 @@ def new_pose_memory(mission: VisionMission) -> Vector:
     count, camera, target = len(mission.markers.positions_m), mission.camera, mission.target
     tolerances = mission.tolerances if mission.tolerances is not None and mission.tolerances.considered else None
     considered = MOUNTING if tolerances is None else PLACEMENT + 3 * count
-    block = np.zeros(_size_of(count, considered))
-    fixed = block[:_FIXED].view(POSE_FIXED)[0]
-    fixed["considered"], fixed["clock"]["markers"] = considered, count
-    m = pose_named(block)
+    block = _LAYOUT.new(n=count, m=considered)
+    m = pose_views(block)
     m.fixed["restart_after"] = mission.filter.restart_after_epochs
     m.fixed["few_markers_limit"] = mission.filter.few_markers_limit_s
     fill(

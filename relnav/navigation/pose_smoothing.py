@@ -19,7 +19,7 @@ from relnav.estimation.smoothing import backward_model, carry_noise_back, smooth
 from relnav.geometry.rotation_vector import rotation_vector_into, turn_by_rotation_vector
 from relnav.mission import VisionMission
 from relnav.navigation.pose_epoch import unpack_pose, write_covariance
-from relnav.navigation.pose_memory import POSE, POSE_TRACK, new_pose_memory, pose_named, pose_views
+from relnav.navigation.pose_memory import POSE, POSE_TRACK, new_pose_memory, pose_views
 from relnav.navigation.pose_propagation import (
     POSE_NOISE_PATTERN,
     POSE_PHI_PATTERN,
@@ -178,7 +178,7 @@ class PoseSmoother:
         """Begin behind the last event."""
         self._memory = new_pose_memory(mission)
         self._after = np.zeros(LATER.itemsize // 8)
-        self._effects = np.zeros((2, *pose_named(self._memory).news.shape))
+        self._effects = np.zeros((2, *pose_views(self._memory).news.shape))
 
     def backward(self, events: Any, apart: Stack) -> None:
         """Smooth the events (n,) of type `EPOCH` in place, those after them having been smoothed before.

@@ -27,7 +27,7 @@ from relnav.navigation.beacon_observation import observe, observe_again
 from relnav.navigation.beacon_start import start
 from relnav.navigation.docking_view import LOWER
 from relnav.navigation.measurement_matrices import errors_in_use, rows_in_use, turns_in_sight
-from relnav.navigation.memory import ATTITUDE_ERRORS, FIELD_ERRORS, FIX, TOLERANCES_SHARED, fill, named
+from relnav.navigation.memory import ATTITUDE_ERRORS, FIELD_ERRORS, FIX, TOLERANCES_SHARED, fill, views
 from relnav.navigation.propagation import prepare_step
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
 from relnav.navigation.step import WRONG_SHAPE, WRONG_TIME
@@ -40,7 +40,7 @@ class ReferenceEngine:
 
     def __init__(self, block: Vector) -> None:
         """Take over the memory."""
-        self.named = named(block)
+        self.named = views(block)
         self.track: ReferenceTrack | None = None
         self.trial: ReferenceTrack | None = None
         self.streak = 0
@@ -296,7 +296,7 @@ def run_reference(
     engine: ReferenceEngine,
 ) -> None:
     """The log loop over the reference engine, with the arguments of the compiled one."""
-    m = named(block)
+    m = views(block)
     for e in range(len(t)):
         if len(control):
             m.motion["acceleration"], m.motion["delta_v"] = control[e, :3], control[e, 3:]

@@ -7,6 +7,7 @@ came after replayed. The answer is, bit for bit, that of the same events in orde
 import math
 from bisect import bisect_right
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +22,7 @@ from relnav.navigation.arguments import not_negative, start_values
 from relnav.navigation.memory import fill, orbit_values
 from relnav.navigation.pose_epoch import EPOCH, JOINED, read_epoch
 from relnav.navigation.pose_filter import NEW_ROOTS, NOTHING, pose_step
-from relnav.navigation.pose_memory import POSE, new_pose_memory, pose_named
+from relnav.navigation.pose_memory import POSE, PoseMemory, new_pose_memory, pose_views
 from relnav.navigation.pose_propagation import is_wide
 from relnav.navigation.pose_record import PoseRecord
 from relnav.navigation.pose_roots import Root, add_uncovered, open_trial, roots, state_of, view_at
@@ -83,15 +84,25 @@ class PoseNavigator:
             )
         self.mission = mission
         self.memory = new_pose_memory(mission)
+        self._named = pose_views(self.memory)
         self._held, self._nothing = mission.dcm_chaser_from_lvlh, np.zeros(3)
         self._events: list[Event] = []
         self._after: list[Vector] = []  # the memory as each event left it
         self._before, self._oldest_s = self.memory.copy(), math.nan
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but the views, which are of this memory."""
+        return {name: value for name, value in self.__dict__.items() if name != "_named"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Go on from there."""
+        self.__dict__.update(state)
+        self._named = pose_views(self.memory)
+
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """Every pose that is still possible, the most credible first."""
-        m = pose_named(self.memory)
+        m = self._named
         tracks = zip(m.bank[: int(m.clock["running"])], m.bank_sensitivities, strict=False)
         return tuple(Hypothesis(state_of(one, by_error), float(one["score"])) for one, by_error in tracks)
 
@@ -127,7 +138,7 @@ class PoseNavigator:
             raise ValueError("dcm_lvlh_from_target is a rotation matrix (3, 3)")
         if t < self.last_t_s:
             raise ValueError(f"t_s must not be before the last epoch, {self.last_t_s!r}; got {t_s!r}")
-        m = pose_named(self.memory)
+        m = self._named
         fill(m.bank[0], motion=motion, dcm=attitude, rate=rate, state=0.0, ld=ld, score=0.0, doubt=0.0, added=-math.inf)
         m.bank_sensitivities[0] = 0.0
         fill(m.clock, t=t, begun=t, renewed=t, blurred=-math.inf, running=1, trial=0, rejected=0)
@@ -229,10 +240,19 @@ class PoseNavigator:
         return replace(event, spots_px=spots, covariance_px2=own)
 
     def _append(self, event: Event) -> "Outcome":
-        take(self.memory, self.mission, event)
+        self._take(event)
         self._events.append(event)
         self._after.append(self.memory.copy())
-        return outcome_of(self.memory)
+        return outcome_of(self._named)
+
+    def _take(self, event: Event) -> None:
+        """Take an event into the filter: the compiled step, and what it wants of the closed form."""
+        m = self._named
+        m.motion["acceleration"], m.motion["delta_v"] = event.acceleration_m_s2, event.delta_v_m_s
+        m.camera["attitude_noise"] = event.attitude_noise_rad
+        wants = pose_step(self.memory, event.t_s, event.dcm_chaser_from_lvlh, event.spots_px, event.covariance_px2)
+        if wants != NOTHING:
+            look_for_roots(m, self.mission, event, wants)
 
     def _insert(self, image: Event, oldest: float) -> "Outcome | None":
         """Take a late image in and replay what came after; None if it is older than the window or all that is kept."""
@@ -296,27 +316,15 @@ def nothing_used(markers: int) -> Outcome:
     return Outcome(EpochStatus.PREDICTED, np.zeros(markers, dtype=bool), math.nan, 0)
 
 
-def outcome_of(memory: Vector) -> Outcome:
+def outcome_of(m: PoseMemory) -> Outcome:
     """Of the last event."""
-    m = pose_named(memory)
     result = m.result
     status, alarm = EpochStatus(int(result["status"])), int(result["alarm"])
     return Outcome(status, m.accepted > 0.0, float(result["nis"]), int(result["dof"]), alarm)
 
 
-def take(memory: Vector, mission: VisionMission, event: Event) -> None:
-    """Take an event into the filter: the compiled step, and what it wants of the closed form."""
-    m = pose_named(memory)
-    m.motion["acceleration"], m.motion["delta_v"] = event.acceleration_m_s2, event.delta_v_m_s
-    m.camera["attitude_noise"] = event.attitude_noise_rad
-    wants = pose_step(memory, event.t_s, event.dcm_chaser_from_lvlh, event.spots_px, event.covariance_px2)
-    if wants != NOTHING:
-        look_for_roots(memory, mission, event, wants)
-
-
-def look_for_roots(memory: Vector, mission: VisionMission, event: Event, wants: int) -> None:
+def look_for_roots(m: PoseMemory, mission: VisionMission, event: Event, wants: int) -> None:
     """Open a trial on the poses that explain an image, or take up those that no hypothesis covers."""
-    m = pose_named(memory)
     running = m.clock["running"] > 0
     keeps = running and (wants == NEW_ROOTS or is_wide(m.bank[0]))
     effects = m.bank_sensitivities[0]

@@ -24,7 +24,7 @@ from relnav.navigation.epoch_report import (
     take_inputs,
     write_report,
 )
-from relnav.navigation.memory import MOTION, fill, named, watch_anew
+from relnav.navigation.memory import MOTION, fill, views, watch_anew
 from relnav.navigation.record import FilterRecord
 from relnav.navigation.reference_engine import ReferenceEngine
 from relnav.navigation.step import wrong_use
@@ -72,7 +72,7 @@ class Navigator:
         self, model: Model, method: str = "fix", *, projection: str | None = None, engine: str = "compiled"
     ) -> None:
         self._block = choose(model, method, projection, engine)
-        self._named = named(self._block)
+        self._named = views(self._block)
         self._beacons = len(self._named.beacons)
         self._report, self._kept = new_report(self._beacons)
         self._reference = ReferenceEngine(self._block) if engine == "filterpy" else None

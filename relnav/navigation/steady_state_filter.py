@@ -11,7 +11,7 @@ from relnav.navigation.arguments import choose, vector
 from relnav.navigation.beacon_geometry import locate
 from relnav.navigation.beacon_observation import observe
 from relnav.navigation.measurement_matrices import rows_in_use
-from relnav.navigation.memory import Memory, named
+from relnav.navigation.memory import Memory, views
 from relnav.sensors.measurement import Status
 
 
@@ -38,7 +38,7 @@ def settled_filter(
     ValueError
         If the geometry gives no measurement (a beacon behind the camera, a fix outside its domain).
     """
-    m = named(choose(model, method, None, "compiled"))
+    m = views(choose(model, method, None, "compiled"))
     lever = model.dcm_cam_from_lvlh.T @ model.camera_lever_cam_m
     place = model.dcm_dock_from_lvlh.T @ vector("position_dock_m", position_dock_m, (3,))
     seen = np.array([name in beacons for name in "abcdefghijklmnopqrstuvwxyz"[: len(model.beacons_lvlh_m)]])

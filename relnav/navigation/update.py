@@ -119,7 +119,7 @@ def correct(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix) -> i
         result["reason"], passed = MISALIGNED, 0
     if passed == 0:
         return REJECTED
-    at, carried = m.at, work["state"]
+    at, carried = m.fixed["at"], work["state"]
     for j in range(6):
         at[j] = x[j]
     iterations = 1

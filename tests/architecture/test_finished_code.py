@@ -246,7 +246,7 @@ def test_a_disk_that_takes_nothing_is_no_error(compiled, python):
     code = (
         "import pathlib, toy.codegen.store as s\n"
         "pathlib.Path.write_bytes = lambda path, data: open('/dev/full', 'wb', buffering=0).write(data)\n"
-        "s.save(s.Code('toy.x', 'float', 'f', [], b'code'))\n"
+        "s.save(s.Code('toy.x', 'float', 'f', [], (b'code',)))\n"
         "print(s.at_hand('toy.x'))"
     )
     assert run(python, place, place / "full", code)[0] == ["False"]

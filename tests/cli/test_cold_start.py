@@ -50,7 +50,7 @@ def test_at_hand_only_under_the_stamp_of_this_version(monkeypatch, tmp_path):
     monkeypatch.setattr(store, "SHIPPED", tmp_path / "none")
     assert not store.at_hand("some.kernel")
     monkeypatch.setattr(store, "code_stamp", lambda: "abc")
-    store.save(store.Code("some.kernel", "float", "f", [], b"code"))
+    store.save(store.Code("some.kernel", "float", "f", [], (b"code",)))
     assert store.at_hand("some.kernel")
     assert not store.at_hand("some.kernel", "another.kernel")
     monkeypatch.setattr(store, "code_stamp", lambda: "xyz")

@@ -10,7 +10,7 @@ from relnav.files import logs, parquet
 from relnav.files.filter_file import filter_file
 from relnav.files.simulated import write_log
 from relnav.navigation.log import LogFilter
-from relnav.navigation.memory import named
+from relnav.navigation.memory import views
 from relnav.simulation.detector import Faults
 from relnav.simulation.scenario import simulate
 from relnav.simulation.trajectory import Approach
@@ -100,4 +100,4 @@ def test_memory_does_not_grow_with_the_log(model, tmp_path, monkeypatch):
 
 
 def test_a_filter_starts_each_log_anew(model):
-    assert named(LogFilter(model, method="spots").block).clock["t"] == -np.inf
+    assert views(LogFilter(model, method="spots").block).clock["t"] == -np.inf

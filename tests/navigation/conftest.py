@@ -14,7 +14,7 @@ from relnav.files.filter_log import filter_log
 from relnav.navigation.docking_port import DockingState, docking_states
 from relnav.navigation.marker_observation import aim_camera, observe_markers
 from relnav.navigation.pose_filter import spot_update
-from relnav.navigation.pose_memory import new_pose_memory, pose_named
+from relnav.navigation.pose_memory import new_pose_memory, pose_views
 from relnav.navigation.pose_roots import state_of, write_state
 from relnav.simulation.detector import Faults
 from relnav.simulation.scenario import simulate
@@ -197,7 +197,7 @@ def marker_image():
     """marker_image(state, spots, mission, dcm_chaser_from_lvlh, limit): the limit is the gate's, for any dof."""
 
     def run(state, spots, mission, dcm, limit=1e9):
-        m, none = pose_named(new_pose_memory(mission)), np.empty((0, 2, 2))
+        m, none = pose_views(new_pose_memory(mission)), np.empty((0, 2, 2))
         m.gate[:] = limit
         write_state(m.bank[0], state)
         aim_camera(m.camera, np.ascontiguousarray(dcm))

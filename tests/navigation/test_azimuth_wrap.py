@@ -6,12 +6,12 @@ import pytest
 from relnav.geometry.spherical import position_from_angles
 from relnav.navigation.arguments import choose
 from relnav.navigation.beacon_observation import linearise_position
-from relnav.navigation.memory import named
+from relnav.navigation.memory import views
 
 
 def innovation(model, measured_rae, position):
     """Residual rows (3,) of `fix` for a measured range, azimuth, elevation at a predicted docking-frame position."""
-    memory = named(choose(model, "fix", "perspective", "compiled"))
+    memory = views(choose(model, "fix", "perspective", "compiled"))
     group = memory.groups[0]
     group["variance"] = 1.0
     position_from_angles(np.array(measured_rae), memory.fix["position"])
@@ -38,6 +38,6 @@ def test_range_is_not_wrapped(vbar):
 
 
 def test_at_the_pole_the_azimuth_is_undefined_and_the_image_refused(vbar):
-    memory = named(choose(vbar, "fix", "perspective", "compiled"))
+    memory = views(choose(vbar, "fix", "perspective", "compiled"))
     memory.groups[0]["variance"] = 1.0
     assert not linearise_position(memory, np.array([0.0, 0.0, 5.0, 0.0, 0.0, 0.0]), np.zeros((3, 2)))

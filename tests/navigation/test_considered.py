@@ -11,7 +11,7 @@ from relnav.files import logs
 from relnav.files.filter_file import filter_file
 from relnav.files.simulated import write_log
 from relnav.navigation.log import LogFilter
-from relnav.navigation.memory import named
+from relnav.navigation.memory import views
 from relnav.navigation.smoothing import new_models, smooth_run
 from relnav.navigation.status import STARTED
 from relnav.sensors.three_beacon.calibrate import calibrate
@@ -91,7 +91,7 @@ def run(model, log, spots, method="spots", *, smooth=False):
     epochs = filter_.room(len(log.t_s), smooth=True)
     filter_.forward(log.t_s, spots, control, np.empty((0, 4)), epochs)
     if smooth:
-        named(filter_.block).motion["acceleration"] = 0.0
+        views(filter_.block).motion["acceleration"] = 0.0
         smooth_run(
             filter_.block,
             log.t_s,

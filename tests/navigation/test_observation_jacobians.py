@@ -11,7 +11,7 @@ from relnav.navigation.arguments import choose
 from relnav.navigation.beacon_geometry import locate
 from relnav.navigation.beacon_observation import observe, observe_again
 from relnav.navigation.measurement_matrices import rows_in_use
-from relnav.navigation.memory import named
+from relnav.navigation.memory import views
 
 METHODS = ["spots", "spots, one beacon", "fix", "invariants", "pair AB", "pair BC", "pair AC"]
 LOST = {"spots, one beacon": [1], "pair AB": [2], "pair BC": [0], "pair AC": [1]}
@@ -56,7 +56,7 @@ def prepared(request, vbar, look):
     spots = look(wide, taken[None], seed=1, dcm=held)[0]
     assert np.isfinite(spots).all()
     spots[LOST.get(method, [])] = np.nan
-    memory = named(choose(wide, "fix" if method == "fix" else "spots", "perspective", "compiled"))
+    memory = views(choose(wide, "fix" if method == "fix" else "spots", "perspective", "compiled"))
     _, rows, status = observe_from(memory, state, spots)
     assert status == relnav.Status.OK
     assert rows == {"spots": 6, "spots, one beacon": 4, "fix": 3, "invariants": 3}.get(method, 1)

@@ -11,7 +11,7 @@ from relnav.accuracy.pose_filter import PoseErrors, joined, smoothed_errors, tig
 from relnav.estimation.consistency import nees
 from relnav.geometry.rotation import quaternion_from_dcm
 from relnav.geometry.rotation_vector import rotation_vector_between, turned
-from relnav.navigation.pose_memory import CHASER_ATTITUDE, FOCAL_LENGTH, MOUNTING, PLACEMENT, pose_named
+from relnav.navigation.pose_memory import CHASER_ATTITUDE, FOCAL_LENGTH, MOUNTING, PLACEMENT, pose_views
 from relnav.navigation.relative_pose import PoseNavigator
 from relnav.simulation.as_built import markers_as_built
 from relnav.simulation.marker_flight import MarkerFlight, simulate_flight, true_spots
@@ -89,7 +89,7 @@ def test_sensitivities_are_derivatives_of_the_whole_filter(mission, flight):
     place). 3 % of a sigma is 0.1 % of a variance; the errors here do up to one sigma.
     """
     nav, nominal = at_the_end(mission, flight, mission)
-    s = pose_named(nav.memory).bank_sensitivities[0]
+    s = pose_views(nav.memory).bank_sensitivities[0]
     scale = np.sqrt(np.diag(nominal.covariance))
     for which in range(len(s)):
         there, back = (at_the_end(mission, flight, *built_with(mission, which, size))[1] for size in (0.1, -0.1))

@@ -3,7 +3,7 @@
 import math
 
 from relnav.arrays import Codes, Matrix, Vector
-from relnav.codegen.kernel import entry, inlined, kernel
+from relnav.codegen.kernel import entry, kernel
 from relnav.sensors.dual_field.attitude_fit import miss2
 from relnav.sensors.dual_field.evidence import FOLD_CHI2, fold_distance2, nearly_matched
 from relnav.sensors.dual_field.matching import PRIOR, SHIFT, SLIP_ROWS, Frame
@@ -54,7 +54,7 @@ def usable_spots_into(spots: Matrix, magnitude: Vector, half_width: float, half_
     return min(count, MOST_SPOTS)
 
 
-@inlined
+@kernel
 def framed(scratch: Vector, parameters: Vector, n: int) -> Frame:
     """A frame of n spots in scratch (9 n + 3 (WORK_ROWS + SLIP_ROWS),), to be filled; its rows of work stay free."""
     fields, place = int(parameters[FIELDS]), 9 * n + 3 * WORK_ROWS
