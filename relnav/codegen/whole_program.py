@@ -21,8 +21,11 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.registry import CPUDispatcher, cpu_target
 
 from relnav.codegen import store
+from relnav.codegen.call_types import typing_context
 from relnav.codegen.passes import KernelCompiler
 from relnav.codegen.python_call import write_python_call
+
+_TYPING = typing_context()
 
 
 class _Unfinished(JITCodeLibrary):  # type: ignore[misc]  # numba has no types, here and below
@@ -93,8 +96,8 @@ class _Target:
         generator._library_class = library
         if library is _Unfinished:
             generator.set_env = lambda _name, _env: None  # it does not run by itself
-        self.typing_context = cpu_target.typing_context
-        self.target_context = numbas.subtarget(_internal_codegen=generator)
+        self.typing_context = _TYPING
+        self.target_context = numbas.subtarget(_internal_codegen=generator, typing_context=_TYPING)
         if own_calls:
             self.target_context.create_cpython_wrapper = partial(write_python_call, self.target_context)
         self.options = cpu_target.options
