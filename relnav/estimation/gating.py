@@ -4,6 +4,7 @@ Written out, because scipy.special alone takes as long to import as a filter tak
 """
 
 import math
+from functools import cache
 
 from relnav.arrays import Vector
 
@@ -24,6 +25,7 @@ def chi_square_tail(value: float, dof: int) -> float:
     return tail
 
 
+@cache
 def chi_square_limit(probability: float, dof: int) -> float:
     """Value that a chi-square variable with dof degrees of freedom stays below with the given probability.
 

@@ -1,8 +1,9 @@
 """Poses that explain one image, as hypotheses of the marker filter: to open a trial, and those that none covers."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -26,10 +27,10 @@ _COVERED = 6.25  # chi-square, 90 % of three: a root whose attitude is this near
 
 @dataclass(frozen=True)
 class Root:
-    """A state on a pose that explains an image; sensitivities (m, 12): what considered errors do to it."""
+    """A state on a pose that explains an image; sensitivities: gives what considered errors do to it, (m, 12)."""
 
     state: PoseState
-    sensitivities: Matrix
+    sensitivities: Callable[[], Matrix]
 
 
 def state_of(track: Record, sensitivities: Matrix) -> PoseState:
@@ -40,7 +41,7 @@ def state_of(track: Record, sensitivities: Matrix) -> PoseState:
 
 def write_root(track: Record, sensitivities: Matrix, root: Root, score: float = 0.0) -> None:
     """Write a root as a hypothesis."""
-    sensitivities[:] = root.sensitivities
+    sensitivities[:] = root.sensitivities()
     write_state(track, root.state, score)
 
 
@@ -75,7 +76,7 @@ def roots(
     covariances: Stack | None,
     dcm_chaser_from_lvlh: Matrix,
     mission: VisionMission,
-    believed: Root | None,
+    believed: tuple[PoseState, Matrix] | None,
     near: Sequence[Matrix],
     view_sigma_rad: float,
 ) -> tuple[list[Root], Flags, bool]:
@@ -98,15 +99,24 @@ def roots(
             continue
         pose = _with_view(root.pose, mission.view)
         state = state_from_pose(pose, mission, dcm_chaser_from_lvlh, widened=WIDENED)
-        sensitivities = sensitivities_from_pose(pose, mission, dcm_chaser_from_lvlh, used, covariances)
         if believed is not None:  # the velocity is common to all: unknown, its width alone would cost the odds
-            known = believed.state
+            known = believed[0]
             motion, covariance = np.concatenate([state.motion[:3], known.motion[3:]]), state.covariance.copy()
             covariance[3:6, 3:6] = WIDENED * known.covariance[3:6, 3:6]
             state = replace(state, motion=motion, covariance=covariance)
-            sensitivities[:, 3:6] = believed.sensitivities[:, 3:6]
-        out.append(Root(state, sensitivities))
+        held = None if believed is None else believed[1]
+        out.append(Root(state, partial(_sensitivities, pose, mission, dcm_chaser_from_lvlh, used, covariances, held)))
     return out, used, contradicted
+
+
+def _sensitivities(
+    pose: Pose, mission: VisionMission, dcm: Matrix, used: Flags, covariances: Stack | None, held: Matrix | None
+) -> Matrix:
+    """Of the state on a root; held (m, 12): of the hypothesis whose velocity it takes."""
+    sensitivities = sensitivities_from_pose(pose, mission, dcm, used, covariances)
+    if held is not None:
+        sensitivities[:, 3:6] = held[:, 3:6]
+    return sensitivities
 
 
 def view_at(view: View, elapsed_s: float, rate_sigma_rad_s: float) -> View:

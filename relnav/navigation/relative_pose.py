@@ -25,7 +25,7 @@ from relnav.navigation.pose_filter import NEW_ROOTS, NOTHING, pose_step
 from relnav.navigation.pose_memory import POSE, PoseMemory, new_pose_memory, pose_views
 from relnav.navigation.pose_propagation import is_wide
 from relnav.navigation.pose_record import PoseRecord
-from relnav.navigation.pose_roots import Root, add_uncovered, open_trial, roots, state_of, view_at
+from relnav.navigation.pose_roots import add_uncovered, open_trial, roots, state_of, view_at
 from relnav.navigation.pose_state import PoseState
 from relnav.navigation.status import OUT_OF_VIEW, EpochStatus
 from relnav.sensors.three_marker.camera import usable_covariance
@@ -328,7 +328,7 @@ def look_for_roots(m: PoseMemory, mission: VisionMission, event: Event, wants: i
     running = m.clock["running"] > 0
     keeps = running and (wants == NEW_ROOTS or is_wide(m.bank[0]))
     effects = m.bank_sensitivities[0]
-    believed = Root(state_of(m.bank[0], np.zeros((0, POSE))), effects.copy()) if keeps else None
+    believed = (state_of(m.bank[0], np.zeros((0, POSE))), effects.copy()) if keeps else None
     own = event.covariance_px2 if len(event.covariance_px2) else None
     spots = np.where(np.isfinite(event.spots_px).all(axis=1, keepdims=True), event.spots_px, np.nan)
     mount, chaser = mission.camera.dcm_cam_from_chaser, event.dcm_chaser_from_lvlh
