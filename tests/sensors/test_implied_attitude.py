@@ -46,7 +46,7 @@ def test_frames_and_angles(truth, wide_sensor, place, angles_deg):
 
 
 def test_signs(truth):
-    """Turned to the right O moves left in the image, turned up it moves down, rolled right side down A, on the left, too."""
+    """Turned to the right O moves left in the image, turned up it moves down, rolled right side down A does."""
     p, still = np.array([6.5, 0.0, 0.0]), truth.central(np.array([6.5, 0.0, 0.0]), facing(0.0, 0.0, 0.0))
     assert still[0, 0] < 0.0 < still[1, 0]
     roll, pitch, yaw = (truth.central(p, facing(*(0.1 * row))) - still for row in np.eye(3))
