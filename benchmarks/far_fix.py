@@ -3,7 +3,8 @@
     python benchmarks/far_fix.py [--runs 600] [--rate 10] [--ranges 30 60 80 100 120 150 200 300]
 
 The truth is that of the filter: white acceleration of its process noise, initial velocity from its prior. Each line
-is one epoch of all runs: NEES per component with its 1-sigma, and the mean error of range, azimuth and elevation in sigmas.
+is one epoch of all runs: NEES per component with its 1-sigma, and the mean error of range, azimuth and elevation in
+sigmas.
 """
 
 import argparse
