@@ -29,6 +29,11 @@ def logs() -> dict[str, str]:
     anywhere = [[c[0], *(f"{rng.uniform(-3500, 3500):.1f}" for _ in range(6)), "0", "0", "0"] for c in cells]
     exchanged = [[c[0], *c[3:5], *c[1:3], *c[5:]] for c in cells]
 
+    times = [*(0.1 * k for k in range(50)), *(65.0 + 0.1 * k for k in range(50))]
+    moved = [[repr(t), *"-1500,0,1500,0,0,0".replace("1500", "1500" if t < 10.0 else "1875").split(",")] for t in times]
+    markers = ",".join(["t_s", *(f"spot_{m}_{axis}_px" for m in "abc" for axis in "xy")])
+    turned = [[repr(0.1 * k), "469.3,553.7,553.7,553.7,511.5,511.5,0.5,-0.5,0.5,0.5"] for k in range(5)]
+
     def table(header: str, content: list[list[str]]) -> str:
         return "\n".join([header, *(",".join(row) for row in content)]) + "\n"
 
@@ -37,6 +42,8 @@ def logs() -> dict[str, str]:
         "none.csv": table(head, none),
         "anywhere.csv": table(head, anywhere),
         "exchanged.csv": table(head, exchanged),
+        "gap.csv": table(head.partition(",accel")[0], moved),
+        "turned.csv": table(markers + "".join(f",q_chaser_from_lvlh_{axis}" for axis in "xyzw"), turned),
         "millimetres.csv": table(head.replace("_um", "_mm"), cells),
         "no_unit.csv": table(head.replace("spot_a_x_um", "spot_a_x"), cells),
         "kilograms.csv": table(head.replace("spot_a_x_um", "spot_a_x_kg"), cells),
@@ -75,6 +82,8 @@ COMMANDS = [
     *(f"filter {log} --model {PSD} --quiet" for log in ("absent.csv", "no_unit.csv", "kilograms.csv", "word.csv")),
     *(f"filter {log} --model {PSD}" for log in ("back.csv", "empty.csv", "header.csv", "no_comma.csv")),
     *(f"filter {log} --model {PSD}" for log in ("none.csv", "anywhere.csv", "exchanged.csv", "millimetres.csv")),
+    f"filter gap.csv --model {PSD}",
+    "filter turned.csv --model three_marker_vision",
     *(f"filter good.csv --model {model}" for model in ("sure.toml", "unsure.toml", "aps_sun", "three_marker_vision")),
     *(f"models {name}.toml" for name in ("misspelt", "degrees", "other", "negative", "long", "away", "kind", "broken")),
     "models three_beacon",

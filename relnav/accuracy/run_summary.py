@@ -12,6 +12,9 @@ from relnav.navigation.record import Solution
 from relnav.navigation.status import Alarm, EpochStatus
 from relnav.sensors.measurement import Status
 
+GAP = 10.0
+"""Times the interval before: so much longer is a gap in the log."""
+
 
 class RunSummary:
     """What became of the epochs, NIS over those used whole, and the reported sigma beside the published figures.
@@ -42,6 +45,10 @@ class RunSummary:
         The likely reason, should the filter not start or reject much.
     longest_gap_s : float
         Longest time between rows.
+    refused_after_gaps : int
+        Epochs with something rejected between a gap (`GAP`) and the first image after it that was used whole.
+    replaced : int
+        Confirmed starts that replaced a track which no gap had gone before, and which had not been lost.
     notes : tuple of str
         What else there is to say of the log, for a reader.
     """
@@ -59,7 +66,8 @@ class RunSummary:
         self.ignored, self.considered = "", ""
         self.notes: tuple[str, ...] = ()
         self._trend = PublishedTrend(published)
-        self.longest_gap_s, self.hint, self._t_before = 0.0, "", math.nan
+        self.longest_gap_s, self.hint, self._t_before, self._interval = 0.0, "", math.nan, math.nan
+        self.refused_after_gaps, self.replaced, self._after_gap = 0, 0, False
         self._sigma: tuple[float, ...] = (math.nan,) * 3
         self._used, self._used_dof, self._seen, self._seen_dof, self._seen_epochs = 0.0, 0, 0.0, 0, 0
 
@@ -71,6 +79,7 @@ class RunSummary:
             self.t_first_s = float(part.t_s[0])
         self.epochs += len(part)
         self.t_last_s = float(part.t_s[-1])
+        self._take_gaps(part)
         self.last = EpochStatus(int(part.status[-1]))
         for counter, codes in ((self.counts, part.status), (self.reasons, part.measurement_status)):
             values, numbers = np.unique(codes, return_counts=True)
@@ -92,9 +101,24 @@ class RunSummary:
         self._trend.take(part)
         if len(known):
             self._sigma = tuple(part.docking_sigma[part.status != EpochStatus.WAITING][-1].tolist())
-        times = np.concatenate([part.t_s[:1] if math.isnan(self._t_before) else [self._t_before], part.t_s])
-        self.longest_gap_s = max(self.longest_gap_s, float(np.diff(times).max()))
-        self._t_before = float(part.t_s[-1])
+
+    def _take_gaps(self, part: Solution) -> None:
+        """Tell what follows a gap, whose control nobody may have logged, from what the images alone say."""
+        intervals = np.diff(part.t_s, prepend=self._t_before)
+        before = np.concatenate([[self._interval], intervals[:-1]])
+        used = np.isin(part.status, (EpochStatus.UPDATED, EpochStatus.STARTED))
+        number = np.arange(1, len(part) + 1)
+        gap = np.maximum.accumulate(np.where(intervals > GAP * before, number, 0))
+        ended = np.maximum.accumulate(np.concatenate([[0], np.where(used, number, 0)[:-1]]))
+        after = np.where((gap == 0) & (ended == 0), self._after_gap, gap > ended)
+        refused = np.isin(part.status, (EpochStatus.PARTIAL, EpochStatus.REJECTED))
+        earlier = np.concatenate([[self.last], part.status[:-1]])
+        replaced = (part.status == EpochStatus.STARTED) & (earlier != EpochStatus.WAITING)
+        self.refused_after_gaps += int(np.sum(refused & after))
+        self.replaced += int(np.sum(replaced & ~after))
+        self._after_gap = bool(after[-1] and not used[-1])
+        self.longest_gap_s = max(self.longest_gap_s, float(np.nanmax(intervals, initial=0.0)))
+        self._t_before, self._interval = float(part.t_s[-1]), float(intervals[-1])
 
     def _take_alarms(self, part: Solution) -> None:
         alarmed = part.t_s[part.alarm != 0]
@@ -135,9 +159,22 @@ class RunSummary:
 
     @property
     def refused_unexplained(self) -> bool:
-        """Whether more was rejected than the gate alone explains."""
+        """Whether more was rejected than the gate alone explains, and than gaps in the log do."""
         chance = 3.0 * (1.0 - self.gate_probability) * self._seen_epochs
-        return bool(self.restarts or self.refused > chance + 5.0 * chance**0.5 + 3.0)
+        refused = self.refused - self.refused_after_gaps
+        return bool(self.replaced or refused > chance + 5.0 * chance**0.5 + 3.0)
+
+    @property
+    def _gap_line(self) -> str:
+        """What gaps in the log, or a track lost without images, led to."""
+        anew, count = self.restarts - self.replaced, self.refused_after_gaps
+        said = [f"the track was started anew {anew} times; "] if anew else []
+        said.append(f"longest gap {self.longest_gap_s:.6g} s")
+        if count:
+            said.append(
+                f"; {count} images after gaps contradict what was predicted across them: thrust not in the log?"
+            )
+        return "  " + "".join(said)
 
     @property
     def nis(self) -> Consistency:
@@ -175,6 +212,7 @@ class RunSummary:
             "nis_per_dof": self.nis.ratio,
             "nis_interval": [self.nis.lower, self.nis.upper],
             "nis_consistent": None if self.considered else self.nis.consistent,
+            "nis_overconfident": None if self.considered else self.nis.overconfident,
             "nis_all_per_dof": self.nis_all_per_dof,
             "refused_unexplained": self.refused_unexplained,
             "rows": [
@@ -223,12 +261,13 @@ class RunSummary:
             lines.append(f"NIS per degree of freedom {self.nis.ratio:.3f} (epochs used whole), lasting errors included")
         else:
             lines.append(f"{self.nis} (epochs used whole)")
-        if self.restarts and not self.refused:
-            lines.append(f"  the track was started anew {self.restarts} times; longest gap {self.longest_gap_s:.6g} s")
-        elif self.refused_unexplained:
+        if self.restarts > self.replaced or self.refused_after_gaps:
+            lines.append(self._gap_line)
+        if self.refused_unexplained:
             lines.append(
-                f"  BUT {self.refused} epochs had spots rejected, more than the gate alone explains, and restarts are "
-                f"{self.restarts}; NIS of all that was seen: {self.nis_all_per_dof:.3g} per degree of freedom"
+                f"  BUT {self.refused - self.refused_after_gaps} epochs had spots rejected, more than the gate alone "
+                f"explains, and restarts are {self.restarts}; NIS of all that was seen: {self.nis_all_per_dof:.3g} per "
+                "degree of freedom"
             )
             if self.hint:
                 lines.append(f"  {self.hint}")

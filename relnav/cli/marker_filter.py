@@ -36,7 +36,7 @@ def filter_markers(
 
     if refused:
         raise UsageError(f"{refused} is for three-beacon models; {mission.name} has one filter, on its spots")
-    summary = Summary(mission.name)
+    summary = Summary(mission)
     picture.of(mission)
     if track.frame != "lvlh_ccsds" and track.table_asked:
         raise UsageError("--frame turns tables of three-beacon models; of a marker track only an .oem")
@@ -64,9 +64,9 @@ _ALARMS = {"exchanged": Alarm.EXCHANGED, "out_of_view": Alarm.OUT_OF_VIEW}
 class Summary:
     """Figures of a run, gathered while its parts pass; sigmas are those of the last epoch."""
 
-    def __init__(self, model: str) -> None:
-        """Take the model's name."""
-        self._model, self._nis, self._dof = model, 0.0, 0
+    def __init__(self, mission: "VisionMission") -> None:
+        """Take the model."""
+        self._mission, self._nis, self._dof, self._attitude = mission, 0.0, 0, ""
         self._last: tuple[Vector, Vector] | None = None
         self._smoothed = False
         names = ("epochs", "with_state", "with_rejected_spots", "unobservable", "ambiguous", "too_late", *_ALARMS)
@@ -76,7 +76,11 @@ class Summary:
         """The parts, each taken in as it passes."""
         import numpy as np
 
+        from relnav.files.attitude_reading import reading_that_looks
+
         for part in parts:
+            if self._last is None:
+                self._attitude = reading_that_looks(part.epochs["chaser"][0], self._mission.dcm_chaser_from_lvlh)
             started = np.isfinite(part.state[:, 0])
             whole = (part.dof > 0) & ~part.refused
             flags = {
@@ -104,11 +108,12 @@ class Summary:
         port, sigma = self._last
         counts = {name if name == "epochs" else f"epochs_{name}": count for name, count in self._counts.items()}
         return {
-            "model": self._model,
+            "model": self._mission.name,
             "smoothed": self._smoothed,
             **counts,
             "nis_per_dof": consistency.ratio,
             "nis": str(consistency),
+            "attitude_hint": self._attitude,
             "port_m": [float(value) for value in port],
             "sigma_port_m": [float(value) for value in sigma[:3]],
             "sigma_port_velocity_m_s": [float(value) for value in sigma[3:6]],
@@ -125,6 +130,8 @@ def lines(figures: dict[str, Any], name: str) -> list[str]:
 
     model = figures["model"] + (", smoothed" if figures["smoothed"] else "")
     out = [f"{name}: {figures['epochs']} epochs, model {model}, {figures['epochs_with_state']} with a state"]
+    if figures["attitude_hint"]:
+        out.append(figures["attitude_hint"])
     if figures["epochs_with_state"] == 0:
         seen = f" ({figures['epochs_out_of_view']} images had none)" if figures["epochs_out_of_view"] else ""
         return [*out, f"no start: three markers on one image are needed, with a pose near the expected view{seen}"]

@@ -10,6 +10,8 @@ import numpy as np
 
 from relnav.arrays import Codes, Matrix, Vector, number
 
+SMALLER = "errors smaller than stated, no fault"
+
 
 @dataclass(frozen=True)
 class Consistency:
@@ -41,11 +43,16 @@ class Consistency:
         """Whether the ratio lies in its interval."""
         return self.lower <= self.ratio <= self.upper
 
+    @property
+    def overconfident(self) -> bool:
+        """Whether it lies above: the one fault. Below, the model allows for more than there was."""
+        return self.ratio > self.upper
+
     def __str__(self) -> str:
         """One sentence: figure, interval, verdict."""
         if self.dof == 0:
             return f"{self.quantity}: no data"
-        verdict = "consistent" if self.consistent else ("overconfident" if self.ratio > self.upper else "pessimistic")
+        verdict = "overconfident" if self.overconfident else "consistent" if self.consistent else SMALLER
         return (
             f"{self.quantity} per degree of freedom {self.ratio:.3f}, "
             f"{100 * self.probability:g} % interval [{self.lower:.3f}, {self.upper:.3f}]: {verdict}"

@@ -289,10 +289,12 @@ def _parse_slowly(kept: list[tuple[int, str]], table: TextTable, columns: Column
 def _check_values(values: Matrix, lines: Vector, path: Path, columns: Columns, t_before: float) -> None:
     for position, base in enumerate(columns.index):
         if base.startswith("sigma_"):
-            wrong = np.flatnonzero(values[:, position] <= 0.0)
+            wrong = np.flatnonzero((values[:, position] <= 0.0) | np.isinf(values[:, position]))
             if wrong.size:
                 name = columns.names[columns.index[base]]
-                raise LogError(f"{path}:{int(lines[wrong[0]])}: column '{name}': a sigma above 0 is expected")
+                raise LogError(
+                    f"{path}:{int(lines[wrong[0]])}: column '{name}': a sigma above 0, and finite, is expected"
+                )
         if base in columns.layout.may_be_missing:
             continue
         bad = np.flatnonzero(~np.isfinite(values[:, position]))

@@ -112,7 +112,7 @@ def _tiles(view: RunView) -> list[str]:
     ]
     if view.nis.dof:
         lasting = view.metadata.get("considered", "")
-        verdict = "" if lasting else "good" if view.nis.consistent else "bad"
+        verdict = "" if lasting else "bad" if view.nis.overconfident else "good"
         note = "lasting errors included: no interval" if lasting else str(view.nis).partition(", ")[2]
         tiles.append(tile("NIS per degree of freedom", f"{view.nis.ratio:.3f}", note, verdict))
     for quantity in view.docking():

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Record, Vector
+from relnav.arrays import Matrix, Record, Vector, numbers
 from relnav.estimation.attitude import CHASER, COMPARED, LASTING
 from relnav.estimation.factored import compose
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.rotation import is_rotation
-from relnav.navigation.arguments import vector
+from relnav.navigation.arguments import not_negative, vector
 from relnav.navigation.status import EpochStatus
 
 NOT_COMPARED = np.full((), np.nan, COMPARED)[()]
@@ -150,11 +150,10 @@ class AttitudeRecord:
         ValueError
             For an attitude that is no rotation, or a rate of another shape or not finite.
         """
-        chaser = np.array(dcm_chaser_from_lvlh, dtype=np.float64)
+        chaser = np.array(numbers("dcm_chaser_from_lvlh", dcm_chaser_from_lvlh))
         if not is_rotation(chaser):
             raise ValueError(f"dcm_chaser_from_lvlh must be a rotation matrix (3, 3); got {chaser.tolist()}")
-        if not chaser_rate_sigma_rad_s >= 0.0:
-            raise ValueError(f"chaser_rate_sigma_rad_s must be >= 0; got {chaser_rate_sigma_rad_s!r}")
+        rate_sigma = not_negative("chaser_rate_sigma_rad_s", chaser_rate_sigma_rad_s)
         held = chaser_rate_rad_s is None
         given = -self._mean_motion * chaser[:, 1] if chaser_rate_rad_s is None else chaser_rate_rad_s
         own = vector("chaser_rate_rad_s", given, (3,))
@@ -168,7 +167,7 @@ class AttitudeRecord:
         # a rate in chaser axes is seen from the target through the relative attitude, that of lvlh through its own
         lasting = carried @ lasting + by_chaser if held else carried @ (lasting + by_chaser)
         covariance = carried @ compose(track["ld"]) @ carried.T + lasting @ lasting.T
-        covariance[3:, 3:] += chaser_rate_sigma_rad_s**2 * np.eye(3)
+        covariance[3:, 3:] += rate_sigma**2 * np.eye(3)
         rate = track["rate"] - turning
         return RelativeAttitude(_frozen(dcm.T.copy()), _frozen(rate), _frozen(0.5 * (covariance + covariance.T)))
 

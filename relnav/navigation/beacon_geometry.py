@@ -12,6 +12,7 @@ from relnav.sensors.three_beacon.fix import RAYS_ROW, solve_fix
 from relnav.sensors.three_beacon.invariants import rays_from_position
 
 COS_MISALIGNED = 0.984807753012208  # 10 deg
+MOST_SIGMAS2 = 25.0  # what noise may turn an image by
 TIGHT_SHARE2 = 4e-4  # of the range squared: position sigma below 2 % of the range
 
 
@@ -75,6 +76,29 @@ def prior_is_tight(prior: Record) -> bool:
     return bool(prior["variance"] < TIGHT_SHARE2 * prior["range2"])
 
 
+@kernel
+def _image_spread2(sensor: Record, beacons: Record, range2: float) -> float:
+    """(sigma r / (f a))^2 of the spots of A and B: twice the variance of the range, over its square, of one image."""
+    first, second, size = (
+        beacons[0]["spot_sigma"],
+        beacons[1]["spot_sigma"],
+        sensor["focal_length"] * sensor["half_spacing"],
+    )
+    sigma2 = 0.25 * (first[0] ** 2 + first[1] ** 2 + second[0] ** 2 + second[1] ** 2)
+    return float(sigma2 * range2 / (size * size))
+
+
+@kernel
+def prior_beats_image(m: Memory) -> bool:
+    """Whether the predicted place is known better than by one image, whose three variances are 1.5 spread^2 r^2 in all.
+
+    Beyond 30 m (spots of 10 um) a start is not tight for many images. Noise taken at their own fixes would then hang
+    together with their errors: short ranges have the smaller covariance, and would count for more.
+    """
+    range2 = m.prior["range2"]
+    return bool(m.prior["variance"] < _image_spread2(m.sensor, m.beacons, range2) * range2)
+
+
 @straight_line(x=(3,), offset=(3,), dock=(3, 4), p=(3,))
 def camera_position_dock(x: Vector, offset: Vector, dock: Matrix, p: Vector) -> None:
     """Write the camera's position in the docking frame of the state x into p (3,): lever arms included."""
@@ -129,22 +153,27 @@ def _alignment(p: Vector, u: Matrix, cam_from_dock: Matrix, a: float, b: float) 
 
 
 @kernel
-def implied_attitude(sensor: Record, rays: Matrix, p: Vector) -> int:
+def implied_attitude(sensor: Record, beacons: Record, rays: Matrix, p: Vector) -> int:
     """Whether the attitude that the fix p of the rays implies is the stated one, to 10 deg; a Status code.
 
     By the line from B to A and the line of sight: far more than any attitude hold is off, far less than a glint or a
-    pair of exchanged beacons turns the image.
+    pair of exchanged beacons turns the image. Far away noise turns the line, and moves the fix across the line of
+    sight, by sqrt(1/2) spread each; it may by 5 sigma, as a track without the outermost images would be biased.
     """
     if sensor["attitude_known"] == 0:
         return OK
     along, across = _alignment(p, rays, sensor["cam_from_dock"], sensor["half_spacing"], sensor["c_distance"])
     if along > COS_MISALIGNED and across > COS_MISALIGNED:
         return OK
+    range2 = p[0] * p[0] + p[1] * p[1] + p[2] * p[2]
+    limit = 1.0 - 0.25 * MOST_SIGMAS2 * _image_spread2(sensor, beacons, range2)
+    if along > limit and across > limit:
+        return OK
     return SWAPPED if along < 0.0 else MISALIGNED
 
 
 @kernel
-def fix_of_spots(sensor: Record, work: Matrix, spots: Matrix, p: Vector, rays: Matrix) -> int:
+def fix_of_spots(sensor: Record, beacons: Record, work: Matrix, spots: Matrix, p: Vector, rays: Matrix) -> int:
     """Closed form of the spots (rows A, B, C) into p (3,) m, docking frame, and their rays; a Status code.
 
     work (WORK_ROWS, 6) is scratch.
@@ -157,4 +186,4 @@ def fix_of_spots(sensor: Record, work: Matrix, spots: Matrix, p: Vector, rays: M
     for i in range(3):
         for j in range(3):
             rays[i, j] = work[RAYS_ROW + i, j]
-    return implied_attitude(sensor, rays, p)
+    return implied_attitude(sensor, beacons, rays, p)

@@ -4,7 +4,8 @@
 `spots`, attitude unknown: the attitude-free invariants of the rays (three beacons: three, two beacons: one).
 `fix`: range, azimuth and elevation of the closed form, with R = J S J^T evaluated at the PREDICTED geometry: at the
 measured spots R would depend on their noise, and fewer epochs stay consistent. Only while the prediction is no better
-than a guess (sigma above 2 % of the range) is R taken at the fix itself. From a good prediction the fix is found by
+than a guess (sigma above 2 % of the range, and above that of one image) is R taken at the fix itself. From a good
+prediction the fix is found by
 Newton's method alone: it is the same root as that of the closed form's passes, which are needed from nowhere.
 
 Rows of a beacon are independent. Those of a fix or of invariants are one group, correlated: they are kept as L^-1 z and
@@ -16,12 +17,12 @@ import numpy as np
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, straight_line
 from relnav.estimation.factored import decorrelate
-from relnav.geometry.rotation import triad
 from relnav.geometry.spherical import docking_difference, range_azimuth_elevation_jacobian
 from relnav.navigation.beacon_geometry import (
     camera_position_dock,
     fix_of_spots,
     implied_attitude,
+    prior_beats_image,
     prior_is_tight,
     see_beacon,
     uses_coordinates,
@@ -29,6 +30,7 @@ from relnav.navigation.beacon_geometry import (
 from relnav.navigation.memory import FIX, SPOTS, Memory
 from relnav.sensors.measurement import BEHIND, DEGENERATE, NO_CONVERGENCE, NOT_SEEN, OFF_DETECTOR, OK, OUTSIDE_DOMAIN
 from relnav.sensors.three_beacon.fix import PERSPECTIVE, coordinate_usable, image_rays, image_usable
+from relnav.sensors.three_beacon.implied import turn_of_rays
 from relnav.sensors.three_beacon.invariants import invariants, position_gradient, rays_from_position, spot_gradient
 from relnav.sensors.three_beacon.parallel import solve_parallel_jacobian
 from relnav.sensors.three_beacon.perspective import (
@@ -151,26 +153,14 @@ def spot_sigmas(beacons: Record, sigma: Matrix) -> None:
 @kernel
 def _attitude_of_image(sensor: Record, fix: Record, dcm: Matrix, work: Matrix) -> bool:
     """Write into dcm the rotation (triad) that turns the rays of the fix into the measured ones. work (14, 3)."""
-    seen, distance, rays = work[0:3], work[3], fix["rays"]
-    rays_from_position(fix["position"], sensor["half_spacing"], sensor["c_distance"], seen, distance)
-    for j in range(3):
-        work[4, j] = seen[0, j] - seen[1, j]
-        work[5, j] = seen[0, j] + seen[1, j]
-        work[6, j] = rays[0, j] - rays[1, j]
-        work[7, j] = rays[0, j] + rays[1, j]
-    if not triad(work[4], work[5], work[8:11]) or not triad(work[6], work[7], work[11:14]):
-        return False
-    for i in range(3):
-        for j in range(3):
-            dcm[i, j] = 0.0
-            for k in range(3):
-                dcm[i, j] += work[11 + k, i] * work[8 + k, j]
-    return True
+    a, b = sensor["half_spacing"], sensor["c_distance"]
+    return bool(turn_of_rays(fix["rays"], fix["position"], a, b, dcm, work))
 
 
 @kernel
-def _fix_near_prediction(sensor: Record, place: Vector, fix: Record, work: Matrix, spots: Matrix) -> int:
+def _fix_near_prediction(m: Memory, place: Vector, work: Matrix, spots: Matrix) -> int:
     """Position of the image by Newton's method from the predicted place; NO_CONVERGENCE if that does not settle."""
+    sensor, fix = m.sensor, m.fix
     p, rays, half, inverse, g = fix["position"], fix["rays"], sensor["half_width"], fix["inverse"], fix["value"]
     a, b = sensor["half_spacing"], sensor["c_distance"]
     status = image_usable(spots, half[0], half[1])
@@ -186,7 +176,7 @@ def _fix_near_prediction(sensor: Record, place: Vector, fix: Record, work: Matri
         return NO_CONVERGENCE
     if not inside_domain(p, b):
         return OUTSIDE_DOMAIN
-    return implied_attitude(sensor, rays, p)
+    return implied_attitude(sensor, m.beacons, rays, p)
 
 
 @kernel
@@ -198,13 +188,13 @@ def _prepare_position(m: Memory, spots: Matrix) -> int:
     sigma, rays = scratch["three"], scratch["rays"]
     exact = sensor["projection"] == PERSPECTIVE
     tight = prior_is_tight(m.prior)
-    status = _fix_near_prediction(sensor, place, fix, rays, spots) if exact and tight else NO_CONVERGENCE
+    status = _fix_near_prediction(m, place, rays, spots) if exact and tight else NO_CONVERGENCE
     near = status == OK
     if status in (NO_CONVERGENCE, OUTSIDE_DOMAIN):
-        status = fix_of_spots(sensor, scratch["closed_form"], spots, fix["position"], fix["rays"])
+        status = fix_of_spots(sensor, m.beacons, scratch["closed_form"], spots, fix["position"], fix["rays"])
     if status != OK:
         return status
-    p = place if tight else fix["position"]
+    p = place if tight or prior_beats_image(m) else fix["position"]
     if not (near or gradient_inverse(p, a, b, inverse)):
         return NO_CONVERGENCE
     dcm = sensor["cam_from_dock"]

@@ -53,7 +53,7 @@ def _start_of_fix(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix
     """Set a track by the closed form: its covariance J S J^T, turned from angles into `lvlh_ccsds` position."""
     sensor, scratch, p, x = m.sensor, m.scratch, m.fix["position"], track["state"]
     work = scratch["closed_form"]
-    status = fix_of_spots(sensor, work, spots, p, m.fix["rays"])
+    status = fix_of_spots(sensor, m.beacons, work, spots, p, m.fix["rays"])
     if status != OK:
         return status
     jacobian, from_angles, covariance = m.fix["jacobian"], scratch["turn"], scratch["covariance"]

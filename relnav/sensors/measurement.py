@@ -1,9 +1,16 @@
 """What every sensor returns: a value, its covariance, and a status that says why when there is neither."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import cached_property
+
+import numpy as np
 
 from relnav.arrays import Matrix, Vector
+from relnav.geometry.facing import roll_pitch_yaw, roll_pitch_yaw_jacobian
+from relnav.geometry.rotation import quaternion_from_dcm
+from relnav.geometry.spherical import position_from_angles, position_from_angles_jacobian
 
 
 class Status(IntEnum):
@@ -47,8 +54,21 @@ MISALIGNED = int(Status.MISALIGNED)
 
 
 @dataclass(frozen=True)
+class ImpliedPose:
+    """What an image implies: dcm_cam_from_dock (3, 3), and the covariance (6, 6) of (position m, theta rad)."""
+
+    dcm_cam_from_dock: Matrix
+    covariance: Matrix
+
+
+NOT_IMPLIED = ImpliedPose(np.full((3, 3), np.nan), np.full((6, 6), np.nan))
+
+
+@dataclass(frozen=True)
 class Measurement:
-    """Position of the sensor in the target's docking frame, from one image.
+    """Position of the sensor in the target's docking frame, from one image, and the attitude that the image implies.
+
+    What is not an attribute is computed when it is asked for. All of it is NaN unless `status` is OK.
 
     Attributes
     ----------
@@ -67,6 +87,7 @@ class Measurement:
     elevation_rad: float
     covariance: Matrix
     status: Status
+    _implied: Callable[[Vector], ImpliedPose] | None = field(default=None, repr=False, compare=False)
 
     @property
     def ok(self) -> bool:
@@ -76,6 +97,60 @@ class Measurement:
     @property
     def value(self) -> Vector:
         """The three numbers as one array (3,): range m, azimuth rad, elevation rad."""
-        import numpy as np
-
         return np.array([self.range_m, self.azimuth_rad, self.elevation_rad])
+
+    @cached_property
+    def position_m(self) -> Vector:
+        """The sensor's coordinates (x', y', z') in the docking frame, m, (3,): the paper's (12), r times (x, y, z)."""
+        out = np.empty(3)
+        position_from_angles(self.value, out)
+        return out
+
+    @property
+    def position_covariance(self) -> Matrix:
+        """Covariance of `position_m`, m^2, (3, 3)."""
+        by_angles = np.empty((3, 3))
+        if not position_from_angles_jacobian(self.position_m, by_angles):
+            return np.full((3, 3), np.nan)
+        out: Matrix = by_angles @ self.covariance @ by_angles.T
+        return out
+
+    @cached_property
+    def _pose(self) -> ImpliedPose:
+        return NOT_IMPLIED if self._implied is None else self._implied(self.position_m)
+
+    @property
+    def dcm_cam_from_dock(self) -> Matrix:
+        """Attitude of the camera that the image implies, v_cam = dcm @ v_dock, (3, 3).
+
+        Camera axes: x right, y down in the image, z to the target. NaN with `projection="parallel"` too: the position
+        of the printed form does not fit the image of a lens, and no attitude makes it fit.
+        """
+        return self._pose.dcm_cam_from_dock
+
+    @property
+    def q_cam_from_dock(self) -> Vector:
+        """`dcm_cam_from_dock` as a unit quaternion, scalar last, (4,)."""
+        dcm = self.dcm_cam_from_dock
+        return quaternion_from_dcm(dcm) if np.isfinite(dcm).all() else np.full(4, np.nan)
+
+    @property
+    def pose_covariance(self) -> Matrix:
+        """Of the errors of (position m, theta rad), docking axes, (6, 6): the true attitude is dcm exp([theta x])."""
+        return self._pose.covariance
+
+    @property
+    def roll_pitch_yaw_rad(self) -> Vector:
+        """Roll, pitch and yaw of the camera, (3,), from one that looks along the docking axis, y along the dock's z.
+
+        Yaw about down (y), then pitch about right (x), then roll about forward (z), as of aircraft (3-2-1): positive to
+        the right, up, and right side down.
+        """
+        return roll_pitch_yaw(self.dcm_cam_from_dock)
+
+    @property
+    def roll_pitch_yaw_covariance(self) -> Matrix:
+        """Covariance of `roll_pitch_yaw_rad`, rad^2, (3, 3); NaN where the camera looks straight up or down."""
+        by_turn = roll_pitch_yaw_jacobian(self.roll_pitch_yaw_rad)
+        out: Matrix = by_turn @ self.pose_covariance[3:, 3:] @ by_turn.T
+        return out

@@ -101,7 +101,7 @@ class SunSensor(_Mounted):
         Raises
         ------
         ValueError
-            For what is no `SunDirection`.
+            For what is no `SunDirection`, or a covariance that is none.
         """
         if not isinstance(value, SunDirection):
             raise ValueError(
@@ -109,6 +109,13 @@ class SunSensor(_Mounted):
                 f"got a {type(value).__name__}"
             )
         own = value.covariance if covariance is None else numbers(f"{self.name}'s covariance", covariance)
+        if own.shape != (3, 3) or value.direction.shape != (3,):
+            raise ValueError(
+                f"{self.name}: a direction (3,) and its covariance (3, 3) are expected; got shapes "
+                f"{value.direction.shape} and {own.shape}"
+            )
+        if np.isfinite(value.direction).all() and not (np.isfinite(own).all() and np.allclose(own, own.T)):
+            raise ValueError(f"{self.name}: a covariance is finite and symmetric; got {own.tolist()}")
         return value.direction.copy(), np.array(own)
 
     def sun(self, t_s: float) -> Vector:

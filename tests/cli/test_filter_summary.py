@@ -189,3 +189,21 @@ def test_sigmas_of_a_model_of_ones_own(run, short_log, tmp_path):
     code, out, _ = run("filter", short_log, "--model", copy)
     assert code == 0
     assert re.search(r"1-sigma at 19.9 s: range 0\.\d+ m, azimuth 0\.\d+ deg, elevation 0\.\d+ deg", out)
+
+
+def test_a_gap_without_its_thrust_is_told_as_a_gap(run, tmp_path):
+    """The chaser has moved by 2 m meanwhile: three images contradict the prediction, and the track starts anew."""
+    log, head = tmp_path / "log.csv", "t_s,spot_a_x_um,spot_a_y_um,spot_b_x_um,spot_b_y_um,spot_c_x_um,spot_c_y_um"
+    rows = [f"{0.1 * k!r},-1500,0,1500,0,0,0" for k in range(50)]
+    rows += [f"{65.0 + 0.1 * k!r},-1875,0,1875,0,0,0" for k in range(50)]
+    log.write_text("\n".join([head, *rows]))
+    _, out, _ = run("filter", log, *MODEL, "--json", tmp_path / "a.json")
+    figures = json.loads((tmp_path / "a.json").read_text())
+    assert "more than the gate alone explains" not in out
+    assert "the track was started anew 1 times; longest gap 60.1 s; " in out
+    assert (
+        f"{figures['epochs_by_status']['rejected']} images after gaps contradict what was predicted across them" in out
+    )
+    assert not figures["refused_unexplained"]
+    assert figures["nis_overconfident"] is False
+    assert "errors smaller than stated, no fault" in out, "spots without noise"

@@ -180,3 +180,34 @@ def test_an_exposure_in_the_future(folder, tmp_path, capsys):
     log.write_text("\n".join(["image_t_s," + lines[0], *("99.0," + line for line in lines[1:])]) + "\n")
     assert run(["filter", str(log), "--model", "three_marker_vision"]) == 3
     assert "image_t_s 99 s lies after its row's t_s 0 s" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("columns", "signs", "text"),
+    [
+        (
+            (3, 0, 1, 2),
+            (1, 1, 1, 1),
+            "180 deg away from the attitude in which the model sees the target; read as scalar",
+        ),
+        (
+            (0, 1, 2, 3),
+            (-1, -1, -1, 1),
+            "120 deg away from the attitude in which the model sees the target; read as the",
+        ),
+        ((0, 1, 2, 3), (1, 1, 1, 1), ""),
+    ],
+)
+def test_quaternions_read_another_way(folder, tmp_path, capsys, columns, signs, text):
+    """The filter starts on any held attitude, and its track is then in wrong axes."""
+    log = tmp_path / "log.csv"
+    lines = [line.split(",") for line in (folder / "log.csv").read_text().splitlines()[:30]]
+    for cells in lines:
+        if cells[0][0].isdigit():
+            q = cells[-4:]
+            cells[-4:] = [repr(sign * float(q[k])) for k, sign in zip(columns, signs, strict=True)]
+    log.write_text("\n".join(map(",".join, lines)))
+    run(["filter", str(log), "--model", "three_marker_vision"])
+    out = capsys.readouterr().out
+    assert text in out
+    assert ("x, y, z, w of v_chaser = R v_lvlh is expected" in out) == bool(text)

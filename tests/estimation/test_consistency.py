@@ -42,7 +42,7 @@ def test_verdicts() -> None:
     assert nis_consistency(*honest()).consistent
     assert str(nis_consistency(*honest())).endswith(": consistent")
     assert str(nis_consistency(*honest(1.3))).endswith(": overconfident")
-    assert str(nis_consistency(*honest(0.7))).endswith(": pessimistic")
+    assert str(nis_consistency(*honest(0.7))).endswith(": errors smaller than stated, no fault")
     assert not nis_consistency(*honest(1.3)).consistent
 
 

@@ -125,12 +125,15 @@ def test_smoothing_a_streamed_log_with_sigmas_is_the_same(vbar, uneven, tmp_path
     assert whole == streamed
 
 
-def test_a_sigma_of_zero_is_an_error(vbar, uneven, tmp_path):
+@pytest.mark.parametrize("sigma", ["0.0", "inf", "1e400"])
+def test_a_sigma_of_zero_or_infinity_is_an_error(vbar, uneven, tmp_path, sigma):
     write_log(uneven, tmp_path / "log.csv")
     lines = (tmp_path / "log.csv").read_text().splitlines()
-    lines[-1] = lines[-1].rsplit(",", 1)[0] + ",0.0"
+    lines[-1] = lines[-1].rsplit(",", 1)[0] + f",{sigma}"
     (tmp_path / "log.csv").write_text("\n".join(lines))
-    with pytest.raises(relnav.LogError, match=rf"log.csv:{len(lines)}: column 'sigma_spot_c_y_um': a sigma above 0"):
+    with pytest.raises(
+        relnav.LogError, match=rf"log.csv:{len(lines)}: column 'sigma_spot_c_y_um': a sigma above 0, and finite"
+    ):
         relnav.filter_log(tmp_path / "log.csv", vbar, method="spots")
 
 

@@ -104,6 +104,25 @@ FOUND = {
     ),
     "no initial rate": (relnav.TargetAttitude, (INERTIA, 1e-3), ATTITUDE | {"initial_rate_sigma_rad_s": None}),
     "an inertia in words": (relnav.TargetAttitude, ({}, 1e-3), ATTITUDE),
+    "a year that is none": (
+        relnav.dual_field.measure,
+        (np.zeros((4, 2)), relnav.load_model("dual_field_star")),
+        {"velocity_km_s": np.zeros(3), "epoch_jyear": np.nan},
+    ),
+    "a complex chaser": (
+        lambda: relnav.TargetAttitude(INERTIA, 1e-3, **ATTITUDE).step(0.0).relative(np.eye(3) + 0.0j),
+        (),
+        {},
+    ),
+    "a sigma of 10**400": (
+        lambda: (
+            relnav.TargetAttitude(INERTIA, 1e-3, **ATTITUDE)
+            .step(0.0)
+            .relative(np.eye(3), chaser_rate_sigma_rad_s=10**400)
+        ),
+        (),
+        {},
+    ),
     "a text for a count": (relnav.TargetAttitude, (INERTIA, 1e-3), ATTITUDE | {"restart_after": "8"}),
     "a threshold in words": (relnav.find_stars, (np.zeros((9, 9)),), {"threshold_sigma": "five"}),
     "a gain of 1e-300": (relnav.find_stars, (np.zeros((9, 9)),), {"electrons_per_count": 1e-300}),
@@ -140,3 +159,21 @@ def test_two_images_at_one_time_leave_the_velocity_unknown():
     sigma = np.sqrt(np.diagonal(record.covariance))
     np.testing.assert_allclose(sigma[3:6], navigator.mission.filter.initial_velocity_sigma_m_s, rtol=1e-3)
     assert (sigma[9:] > 1e-5).all()
+
+
+def test_an_infinite_spot_has_no_positions():
+    spots = np.array(SPOTS)
+    spots[0, 0] = np.inf
+    assert relnav.three_beacon.positions(spots, relnav.load_model("three_beacon_psd")).shape == (0, 3)
+
+
+@pytest.mark.parametrize("wrong", [np.eye(3)[:2], np.diag([np.inf, 1.0, 1.0]), np.full((3, 3), np.nan)])
+def test_a_sun_whose_covariance_is_none_leaves_a_vehicle_as_it_was(wrong):
+    """Of another shape it was refused after it had been taken in, and an infinite one was a warning."""
+    navigator = relnav.VehicleNavigator(relnav.load_model("rendezvous_demo"), monitor=False)
+    before = navigator.state()
+    with pytest.raises(ValueError, match=r"sun_aps: a (direction|covariance)"):
+        navigator.observe("sun_aps", 0.5, SUN, wrong)
+    after = navigator.state()
+    assert (after.t_s, navigator.newest_s) == (before.t_s, 0.0)
+    assert np.array_equal(after.covariance, before.covariance)

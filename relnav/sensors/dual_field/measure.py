@@ -42,6 +42,9 @@ LOG_10 = math.log(10.0)
 FASTEST_KM_S = 300.0
 """No spacecraft is faster; the search's first-order aberration is then off by (v/c)^2, 0.2 arcsec."""
 
+FARTHEST_JYEAR = 1e4
+"""A Julian day, or seconds since some date, is no year."""
+
 WITHOUT_BRIGHTNESS = 30.0
 """A frame without brightness takes so many times more attitudes: every star may be every spot."""
 
@@ -263,7 +266,10 @@ def prepare(
 
 
 def _epoch(jyear: float | None) -> float | None:
-    return None if jyear is None else number("epoch_jyear", jyear)
+    year = None if jyear is None else number("epoch_jyear", jyear)
+    if year is not None and not abs(year) <= FARTHEST_JYEAR:
+        raise ValueError(f"epoch_jyear is a Julian year, up to {FARTHEST_JYEAR:g}; got {jyear!r}")
+    return year
 
 
 def observer_velocity(value: ArrayLike) -> Vector:

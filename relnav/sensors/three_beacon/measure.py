@@ -1,13 +1,15 @@
 """The sensor's public call: spots of one image in, range, azimuth and elevation with covariance out."""
 
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import one_piece
-from relnav.sensors.measurement import Measurement, Status
+from relnav.sensors.measurement import OK, Measurement, Status
 from relnav.sensors.three_beacon.fix import MEASURE_ROWS, PARALLEL, PERSPECTIVE, measure_into
+from relnav.sensors.three_beacon.implied import implied_pose
 from relnav.sensors.three_beacon.sensor import ThreeBeaconSensor
 
 PROJECTIONS = {"perspective": PERSPECTIVE, "parallel": PARALLEL}
@@ -23,7 +25,7 @@ class HasSensor(Protocol):
 
 
 def measure(spots_m: ArrayLike, model: HasSensor | ThreeBeaconSensor, *, projection: str | None = None) -> Measurement:
-    """Range, azimuth and elevation of the sensor in the target's docking frame, from one image.
+    """Range, azimuth and elevation of the sensor in the target's docking frame, and its attitude there, from one image.
 
     Parameters
     ----------
@@ -73,4 +75,7 @@ def measure(spots_m: ArrayLike, model: HasSensor | ThreeBeaconSensor, *, project
         np.zeros((MEASURE_ROWS, 6)),
     )
     covariance.setflags(write=False)
-    return Measurement(float(rae[0]), float(rae[1]), float(rae[2]), covariance, Status(status))
+    implied = None
+    if status == OK and name == "perspective":
+        implied = partial(implied_pose, spots.copy(), sensor, noise)
+    return Measurement(float(rae[0]), float(rae[1]), float(rae[2]), covariance, Status(status), implied)

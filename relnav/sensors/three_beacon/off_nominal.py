@@ -39,6 +39,8 @@ def positions(spots_m: ArrayLike, model: HasSensor | ThreeBeaconSensor) -> Matri
     if spots.shape != (3, 2):
         raise ValueError(f"spots_m has shape (3, 2), rows A, B, C, columns x, y in metres; got {spots.shape}")
     rays, found = np.empty((3, 3)), list[Vector]()
+    if not np.isfinite(spots).all():
+        return np.empty((0, 3))
     image_rays(spots, sensor.focal_length_m, rays)
     for pose in p3p(rays, sensor.beacons_dock_m[:3]):
         position = np.empty(3)
