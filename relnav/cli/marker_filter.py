@@ -73,10 +73,11 @@ class Summary:
         self._counts = dict.fromkeys(names, 0)
 
     def passing(self, parts: "Iterable[PoseSolution]") -> "Iterator[PoseSolution]":
-        """The parts, each taken in as it passes."""
+        """The parts, each taken in when it has passed."""
         import numpy as np
 
         for part in parts:
+            yield part
             started = np.isfinite(part.state[:, 0])
             whole = (part.dof > 0) & ~part.refused
             flags = {
@@ -93,7 +94,6 @@ class Summary:
             self._dof += int(part.dof[whole].sum())
             self._smoothed = part.smoothed
             self._last = part.port_m[-1], np.sqrt(np.diag(part.docking_covariance[-1]))
-            yield part
 
     def figures(self) -> dict[str, Any]:
         """The figures as plain values; NIS is that of the epochs used whole."""
