@@ -36,7 +36,8 @@ def worth_reading(numbers: int) -> bool:
 def texts_of(columns: list[Vector], integers: tuple[int, ...]) -> Iterator[str]:
     """The rows of a table as lines of text, some thousand at once; columns of equal length, some of integers."""
     rows, whole = len(columns[0]), _whole(len(columns), integers)
-    out = np.empty(min(ROWS_AT_ONCE, rows) * len(columns) * LONGEST_NUMBER, dtype=np.uint8)
+    room = ROWS_AT_ONCE if rows > 1 else 1  # one row: what is followed; 2 MB would be mapped anew for each
+    out = np.empty(room * len(columns) * LONGEST_NUMBER, dtype=np.uint8)
     state, powers = np.empty(3, dtype=np.int64), _powers()
     for begin in range(0, rows, ROWS_AT_ONCE):
         cut = columns if rows <= ROWS_AT_ONCE else [column[begin : begin + ROWS_AT_ONCE] for column in columns]
