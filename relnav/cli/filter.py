@@ -27,7 +27,7 @@ _input, _filter_options, _output, _picture = map(OptionsOf, ("Input", "Filter", 
 @click.command(
     cls=GroupedCommand, epilog="Example: relnav filter approach.csv --model three_beacon_psd --out track.csv"
 )
-@click.argument("log", type=InputPath())
+@click.argument("log", type=InputPath(bags=True))
 @_input("--model", required=True, help="A shipped model (see `relnav models`), a folder or a model.toml.")
 @_input(
     "-f",
@@ -53,7 +53,8 @@ _input, _filter_options, _output, _picture = map(OptionsOf, ("Input", "Filter", 
 @_output(
     "--out",
     type=OutputPath(),
-    help="Track to write, .csv, .jsonl or .parquet (- is standard output), .oem, .aem, .mat, .nc, .h5 or .mcap.",
+    help="Track to write, .csv, .jsonl or .parquet (- is standard output), .oem, .aem, .mat, .nc, .h5, .mcap "
+    "or .rosbag2.",
 )
 @_output(
     "--format",
@@ -104,7 +105,7 @@ def command(
 ) -> int:
     """Filter the spots of LOG (CSV or Parquet, one row an epoch) into range, azimuth, elevation and a relative state.
 
-    LOG may be a pipe, and - is standard input (CSV).
+    LOG may be a pipe, - is standard input (CSV); it may be a ROS bag whose messages name spots.
 
     Columns of LOG: t_s; spot_a_x_um, spot_a_y_um, spot_b_..., spot_c_... (any length unit; empty = not seen);
     optionally accel_{x,y,z}_m_s2, delta_v_{x,y,z}_m_s (lvlh_ccsds), q_cam_from_lvlh_{x,y,z,w}. A raw log of a detector

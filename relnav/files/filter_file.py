@@ -16,6 +16,7 @@ import numpy as np
 from relnav.accuracy.run_summary import RunSummary
 from relnav.arrays import Matrix, Stack, Vector
 from relnav.files.attitude_reading import ROWS_TRIED, reading_that_starts
+from relnav.files.frame_logs import log_in_memory
 from relnav.files.log_columns import ACCELERATION, DELTA_V
 from relnav.files.logs import Log, LogFile, check_beacons, opened
 from relnav.files.models import load_mission, load_published
@@ -89,7 +90,7 @@ def filter_file(
     """
     mission = load_mission(model) if isinstance(model, str) else model
     said = frame_words(frame, mission, orientation_deg)
-    source = path if isinstance(path, LogFile) else opened(Path(path))
+    source = path if isinstance(path, LogFile) else log_in_memory(path) or opened(Path(path))
     if not isinstance(source, LogFile) and is_raw_log(source):
         whole = filter_raw_log(source, mission, method=method, projection=projection, smooth=smooth)
         if watch is not None:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from relnav.arrays import Matrix, Stack, Vector
-from relnav.files.frame_logs import FrameLog, is_frame
+from relnav.files.frame_logs import log_in_memory
 from relnav.files.log_columns import ACCELERATION, DELTA_V, Columns, markers, parse_header
 from relnav.files.logs import LogFile
 from relnav.files.spool import Spool
@@ -107,10 +107,8 @@ def marker_header(mission: VisionMission) -> Callable[[list[str], str], Columns]
 
 def _chunks(path: Any, mission: VisionMission) -> Iterator[tuple[Vector, Stack, Matrix, Matrix, Vector | None]]:
     """Times, spots, control, chaser attitude and exposures of a log, a few thousand rows at a time."""
-    if isinstance(path, LogFile):
-        log = path
-    else:
-        log = FrameLog(path, marker_header(mission)) if is_frame(path) else LogFile(Path(path), marker_header(mission))
+    parse = marker_header(mission)
+    log = path if isinstance(path, LogFile) else log_in_memory(path, parse) or LogFile(Path(path), parse)
     layout = log.columns.layout
     for values in log.tables():
         t, spots = log.group(values, ("t",)), log.group(values, layout.spots)

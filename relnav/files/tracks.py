@@ -23,6 +23,7 @@ EXCHANGE = {
     ".nc": "relnav.files.netcdf:write_netcdf",
     ".h5": "relnav.files.netcdf:write_netcdf",
     ".mcap": "relnav.files.mcap_file:write_mcap",
+    ".rosbag2": "relnav.files.ros_bag:write_bag",
 }
 """Ending -> what writes it, as a function of (solution, path, settings)."""
 
@@ -45,8 +46,8 @@ def write(
     path : str or path
         Ends in `.csv`, `.jsonl` (an object a row) or `.parquet` (needs pyarrow): a table; empty or null: no state yet.
         `.mat`: MATLAB; `.nc`, `.h5`: netCDF-4, which is HDF5, with CF units (needs xarray and h5netcdf); `.mcap`: poses
-        with covariance for Foxglove (needs mcap); `.oem`, `.aem`: CCSDS ephemeris with covariance, and attitude of the
-        target. The file appears whole or not at all.
+        with covariance for Foxglove (needs mcap); `.rosbag2`: a bag of ROS 2 (needs rosbags); `.oem`, `.aem`: CCSDS
+        ephemeris with covariance, and attitude of the target. The file appears whole or not at all.
     frame, orientation_deg, model
         Frame of states and covariances, as for `Solution.in_frame`; of tables and `.oem` of beacons.
     epoch : str, optional
