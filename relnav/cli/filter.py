@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from relnav.cli.epoch_bar import epoch_bar
 from relnav.cli.help_groups import GroupedCommand, OptionsOf
 from relnav.cli.picture import Picture
 from relnav.cli.printing import InputPath, OutputPath, say
@@ -16,7 +17,6 @@ from relnav.cli.track_output import TrackOutput
 if TYPE_CHECKING:
     from relnav.accuracy.run_summary import RunSummary
 
-BAR_FROM_BYTES = 5_000_000
 PLAIN_BELOW_BYTES = 1_000_000
 """About 12,000 epochs: 4 to 8 s in plain Python, against most of a minute of compilation."""
 
@@ -150,9 +150,8 @@ def command(
     picture.of(mission)
     mission = load_mission(model)
     with Outputs() as outputs:
-        show_bar = not quiet and sys.stderr.isatty()
         figures = _filter(
-            log, mission, track, track.table(outputs), method or "fix", projection, smooth, picture, show_bar
+            log, mission, track, track.table(outputs), method or "fix", projection, smooth, picture, quiet
         )
         track.finish(outputs, mission)
         picture.draw(outputs, log)
@@ -192,7 +191,7 @@ def _filter(
     projection: str | None,
     smooth: bool,
     picture: Picture,
-    show_bar: bool,
+    quiet: bool,
 ) -> "RunSummary":
     from relnav.files.filter_file import filter_file
 
@@ -214,13 +213,5 @@ def _filter(
             orientation_deg=track.orbit_deg,
         )
 
-    if not show_bar or log.stat().st_size < BAR_FROM_BYTES:
-        return run(None)
-    with click.progressbar(length=0, label="epochs", file=sys.stderr, show_eta=False, show_percent=False) as bar:
-
-        def progress(done: int) -> None:
-            bar.length = (bar.length or 0) + done
-            bar.label = f"{bar.length} epochs" + (" of three passes" if smooth else "")
-            bar.update(done)
-
+    with epoch_bar(log, quiet=quiet, note=" of three passes" if smooth else "") as progress:
         return run(progress)

@@ -1,12 +1,15 @@
 """`relnav filter --follow`: rows in as they come, estimates out line by line, until the input or a signal ends it."""
 
 import gc
+import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from relnav.cli.live_view import LiveView
 from relnav.cli.printing import say
 from relnav.cli.track_output import TrackOutput
 from relnav.errors import LogError, UsageError
@@ -65,9 +68,10 @@ def run_live(asked: Live, row_format: str | None) -> int:
     gc.freeze()  # what is loaded stays: looking through it again would hold up a row by 20 ms
     out = asked.track.path or STDOUT
     writer = LineByLine(ending_of(out, row_format and f".{row_format}"))
-    with Arriving() as arriving:
+    view = LiveView(f"{asked.log.name}, {asked.mission.name}", on=_is_watched(asked, out))
+    with Arriving() as arriving, view:
         try:
-            lines, started = _run(asked, arriving, writer, out)
+            lines, started = _run(asked, arriving, writer, out, view)
         except LogError:
             if not arriving.ended_by:
                 raise
@@ -75,6 +79,13 @@ def run_live(asked: Live, row_format: str | None) -> int:
     if lines and not asked.quiet:
         say(lines, out)
     return _code(arriving.ended_by, started)
+
+
+def _is_watched(asked: Live, out: Path) -> bool:
+    """Whether somebody sits at a terminal to which the track does not go."""
+    from relnav.files.atomic import STDOUT
+
+    return not asked.quiet and sys.stderr.isatty() and not (out == STDOUT and sys.stdout.isatty())
 
 
 def _code(ended_by: int, started: bool) -> int:
@@ -87,7 +98,7 @@ def _code(ended_by: int, started: bool) -> int:
     return 0 if started else NOT_STARTED
 
 
-def _run(asked: Live, arriving: "Arriving", writer: "LineByLine", out: Path) -> tuple[list[str], bool]:
+def _run(asked: Live, arriving: "Arriving", writer: "LineByLine", out: Path, view: LiveView) -> tuple[list[str], bool]:
     """Lines of the summary, and whether the filter started."""
     from relnav.files.live_log import LiveLog
     from relnav.files.models import flown
@@ -98,10 +109,10 @@ def _run(asked: Live, arriving: "Arriving", writer: "LineByLine", out: Path) -> 
         raise UsageError("--follow takes a beacon or marker model; for a vehicle use relnav.VehicleNavigator")
     mission = flown(asked.mission)
     if isinstance(mission, VisionMission):
-        return _markers(asked, mission, arriving, writer, out)
+        return _markers(asked, mission, arriving, writer, out, view)
     from relnav.files.filter_file import filter_file
 
-    log = LiveLog(asked.log, arriving, _tell)
+    log = LiveLog(asked.log, arriving, _telling(view))
     figures = filter_file(
         log,
         mission,
@@ -111,6 +122,7 @@ def _run(asked: Live, arriving: "Arriving", writer: "LineByLine", out: Path) -> 
         frame=asked.track.frame,
         orientation_deg=asked.track.orbit_deg,
         writer=writer,
+        watch=view.watch,
     )
     if not writer.rows:
         return [], True  # whoever reads the track has left before the first row
@@ -118,15 +130,15 @@ def _run(asked: Live, arriving: "Arriving", writer: "LineByLine", out: Path) -> 
 
 
 def _markers(
-    asked: Live, mission: "VisionMission", arriving: "Arriving", writer: "LineByLine", out: Path
+    asked: Live, mission: "VisionMission", arriving: "Arriving", writer: "LineByLine", out: Path, view: LiveView
 ) -> tuple[list[str], bool]:
     from relnav.cli.marker_filter import Summary, lines
     from relnav.files.live_log import LiveLog
     from relnav.files.marker_logs import marker_header, marker_solutions, write_track
 
-    log = LiveLog(asked.log, arriving, _tell, marker_header(mission))
+    log = LiveLog(asked.log, arriving, _telling(view), marker_header(mission))
     summary = Summary(mission.name)
-    parts = summary.passing(marker_solutions(log, mission))
+    parts = view.passing(summary.passing(marker_solutions(log, mission)))
     write_track(parts, mission.name, out, {"log": asked.log.name}, writer)
     if not writer.rows:
         return [], True
@@ -134,10 +146,15 @@ def _markers(
     return [*lines(figures, asked.log.name), *_left_out(log.refusals.count)], figures["epochs_with_state"] > 0
 
 
-def _tell(sentence: str) -> None:
+def _telling(view: LiveView) -> Callable[[str], None]:
+    """What takes a sentence on a row that is left out."""
     from relnav.cli import fail
 
-    fail(sentence, 0)
+    def tell(sentence: str) -> None:
+        view.left_out += 1
+        fail(sentence, 0)
+
+    return tell
 
 
 def _left_out(count: int) -> list[str]:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from relnav.cli.epoch_bar import epoch_bar
 from relnav.cli.printing import say
 from relnav.errors import UsageError
 
@@ -53,11 +54,13 @@ def filter_vehicle(log: Path, vehicle: "Vehicle", out: Path | None, json_path: P
     def passing(estimates: "Iterable[VehicleEstimate]") -> "Iterator[VehicleEstimate]":
         for estimate in estimates:
             last[:] = [estimate]
+            if progress is not None:
+                progress(1)
             yield estimate
 
     rows = read_vehicle_log(log, vehicle)
     parts = passing(filter_rows(rows, vehicle))
-    with Outputs() as outputs:
+    with Outputs() as outputs, epoch_bar(log, quiet=quiet, note=", one a second", from_bytes=200_000) as progress:
         if out is not None:
             write_port_track(parts, outputs.path(out, ".csv"), {"model": vehicle.name, "log": log.name})
         for _ in parts:

@@ -44,9 +44,10 @@ def until(true, seconds=30.0):
     assert true()
 
 
-def test_each_row_is_answered_before_the_next_comes(short_log, tmp_path, run):
+def test_each_row_is_answered_before_the_next_comes(short_log, tmp_path, program):
     """Over pipes; the lines are those of the whole log's track, to the last bit."""
-    assert run("filter", short_log, *MODEL, "--out", tmp_path / "track.csv", "--quiet")[0] == 0
+    whole = program("filter", short_log, *MODEL, "--out", tmp_path / "track.csv", "--quiet", environment=PLAIN)
+    assert whole.returncode == 0
     head, *rows = rows_of(short_log.read_text())
     with following("-") as process:
         process.stdin.write(head + "\n")
@@ -163,3 +164,29 @@ def test_nothing_that_starts_the_filter_is_told_by_the_code(run, lines_of_one, t
 def lines_of_one():
     """A log of one image, which confirms nothing."""
     return "t_s,spot_a_x_um,spot_a_y_um,spot_b_x_um,spot_b_y_um,spot_c_x_um,spot_c_y_um\n0,-1500,0,1500,0,0,0\n"
+
+
+def test_a_terminal_shows_how_it_stands(short_log, tmp_path):
+    """Standard error is a terminal, the track goes to a file: a view that says the last state and what was left out."""
+    pty = pytest.importorskip("pty", reason="no pseudo terminals")
+    controller, terminal = pty.openpty()
+    environment = {"env": os.environ | PLAIN | {"TERM": "xterm", "COLUMNS": "100", "LINES": "30", "NO_COLOR": "1"}}
+    command = [sys.executable, "-m", "relnav", "filter", "--follow", "-", *MODEL, "--out", str(tmp_path / "t.csv")]
+    process = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=terminal, text=True, **environment
+    )
+    os.close(terminal)
+    process.stdin.write(short_log.read_text() + "x,y\n")
+    process.stdin.flush()
+    shown = ""
+    end = time.monotonic() + 30.0
+    while ("1 left out" not in shown or "3-sigma" not in shown) and time.monotonic() < end:
+        shown += os.read(controller, 100_000).decode()
+    out, _ = process.communicate(timeout=30.0)
+    os.close(controller)
+    assert "stdin, three_beacon_psd" in shown
+    assert "200 rows" in shown
+    assert "range" in shown
+    assert "row left out" in shown, "what is told stands above the view"
+    assert "200 epochs" in out
+    assert process.returncode == 0
