@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from relnav.files.arriving import Arriving
     from relnav.files.live_track import LineByLine
     from relnav.mission import VisionMission
+    from relnav.spacecraft import Vehicle
 
 WHOLE_LOG_ONLY = ("smooth", "plot", "corridor_deg", "json_path", "epoch")
 
@@ -84,8 +85,11 @@ def run_live(asked: Live, row_format: str | None) -> int:
 def _is_watched(asked: Live, out: Path) -> bool:
     """Whether somebody sits at a terminal to which the track does not go."""
     from relnav.files.atomic import STDOUT
+    from relnav.spacecraft import Vehicle
 
-    return not asked.quiet and sys.stderr.isatty() and not (out == STDOUT and sys.stdout.isatty())
+    if asked.quiet or isinstance(asked.mission, Vehicle):
+        return False
+    return sys.stderr.isatty() and not (out == STDOUT and sys.stdout.isatty())
 
 
 def _code(ended_by: int, started: bool) -> int:
@@ -106,7 +110,7 @@ def _run(asked: Live, arriving: "Arriving", writer: "LineByLine", out: Path, vie
     from relnav.spacecraft import Vehicle
 
     if isinstance(asked.mission, Vehicle):
-        raise UsageError("--follow takes a beacon or marker model; for a vehicle use relnav.VehicleNavigator")
+        return _vehicle(asked, asked.mission, arriving, writer, out, view)
     mission = flown(asked.mission)
     if isinstance(mission, VisionMission):
         return _markers(asked, mission, arriving, writer, out, view)
@@ -144,6 +148,26 @@ def _markers(
         return [], True
     figures = summary.figures()
     return [*lines(figures, asked.log.name), *_left_out(log.refusals.count)], figures["epochs_with_state"] > 0
+
+
+def _vehicle(
+    asked: Live, vehicle: "Vehicle", arriving: "Arriving", writer: "LineByLine", out: Path, view: LiveView
+) -> tuple[list[str], bool]:
+    from relnav.cli.vehicle import Summary, refuse_others
+    from relnav.files.live_log import Refusals
+    from relnav.files.live_vehicle import live_rows
+    from relnav.files.text_table import TextTable
+    from relnav.files.vehicle_log import filter_rows, write_port_track
+
+    refuse_others()
+    table, refusals = TextTable(asked.log, arriving), Refusals(asked.log, _telling(view))
+    summary = Summary(vehicle)
+    parts = filter_rows(summary.counted(live_rows(table, vehicle, refusals)), vehicle, refuse=refusals.refuse)
+    stated = {"model": vehicle.name, "log": asked.log.name}
+    write_port_track(summary.passing(parts), out, stated, writer)
+    if not writer.rows:
+        return [], True
+    return [*summary.lines(asked.log.name), *_left_out(refusals.count)], True
 
 
 def _telling(view: LiveView) -> Callable[[str], None]:
