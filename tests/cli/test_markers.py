@@ -180,3 +180,12 @@ def test_an_exposure_in_the_future(folder, tmp_path, capsys):
     log.write_text("\n".join(["image_t_s," + lines[0], *("99.0," + line for line in lines[1:])]) + "\n")
     assert run(["filter", str(log), "--model", "three_marker_vision"]) == 3
     assert "image_t_s 99 s lies after its row's t_s 0 s" in capsys.readouterr().err
+
+
+def test_a_log_of_another_sensor_names_the_model(folder, tmp_path, capsys):
+    assert run(["filter", str(folder / "log.csv"), "--model", "three_beacon_psd"]) == 3
+    assert "--model three_marker_vision, or a marker model of yours" in capsys.readouterr().err
+    log = tmp_path / "log.csv"
+    log.write_text((folder / "log.csv").read_text().replace("_px", "_um"))
+    assert run(["filter", str(log), "--model", "three_marker_vision"]) == 3
+    assert "a log of beacons? --model three_beacon_psd, or a beacon model of yours" in capsys.readouterr().err
