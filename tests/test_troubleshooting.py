@@ -1,5 +1,6 @@
 """Every message of docs/troubleshooting.md appears when its cause is there, and every cause here is on the page."""
 
+import os
 import random
 import re
 from pathlib import Path
@@ -133,7 +134,20 @@ def told(tmp_path_factory):
             with contextlib.redirect_stdout(both), contextlib.redirect_stderr(both):
                 relnav.cli.run(command.split())
             said.append(both.getvalue())
+        both = io.StringIO()
+        with contextlib.redirect_stderr(both), contextlib.redirect_stdout(both):
+            follow(logs()["good.csv"] + "no row\n" * 100)
+        said.append(both.getvalue())
     return said
+
+
+def follow(text: str) -> None:
+    """Follow a log that comes through a pipe."""
+    read, write = os.pipe()
+    os.write(write, text.encode())
+    os.close(write)
+    relnav.cli.run(["filter", "--follow", f"/dev/fd/{read}", "--model", PSD, "--out", "track.csv"])
+    os.close(read)
 
 
 @pytest.mark.parametrize("message", [message for message in MESSAGES if WORDS_OF_THE_COMPILER not in message])

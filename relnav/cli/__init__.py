@@ -10,12 +10,14 @@ Exit codes:
     5    `filter` alone: the filter never started, the track holds no state
     130  interrupted (SIGINT), 143 terminated (SIGTERM)
 
-Files of a command appear together when its work is done, or not at all: before anything is printed.
+Files of a command appear together when its work is done, or not at all: before anything is printed. The track of
+`filter --follow` alone is written line by line, where it shall be.
 """
 
 import os
 import signal
 import sys
+from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
 
@@ -53,6 +55,16 @@ class LazyGroup(click.Group):
             return None
         command: click.Command = import_module(self.table[cmd_name][0]).command
         return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command that is named; of a misspelt one, say what was meant."""
+        if args[0] not in self.table and not args[0].startswith("-") and not ctx.resilient_parsing:
+            near = get_close_matches(args[0], self.table, n=1)
+            hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(self.list_commands(ctx))}"
+            ctx.fail(f"No such command '{args[0]}'; {hint}")
+        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands without importing them."""

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from relnav.cli.epoch_bar import epoch_bar
+from relnav.cli.help_groups import GroupedCommand, OptionsOf
 from relnav.cli.picture import Picture
 from relnav.cli.printing import InputPath, OutputPath, say
 from relnav.cli.track_output import TrackOutput
@@ -15,15 +17,26 @@ from relnav.cli.track_output import TrackOutput
 if TYPE_CHECKING:
     from relnav.accuracy.run_summary import RunSummary
 
-BAR_FROM_BYTES = 5_000_000
 PLAIN_BELOW_BYTES = 1_000_000
 """About 12,000 epochs: 4 to 8 s in plain Python, against most of a minute of compilation."""
 
 
-@click.command(epilog="Example: relnav filter approach.csv --model three_beacon_psd --out track.csv")
-@click.argument("log", type=InputPath())
-@click.option("--model", required=True, help="A shipped model (see `relnav models`), a folder or a model.toml.")
-@click.option(
+_input, _filter_options, _output, _picture = map(OptionsOf, ("Input", "Filter", "Output", "Picture"))
+
+
+@click.command(
+    cls=GroupedCommand, epilog="Example: relnav filter approach.csv --model three_beacon_psd --out track.csv"
+)
+@click.argument("log", type=InputPath(bags=True))
+@_input("--model", required=True, help="A shipped model (see `relnav models`), a folder or a model.toml.")
+@_input(
+    "-f",
+    "--follow",
+    is_flag=True,
+    help="LOG (CSV) is still being written, or - comes through a pipe: each estimate is written as soon as its row has "
+    "come, until the input ends or Ctrl-C. A row that is none is told and left out.",
+)
+@_filter_options(
     "--method",
     type=click.Choice(["fix", "spots"]),
     show_default="fix",
@@ -31,59 +44,68 @@ PLAIN_BELOW_BYTES = 1_000_000
     "camera's attitude (images that contradict a stated one are refused); or the spots: ten times finer angles, but an "
     "error of the attitude goes straight into them.",
 )
-@click.option(
+@_filter_options(
     "--projection",
     type=click.Choice(["perspective", "parallel"]),
     help="Closed form: exact for real optics, or as printed in the paper. Default: the model's.",
 )
-@click.option("--smooth", is_flag=True, help="Run backward too: every state then rests on all measurements.")
-@click.option(
+@_filter_options("--smooth", is_flag=True, help="Run backward too: every state then rests on all measurements.")
+@_output(
     "--out",
     type=OutputPath(),
-    help="Track to write, .csv or .parquet (- is standard output, CSV), .oem, .aem, .mat, .nc, .h5 or .mcap.",
+    help="Track to write, .csv, .jsonl or .parquet (- is standard output), .oem, .aem, .mat, .nc, .h5, .mcap "
+    "or .rosbag2.",
 )
-@click.option(
+@_output(
+    "--format",
+    "row_format",
+    type=click.Choice(["csv", "jsonl"]),
+    help="Of a track without an ending (-, a pipe): CSV, or JSON lines, an object a row. Default: csv.",
+)
+@_output(
     "--frame",
     type=click.Choice(["lvlh_ccsds", "rsw", "dock", "eci_relative", "eci"]),
     default="lvlh_ccsds",
     show_default=True,
     help="Frame of the track's states and covariances; rsw is RTN, RIC, Hill.",
 )
-@click.option(
+@_output(
     "--orbit-deg",
     type=float,
     nargs=3,
     help="For eci: inclination, right ascension of the ascending node, argument of perigee of the target's orbit.",
 )
-@click.option("--epoch", help="For .oem and .aem: UTC of the log's t = 0, 2026-07-02T12:00:00.")
-@click.option("--plot", type=OutputPath(), help="Draw the run, .png, .pdf or .svg: approach, state, measurements.")
-@click.option(
+@_output("--epoch", help="For .oem and .aem: UTC of the log's t = 0, 2026-07-02T12:00:00.")
+@_output("--json", "json_path", type=OutputPath(), help="Write the summary as one JSON object.")
+@_output("--quiet", is_flag=True, help="Print nothing.")
+@_picture("--plot", type=OutputPath(), help="Draw the run, .png, .pdf or .svg: approach, state, measurements.")
+@_picture(
     "--corridor-deg",
     type=click.FloatRange(min=0.0, max=80.0, min_open=True),
     default=10.0,
     show_default=True,
     help="Half angle of your approach corridor, for the picture.",
 )
-@click.option("--json", "json_path", type=OutputPath(), help="Write the summary as one JSON object.")
-@click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
     log: Path,
     model: str,
+    follow: bool,
     method: str | None,
     projection: str | None,
     smooth: bool,
     out: Path | None,
+    row_format: str | None,
     frame: str,
     orbit_deg: tuple[float, float, float] | None,
     epoch: str | None,
-    plot: Path | None,
-    corridor_deg: float,
     json_path: Path | None,
     quiet: bool,
+    plot: Path | None,
+    corridor_deg: float,
 ) -> int:
     """Filter the spots of LOG (CSV or Parquet, one row an epoch) into range, azimuth, elevation and a relative state.
 
-    LOG may be a pipe, and - is standard input (CSV).
+    LOG may be a pipe, - is standard input (CSV); it may be a ROS bag whose messages name spots.
 
     Columns of LOG: t_s; spot_a_x_um, spot_a_y_um, spot_b_..., spot_c_... (any length unit; empty = not seen);
     optionally accel_{x,y,z}_m_s2, delta_v_{x,y,z}_m_s (lvlh_ccsds), q_cam_from_lvlh_{x,y,z,w}. A raw log of a detector
@@ -93,10 +115,14 @@ def command(
     q_chaser_from_lvlh_{x,y,z,w}, image_t_s; the track then holds attitude and rate, and port from port. Of a vehicle:
     t_s, sensor, v0, v1, ..., one row an observation in any order; the track holds port from port every second.
 
+    With --follow the track is .csv or .jsonl, on standard output unless --out names another place.
+
     Exit code 5: the filter never started, and the track holds no state.
     """
-    _choose_engine(log, model)
+    if not follow:
+        _choose_engine(log, model)
     from relnav.cli import NOT_STARTED
+    from relnav.cli.live import Live, run_live
     from relnav.cli.marker_filter import filter_markers
     from relnav.cli.vehicle import filter_vehicle, refuse_others
     from relnav.files.atomic import Outputs, check_distinct, check_folder
@@ -105,13 +131,15 @@ def command(
     from relnav.mission import VisionMission
     from relnav.spacecraft import Vehicle
 
-    track = TrackOutput(out, frame, orbit_deg, epoch)
+    track = TrackOutput(out, frame, orbit_deg, epoch, row_format)
     track.check()
     if json_path is not None:
         check_folder(json_path)
     picture = Picture(plot, corridor_deg)
     check_distinct(log, out, plot, json_path)
     mission = load_model(model)
+    if follow:
+        return run_live(Live(log, mission, track, method, projection, quiet), row_format)
     if isinstance(mission, Vehicle):
         refuse_others()
         return filter_vehicle(log, mission, out, json_path, quiet=quiet)
@@ -122,9 +150,8 @@ def command(
     picture.of(mission)
     mission = load_mission(model)
     with Outputs() as outputs:
-        show_bar = not quiet and sys.stderr.isatty()
         figures = _filter(
-            log, mission, track, track.table(outputs), method or "fix", projection, smooth, picture, show_bar
+            log, mission, track, track.table(outputs), method or "fix", projection, smooth, picture, quiet
         )
         track.finish(outputs, mission)
         picture.draw(outputs, log)
@@ -164,7 +191,7 @@ def _filter(
     projection: str | None,
     smooth: bool,
     picture: Picture,
-    show_bar: bool,
+    quiet: bool,
 ) -> "RunSummary":
     from relnav.files.filter_file import filter_file
 
@@ -186,13 +213,5 @@ def _filter(
             orientation_deg=track.orbit_deg,
         )
 
-    if not show_bar or log.stat().st_size < BAR_FROM_BYTES:
-        return run(None)
-    with click.progressbar(length=0, label="epochs", file=sys.stderr, show_eta=False, show_percent=False) as bar:
-
-        def progress(done: int) -> None:
-            bar.length = (bar.length or 0) + done
-            bar.label = f"{bar.length} epochs" + (" of three passes" if smooth else "")
-            bar.update(done)
-
+    with epoch_bar(log, quiet=quiet, note=" of three passes" if smooth else "") as progress:
         return run(progress)

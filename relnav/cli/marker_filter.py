@@ -1,10 +1,11 @@
 """`relnav filter` for a marker model: a track of position, attitude and docking port, and a summary."""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from relnav.cli.epoch_bar import epoch_bar
 from relnav.cli.printing import say
 from relnav.errors import UsageError
 from relnav.navigation.status import Alarm
@@ -41,7 +42,8 @@ def filter_markers(
     if track.frame != "lvlh_ccsds" and track.table_asked:
         raise UsageError("--frame turns tables of three-beacon models; of a marker track only an .oem")
     parts = track.passing(picture.passing(summary.passing(marker_solutions(log, mission, smooth=smooth))))
-    with Outputs() as outputs:
+    with Outputs() as outputs, epoch_bar(log, quiet=quiet) as progress:
+        parts = parts if progress is None else counted(parts, progress)
         table = track.table(outputs)
         if table is not None:
             stated = {"log": log.name} | ({"smoothed": "yes"} if smooth else {})
@@ -56,6 +58,13 @@ def filter_markers(
     if not quiet:
         say([*lines(figures, log.name), *picture.said([("track", track.path)])], track.path, picture.path, json_path)
     return 0 if figures["epochs_with_state"] else NOT_STARTED
+
+
+def counted(parts: "Iterable[PoseSolution]", progress: Callable[[int], None]) -> "Iterator[PoseSolution]":
+    """The parts, their epochs told as they pass."""
+    for part in parts:
+        progress(len(part))
+        yield part
 
 
 _ALARMS = {"exchanged": Alarm.EXCHANGED, "out_of_view": Alarm.OUT_OF_VIEW}
@@ -73,7 +82,7 @@ class Summary:
         self._counts = dict.fromkeys(names, 0)
 
     def passing(self, parts: "Iterable[PoseSolution]") -> "Iterator[PoseSolution]":
-        """The parts, each taken in as it passes."""
+        """The parts, each taken in when it has passed."""
         import numpy as np
 
         from relnav.files.attitude_reading import reading_that_looks
@@ -81,6 +90,7 @@ class Summary:
         for part in parts:
             if self._last is None:
                 self._attitude = reading_that_looks(part.epochs["chaser"][0], self._mission.dcm_chaser_from_lvlh)
+            yield part
             started = np.isfinite(part.state[:, 0])
             whole = (part.dof > 0) & ~part.refused
             flags = {
@@ -97,7 +107,6 @@ class Summary:
             self._dof += int(part.dof[whole].sum())
             self._smoothed = part.smoothed
             self._last = part.port_m[-1], np.sqrt(np.diag(part.docking_covariance[-1]))
-            yield part
 
     def figures(self) -> dict[str, Any]:
         """The figures as plain values; NIS is that of the epochs used whole."""

@@ -54,13 +54,16 @@ def leave_unprinted(stream: TextIO) -> None:
 
 
 class InputPath(click.Path):
-    """A file to read; `-` is standard input."""
+    """A file to read; `-` is standard input. `bags`: or the folder of a ROS bag."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, bags: bool = False) -> None:
         super().__init__(exists=True, dir_okay=False, path_type=Path)
+        self._bags = bags
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """A path."""
+        if self._bags and (Path(value) / "metadata.yaml").is_file():
+            return Path(value)
         return super().convert("/dev/stdin" if value == "-" else value, param, ctx)
 
 

@@ -17,6 +17,7 @@ class TrackOutput:
     frame: str
     orbit_deg: tuple[float, float, float] | None
     epoch: str | None
+    row_format: str | None = None
     _parts: list[Any] = field(default_factory=list)
 
     @property
@@ -36,10 +37,10 @@ class TrackOutput:
         if self.path is None:
             return
         from relnav.files.atomic import check_folder
-        from relnav.files.tables import check_format
+        from relnav.files.tables import TRACKS, check_format
 
         if not self._exchanged:
-            check_format(self.path)
+            check_format(self.path, TRACKS)
         check_folder(self.path)
 
     @property
@@ -49,7 +50,9 @@ class TrackOutput:
 
     def table(self, outputs: "Outputs") -> Path | None:
         """Where the filter writes a table as it goes; None if it does not."""
-        return outputs.path(self.path, ".csv") if self.path is not None and self.table_asked else None
+        if self.path is None or not self.table_asked:
+            return None
+        return outputs.path(self.path, f".{self.row_format or 'csv'}")
 
     def watch(self, part: Any) -> None:
         """Keep the next epochs, if the format needs them all."""

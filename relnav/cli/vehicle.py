@@ -1,19 +1,21 @@
 """`relnav simulate` and `relnav filter` for a vehicle: a log of all its sensors, and the port's track."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from relnav.cli.epoch_bar import epoch_bar
 from relnav.cli.printing import say
 from relnav.errors import UsageError
 
 if TYPE_CHECKING:
+    from relnav.files.vehicle_log import Row
     from relnav.spacecraft import Vehicle
     from relnav.vehicle.navigator import VehicleEstimate
 
-OPTIONS = ("model", "out", "truth", "seed", "final_range_m", "quiet", "log", "json_path")
+OPTIONS = ("model", "out", "truth", "seed", "final_range_m", "quiet", "log", "json_path", "follow", "row_format")
 
 
 def simulate_vehicle(
@@ -48,26 +50,52 @@ def filter_vehicle(log: Path, vehicle: "Vehicle", out: Path | None, json_path: P
     from relnav.files.tables import write_json
     from relnav.files.vehicle_log import filter_rows, read_vehicle_log, write_port_track
 
-    last: list[VehicleEstimate] = []
-
-    def passing(estimates: "Iterable[VehicleEstimate]") -> "Iterator[VehicleEstimate]":
-        for estimate in estimates:
-            last[:] = [estimate]
-            yield estimate
-
+    summary = Summary(vehicle)
     rows = read_vehicle_log(log, vehicle)
-    parts = passing(filter_rows(rows, vehicle))
-    with Outputs() as outputs:
+    with Outputs() as outputs, epoch_bar(log, quiet=quiet, note=", one a second", from_bytes=200_000) as progress:
+        parts = summary.passing(filter_rows(summary.counted(rows), vehicle), progress)
         if out is not None:
             write_port_track(parts, outputs.path(out, ".csv"), {"model": vehicle.name, "log": log.name})
         for _ in parts:
             pass
-        figures = _figures(last[0], vehicle, len(rows))
         if json_path is not None:
-            write_json(figures, outputs.path(json_path))
+            write_json(summary.figures(), outputs.path(json_path))
     if not quiet:
-        say([*_lines(figures, log.name), *([f"track: {out}"] if out is not None else [])], out, json_path)
+        say([*summary.lines(log.name), *([f"track: {out}"] if out is not None else [])], out, json_path)
     return 0
+
+
+class Summary:
+    """What became of a vehicle's observations: how many, and the last estimate."""
+
+    def __init__(self, vehicle: "Vehicle") -> None:
+        self._vehicle, self._rows = vehicle, 0
+        self._last: VehicleEstimate | None = None
+
+    def counted(self, rows: "Iterable[Row]") -> "Iterator[Row]":
+        """The observations, counted."""
+        for row in rows:
+            self._rows += 1
+            yield row
+
+    def passing(
+        self, estimates: "Iterable[VehicleEstimate]", progress: Callable[[int], None] | None = None
+    ) -> "Iterator[VehicleEstimate]":
+        """The estimates, the last one kept."""
+        for estimate in estimates:
+            self._last = estimate
+            if progress is not None:
+                progress(1)
+            yield estimate
+
+    def figures(self) -> dict[str, Any]:
+        """As plain values."""
+        assert self._last is not None
+        return _figures(self._last, self._vehicle, self._rows)
+
+    def lines(self, name: str) -> list[str]:
+        """For a reader."""
+        return _lines(self.figures(), name)
 
 
 def refuse_others() -> None:

@@ -145,7 +145,7 @@ class Outputs:
                 if is_stream(target):
                     _pour(written, target)
                 else:
-                    written.chmod(0o666 & ~umask)
+                    written.chmod((0o777 if written.is_dir() else 0o666) & ~umask)
                     written.replace(target)
             except OSError as error:
                 error.filename, error.filename2 = str(target), None

@@ -5,11 +5,11 @@ unless the code is at hand: compiling takes some seconds.
 """
 
 from collections.abc import Iterator
-from functools import cached_property
+from functools import cache
 
 import numpy as np
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Codes, Matrix, Vector
 from relnav.codegen.kernel import is_at_hand, is_compiled
 from relnav.decimals import LONGEST_NUMBER, powers_of_ten, read_rows, write_rows
 from relnav.files import text_table
@@ -35,11 +35,13 @@ def worth_reading(numbers: int) -> bool:
 
 def texts_of(columns: list[Vector], integers: tuple[int, ...]) -> Iterator[str]:
     """The rows of a table as lines of text, some thousand at once; columns of equal length, some of integers."""
-    whole = np.array([int(k in integers) for k in range(len(columns))], dtype=np.int64)
-    out = np.empty(ROWS_AT_ONCE * len(columns) * LONGEST_NUMBER, dtype=np.uint8)
-    state, powers = np.empty(3, dtype=np.int64), powers_of_ten()
-    for begin in range(0, len(columns[0]), ROWS_AT_ONCE):
-        table = np.stack([column[begin : begin + ROWS_AT_ONCE] for column in columns], axis=1, dtype=np.float64)
+    rows, whole = len(columns[0]), _whole(len(columns), integers)
+    room = ROWS_AT_ONCE if rows > 1 else 1  # one row: what is followed; 2 MB would be mapped anew for each
+    out = np.empty(room * len(columns) * LONGEST_NUMBER, dtype=np.uint8)
+    state, powers = np.empty(3, dtype=np.int64), _powers()
+    for begin in range(0, rows, ROWS_AT_ONCE):
+        cut = columns if rows <= ROWS_AT_ONCE else [column[begin : begin + ROWS_AT_ONCE] for column in columns]
+        table = np.ascontiguousarray(np.concatenate(cut, dtype=np.float64).reshape(len(columns), -1).T)
         state[:] = 0
         while not write_rows(table, whole, powers, out, state):
             row, column, place = state.tolist()
@@ -48,6 +50,17 @@ def texts_of(columns: list[Vector], integers: tuple[int, ...]) -> Iterator[str]:
             out[place : place + len(said)] = np.frombuffer(said, dtype=np.uint8)
             state[1:] = column + 1, place + len(said)
         yield out[: state[2]].tobytes().decode("ascii")
+
+
+@cache
+def _whole(columns: int, integers: tuple[int, ...]) -> Codes:
+    """1 for a column of integers."""
+    return np.array([int(k in integers) for k in range(columns)], dtype=np.int64)
+
+
+@cache
+def _powers() -> Matrix:
+    return powers_of_ten()
 
 
 class BlockReader:
@@ -59,10 +72,6 @@ class BlockReader:
         self._column = np.full(len(table.names), -1, dtype=np.int64)
         self._column[cells] = np.arange(len(cells))
         self._ask, self._state = np.empty((MOST_ASKED, 4), dtype=np.int64), np.empty(5, dtype=np.int64)
-
-    @cached_property
-    def _powers(self) -> Matrix:
-        return powers_of_ten()
 
     def read(self, block: bytes, place: int, line: int, most_rows: int) -> tuple[Matrix, Vector, int, int] | None:
         """Values (n, columns) of rows of a block from `place`, in line number `line`, on, up to `most_rows`.
@@ -83,7 +92,7 @@ class BlockReader:
         values, lines = np.empty((rows, len(self._cells))), np.empty(rows, dtype=np.int64)
         state[:3] = place, line, table.last_row
         text = np.frombuffer(block, dtype=np.uint8)
-        if not read_rows(text, self._column, self._powers, values, lines, self._ask, state):
+        if not read_rows(text, self._column, _powers(), values, lines, self._ask, state):
             return None
         place, line, last, count, asked = state.tolist()
         values, lines = values[:count], lines[:count]

@@ -16,13 +16,14 @@ import numpy as np
 from relnav.accuracy.run_summary import RunSummary
 from relnav.arrays import Matrix, Stack, Vector
 from relnav.files.attitude_reading import ROWS_TRIED, reading_that_starts
+from relnav.files.frame_logs import log_in_memory
 from relnav.files.log_columns import ACCELERATION, DELTA_V
 from relnav.files.logs import Log, LogFile, check_beacons, opened
 from relnav.files.models import load_mission, load_published
 from relnav.files.raw_filter import filter_raw_log
 from relnav.files.raw_logs import is_raw_log
 from relnav.files.spool import Spool
-from relnav.files.tables import COLUMNS, INTEGERS, Table, head, rows_of, write_table
+from relnav.files.tables import COLUMNS, INTEGERS, Table, Writer, head, rows_of, write_table
 from relnav.files.tracks import write
 from relnav.files.wording import listed
 from relnav.mission import Model
@@ -45,7 +46,7 @@ class _Chunk:
 
 
 def filter_file(
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str] | LogFile,
     model: Model | str,
     out: str | os.PathLike[str] | None = None,
     *,
@@ -56,13 +57,14 @@ def filter_file(
     watch: Callable[[Solution], None] | None = None,
     frame: str = "lvlh_ccsds",
     orientation_deg: tuple[float, float, float] | None = None,
+    writer: Writer = write_table,
 ) -> RunSummary:
     """Filter a log of spots from file to file; memory does not grow with the log.
 
     Parameters
     ----------
-    path : str or path
-        The log, as for `filter_log`.
+    path : str, path or LogFile
+        The log, as for `filter_log`, or one that is opened: a `LiveLog` is filtered as its rows come.
     model, method, projection, smooth
         As for `filter_log`.
     out : str or path, optional
@@ -73,6 +75,8 @@ def filter_file(
         Called with every part of the solution, in order: for pictures, and for what else is gathered on the way.
     frame, orientation_deg
         Frame of the track's states, as for `Solution.in_frame`.
+    writer : callable, optional
+        What writes the track: the rows of an epoch are handed to it before the next epoch is asked for.
 
     Returns
     -------
@@ -86,15 +90,15 @@ def filter_file(
     """
     mission = load_mission(model) if isinstance(model, str) else model
     said = frame_words(frame, mission, orientation_deg)
-    source = opened(Path(path))
-    if is_raw_log(source):
+    source = path if isinstance(path, LogFile) else log_in_memory(path) or opened(Path(path))
+    if not isinstance(source, LogFile) and is_raw_log(source):
         whole = filter_raw_log(source, mission, method=method, projection=projection, smooth=smooth)
         if watch is not None:
             watch(whole)
         if out is not None:
             write(whole, out, frame=frame, orientation_deg=orientation_deg, model=mission)
         return _raw_summary(whole, mission)
-    log = LogFile(source)
+    log = source if isinstance(source, LogFile) else LogFile(source)
     check_beacons(log.path, log.columns.beacons, mission.name, len(mission.beacons_lvlh_m))
     run = _Run(log, LogFilter(mission, method, projection=projection), progress)
     summary = RunSummary(load_published(mission), mission.filter.gate_probability)
@@ -104,11 +108,11 @@ def filter_file(
 
     def parts() -> Iterator[Table]:
         for solution in run.smoothed() if smooth else run.filtered():
-            summary.take(solution)
             solution.metadata.update(of_log)
+            yield rows_of(solution, in_frame(solution, frame, mission, orientation_deg) if turned else None)
+            summary.take(solution)
             if watch is not None:
                 watch(solution)
-            yield rows_of(solution, in_frame(solution, frame, mission, orientation_deg) if turned else None)
 
     if out is None:
         for _ in parts():
@@ -116,7 +120,7 @@ def filter_file(
     else:
         stated = head(mission.name, method, smooth) | (said if turned else {})
         stated |= considered_words(mission, method) | of_log
-        write_table(Path(out), COLUMNS, parts(), stated, INTEGERS)
+        writer(Path(out), COLUMNS, parts(), stated, INTEGERS)
     summary.hint, summary.notes = run.hint(summary.started), run.spacing()
     return summary
 

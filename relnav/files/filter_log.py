@@ -6,7 +6,7 @@ from typing import Any, overload
 
 from relnav.errors import UsageError
 from relnav.files.filter_file import log_metadata
-from relnav.files.frame_logs import FrameLog, is_frame
+from relnav.files.frame_logs import FrameLog, log_in_memory
 from relnav.files.logs import check_beacons, opened, read_log
 from relnav.files.marker_logs import filter_marker_log
 from relnav.files.models import BeaconName, MarkerName, flown, load_model
@@ -63,7 +63,7 @@ def filter_log(
     Parameters
     ----------
     path : str, path or DataFrame
-        The log, a file or a table in memory (pandas, polars): `t_s`,
+        The log, a file, a ROS bag or a table in memory (pandas, polars): `t_s`,
         `spot_a_x_um`, ... (any length unit; empty = not seen), optionally `sigma_spot_a_x_um`, ... (all
         of them; empty = as before), `accel_x_m_s2`, ...,
         `delta_v_x_m_s`, ..., `q_cam_from_lvlh_x`, ... Or a raw log, a row a slot: `t_s`, `beacon`, four currents.
@@ -99,7 +99,7 @@ def filter_log(
             raise UsageError(f"{keyword} is for three-beacon models; {mission.name} has one filter, on its spots")
         return filter_marker_log(path, mission, smooth=smooth)
     method = "fix" if method is None else method
-    source = FrameLog(path) if is_frame(path) else opened(Path(path))
+    source = log_in_memory(path) or opened(Path(path))
     if not isinstance(source, FrameLog) and is_raw_log(source):
         return filter_raw_log(source, mission, method=method, projection=projection, smooth=smooth)
     log = read_log(source)

@@ -10,11 +10,19 @@ from relnav.arrays import Matrix, Vector, numbers
 from relnav.errors import LogError
 from relnav.files.log_columns import Columns, parse_header
 from relnav.files.logs import LogFile
+from relnav.files.ros_bag import is_bag, read_bag
 
 
 def is_frame(source: Any) -> bool:
     """Whether this is a table in memory: it has columns, and gives each by its name."""
     return hasattr(source, "columns") and hasattr(source, "__getitem__")
+
+
+def log_in_memory(source: Any, parse: Callable[[list[str], str], Columns] = parse_header) -> "FrameLog | None":
+    """The log, if it is a frame or the messages of a ROS bag; None for a file of rows."""
+    if is_frame(source):
+        return FrameLog(source, parse)
+    return FrameLog(read_bag(Path(source)), parse) if is_bag(Path(source)) else None
 
 
 class FrameLog(LogFile):
@@ -30,8 +38,9 @@ class FrameLog(LogFile):
         """Look at the columns; times may be the index, if it is called `t_s`."""
         if str(getattr(getattr(frame, "index", None), "name", "")).startswith("t_"):
             frame = frame.reset_index()
-        self._frame, self._parquet, self.path, self.metadata = frame, False, Path("DataFrame"), {}
-        self.columns = parse([str(name) for name in frame.columns], "DataFrame")
+        self._frame, self._parquet, self.metadata = frame, False, {}
+        self.path = getattr(frame, "source", Path("DataFrame"))
+        self.columns = parse([str(name) for name in frame.columns], str(self.path))
 
     def _csv_rows(self) -> Iterator[tuple[Matrix, Vector]]:
         """All rows at once, as they stand in the frame."""
@@ -41,6 +50,6 @@ class FrameLog(LogFile):
             try:
                 values[:, position] = numbers(f"column '{names[index]}'", self._frame[names[index]])
             except ValueError as error:
-                raise LogError(f"DataFrame: {error}") from error
+                raise LogError(f"{self.path}: {error}") from error
         if len(values):
             yield values, np.arange(len(values), dtype=np.float64)

@@ -119,8 +119,10 @@ def parse_header(names: list[str], where: str, layout: Layout = BEACONS) -> Colu
         spots, sigmas = spot_columns(beacons), sigma_columns(beacons)
     for required in ("t", *spots):
         if required not in index:
+            beacons = layout is not BEACONS and any(split_unit(name)[0] in BEACONS.spots for name in names)
             raise LogError(
                 f"{where}: column '{_example(required, layout)}' is missing; the columns are {listed(names)}"
+                + ("; a log of beacons? --model three_beacon_psd, or a beacon model of yours" if beacons else "")
             )
     for group in (ACCELERATION, DELTA_V, layout.quaternion, sigmas):
         missing = [base for base in group if base not in index]
@@ -131,8 +133,29 @@ def parse_header(names: list[str], where: str, layout: Layout = BEACONS) -> Colu
     return Columns(tuple(names), index, factor, tuple(ignored), layout)
 
 
+RSW = {"r": "radial out is -z", "s": "along-track is x", "t": "along-track is x", "w": "+h is -y", "n": "+h is -y"}
+"""Axes of another frame (RSW, RTN) that a log of controls may be in, as they lie in `lvlh_ccsds`."""
+
+
+def _refuse_others(name: str, where: str, layout: Layout) -> None:
+    """A column of another frame, or of another kind of log."""
+    base, unit = split_unit(name)
+    quantity, _, axis = base.rpartition("_")
+    if quantity in ("accel", "delta_v") and axis in RSW:
+        raise LogError(
+            f"{where}: column '{name}': controls are in lvlh_ccsds, with axes x, y, z, and {RSW[axis]} there: turn all "
+            f"three, {quantity}_x_{unit or KIND[ACCELERATION[0]]}, ..."
+        )
+    if layout is BEACONS and name.startswith("spot_") and name.endswith(("_x_px", "_y_px")):
+        raise LogError(
+            f"{where}: column '{name}': pixels are of a camera that sees markers, this model's detector sees beacons; "
+            "--model three_marker_vision, or a marker model of yours"
+        )
+
+
 def _refuse_near_miss(name: str, where: str, layout: Layout) -> None:
     """A column that is almost one of ours is a mistake, not another matter."""
+    _refuse_others(name, where, layout)
     for base, kind in layout.kind.items():
         if len(base) > 2 and name.startswith(base + "_") and kind:
             choices = ", ".join(f"{base}_{other}" for other in same_kind(kind))

@@ -7,6 +7,7 @@ it is an error. Infinities in spot columns go to the filter, which rejects them 
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -109,17 +110,28 @@ class LogFile:
         """
         t_before = -math.inf
         for values, lines in self.rows():
-            _check_values(values, lines, self.path, self.columns, t_before)
-            t_before = float(values[-1, _order(self.columns)["t"]])
+            t_before = self.check(values, lines, t_before)
             yield values
         if t_before == -math.inf:
             raise LogError(f"{self.path}: no rows after the header; at least one epoch is expected")
 
+    def check(self, values: Matrix, lines: Vector, t_before: float) -> float:
+        """Refuse rows that are none of a log, as `tables` says. `t_before`: time before them; returns their last."""
+        _check_values(values, lines, self.path, self.columns, self._limits, t_before)
+        return float(values[-1, self._order["t"]])
+
+    @cached_property
+    def _order(self) -> dict[str, int]:
+        return _order(self.columns)
+
+    @cached_property
+    def _limits(self) -> tuple[list[int], Vector, list[int]]:
+        return _limits(self.columns)
+
     def rows(self) -> Iterator[tuple[Matrix, Vector]]:
         """Values in SI (m, columns in header order) and the line number of each row, piece after piece, unchecked."""
         for values, lines in self._parquet_rows() if self._parquet else self._csv_rows():
-            _to_si(values, self.columns)
-            yield values, lines
+            yield to_si_units(values, self.columns), lines
 
     def _log(self, values: Matrix) -> Log:
         beacons = self.columns.beacons
@@ -127,7 +139,7 @@ class LogFile:
         assert spots is not None
         return Log(
             path=self.path,
-            t_s=values[:, _order(self.columns)["t"]].copy(),
+            t_s=values[:, self._order["t"]].copy(),
             spots_m=spots.reshape(-1, beacons, 2),
             spot_sigma_m=None if sigma is None else sigma.reshape(-1, beacons, 2),
             acceleration_m_s2=self.group(values, ACCELERATION),
@@ -141,25 +153,32 @@ class LogFile:
         """Quantities that belong together, (n, k), of a table; None if the log does not have them."""
         if not self.columns.has(bases):
             return None
-        order = _order(self.columns)
-        return np.stack([values[:, order[base]] for base in bases], axis=1)
+        return np.take(values, [self._order[base] for base in bases], axis=1)
 
     def _csv_rows(self) -> Iterator[tuple[Matrix, Vector]]:
         """Rows as they stand in the file."""
-        reader = BlockReader(self._table, list(self.columns.index.values()))
+        reader = self.block_reader()
         for begin, block in self._table.blocks():
-            place, line = 0, begin
-            while read := reader.read(block, place, line, CHUNK_LINES):
-                values, lines, place, line = read
-                if len(values):
-                    yield values, lines
-                if place == len(block):
-                    break
-            else:  # not compiled, or not as simple as that
-                for kept in pieces(self._table.rows_of(line, block[place:])):
-                    fast = _parse_fast([text for _, text in kept], self.columns)
-                    values = fast if fast is not None else _parse_slowly(kept, self._table, self.columns)
-                    yield values, np.array([number for number, _ in kept], dtype=np.float64)
+            yield from self.rows_of(reader, begin, block)
+
+    def block_reader(self) -> BlockReader:
+        """What reads the blocks of this table."""
+        return BlockReader(self._table, list(self.columns.index.values()))
+
+    def rows_of(self, reader: BlockReader, begin: int, block: bytes) -> Iterator[tuple[Matrix, Vector]]:
+        """Values as they stand in a block of lines from number `begin` on, and the line number of each row."""
+        place, line = 0, begin
+        while read := reader.read(block, place, line, CHUNK_LINES):
+            values, lines, place, line = read
+            if len(values):
+                yield values, lines
+            if place == len(block):
+                break
+        else:  # not compiled, or not as simple as that
+            for kept in pieces(self._table.rows_of(line, block[place:])):
+                fast = _parse_fast([text for _, text in kept], self.columns)
+                values = fast if fast is not None else _parse_slowly(kept, self._table, self.columns)
+                yield values, np.array([number for number, _ in kept], dtype=np.float64)
 
     def _parquet_rows(self) -> Iterator[tuple[Matrix, Vector]]:
         from relnav.files.parquet import read_batches
@@ -233,6 +252,14 @@ def read_csv(
     return file.metadata, file.columns, np.concatenate(values), np.concatenate(lines)
 
 
+def _limits(columns: Columns) -> tuple[list[int], Vector, list[int]]:
+    """Columns of `values` that hold a number in every row, how large it may be, and columns of sigmas."""
+    bases = list(columns.index)
+    required = [k for k, base in enumerate(bases) if base not in columns.layout.may_be_missing]
+    most = np.array([MOST.get(bases[k], np.finfo(np.float64).max) for k in required])
+    return required, most, [k for k, base in enumerate(bases) if base.startswith("sigma_")]
+
+
 def _order(columns: Columns) -> dict[str, int]:
     """Column of `values` that holds each quantity: in the order in which the header names them."""
     return {base: position for position, base in enumerate(columns.index)}
@@ -252,12 +279,13 @@ def pieces(rows: Iterator[tuple[int, str]]) -> Iterator[list[tuple[int, str]]]:
         yield piece
 
 
-def _to_si(values: Matrix, columns: Columns) -> None:
-    """Multiply each column by its factor, in place."""
+def to_si_units(values: Matrix, columns: Columns) -> Matrix:
+    """The values, each column multiplied by its factor in place."""
     for position, base in enumerate(columns.index):
         factor = columns.factor[base]
         if factor != 1.0:
             values[:, position] = to_si(values[:, position], factor)
+    return values
 
 
 def _parse_fast(texts: list[str], columns: Columns) -> Matrix | None:
@@ -286,7 +314,8 @@ def _parse_slowly(kept: list[tuple[int, str]], table: TextTable, columns: Column
     return out
 
 
-def _check_values(values: Matrix, lines: Vector, path: Path, columns: Columns, t_before: float) -> None:
+def _check_cells(values: Matrix, lines: Vector, path: Path, columns: Columns) -> None:
+    """Column by column: name the first cell that cannot be."""
     for position, base in enumerate(columns.index):
         if base.startswith("sigma_"):
             wrong = np.flatnonzero((values[:, position] <= 0.0) | np.isinf(values[:, position]))
@@ -304,7 +333,21 @@ def _check_values(values: Matrix, lines: Vector, path: Path, columns: Columns, t
             raise LogError(f"{path}:{int(lines[bad[0]])}: column '{name}' is {came}; only a spot may be missing")
         if base in MOST:
             check_size(values[:, position], MOST[base], lines, path, columns.names[columns.index[base]])
-    t = values[:, _order(columns)["t"]]
+
+
+def _check_values(
+    values: Matrix,
+    lines: Vector,
+    path: Path,
+    columns: Columns,
+    limits: tuple[list[int], Vector, list[int]],
+    t_before: float,
+) -> None:
+    required, most, sigmas = limits
+    if not (np.abs(values[:, required]) <= most).all() or (values[:, sigmas] <= 0.0).any():
+        _check_cells(values, lines, path, columns)
+    order = _order(columns)
+    t = values[:, order["t"]]
     before = np.concatenate([[t_before], t[:-1]])
     late = np.flatnonzero(t <= before)
     if late.size:
@@ -314,15 +357,28 @@ def _check_values(values: Matrix, lines: Vector, path: Path, columns: Columns, t
             f"{path}:{int(lines[row])}: time {t[row]:.15g} s {what} {before[row]:.15g} s of the row before; "
             "sort the log by time and keep one row an epoch"
         )
+    if "image_t" in columns.index:
+        _check_exposures(values[:, order["image_t"]], t, lines, path)
     quaternion = columns.layout.quaternion
     if columns.has(quaternion):
-        q = np.stack([values[:, _order(columns)[base]] for base in quaternion], axis=1)
+        q = np.take(values, [order[base] for base in quaternion], axis=1)
         wrong = np.flatnonzero(np.abs(np.linalg.norm(q, axis=1) - 1.0) > 9e-4)
         if wrong.size:
             raise LogError(
                 f"{path}:{int(lines[wrong[0]])}: {quaternion[0][:-2]} {q[wrong[0]].tolist()} is not a unit quaternion "
                 "(x, y, z, w)"
             )
+
+
+def _check_exposures(image_t: Vector, t: Vector, lines: Vector, path: Path) -> None:
+    """Refuse an image that was exposed after its row was written."""
+    late = np.flatnonzero(image_t > t)
+    if late.size:
+        row = int(late[0])
+        raise LogError(
+            f"{path}:{int(lines[row])}: image_t_s {image_t[row]:.15g} s lies after its row's t_s {t[row]:.15g} s; "
+            "a row is written when its image has arrived"
+        )
 
 
 def check_size(values: Vector, most: float, lines: Vector, path: Path, name: str) -> None:

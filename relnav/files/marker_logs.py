@@ -1,6 +1,6 @@
 """Marker logs as files: simulated ones and their truth out, a log in, its track of position and attitude out."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -10,12 +10,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from relnav.arrays import Matrix, Stack, Vector
-from relnav.errors import LogError
-from relnav.files.frame_logs import FrameLog, is_frame
-from relnav.files.log_columns import ACCELERATION, DELTA_V, markers, parse_header
+from relnav.files.frame_logs import log_in_memory
+from relnav.files.log_columns import ACCELERATION, DELTA_V, Columns, markers, parse_header
 from relnav.files.logs import LogFile
 from relnav.files.spool import Spool
-from relnav.files.tables import STATE_COLUMNS, Table, check_format, relnav_version, write_table
+from relnav.files.tables import STATE_COLUMNS, TRACKS, Table, Writer, check_format, relnav_version, write_table
 from relnav.mission import VisionMission
 from relnav.navigation.arguments import controls, quaternions
 from relnav.navigation.pose_epoch import EPOCH
@@ -101,21 +100,21 @@ def marker_solutions(path: Any, mission: VisionMission, *, smooth: bool = False)
             yield PoseSolution(mission, epochs, smoothed=True)
 
 
+def marker_header(mission: VisionMission) -> Callable[[list[str], str], Columns]:
+    """What finds the columns in the header of a log of this model's markers."""
+    return partial(parse_header, layout=markers(len(mission.markers.positions_m)))
+
+
 def _chunks(path: Any, mission: VisionMission) -> Iterator[tuple[Vector, Stack, Matrix, Matrix, Vector | None]]:
     """Times, spots, control, chaser attitude and exposures of a log, a few thousand rows at a time."""
-    layout = markers(len(mission.markers.positions_m))
-    parse = partial(parse_header, layout=layout)
-    log = FrameLog(path, parse) if is_frame(path) else LogFile(Path(path), parse)
+    parse = marker_header(mission)
+    log = path if isinstance(path, LogFile) else log_in_memory(path, parse) or LogFile(Path(path), parse)
+    layout = log.columns.layout
     for values in log.tables():
         t, spots = log.group(values, ("t",)), log.group(values, layout.spots)
         assert t is not None
         assert spots is not None
         image, quaternion = log.group(values, ("image_t",)), log.group(values, layout.quaternion)
-        if image is not None and (late := np.flatnonzero(image[:, 0] > t[:, 0])).size:
-            raise LogError(
-                f"{path}: image_t_s {image[late[0], 0]:.15g} s lies after its row's t_s {t[late[0], 0]:.15g} s; "
-                "a row is written when its image has arrived"
-            )
         control = controls(len(t), log.group(values, ACCELERATION), log.group(values, DELTA_V))
         attitude = quaternions("q_chaser_from_lvlh", len(t), quaternion)
         for begin in range(0, len(t), CHUNK):
@@ -140,12 +139,20 @@ def _sigmas(covariance: Stack) -> Matrix:
     return sigma
 
 
-def write_track(parts: Iterable[PoseSolution], model: str, path: Path, metadata: dict[str, str] | None = None) -> None:
-    """Write consecutive solutions (.csv or .parquet), one row an epoch; the covariance in SI (m, m/s, rad, rad/s).
+def write_track(
+    parts: Iterable[PoseSolution],
+    model: str,
+    path: Path,
+    metadata: dict[str, str] | None = None,
+    writer: Writer = write_table,
+) -> None:
+    """Write consecutive solutions (.csv, .jsonl or .parquet), one row an epoch.
 
-    An empty `ambiguity`: no other pose is possible. `alarm`: codes of `Alarm`, 0 = none.
+    The covariance is in SI (m, m/s, rad, rad/s). An empty `ambiguity`: no other pose is possible. `alarm`: codes of
+    `Alarm`, 0 = none.
     """
-    _write(path, TRACK_COLUMNS, map(_rows, parts), {"model": model} | (metadata or {}), _INTEGERS)
+    check_format(path, TRACKS)
+    writer(path, TRACK_COLUMNS, map(_rows, parts), _head({"model": model} | (metadata or {})), _INTEGERS)
 
 
 def track_columns(solution: PoseSolution) -> dict[str, Vector]:
@@ -154,16 +161,17 @@ def track_columns(solution: PoseSolution) -> dict[str, Vector]:
 
 
 def _rows(solution: PoseSolution) -> Table:
+    turns = _quaternions(np.concatenate([solution.dcm_lvlh_from_target, solution.dcm_target_from_chaser]))
     doubtful = np.where(np.isfinite(solution.ambiguity), solution.ambiguity, np.nan)
     return [
         solution.t_s,
         *solution.state.T,
-        *_quaternions(solution.dcm_lvlh_from_target).T,
+        *turns[: len(solution)].T,
         *np.degrees(solution.rate_rad_s).T,
         *_sigmas(solution.covariance).T,
         *solution.port_m.T,
         *solution.port_velocity_m_s.T,
-        *_quaternions(solution.dcm_target_from_chaser).T,
+        *turns[len(solution) :].T,
         *np.degrees(solution.relative_rate_rad_s).T,
         *_sigmas(solution.docking_covariance).T,
         *(solution.nis, solution.dof, solution.used, solution.status, solution.hypotheses, doubtful),
@@ -179,21 +187,19 @@ def write_marker_log(flight: MarkerFlight, path: Path, metadata: dict[str, str] 
     spots = flight.spots_px.reshape(len(flight.t_s), -1)
     chaser = _quaternions(np.array(flight.dcm_chaser_from_lvlh))
     table: Table = [flight.t_s, *spots.T, *flight.acceleration_m_s2.T, *chaser.T]
-    _write(path, columns, [table], metadata or {}, ())
+    _write(path, columns, table, metadata or {})
 
 
 def write_marker_truth(flight: MarkerFlight, path: Path, metadata: dict[str, str] | None = None) -> None:
     """Write a simulated log's true states."""
     attitude, rate = _quaternions(flight.dcm_lvlh_from_target), np.degrees(flight.rate_rad_s)
     table: Table = [flight.t_s, *flight.motion.T, *attitude.T, *rate.T]
-    _write(path, TRUTH_COLUMNS, [table], metadata or {}, ())
+    _write(path, TRUTH_COLUMNS, table, metadata or {})
 
 
-def _write(
-    path: Path, columns: tuple[str, ...], parts: Iterable[Table], metadata: dict[str, str], integers: tuple[int, ...]
-) -> None:
+def _write(path: Path, columns: tuple[str, ...], table: Table, metadata: dict[str, str]) -> None:
     check_format(path)
-    write_table(path, columns, iter(parts), _head(metadata), integers)
+    write_table(path, columns, iter([table]), _head(metadata), ())
 
 
 def _head(metadata: dict[str, str]) -> dict[str, str]:

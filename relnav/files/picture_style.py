@@ -11,11 +11,13 @@ from relnav.files.atomic import is_stream, replacing
 ESTIMATE, PUBLISHED, GATE, SPREAD, QUIET, INK = "#0060a8", "#c2410c", "#b3123f", "#0a7a55", "#8a94a0", "#1f2730"
 """Okabe and Ito's hues, darkened for lines on white: told apart by eyes that do not see red and green."""
 ENDINGS = (".png", ".pdf", ".svg")
+DOTS_AN_INCH = 130
 STYLE: Any = {
     "font.size": 8.5,
     "axes.titlesize": 9.5,
     "axes.titlelocation": "left",
     "axes.titleweight": "bold",
+    "axes.titley": 1.0,  # where it is by itself, without measuring every label for it
     "axes.labelsize": 8.5,
     "axes.labelcolor": INK,
     "axes.edgecolor": "#9aa4af",
@@ -103,5 +105,25 @@ def save(figures: list[Any], path: Path) -> None:
                 for figure in figures:
                     pages.savefig(figure)
             return
-        metadata = {"Date": None} if kind == "svg" else {}
-        figures[0].savefig(temporary, format=kind, dpi=130, metadata=metadata)
+        if kind == "png":
+            with _laid_out(figures[0]):
+                figures[0].savefig(temporary, format=kind, dpi=DOTS_AN_INCH, pil_kwargs={"compress_level": 3})
+        else:
+            figures[0].savefig(temporary, format=kind, metadata={"Date": None} if kind == "svg" else {})
+
+
+@contextmanager
+def _laid_out(figure: Any) -> Iterator[None]:
+    """The figure with its places found once; left to itself, matplotlib goes through a whole drawing for them first."""
+    engine, dots = figure.get_layout_engine(), figure.dpi
+    if engine is None:
+        yield
+        return
+    figure.dpi = DOTS_AN_INCH
+    engine.execute(figure)
+    figure.set_layout_engine(None)
+    try:
+        yield
+    finally:
+        figure.set_layout_engine(engine)
+        figure.dpi = dots

@@ -1,9 +1,9 @@
 """A solution as a table: one row an epoch, the columns of the log contract."""
 
-import csv
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib.metadata import PackageNotFoundError, version
+from operator import add
 from pathlib import Path
 from typing import Any
 
@@ -87,6 +87,13 @@ def rows_of(part: Solution, turned: FramedTrack | None = None) -> Table:
     ]
 
 
+Writer = Callable[[Path, tuple[str, ...], Iterator[Table], dict[str, str], tuple[int, ...]], None]
+"""What writes a table: `write_table`, or `live_track.LineByLine`."""
+
+
+_NO_JSON = ("", "inf", "-inf")
+
+
 def _cells(row: tuple[float, ...], integers: tuple[int, ...]) -> list[str]:
     cells = ["" if value != value else repr(value) for value in row]
     for index in integers:
@@ -94,10 +101,37 @@ def _cells(row: tuple[float, ...], integers: tuple[int, ...]) -> list[str]:
     return cells
 
 
+def head_text(ending: str, columns: tuple[str, ...], stated: dict[str, str]) -> str:
+    """What stands before the rows: of .csv what is stated and the columns, of .jsonl nothing."""
+    if ending == ".jsonl":
+        return ""
+    comments = (f"# {printable(key)} = {printable(value)}\n" for key, value in stated.items())
+    return "".join([*comments, ",".join(columns), "\n"])
+
+
+def rows_text(ending: str, columns: tuple[str, ...], part: Table, integers: tuple[int, ...]) -> Iterator[str]:
+    """The rows of a table as lines of .csv, or of .jsonl: an object a row, null where a cell is empty or infinite."""
+    texts = texts_of(part, integers) if worth_writing(len(part) * len(part[0])) else _texts_of(part, integers)
+    if ending != ".jsonl":
+        yield from texts
+        return
+    names = [f'"{name}": ' for name in columns]
+    for text in texts:
+        for line in text.split("\n")[:-1]:
+            cells = ("null" if cell in _NO_JSON else cell for cell in line.split(","))
+            yield "{" + ", ".join(map(add, names, cells)) + "}\n"
+
+
+def _texts_of(part: Table, integers: tuple[int, ...]) -> Iterator[str]:
+    """As `texts_of`, by Python."""
+    for row in zip(*(column.tolist() for column in part), strict=True):
+        yield ",".join(_cells(row, integers)) + "\n"
+
+
 def write_table(
     path: Path, columns: tuple[str, ...], parts: Iterator[Table], stated: dict[str, str], integers: tuple[int, ...]
 ) -> None:
-    """Write rows, part after part, as CSV or Parquet by the file's ending; whole or not at all."""
+    """Write rows, part after part, as CSV, JSON lines or Parquet by the file's ending; whole or not at all."""
     with replacing(path, ".csv") as temporary:
         if path.suffix.lower() == ".parquet":
             from relnav.files.parquet import write_parquet
@@ -105,19 +139,17 @@ def write_table(
             write_parquet(temporary, columns, parts, stated, integers)
             return
         with temporary.open("w", newline="", encoding="utf-8") as file:
-            for key, value in stated.items():
-                file.write(f"# {printable(key)} = {printable(value)}\n")
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(columns)
+            ending = ".jsonl" if path.suffix.lower() == ".jsonl" else ".csv"
+            file.write(head_text(ending, columns, stated))
             for part in parts:
-                if worth_writing(len(part) * len(part[0])):
-                    file.writelines(texts_of(part, integers))
-                    continue
-                rows = zip(*(column.tolist() for column in part), strict=True)
-                writer.writerows(_cells(row, integers) for row in rows)
+                file.writelines(rows_text(ending, columns, part, integers))
 
 
-def check_format(path: Path) -> None:
+TABLES, TRACKS = (".csv", ".parquet"), (".csv", ".jsonl", ".parquet")
+"""Endings of tables that are read again, and of those that are not only."""
+
+
+def check_format(path: Path, endings: tuple[str, ...] = TABLES) -> None:
     """Refuse a table of a kind that cannot be written; a pipe without an ending is given CSV.
 
     Raises
@@ -125,8 +157,8 @@ def check_format(path: Path) -> None:
     UsageError
         Naming the endings that can.
     """
-    if path.suffix.lower() not in (".csv", ".parquet") and not (path.suffix == "" and is_stream(path)):
-        raise UsageError(f"{path}: a table ends in .csv or .parquet; got '{path.suffix}'")
+    if path.suffix.lower() not in endings and not (path.suffix == "" and is_stream(path)):
+        raise UsageError(f"{path}: a table ends in {', '.join(endings[:-1])} or {endings[-1]}; got '{path.suffix}'")
     if path.suffix.lower() == ".parquet":
         from relnav.files.parquet import require_pyarrow
 

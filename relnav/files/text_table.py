@@ -7,7 +7,7 @@ million columns) is refused as soon as it is seen, so that an endless input cost
 
 import csv
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import chain
 from pathlib import Path
 
@@ -49,12 +49,13 @@ class TextTable:
         For what cannot be read, is no text, or has no header of cells.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, reads: "Callable[[Path], Iterator[bytes]] | None" = None) -> None:
+        """Read the head; `reads` gives the bytes of a path, as they come, in pieces that are not empty."""
+        self.path, self._reads = path, reads or _reads
         self.metadata: dict[str, str] = {}
         self.head: list[str] = []
         self.last_row = 0
-        blocks = _blocks(path)
+        blocks = _blocks(path, self._reads)
         for _, block in blocks:
             place = 0
             while place < len(block):
@@ -110,7 +111,7 @@ class TextTable:
         if blocks is not None:
             yield from blocks
             return
-        for begin, block in _blocks(self.path):
+        for begin, block in _blocks(self.path, self._reads):
             skip = self.line + 1 - begin
             if skip <= 0:
                 yield begin, block
@@ -226,28 +227,43 @@ def _no_end(path: Path, number: int) -> str:
     return f"{path}:{number}: a line of {LONGEST_LINE} characters or more; a row of cells is expected"
 
 
-def _blocks(path: Path) -> Iterator[tuple[int, bytes]]:
+def _reads(path: Path) -> Iterator[bytes]:
+    """The bytes of a file or pipe until its end."""
+    with path.open("rb") as file:
+        came = file.read1(HEAD_BYTES)
+        while came:
+            yield came
+            came = file.read(BLOCK_BYTES)
+
+
+def _blocks(path: Path, reads: "Callable[[Path], Iterator[bytes]]") -> Iterator[tuple[int, bytes]]:
     """Whole lines, however they end in the file, as blocks in which each ends in a line feed; number of their first."""
     number, kept = 1, b""
+    pieces = reads(path)
+    while came := _next(pieces, path):
+        whole = kept + came
+        held = b"\r" if whole.endswith(b"\r") else b""  # its line feed may be still to come
+        whole = _line_feeds(whole.removesuffix(b"\r"))
+        cut = whole.rfind(b"\n") + 1
+        kept = whole[cut:] + held
+        if cut:
+            yield number, _unmarked(whole[:cut], number)
+            number += whole.count(b"\n", 0, cut)
+        if len(kept) >= 4 * LONGEST_LINE:
+            raise LogError(_no_end(path, number))
+    if kept:
+        yield number, _line_feeds(_unmarked(kept, number)).removesuffix(b"\n") + b"\n"
+
+
+def _next(pieces: Iterator[bytes], path: Path) -> bytes:
     try:
-        with path.open("rb") as file:
-            came = file.read1(HEAD_BYTES).removeprefix(_BYTE_ORDER_MARK)
-            while came:
-                whole = kept + came
-                held = b"\r" if whole.endswith(b"\r") else b""  # its line feed may be still to come
-                whole = _line_feeds(whole.removesuffix(b"\r"))
-                cut = whole.rfind(b"\n") + 1
-                kept = whole[cut:] + held
-                if cut:
-                    yield number, whole[:cut]
-                    number += whole.count(b"\n", 0, cut)
-                if len(kept) >= 4 * LONGEST_LINE:
-                    raise LogError(_no_end(path, number))
-                came = file.read(BLOCK_BYTES)
+        return next(pieces, b"")
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror}") from error
-    if kept:
-        yield number, _line_feeds(kept).removesuffix(b"\n") + b"\n"
+
+
+def _unmarked(lines: bytes, number: int) -> bytes:
+    return lines.removeprefix(_BYTE_ORDER_MARK) if number == 1 else lines
 
 
 def _line_feeds(text: bytes) -> bytes:

@@ -10,7 +10,7 @@ import numpy as np
 
 from relnav.errors import UsageError
 from relnav.files.systems import resolve
-from relnav.files.tables import COLUMNS, INTEGERS, Table, check_format, head, rows_of, write_table
+from relnav.files.tables import COLUMNS, INTEGERS, TRACKS, Table, check_format, head, rows_of, write_table
 from relnav.navigation.in_frame import frame_words, in_frame
 from relnav.navigation.pose_record import PoseSolution
 from relnav.navigation.record import PER_EPOCH, Solution
@@ -23,6 +23,7 @@ EXCHANGE = {
     ".nc": "relnav.files.netcdf:write_netcdf",
     ".h5": "relnav.files.netcdf:write_netcdf",
     ".mcap": "relnav.files.mcap_file:write_mcap",
+    ".rosbag2": "relnav.files.ros_bag:write_bag",
 }
 """Ending -> what writes it, as a function of (solution, path, settings)."""
 
@@ -43,10 +44,10 @@ def write(
     solution : Solution or PoseSolution
         From `filter_log`.
     path : str or path
-        Ends in `.csv` or `.parquet` (needs pyarrow): a table; empty cells: no state yet. `.mat`: MATLAB; `.nc`, `.h5`:
-        netCDF-4, which is HDF5, with CF units (needs xarray and h5netcdf); `.mcap`: poses with covariance for Foxglove
-        (needs mcap); `.oem`, `.aem`: CCSDS ephemeris with covariance, and attitude of the target. The file appears
-        whole or not at all.
+        Ends in `.csv`, `.jsonl` (an object a row) or `.parquet` (needs pyarrow): a table; empty or null: no state yet.
+        `.mat`: MATLAB; `.nc`, `.h5`: netCDF-4, which is HDF5, with CF units (needs xarray and h5netcdf); `.mcap`: poses
+        with covariance for Foxglove (needs mcap); `.rosbag2`: a bag of ROS 2 (needs rosbags); `.oem`, `.aem`: CCSDS
+        ephemeris with covariance, and attitude of the target. The file appears whole or not at all.
     frame, orientation_deg, model
         Frame of states and covariances, as for `Solution.in_frame`; of tables and `.oem` of beacons.
     epoch : str, optional
@@ -62,7 +63,7 @@ def write(
     if target.suffix.lower() in EXCHANGE:
         write_exchange(solution, target, settings)
         return
-    check_format(target)
+    check_format(target, TRACKS)
     if not isinstance(solution, Solution):
         from relnav.files.marker_logs import write_track  # scipy's rotations, which a beacon log does not need
 

@@ -7,7 +7,7 @@ direction is followed by xx, xy, xz, yy, yz, zz of its covariance. Rows may stan
 
 import csv
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,7 @@ from relnav.accuracy.rendezvous import true_port
 from relnav.arrays import Vector
 from relnav.errors import LogError, UsageError
 from relnav.files.atomic import is_stream, replacing
-from relnav.files.tables import Table, relnav_version, write_table
+from relnav.files.tables import Table, Writer, relnav_version, write_table
 from relnav.files.text_table import MOST_ROWS, TextTable
 from relnav.files.wording import printable, shown
 from relnav.sensors.sun_direction import SunDirection, direction_with_covariance
@@ -95,31 +95,53 @@ def read_vehicle_log(path: Path, vehicle: Vehicle) -> list[Row]:
     LogError
         For what is no such log; the message names the line.
     """
-    table, counts = TextTable(path), widths(vehicle)
-    if table.names[:2] != ["t_s", "sensor"] or table.names[2:] != [f"v{k}" for k in range(len(table.names) - 2)]:
-        raise LogError(
-            f"{path}:{table.line}: a vehicle's log has columns t_s, sensor, v0, v1, ...; got "
-            f"{shown(', '.join(table.names), 120)}"
-        )
+    table = opened_vehicle_log(TextTable(path))
     rows: list[Row] = []
     for line, text in table.rows():
-        cells = table.cells(line, text)
-        name, t_s = cells[1].strip(), table.number(cells[0], line, "t_s")
-        if name not in counts:
-            known = ", ".join(counts)
-            raise LogError(f"{path}:{line}: no sensor '{shown(name, 80)}' in model {vehicle.name}; there are {known}")
-        if not math.isfinite(t_s):
-            raise LogError(f"{path}:{line}: column 't_s': a time is expected; got {shown(repr(cells[0]), 80)}")
-        values = [table.number(cell, line, f"v{k}") for k, cell in enumerate(cells[2:])]
-        count = counts[name]
-        if len(values) < count or not all(math.isnan(value) for value in values[count:]):
-            raise LogError(f"{path}:{line}: {name} has {count} values, v0 to v{count - 1}; the other cells stay empty")
-        rows.append((name, t_s, _value(np.array(values[:count]), name, vehicle, f"{path}:{line}")))
+        rows.append(row_of(table, line, text, vehicle))
         if len(rows) > MOST_ROWS:
             raise LogError(f"{path}: more than {MOST_ROWS} rows; split the log in time")
     if not rows:
         raise LogError(f"{path}: no row after the header; one an observation is expected")
     return sorted(rows, key=lambda row: row[1])
+
+
+def opened_vehicle_log(table: TextTable) -> TextTable:
+    """The table, if its header is that of a vehicle's log.
+
+    Raises
+    ------
+    LogError
+        If it is not.
+    """
+    if table.names[:2] != ["t_s", "sensor"] or table.names[2:] != [f"v{k}" for k in range(len(table.names) - 2)]:
+        raise LogError(
+            f"{table.path}:{table.line}: a vehicle's log has columns t_s, sensor, v0, v1, ...; got "
+            f"{shown(', '.join(table.names), 120)}"
+        )
+    return table
+
+
+def row_of(table: TextTable, line: int, text: str, vehicle: Vehicle) -> Row:
+    """The observation in a line.
+
+    Raises
+    ------
+    LogError
+        For a line that is none.
+    """
+    path, cells, counts = table.path, table.cells(line, text), widths(vehicle)
+    name, t_s = cells[1].strip(), table.number(cells[0], line, "t_s")
+    if name not in counts:
+        known = ", ".join(counts)
+        raise LogError(f"{path}:{line}: no sensor '{shown(name, 80)}' in model {vehicle.name}; there are {known}")
+    if not math.isfinite(t_s):
+        raise LogError(f"{path}:{line}: column 't_s': a time is expected; got {shown(repr(cells[0]), 80)}")
+    values = [table.number(cell, line, f"v{k}") for k, cell in enumerate(cells[2:])]
+    count = counts[name]
+    if len(values) < count or not all(math.isnan(value) for value in values[count:]):
+        raise LogError(f"{path}:{line}: {name} has {count} values, v0 to v{count - 1}; the other cells stay empty")
+    return name, t_s, _value(np.array(values[:count]), name, vehicle, f"{path}:{line}")
 
 
 def _value(values: Vector, name: str, vehicle: Vehicle, where: str) -> Value:
@@ -137,8 +159,15 @@ def _value(values: Vector, name: str, vehicle: Vehicle, where: str) -> Value:
     return direction_with_covariance(values[:3].copy(), covariance)
 
 
-def filter_rows(rows: Iterable[Row], vehicle: Vehicle, every_s: float = 1.0) -> Iterator[VehicleEstimate]:
+def filter_rows(
+    rows: Iterable[Row],
+    vehicle: Vehicle,
+    every_s: float = 1.0,
+    refuse: Callable[[ValueError], None] | None = None,
+) -> Iterator[VehicleEstimate]:
     """The estimate every so many seconds, and at the end, from observations in the order of time.
+
+    `refuse` takes what the filter says of an observation that it cannot take; without it that ends the run.
 
     Raises
     ------
@@ -157,13 +186,18 @@ def filter_rows(rows: Iterable[Row], vehicle: Vehicle, every_s: float = 1.0) -> 
         try:
             nav.observe(name, t_s, value)
         except ValueError as error:
-            raise LogError(f"at {t_s!r} s: {error}") from error
+            told = LogError(f"at {t_s!r} s: {error}")
+            if refuse is None:
+                raise told from error
+            refuse(told)
     if nav is not None:
         yield nav.state()
 
 
-def write_port_track(estimates: Iterable[VehicleEstimate], path: Path, metadata: dict[str, str]) -> None:
-    """Write estimates (.csv or .parquet), one row each, in `TRACK_COLUMNS`."""
+def write_port_track(
+    estimates: Iterable[VehicleEstimate], path: Path, metadata: dict[str, str], writer: Writer = write_table
+) -> None:
+    """Write estimates (.csv, .jsonl or .parquet), one row each, in `TRACK_COLUMNS`."""
 
     def parts() -> Iterator[Table]:
         for one in estimates:
@@ -173,7 +207,7 @@ def write_port_track(estimates: Iterable[VehicleEstimate], path: Path, metadata:
             row += [*(_DEGREES * port.sigma), float(one.gyro_lost), *port.covariance[_UPPER_12]]
             yield [np.array([value]) for value in row]
 
-    write_table(path, TRACK_COLUMNS, parts(), _head(metadata), (TRACK_COLUMNS.index("gyro_lost"),))
+    writer(path, TRACK_COLUMNS, parts(), _head(metadata), (TRACK_COLUMNS.index("gyro_lost"),))
 
 
 def write_port_truth(run: VehicleRun, path: Path, metadata: dict[str, str]) -> None:

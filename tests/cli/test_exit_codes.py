@@ -21,7 +21,7 @@ def test_done(run, short_log, tmp_path):
 
 
 WRONG_USE = {
-    "no such command": (["filtre"], "No such command 'filtre'"),
+    "no such command": (["filtre"], "No such command 'filtre'; did you mean 'filter'?"),
     "no log": (["filter", *MODEL], "Missing argument 'LOG'"),
     "no model": (["filter", "LOG"], "Missing option '--model'"),
     "log that is not there": (["filter", "nowhere.csv", *MODEL], "'nowhere.csv' does not exist"),

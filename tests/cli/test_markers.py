@@ -211,3 +211,12 @@ def test_quaternions_read_another_way(folder, tmp_path, capsys, columns, signs, 
     out = capsys.readouterr().out
     assert text in out
     assert ("x, y, z, w of v_chaser = R v_lvlh is expected" in out) == bool(text)
+
+
+def test_a_log_of_another_sensor_names_the_model(folder, tmp_path, capsys):
+    assert run(["filter", str(folder / "log.csv"), "--model", "three_beacon_psd"]) == 3
+    assert "--model three_marker_vision, or a marker model of yours" in capsys.readouterr().err
+    log = tmp_path / "log.csv"
+    log.write_text((folder / "log.csv").read_text().replace("_px", "_um"))
+    assert run(["filter", str(log), "--model", "three_marker_vision"]) == 3
+    assert "a log of beacons? --model three_beacon_psd, or a beacon model of yours" in capsys.readouterr().err

@@ -1,7 +1,9 @@
 """A vehicle on the command line: its log, its track against truth, rows in any order, and what is refused."""
 
+import os
 import random
 import re
+import threading
 
 import numpy as np
 import pytest
@@ -88,3 +90,27 @@ def test_what_is_not_for_a_vehicle(run, model, vbar_log, tmp_path):
     code, _, error = run("simulate", model, "--out", tmp_path / "log.parquet")
     assert (code, "a vehicle's log ends in .csv" in error) == (2, True)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX pipes")
+def test_followed_it_is_the_track_of_the_whole_log(run, model, log, tmp_path):
+    """Rows in the order of time; one that is none is told and left out."""
+    head, *rows = [line for line in log.read_text().splitlines() if line[0] != "#"]
+    rows.sort(key=lambda row: float(row.split(",")[0]))
+    (tmp_path / "sorted.csv").write_text("\n".join([head, *rows]) + "\n")
+    assert run("filter", tmp_path / "sorted.csv", "--model", model, "--out", tmp_path / "whole.csv", "--quiet")[0] == 0
+    os.mkfifo(tmp_path / "pipe")
+    text = "\n".join([head, *rows[:50], "0.1,lidar,1,2,3" + "," * 9, *rows[50:]]) + "\n"
+    writer = threading.Thread(target=(tmp_path / "pipe").write_text, args=(text,))
+    writer.start()
+    code, out, error = run("filter", "--follow", tmp_path / "pipe", "--model", model, "--out", tmp_path / "live.csv")
+    writer.join()
+    assert code == 0
+    assert "pipe:52: no sensor 'lidar' in model slow" in error
+    assert f"{len(rows)} observations" in out
+    assert "1 rows left out" in out
+
+    def body(name):
+        return [line for line in (tmp_path / name).read_text().splitlines() if line[0] != "#"]
+
+    assert body("live.csv") == body("whole.csv")

@@ -155,7 +155,7 @@ def test_parts_joined_are_the_whole(solution):
         ("a.oem", {"epoch": "9999-12-31T23:59:59"}, "lies beyond the year 9999"),
         ("a.oem", {"epoch": EPOCH, "frame": "dock"}, "an OEM holds frames rsw, eci_relative, eci; got 'dock'"),
         ("a.aem", {"epoch": EPOCH}, "which a three-beacon track does not estimate"),
-        ("a.xyz", {}, r"a table ends in \.csv or \.parquet"),
+        ("a.xyz", {}, r"a table ends in \.csv, \.jsonl or \.parquet"),
     ],
 )
 def test_what_cannot_be_written_is_said(solution, tmp_path, name, keywords, said):
