@@ -141,7 +141,7 @@ def _markers(
     from relnav.files.marker_logs import marker_header, marker_solutions, write_track
 
     log = LiveLog(asked.log, arriving, _telling(view), marker_header(mission))
-    summary = Summary(mission.name)
+    summary = Summary(mission)
     parts = view.passing(summary.passing(marker_solutions(log, mission)))
     write_track(parts, mission.name, out, {"log": asked.log.name}, writer)
     if not writer.rows:
