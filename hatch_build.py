@@ -66,13 +66,19 @@ def beacons():
 
 
 def markers():
-    """The same with markers."""
-    import relnav
+    """The same with markers, and the track that is written of it."""
+    import numpy as np
 
-    navigator = relnav.PoseNavigator(relnav.load_model("three_marker_vision"))
+    import relnav
+    from relnav.files.marker_logs import track_columns
+    from relnav.navigation.pose_log import filter_marker_epochs
+
+    image, model = [[459.0, 532.0], [562.0, 531.0], [511.0, 478.0]], relnav.load_model("three_marker_vision")
+    navigator = relnav.PoseNavigator(model)
     for k in range(3):
-        record = navigator.step(0.1 * k, [[459.0, 532.0], [562.0, 531.0], [511.0, 478.0]])
+        record = navigator.step(0.1 * k, image)
     repr(record), record.covariance, record.docking
+    track_columns(filter_marker_epochs(model, 0.1 * np.arange(5), np.tile(image, (5, 1, 1)), smooth=True))
 
 
 def tables():

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from relnav.arrays import Matrix, Stack, Vector
 from relnav.files.frame_logs import log_in_memory
@@ -15,6 +14,7 @@ from relnav.files.log_columns import ACCELERATION, DELTA_V, Columns, markers, pa
 from relnav.files.logs import LogFile
 from relnav.files.spool import Spool
 from relnav.files.tables import STATE_COLUMNS, TRACKS, Table, Writer, check_format, relnav_version, write_table
+from relnav.geometry.rotation import quaternions_from_dcm_into
 from relnav.mission import VisionMission
 from relnav.navigation.arguments import controls, quaternions
 from relnav.navigation.pose_epoch import EPOCH
@@ -126,10 +126,8 @@ def _chunks(path: Any, mission: VisionMission) -> Iterator[tuple[Vector, Stack, 
 
 def _quaternions(dcm: Stack) -> Matrix:
     """Scalar last, (n, 4); NaN where dcm is."""
-    out = np.full((len(dcm), 4), np.nan)
-    good = np.isfinite(dcm).all(axis=(1, 2))
-    if good.any():
-        out[good] = Rotation.from_matrix(dcm[good]).as_quat(canonical=True)
+    out = np.empty((len(dcm), 4))
+    quaternions_from_dcm_into(np.ascontiguousarray(dcm), out)
     return out
 
 

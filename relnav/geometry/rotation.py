@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix, Stack, Vector
 from relnav.codegen.kernel import entry, kernel, plain
 
 
@@ -51,13 +51,31 @@ def quaternion_from_dcm(dcm: Matrix) -> Vector:
     R = np.asarray(dcm, dtype=np.float64)
     if not is_rotation(R):
         raise ValueError(f"a rotation matrix (3, 3) is expected; got {R.tolist()}")
-    w = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], 1.0 + np.trace(R)])
-    outer = np.empty((4, 4))
-    outer[:3, :3] = R + R.T + (1.0 - np.trace(R)) * np.eye(3)
-    outer[3], outer[:, 3] = w, w
-    q = outer[np.argmax(np.diagonal(outer))]
-    unit: Vector = q / np.linalg.norm(q)
-    return -unit if unit[3] < 0.0 else unit
+    q = np.empty((1, 4))
+    plain(quaternions_from_dcm_into)(R[None], q)
+    found: Vector = q[0]
+    return found
+
+
+@entry
+def quaternions_from_dcm_into(dcm: Stack, out: Matrix) -> None:
+    """Write the quaternions (n, 4), w >= 0, of rotations (n, 3, 3); NaN where they are."""
+    for k in range(dcm.shape[0]):
+        R, q, best = dcm[k], out[k], 0
+        q[0], q[1] = 1.0 + R[0, 0] - R[1, 1] - R[2, 2], 1.0 - R[0, 0] + R[1, 1] - R[2, 2]
+        q[2], q[3] = 1.0 - R[0, 0] - R[1, 1] + R[2, 2], 1.0 + R[0, 0] + R[1, 1] + R[2, 2]
+        for i in range(1, 4):
+            best = i if q[i] > q[best] else best
+        largest = q[best]
+        w = (R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1])
+        for i in range(3):
+            q[i] = w[i] if best == 3 else R[i, best] + R[best, i]
+        q[3] = 0.0 if best == 3 else w[best]
+        q[best] = largest
+        size = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+        size = -size if q[3] < 0.0 else size
+        for i in range(4):
+            q[i] /= size
 
 
 @entry

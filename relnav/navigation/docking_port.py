@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
+from relnav.codegen.kernel import entry
+from relnav.dynamics.docking_port import ARM, RATE, VELOCITY, port_geometry_into
 from relnav.dynamics.relative_motion import frame_rate
-from relnav.geometry.linear_algebra import cross_matrix
 from relnav.mission import VisionMission
 from relnav.navigation.memory import orbit_values
 
@@ -63,35 +64,85 @@ def docking_states(
         What one sigma of the chaser's lasting attitude error, each axis, has done to the estimates (estimate minus
         truth). Where from the target is seen by the camera does not depend on that attitude: the two cancel.
     """
-    orbit = orbit_values(mission.orbit)
+    orbit, count, chaser = orbit_values(mission.orbit), len(motion), mission.chaser
     turn = np.array([frame_rate(orbit, t) for t in t_s])
-    w_L = cross_matrix(np.multiply.outer(turn, [0.0, -1.0, 0.0]))
     own = -dcm_chaser_from_lvlh[:, :, 1] * turn[:, None] if chaser_rate_rad_s is None else chaser_rate_rad_s
-    count, port = len(motion), np.array(mission.chaser.port_position_m)
-    C_TL, w = np.swapaxes(dcm_lvlh_from_target, 1, 2), cross_matrix(rate_rad_s)
-    C_TB = C_TL @ np.swapaxes(dcm_chaser_from_lvlh, 1, 2)
-    rho, v = motion[:, :3, None], motion[:, 3:, None]
-    d_B, lever_rate = cross_matrix(port), np.cross(own, port)[:, :, None]
-    u = (C_TL @ rho)[:, :, 0] + C_TB @ port  # the chaser's port from the target's centre of mass
-    inertial, turning, arm = C_TL @ (v + w_L @ rho) + C_TB @ lever_rate, C_TB @ own[:, :, None], cross_matrix(u)
-    G = np.zeros((count, 12, 12))  # by (drho, dv, theta, dw)
-    G[:, :3, :3], G[:, :3, 6:9] = C_TL, arm
-    G[:, 3:6, :3], G[:, 3:6, 3:6] = C_TL @ w_L - w @ C_TL, C_TL
-    G[:, 3:6, 6:9], G[:, 3:6, 9:] = cross_matrix(inertial[:, :, 0]) - w @ arm, arm
-    G[:, np.arange(6, 12), np.arange(6, 12)] = 1.0
-    G[:, 9:, 6:9] = -cross_matrix(turning[:, :, 0])
-    A = np.empty((count, 12, 3))  # by the chaser's attitude error
-    A[:, :3] = -C_TB @ d_B
-    A[:, 3:6] = -C_TB @ cross_matrix(lever_rate[:, :, 0]) - w @ A[:, :3]
-    A[:, 6:9] = -C_TB
-    A[:, 9:] = C_TB @ cross_matrix(own)
-    whole = G @ covariance @ np.swapaxes(G, 1, 2)
-    chaser = mission.chaser
-    whole += (chaser.attitude_sigma_rad**2 + chaser.attitude_noise_rad**2) * A @ np.swapaxes(A, 1, 2)
-    if by_chaser is not None:
-        both = chaser.attitude_sigma_rad * A @ (by_chaser @ np.swapaxes(G, 1, 2))
-        whole -= both + np.swapaxes(both, 1, 2)
-    velocity = (inertial - w @ u[:, :, None])[:, :, 0]
-    symmetric = 0.5 * (whole + np.swapaxes(whole, 1, 2))
-    relative_rate = rate_rad_s - turning[:, :, 0]
-    return DockingState(u - np.array(mission.target.port_position_m), velocity, C_TB, relative_rate, symmetric)
+    ports = np.array([chaser.port_position_m, mission.target.port_position_m], dtype=np.float64)
+    if by_chaser is None:
+        by_chaser = np.zeros((count, 3, 12))
+    values, C_TB, whole = np.empty((count, 3, 3)), np.empty((count, 3, 3)), np.empty((count, 12, 12))
+    _write_docking(
+        np.ascontiguousarray(motion),
+        np.ascontiguousarray(dcm_lvlh_from_target),
+        np.ascontiguousarray(rate_rad_s),
+        np.ascontiguousarray(covariance),
+        np.ascontiguousarray(dcm_chaser_from_lvlh),
+        np.ascontiguousarray(own),
+        turn,
+        np.ascontiguousarray(by_chaser),
+        ports,
+        np.array([chaser.attitude_sigma_rad, chaser.attitude_noise_rad]),
+        values,
+        C_TB,
+        whole,
+        np.empty((36, 12)),
+    )
+    return DockingState(values[:, ARM], values[:, VELOCITY], C_TB, values[:, RATE], whole)
+
+
+@entry
+def _write_docking(
+    motion: Matrix,
+    dcm: Stack,
+    rate: Matrix,
+    covariance: Stack,
+    chaser: Stack,
+    own: Matrix,
+    turn: Vector,
+    by_chaser: Stack,
+    ports: Matrix,
+    sigma: Vector,
+    values: Stack,
+    relative: Stack,
+    whole: Stack,
+    work: Matrix,
+) -> None:
+    """Write values (n, 3, 3), relative attitudes (n, 3, 3) and covariances (n, 12, 12) of `docking_states`.
+
+    sigma (2,): of the chaser's attitude, what lasts and what is new; work (36, 12) is scratch.
+    """
+    G, product, taken = work[:12], work[12:24], work[24:27]
+    A, rows = work[27:30].reshape((12, 3)), work[30:36].reshape((24, 3))
+    total = sigma[0] * sigma[0] + sigma[1] * sigma[1]
+    for k in range(motion.shape[0]):
+        C_TL, C_TB, rates, P, out = rows[:3], relative[k], rows[3:5], covariance[k], whole[k]
+        for i in range(3):
+            rates[0, i], rates[1, i] = rate[k, i], own[k, i]
+            for j in range(3):
+                C_TL[i, j] = dcm[k, j, i]
+        for i in range(3):
+            for j in range(3):
+                C_TB[i, j] = C_TL[i, 0] * chaser[k, j, 0] + C_TL[i, 1] * chaser[k, j, 1] + C_TL[i, 2] * chaser[k, j, 2]
+        port_geometry_into(C_TL, C_TB, motion[k], rates, turn[k], ports[0], values[k], G, A, rows[5:9])
+        for i in range(3):
+            values[k, ARM, i] -= ports[1, i]
+        for i in range(12):
+            for j in range(12):
+                product[i, j] = 0.0
+            for c in range(3):
+                taken[c, i] = 0.0
+            for r in range(12):
+                if G[i, r] != 0.0:
+                    for j in range(12):
+                        product[i, j] += G[i, r] * P[r, j]
+                    for c in range(3):
+                        taken[c, i] += by_chaser[k, c, r] * G[i, r]
+        for i in range(12):
+            for j in range(i + 1):
+                variance = 0.0
+                for r in range(12):
+                    if G[j, r] != 0.0:
+                        variance += product[i, r] * G[j, r]
+                for c in range(3):
+                    variance += total * A[i, c] * A[j, c] - sigma[0] * (A[i, c] * taken[c, j] + A[j, c] * taken[c, i])
+                out[i, j], out[j, i] = variance, variance

@@ -1,9 +1,7 @@
 """From a vehicle's state to what docking needs: port from port, its rate, attitude and rate, with joint covariance.
 
-    r = C_TL rho + C_TB d - p,   v = C_TL (v_L + w_L x rho) + C_TB (w_B x d) - w_T x (r + p),   w = w_T - C_TB w_B
-
-in target axes: d and p are the ports of chaser and target, w_B the chaser's inertial rate, sample less bias, and w_L
-that of `lvlh_ccsds`. The errors of the gyro's bias and the noise of its sample are in velocity and rate.
+As in `relnav.dynamics.docking_port`, the chaser's rate being the gyro's sample less its bias: the errors of the bias
+and the noise of the sample are in velocity and rate.
 """
 
 from dataclasses import dataclass
@@ -11,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
+from relnav.dynamics.docking_port import ARM, RATE, port_geometry
+from relnav.dynamics.docking_port import VELOCITY as PORT_VELOCITY
 from relnav.dynamics.relative_motion import frame_rate
-from relnav.geometry.linear_algebra import cross_matrix
 from relnav.spacecraft import Vehicle
 from relnav.vehicle.layout import (
     CHASER_ATTITUDE,
@@ -67,26 +66,30 @@ def port_state(
     vehicle: Vehicle, frame: OrbitFrame, state: VehicleState, chaser_rate_rad_s: Vector
 ) -> tuple[PortState, Matrix]:
     """The ports of a settled state, and d(port errors)/d(errors of the state), (12, n)."""
-    d, p = np.array(vehicle.chaser.port_position_m), np.array(vehicle.target.port_position_m)
-    rho, v, w_T = state.values[POSITION], state.values[VELOCITY], state.values[TARGET_RATE]
     C_TL = state.dcm_lvlh_from_target.T
     C_TB = C_TL @ frame.dcm_lvlh_from_inertial(state.t_s) @ state.dcm_inertial_from_chaser
-    w_L = np.array([0.0, -frame_rate(frame.vector, state.t_s), 0.0])
-    arm, swing = C_TL @ rho + C_TB @ d, np.cross(chaser_rate_rad_s, d)
-    inertial, turning = C_TL @ (v + np.cross(w_L, rho)) + C_TB @ swing, C_TB @ chaser_rate_rad_s
-    w, u = cross_matrix(w_T), cross_matrix(arm)
+    motion = np.concatenate([state.values[POSITION], state.values[VELOCITY]])
+    rates, d = np.stack([state.values[TARGET_RATE], chaser_rate_rad_s]), np.array(vehicle.chaser.port_position_m)
+    found, by_target, by_chaser = np.empty((3, 3)), np.empty((12, 12)), np.empty((12, 3))
+    port_geometry(
+        np.ascontiguousarray(C_TL),
+        C_TB,
+        motion,
+        rates,
+        frame_rate(frame.vector, state.t_s),
+        d,
+        found,
+        by_target,
+        by_chaser,
+        np.empty((4, 3)),
+    )
     J = np.zeros((12, len(state.values)))
-    J[:3, POSITION], J[:3, TARGET_ATTITUDE], J[:3, CHASER_ATTITUDE] = C_TL, u, -C_TB @ cross_matrix(d)
-    J[3:6, POSITION], J[3:6, VELOCITY] = C_TL @ cross_matrix(w_L) - w @ C_TL, C_TL
-    J[3:6, TARGET_ATTITUDE], J[3:6, TARGET_RATE] = cross_matrix(inertial) - w @ u, u
-    J[3:6, CHASER_ATTITUDE] = -C_TB @ cross_matrix(swing) - w @ J[:3, CHASER_ATTITUDE]
-    J[6:9, TARGET_ATTITUDE], J[6:9, CHASER_ATTITUDE] = np.eye(3), -C_TB
-    J[9:, TARGET_RATE], J[9:, TARGET_ATTITUDE] = np.eye(3), -cross_matrix(turning)
-    J[9:, CHASER_ATTITUDE] = C_TB @ cross_matrix(chaser_rate_rad_s)
+    J[:, POSITION], J[:, VELOCITY] = by_target[:, :3], by_target[:, 3:6]
+    J[:, TARGET_ATTITUDE], J[:, TARGET_RATE], J[:, CHASER_ATTITUDE] = by_target[:, 6:9], by_target[:, 9:], by_chaser
     by_rate = np.zeros((12, 3))  # by the error of the chaser's rate, which is less that of the bias
-    by_rate[3:6], by_rate[9:] = -C_TB @ cross_matrix(d), -C_TB
+    by_rate[3:6], by_rate[9:] = by_chaser[:3], by_chaser[6:9]
     J[:, GYRO_BIAS] = -by_rate
     noise = vehicle.gyro.random_walk_rad_sqrt_s**2 * vehicle.gyro.rate_hz
     whole = J @ state.covariance @ J.T + noise * by_rate @ by_rate.T
-    velocity = inertial - np.cross(w_T, arm)
-    return PortState(arm - p, velocity, C_TB, w_T - turning, 0.5 * (whole + whole.T)), J
+    position = found[ARM] - np.array(vehicle.target.port_position_m)
+    return PortState(position, found[PORT_VELOCITY], C_TB, found[RATE], 0.5 * (whole + whole.T)), J
