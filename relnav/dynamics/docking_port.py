@@ -9,17 +9,10 @@ of `lvlh_ccsds`, which turns about -y. Errors of attitude: true = estimated exp(
 
 from relnav.arrays import Matrix, Vector
 from relnav.codegen.kernel import entry, kernel
+from relnav.geometry.linear_algebra import cross_into
 
 ARM, VELOCITY, RATE = 0, 1, 2
 """Rows of what `port_geometry_into` writes: r + p, v and w."""
-
-
-@kernel
-def _cross_into(a: Vector, b: Vector, out: Vector) -> None:
-    """Write a x b."""
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
 
 
 @kernel
@@ -59,7 +52,7 @@ def port_geometry_into(
     """
     swing, inertial, turning, moved = work[0], work[1], work[2], work[3]
     w_T, w_B, G, A, arm = rates[0], rates[1], by_target, by_chaser, out[ARM]
-    _cross_into(w_B, port, swing)
+    cross_into(w_B, port, swing)
     moved[0], moved[1], moved[2] = motion[3] - turn * motion[2], motion[4], motion[5] + turn * motion[0]
     for i in range(3):
         arm[i], inertial[i], turning[i] = 0.0, 0.0, 0.0
@@ -67,7 +60,7 @@ def port_geometry_into(
             arm[i] += C_TL[i, j] * motion[j] + C_TB[i, j] * port[j]
             inertial[i] += C_TL[i, j] * moved[j] + C_TB[i, j] * swing[j]
             turning[i] += C_TB[i, j] * w_B[j]
-    _cross_into(w_T, arm, out[VELOCITY])
+    cross_into(w_T, arm, out[VELOCITY])
     for i in range(3):
         out[VELOCITY, i] = inertial[i] - out[VELOCITY, i]
         out[RATE, i] = w_T[i] - turning[i]
@@ -78,9 +71,9 @@ def port_geometry_into(
         for j in range(3):
             G[i, j], G[3 + i, 3 + j], A[6 + i, j] = C_TL[i, j], C_TL[i, j], -C_TB[i, j]
         G[3 + i, 0], G[3 + i, 2] = turn * C_TL[i, 2], -turn * C_TL[i, 0]  # C_TL [w_L x]
-        _cross_into(port, C_TB[i], A[i])  # -C_TB [d x]
-        _cross_into(swing, C_TB[i], A[3 + i])
-        _cross_into(C_TB[i], w_B, A[9 + i])
+        cross_into(port, C_TB[i], A[i])  # -C_TB [d x]
+        cross_into(swing, C_TB[i], A[3 + i])
+        cross_into(C_TB[i], w_B, A[9 + i])
     _write_cross(1.0, arm, G[:3, 6:9])
     _write_cross(1.0, arm, G[3:6, 9:])
     _write_cross(1.0, inertial, G[3:6, 6:9])

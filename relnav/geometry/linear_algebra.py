@@ -92,6 +92,14 @@ def invert_three(m: Matrix, out: Matrix) -> bool:
     return regular
 
 
+@kernel
+def cross_into(a: Vector, b: Vector, out: Vector) -> None:
+    """Write a x b (3,), which also is the row a [b x]; out is neither of the two."""
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+
+
 def cross_matrix(v: ArrayLike) -> Stack:
     """[v x] (..., 3, 3) of vectors (..., 3): [v x] w = v x w."""
     v = np.asarray(v, dtype=np.float64)

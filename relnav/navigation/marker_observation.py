@@ -23,7 +23,8 @@ from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import kernel
 from relnav.estimation.considered import add_lasting_noise, subtract_taken
 from relnav.estimation.factored import compose_into
-from relnav.geometry.linear_algebra import cholesky
+from relnav.geometry.distortion import distort_point
+from relnav.geometry.linear_algebra import cholesky, cross_into
 from relnav.navigation.pose_memory import CHASER_ATTITUDE, FOCAL_LENGTH, MOUNTING, PLACEMENT, PoseMemory
 
 
@@ -72,36 +73,19 @@ def project(camera: Record, p: Vector, spot: Vector, by_point: Matrix, bend: Mat
     if not p[2] > 0.0:
         return False
     x, y = p[0] / p[2], p[1] / p[2]
-    focal, center, k = camera["focal_length"], camera["principal_point"], camera["distortion"]
-    u, v = x, y
-    bend[0, 0], bend[0, 1], bend[1, 0], bend[1, 1] = 1.0, 0.0, 0.0, 1.0
+    focal, center = camera["focal_length"], camera["principal_point"]
+    u, v, xx, xy, yy = x, y, 1.0, 0.0, 1.0
     if camera["distorts"] > 0:
-        k1, k2, p1, p2, k3 = k[0], k[1], k[2], k[3], k[4]
-        r2 = x * x + y * y
-        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        slope = 2.0 * (k1 + r2 * (2.0 * k2 + 3.0 * k3 * r2))
-        u = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-        v = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
-        bend[0, 0] = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
-        bend[0, 1] = slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y
-        bend[1, 0] = bend[0, 1]
-        bend[1, 1] = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
-        if not bend[0, 0] * bend[1, 1] - bend[0, 1] * bend[1, 0] > 0.0:
+        u, v, xx, xy, yy = distort_point(x, y, camera["distortion"])
+        if not xx * yy - xy * xy > 0.0:
             return False
+    bend[0, 0], bend[0, 1], bend[1, 0], bend[1, 1] = xx, xy, xy, yy
     spot[0], spot[1] = u * focal[0] + center[0], v * focal[1] + center[1]
     for i in range(2):
         by_point[i, 0] = focal[i] * bend[i, 0] / p[2]
         by_point[i, 1] = focal[i] * bend[i, 1] / p[2]
         by_point[i, 2] = -focal[i] * (bend[i, 0] * x + bend[i, 1] * y) / p[2]
     return True
-
-
-@kernel
-def _cross_row(a: Vector, v: Vector, out: Vector) -> None:
-    """Write the row a [v x] (3,)."""
-    out[0] = a[1] * v[2] - a[2] * v[1]
-    out[1] = a[2] * v[0] - a[0] * v[2]
-    out[2] = a[0] * v[1] - a[1] * v[0]
 
 
 @kernel
@@ -133,7 +117,7 @@ def _linearise(
     for j in range(3):
         from_chaser[j] = mount[0, j] * p[0] + mount[1, j] * p[1] + mount[2, j] * p[2] + lens[j]
         nearer[j] = -cam[2, j] / p[2]
-    _cross_row(s, pose[2], nearer[3:6])  # d(p_z) by theta: s x C_z
+    cross_into(s, pose[2], nearer[3:6])  # d(p_z) by theta: s x C_z
     for j in range(3):
         nearer[3 + j] /= p[2]
     for axis in range(2):
@@ -143,10 +127,10 @@ def _linearise(
             gradient[axis, j] = -(d[0] * cam[0, j] + d[1] * cam[1, j] + d[2] * cam[2, j])
             q[axis, j] = d[0] * pose[0, j] + d[1] * pose[1, j] + d[2] * pose[2, j]
             along[j] = d[0] * mount[0, j] + d[1] * mount[1, j] + d[2] * mount[2, j]
-        _cross_row(q[axis], s, gradient[axis, 6:9])
+        cross_into(q[axis], s, gradient[axis, 6:9])
         for j in range(3):
             gradient[axis, 6 + j] = -gradient[axis, 6 + j]
-        _cross_row(along, from_chaser, turns[axis])
+        cross_into(along, from_chaser, turns[axis])
     return True
 
 
@@ -164,7 +148,7 @@ def _write_lasting(
         for j in range(3):
             row[CHASER_ATTITUDE + j] = lasting["attitude"] * turns[axis, j]
         if row.shape[0] > MOUNTING:
-            _cross_row(by_point[axis], p, turn)
+            cross_into(by_point[axis], p, turn)
             row[FOCAL_LENGTH] = lasting["focal_length"] * (expected[axis] - center[axis])
             for j in range(3):
                 row[MOUNTING + j] = lasting["mounting"] * turn[j]

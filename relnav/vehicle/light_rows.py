@@ -7,6 +7,7 @@ import numpy as np
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import entry, kernel
 from relnav.geometry.distortion import distort_point
+from relnav.geometry.linear_algebra import cross_into
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
 from relnav.vehicle.layout import CHASER_ATTITUDE, TARGET_ATTITUDE
 
@@ -45,11 +46,6 @@ GEOMETRY = np.dtype(
 
 
 @kernel
-def _cross_into(a: Vector, b: Vector, out: Vector) -> None:
-    out[0], out[1], out[2] = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@kernel
 def _row_times_into(row: Vector, matrix: Matrix, out: Vector) -> None:
     for c in range(3):
         out[c] = row[0] * matrix[0, c] + row[1] * matrix[1, c] + row[2] * matrix[2, c]
@@ -85,9 +81,9 @@ def _row_into(
         row[c] = -by_lvlh[c]
         row[lever + c] = -by_chaser[c]
         row[first + c] = by_target[c]
-    _cross_into(work["place"], by_target, row[_TARGET : _TARGET + 3])
-    _cross_into(by_chaser, work["q"], row[_CHASER : _CHASER + 3])
-    _cross_into(by_p, work["p"], row[mount : mount + 3])
+    cross_into(work["place"], by_target, row[_TARGET : _TARGET + 3])
+    cross_into(by_chaser, work["q"], row[_CHASER : _CHASER + 3])
+    cross_into(by_p, work["p"], row[mount : mount + 3])
 
 
 @entry
