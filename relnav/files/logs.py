@@ -344,7 +344,8 @@ def _check_values(
     t_before: float,
 ) -> None:
     required, most, sigmas = limits
-    if not (np.abs(values[:, required]) <= most).all() or (values[:, sigmas] <= 0.0).any():
+    told = values[:, sigmas]
+    if not (np.abs(values[:, required]) <= most).all() or ((told <= 0.0) | np.isinf(told)).any():
         _check_cells(values, lines, path, columns)
     order = _order(columns)
     t = values[:, order["t"]]

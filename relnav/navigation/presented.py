@@ -33,7 +33,7 @@ class Presented:
             last = int(known[-1])
             x, y, z = solution.state[last, :3]
             lines.append(f"  at {solution.t_s[last]:.9g} s: position {x:.4f}, {y:.4f}, {z:.4f} m (lvlh_ccsds)")
-            lines.append(f"  {solution.nis_consistency()} (epochs used whole)")
+            lines.append(f"  {solution.nis_consistency()} (whole epochs)")
         lines.append("  .plot()  .in_frame('rsw')  .to_dataframe()  .to_xarray()  relnav.write(solution, path)")
         return "\n".join(lines)
 
