@@ -20,17 +20,28 @@ def read_report(path: Path) -> dict[str, Any]:
     LogError
         For what is none.
     """
-    try:
-        if path.stat().st_size > MOST_BYTES:
-            raise LogError(f"{path}: larger than {MOST_BYTES // 1_000_000} MB; no accuracy report is")
-        report = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise LogError(f"{path}: not readable as JSON: {shown(error)}") from error
+    report = read_json(path, "no accuracy report is")
     rows = report.get("rows") if isinstance(report, dict) else None
     good = isinstance(rows, list) and all(isinstance(r, dict) and {"quantity", "measured"} <= set(r) for r in rows)
     if not good or "model" not in report:
         raise LogError(f"{path}: what `relnav accuracy --json` writes is expected: an object with 'model' and 'rows'")
     return dict(report)
+
+
+def read_json(path: Path, none_is: str) -> Any:
+    """What a JSON file holds; `none_is` ends the sentence about one that is too large.
+
+    Raises
+    ------
+    LogError
+        For what is none.
+    """
+    if path.stat().st_size > MOST_BYTES:
+        raise LogError(f"{path}: larger than {MOST_BYTES // 1_000_000} MB; {none_is}")
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise LogError(f"{path}: not readable as JSON: {shown(error)}") from error
 
 
 def write_accuracy_page(report: dict[str, Any], path: Path) -> None:
