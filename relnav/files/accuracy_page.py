@@ -76,7 +76,8 @@ def _number(value: Any) -> float | None:
     return float(value) if good else None
 
 
-def _figure(value: Any, unit: object = "") -> str:
+def figure(value: Any, unit: object = "") -> str:
+    """A number with its unit; a dash for what is none."""
     number = _number(value)
     return "-" if number is None else f"{number:.4g} {unit}".rstrip()
 
@@ -94,8 +95,8 @@ def _cells(row: dict[str, Any]) -> tuple[object, ...]:
     return (
         row["quantity"],
         where,
-        _figure(published, unit),
-        _figure(measured, unit),
+        figure(published, unit),
+        figure(measured, unit),
         ratio,
         row.get("statistic", ""),
         came if published is not None else "",
@@ -107,9 +108,9 @@ def _honest(row: Any) -> tuple[object, ...]:
     entry = row if isinstance(row, dict) else {}
     return (
         entry.get("method", ""),
-        _figure(entry.get("nees_mean")),
-        _figure(entry.get("nees_inside_95")),
-        _figure(entry.get("nis_per_dof")),
+        figure(entry.get("nees_mean")),
+        figure(entry.get("nees_inside_95")),
+        figure(entry.get("nis_per_dof")),
         entry.get("met", ""),
         entry.get("expected", ""),
         entry.get("reason", ""),

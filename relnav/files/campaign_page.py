@@ -15,7 +15,7 @@ from relnav.accuracy.run_score import DOCKING, STATE
 from relnav.arrays import Vector
 from relnav.errors import InputError
 from relnav.estimation.consistency import Consistency
-from relnav.files.accuracy_page import read_json
+from relnav.files.accuracy_page import figure, read_json
 from relnav.files.campaign import SUMMARY
 from relnav.files.campaign_folder import DESCRIPTION, RUNS, Cut, Runs, missing
 from relnav.files.campaign_pictures import (
@@ -27,7 +27,7 @@ from relnav.files.campaign_pictures import (
     ratio_title,
     rms_by_bin,
 )
-from relnav.files.report_page import Markup, section, table, tile, words, write_page
+from relnav.files.report_page import Markup, paragraph, section, table, tile, words, write_page
 from relnav.files.wording import shown
 
 FAILED_SHOWN = 50
@@ -93,22 +93,27 @@ def write_campaign_page(flown: FlownCampaign, path: Path) -> None:
     try:
         failed = flown.runs.failed().slice(0, FAILED_SHOWN).to_pydict()
         by_range, at_end = _by_range(flown), _at_end(flown)
+        assumed, uncertain = list(_values(told["model"])), list(_values(told["scenario"]))
     except InputError:
         raise
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, ArithmeticError, RecursionError) as error:
         raise InputError(f"runs and {DESCRIPTION} do not belong together: {shown(error)}") from error
     parts = [f'<div class="tiles">{"".join(_tiles(summary))}</div>']
-    parts.append(section("Is the covariance honest", _soft(_HONEST_SAID), table(_HONEST, _honest(summary), (1, 2, 3))))
+    parts.append(
+        section("Is the covariance honest", paragraph(_HONEST_SAID), table(_HONEST, _honest(summary), (1, 2, 3)))
+    )
     parts.append(section("Errors by range", by_range, table(_BINS, _bins(summary), (2, 3, 4, 5, 6, 7))))
     parts.append(section("Errors at the end", at_end, table(_FINAL, _final(summary), (1, 2, 3, 4, 5))))
     if failed["run"]:
-        said = _soft(f"{summary.outcomes.get('failed', 0)} runs failed; of these at most {FAILED_SHOWN} are listed.")
+        said = paragraph(
+            f"{summary.outcomes.get('failed', 0)} runs failed; of these at most {FAILED_SHOWN} are listed."
+        )
         rows = zip(failed["run"], failed["reason"], strict=True)
         parts.append(section("Runs that failed", said, table(("run", "reason"), rows, (0,))))
     campaign = [(key, told[key]) for key in ("relnav", "code", "method", "seed", "runs", "batch")]
     parts.append(section("What was flown", table(("key", "value"), campaign)))
-    parts.append(section("What the model assumed", table(("key", "value"), _values(told["model"]))))
-    parts.append(section("What the scenario made uncertain", table(("key", "value"), _values(told["scenario"]))))
+    parts.append(section("What the model assumed", table(("key", "value"), assumed)))
+    parts.append(section("What the scenario made uncertain", table(("key", "value"), uncertain)))
     lead = f"{summary.runs} approaches, method {told['method']}, seed {told['seed']}, flown by relnav {told['relnav']}."
     write_page(path, f"Campaign of {told['model'].get('name', '')}", lead, "".join(parts))
 
@@ -117,10 +122,6 @@ _HONEST = ("where", "per degree of freedom", "interval", "degrees of freedom", "
 _HONEST_SAID = "95 % intervals; NEES of one epoch of each run: runs are independent of one another."
 _BINS = ("range, m", "quantity", "runs", "rms", "worst run", "1-sigma", "published", "runs within")
 _FINAL = ("component", "mean", "deviation", "99.73 %", "worst", "1-sigma")
-
-
-def _soft(text: str) -> str:
-    return f'<p class="soft">{words(text)}</p>'
 
 
 def _tiles(summary: CampaignSummary) -> Iterator[str]:
@@ -167,21 +168,17 @@ def _honest(summary: CampaignSummary) -> Iterator[tuple[object, ...]]:
         yield f"{entry.quantity} {where}", f"{entry.ratio:.3f}", interval, entry.dof, told
 
 
-def _number(value: float, unit: str = "") -> str:
-    return f"{value:.4g} {unit}".rstrip() if math.isfinite(value) else "-"
-
-
 def _bins(summary: CampaignSummary) -> Iterator[tuple[object, ...]]:
     for row in summary.bins:
         share = f"{100.0 * row.share_within:.1f} %" if math.isfinite(row.share_within) else "-"
-        numbers = (_number(value, row.unit) for value in (row.rms, row.worst, row.sigma, row.published))
+        numbers = (figure(value, row.unit) for value in (row.rms, row.worst, row.sigma, row.published))
         yield f"{row.from_m:.2f} .. {row.to_m:.2f}", row.quantity, row.runs, *numbers, share
 
 
 def _final(summary: CampaignSummary) -> Iterator[tuple[object, ...]]:
     for row in summary.final:
         numbers = (row.mean, row.deviation, row.three_sigma, row.worst, row.sigma)
-        yield row.component, *(_number(value) for value in numbers)
+        yield row.component, *(figure(value) for value in numbers)
 
 
 def _values(value: Any, where: str = "") -> Iterator[tuple[str, object]]:
@@ -270,7 +267,7 @@ def _by_range(flown: FlownCampaign) -> str:
                 if math.isfinite(value := getattr(row, key)) and value > 0.0:
                     drawn.append(axes.line([(row.from_m, value), (row.to_m, value)], colour, dash))
         charts.append(_card(f"{quantity}, rms error of a run", "".join(drawn)))
-    return _soft(said[0].upper() + said[1:]) + f'<div class="charts">{"".join(charts)}</div>'
+    return paragraph(said[0].upper() + said[1:]) + f'<div class="charts">{"".join(charts)}</div>'
 
 
 def _few(edges: list[float]) -> list[float]:
@@ -307,6 +304,6 @@ def _at_end(flown: FlownCampaign) -> str:
         drawn += axes.line(list(zip(grid.tolist(), normal.tolist(), strict=True)), "published")
         charts.append(_card(ratio_title(name, ratio), drawn))
     return (
-        _soft(f"{FINAL_SAID}; what lies beyond is counted at the ends.")
+        paragraph(f"{FINAL_SAID}; what lies beyond is counted at the ends.")
         + f'<div class="charts">{"".join(charts)}</div>'
     )
