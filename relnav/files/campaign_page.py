@@ -164,15 +164,20 @@ def _honest(summary: CampaignSummary) -> Iterator[tuple[object, ...]]:
             yield f"{entry.quantity} {where}", "-", "-", 0, verdict
             continue
         interval = f"{entry.lower:.3f} to {entry.upper:.3f}"
-        told = Markup(f'<span class="{_colour(entry)}">{words(verdict)}</span>')
+        told = _whole(verdict, _colour(entry))
         yield f"{entry.quantity} {where}", f"{entry.ratio:.3f}", interval, entry.dof, told
+
+
+def _whole(text: str, colour: str = "") -> Markup:
+    """A cell whose words are not broken on a phone."""
+    return Markup(f'<span class="whole {colour}">{words(text)}</span>')
 
 
 def _bins(summary: CampaignSummary) -> Iterator[tuple[object, ...]]:
     for row in summary.bins:
         share = f"{100.0 * row.share_within:.1f} %" if math.isfinite(row.share_within) else "-"
         numbers = (figure(value, row.unit) for value in (row.rms, row.worst, row.sigma, row.published))
-        yield f"{row.from_m:.2f} .. {row.to_m:.2f}", row.quantity, row.runs, *numbers, share
+        yield _whole(f"{row.from_m:.2f} .. {row.to_m:.2f}"), _whole(row.quantity), row.runs, *numbers, share
 
 
 def _final(summary: CampaignSummary) -> Iterator[tuple[object, ...]]:
@@ -275,10 +280,10 @@ def _few(edges: list[float]) -> list[float]:
 
 
 def _ticks(low: float, high: float) -> list[float]:
-    """Round numbers for a logarithmic axis: decades alone if these are many, 1 to 9 if they are few."""
+    """Round numbers for a logarithmic axis: decades alone if these are many, more if they are few."""
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     few = high < 6.0 * low
-    steps = tuple(range(1, 10)) if few else (1, 2, 5) if len(decades) <= 4 else (1,)
+    steps = (1, 2, 3, 5, 7) if few else (1, 2, 5) if len(decades) <= 4 else (1,)
     return [v for k in decades for v in (step * 10.0**k for step in steps) if low <= v <= high]
 
 
