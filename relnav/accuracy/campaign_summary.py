@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import Any
 
@@ -210,3 +210,30 @@ def _final_row(name: str, error: Vector, sigma: Vector) -> FinalRow:
 
 def _plain(entry: Consistency) -> dict[str, Any]:
     return vars(entry) | {"consistent": entry.consistent}
+
+
+def summary_of(plain: dict[str, Any]) -> CampaignSummary:
+    """The summary that `to_dict` gave, None read as NaN.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError, AttributeError, OverflowError
+        For what it never gives.
+    """
+    return CampaignSummary(
+        int(plain["runs"]),
+        {str(name): int(count) for name, count in plain["outcomes"].items()},
+        int(plain["restarts"]),
+        _filled(Consistency, plain["nis"]),
+        _filled(Consistency, plain["final_nees"]),
+        tuple(float(edge) for edge in plain["range_edges_m"]),
+        tuple(_filled(Consistency, entry) for entry in plain["nees_by_bin"]),
+        tuple(_filled(BinRow, entry) for entry in plain["bins"]),
+        tuple(_filled(FinalRow, entry) for entry in plain["final"]),
+    )
+
+
+def _filled(kind: Any, entry: dict[str, Any]) -> Any:
+    """A row whose fields are words, whole numbers and numbers."""
+    values = {field.name: (entry[field.name], field.type) for field in fields(kind)}
+    return kind(**{name: math.nan if value is None else turn(value) for name, (value, turn) in values.items()})  # type: ignore[operator]

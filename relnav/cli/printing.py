@@ -54,10 +54,10 @@ def leave_unprinted(stream: TextIO) -> None:
 
 
 class InputPath(click.Path):
-    """A file to read; `-` is standard input. `bags`: or the folder of a ROS bag."""
+    """A file to read; `-` is standard input. `bags`: or the folder of a ROS bag; `folders`: or any folder."""
 
-    def __init__(self, *, bags: bool = False) -> None:
-        super().__init__(exists=True, dir_okay=False, path_type=Path)
+    def __init__(self, *, bags: bool = False, folders: bool = False) -> None:
+        super().__init__(exists=True, dir_okay=folders, path_type=Path)
         self._bags = bags
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:

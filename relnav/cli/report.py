@@ -1,4 +1,4 @@
-"""`relnav report`: one page that shows a run or an accuracy report, and holds all it needs."""
+"""`relnav report`: one page that shows a run, an accuracy report or a campaign, and holds all it needs."""
 
 from pathlib import Path
 from typing import Any
@@ -9,7 +9,7 @@ from relnav.cli.printing import InputPath, OutputPath, say
 
 
 @click.command(epilog="Example: relnav report track.csv --out run.html")
-@click.argument("source", type=InputPath())
+@click.argument("source", type=InputPath(folders=True))
 @click.option("--out", type=OutputPath(), required=True, help="Page to write, .html; it asks no network for anything.")
 @click.option("--model", help="What was flown, if SOURCE does not say it, or to filter SOURCE as a log.")
 @click.option("--method", type=click.Choice(["fix", "spots"]), help="To filter a log: as for `relnav filter`.")
@@ -38,9 +38,10 @@ def command(
     capture_m: float,
     quiet: bool,
 ) -> None:
-    """Show SOURCE on one page: a track (.csv, .parquet), an accuracy report (.json), or a log with its --model.
+    """Show SOURCE on one page: a track, an accuracy report (.json), a campaign's folder, or a log with its --model.
 
-    A log is filtered first: its page shows innovations and gates, which a track does not hold.
+    A track is .csv or .parquet. A log is filtered first: its page shows innovations and gates, which a track does not
+    hold.
     """
     from relnav.files.atomic import Outputs, check_distinct, check_folder
     from relnav.files.report_page import check_page
@@ -48,7 +49,13 @@ def command(
     check_page(out)
     check_folder(out)
     check_distinct(source, out)
-    if source.suffix.lower() == ".json":
+    if source.is_dir():
+        from relnav.files.campaign_page import read_campaign, write_campaign_page
+
+        flown = read_campaign(source)
+        with Outputs() as outputs:
+            write_campaign_page(flown, outputs.path(out, ".html"))
+    elif source.suffix.lower() == ".json":
         from relnav.files.accuracy_page import read_report, write_accuracy_page
 
         report = read_report(source)

@@ -20,17 +20,28 @@ def read_report(path: Path) -> dict[str, Any]:
     LogError
         For what is none.
     """
-    try:
-        if path.stat().st_size > MOST_BYTES:
-            raise LogError(f"{path}: larger than {MOST_BYTES // 1_000_000} MB; no accuracy report is")
-        report = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise LogError(f"{path}: not readable as JSON: {shown(error)}") from error
+    report = read_json(path, "no accuracy report is")
     rows = report.get("rows") if isinstance(report, dict) else None
     good = isinstance(rows, list) and all(isinstance(r, dict) and {"quantity", "measured"} <= set(r) for r in rows)
     if not good or "model" not in report:
         raise LogError(f"{path}: what `relnav accuracy --json` writes is expected: an object with 'model' and 'rows'")
     return dict(report)
+
+
+def read_json(path: Path, none_is: str) -> Any:
+    """What a JSON file holds; `none_is` ends the sentence about one that is too large.
+
+    Raises
+    ------
+    LogError
+        For what is none.
+    """
+    if path.stat().st_size > MOST_BYTES:
+        raise LogError(f"{path}: larger than {MOST_BYTES // 1_000_000} MB; {none_is}")
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise LogError(f"{path}: not readable as JSON: {shown(error)}") from error
 
 
 def write_accuracy_page(report: dict[str, Any], path: Path) -> None:
@@ -65,7 +76,8 @@ def _number(value: Any) -> float | None:
     return float(value) if good else None
 
 
-def _figure(value: Any, unit: object = "") -> str:
+def figure(value: Any, unit: object = "") -> str:
+    """A number with its unit; a dash for what is none."""
     number = _number(value)
     return "-" if number is None else f"{number:.4g} {unit}".rstrip()
 
@@ -83,8 +95,8 @@ def _cells(row: dict[str, Any]) -> tuple[object, ...]:
     return (
         row["quantity"],
         where,
-        _figure(published, unit),
-        _figure(measured, unit),
+        figure(published, unit),
+        figure(measured, unit),
         ratio,
         row.get("statistic", ""),
         came if published is not None else "",
@@ -96,9 +108,9 @@ def _honest(row: Any) -> tuple[object, ...]:
     entry = row if isinstance(row, dict) else {}
     return (
         entry.get("method", ""),
-        _figure(entry.get("nees_mean")),
-        _figure(entry.get("nees_inside_95")),
-        _figure(entry.get("nis_per_dof")),
+        figure(entry.get("nees_mean")),
+        figure(entry.get("nees_inside_95")),
+        figure(entry.get("nis_per_dof")),
         entry.get("met", ""),
         entry.get("expected", ""),
         entry.get("reason", ""),

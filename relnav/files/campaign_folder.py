@@ -4,6 +4,7 @@ import hashlib
 import json
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -98,7 +99,15 @@ def part_of(folder: Path, start: int) -> Path:
     return folder / RUNS / f"part-{start:012d}.parquet"
 
 
-def missing(folder: Path, plan: Plan) -> list[int]:
+@dataclass(frozen=True)
+class Cut:
+    """How a campaign is cut, as its description says it: number of runs, and the first run of every batch."""
+
+    runs: int
+    starts: range
+
+
+def missing(folder: Path, plan: Plan | Cut) -> list[int]:
     """First runs of the batches that are not there yet, or beside which a killed program left its hidden folder."""
     there = {path.name for path in (folder / RUNS).iterdir()}
     names = {start: part_of(folder, start).name for start in plan.starts}
@@ -158,7 +167,7 @@ def _write(table: Any, path: Path) -> None:
 class Runs:
     """The runs of a finished campaign, read column by column: a million of them need no more memory than one column."""
 
-    def __init__(self, folder: Path, plan: Plan) -> None:
+    def __init__(self, folder: Path, plan: Plan | Cut) -> None:
         self._parts, self._runs = [part_of(folder, start) for start in plan.starts], plan.runs
 
     def _tables(self, names: Sequence[str]) -> Iterator[Any]:

@@ -12,6 +12,31 @@ from relnav.files.atomic import replacing
 
 SHARES = ((0.5, 99.5, 0.15), (5.0, 95.0, 0.25), (25.0, 75.0, 0.4))
 """Percentiles between which a band is drawn, and how dark."""
+BANDS_SAID = "rms error of a run; bands hold 50, 90 and 99 % of the runs"
+FINAL_SAID = "Error at the end over its reported 1-sigma; line: normal distribution"
+
+
+def rms_by_bin(read: Reader, name: str, bins: int) -> list[Vector]:
+    """Rms errors of the runs that were in a range bin, bin by bin."""
+    values = [read([f"bin{k}_rms_{name}"])[f"bin{k}_rms_{name}"] for k in range(bins)]
+    return [each[np.isfinite(each)] for each in values]
+
+
+def final_ratio(read: Reader, name: str) -> Vector:
+    """Errors at the end of the runs over their reported sigmas, of those that have a state."""
+    values = read([f"final_error_{name}", f"final_sigma_{name}"])
+    ratio: Vector = values[f"final_error_{name}"] / values[f"final_sigma_{name}"]
+    return ratio[np.isfinite(ratio)]
+
+
+def ratio_edges(runs: int) -> Vector:
+    """Edges of the histogram of so many ratios; those beyond are counted at its ends."""
+    return np.linspace(-5.0, 5.0, 11 + 2 * round(runs ** (1.0 / 3.0)))
+
+
+def ratio_title(name: str, ratio: Vector) -> str:
+    """What a histogram is of."""
+    return f"{name}: {np.mean(ratio):+.2f} mean, {np.std(ratio):.2f} deviation"
 
 
 def draw_errors(summary: CampaignSummary, read: Reader, path: Path) -> None:
@@ -22,8 +47,7 @@ def draw_errors(summary: CampaignSummary, read: Reader, path: Path) -> None:
     middles = 0.5 * (np.array(edges[:-1]) + np.array(edges[1:]))
     for axis, name, quantity in zip(axes, DOCKING, ("range", "azimuth", "elevation"), strict=True):
         rows = [row for row in summary.bins if row.quantity == quantity]
-        values = [read([f"bin{k}_rms_{name}"])[f"bin{k}_rms_{name}"] for k in range(len(middles))]
-        values = [each[np.isfinite(each)] for each in values]
+        values = rms_by_bin(read, name, len(middles))
         seen = [k for k, each in enumerate(values) if len(each)]
         for low, high, alpha in SHARES:
             band = np.array([np.percentile(values[k], (low, high)) for k in seen]).reshape(-1, 2)
@@ -37,9 +61,7 @@ def draw_errors(summary: CampaignSummary, read: Reader, path: Path) -> None:
         axis.set_ylabel(f"{quantity}, {rows[0].unit}")
         axis.grid(alpha=0.3)
     axes[0].legend(fontsize=8)
-    axes[0].set_title(
-        f"{summary.runs} approaches: rms error of a run; bands hold 50, 90 and 99 % of the runs", fontsize=9
-    )
+    axes[0].set_title(f"{summary.runs} approaches: {BANDS_SAID}", fontsize=9)
     axes[-1].set_xlabel("range, m")
     _save(figure, path)
 
@@ -50,17 +72,15 @@ def draw_final(read: Reader, path: Path) -> None:
     axes = figure.subplots(2, 3, sharey=True)
     grid = np.linspace(-5.0, 5.0, 201)
     for axis, name in zip(axes.ravel(), STATE, strict=True):
-        values = read([f"final_error_{name}", f"final_sigma_{name}"])
-        ratio: Vector = values[f"final_error_{name}"] / values[f"final_sigma_{name}"]
-        ratio = ratio[np.isfinite(ratio)]
+        ratio = final_ratio(read, name)
         if len(ratio):
-            bins = np.linspace(-5.0, 5.0, 11 + 2 * round(len(ratio) ** (1.0 / 3.0)))
+            bins = ratio_edges(len(ratio))
             width = bins[1] - bins[0]
             axis.hist(np.clip(ratio, -5.0, 5.0), bins=bins, weights=np.full(len(ratio), 1.0 / (len(ratio) * width)))
             axis.plot(grid, np.exp(-0.5 * grid**2) / np.sqrt(2.0 * np.pi), "C1", lw=1.2)
-            axis.set_title(f"{name}: {np.mean(ratio):+.2f} mean, {np.std(ratio):.2f} deviation", fontsize=9)
+            axis.set_title(ratio_title(name, ratio), fontsize=9)
         axis.grid(alpha=0.3)
-    figure.suptitle("Error at the end over its reported 1-sigma; line: normal distribution")
+    figure.suptitle(FINAL_SAID)
     _save(figure, path)
 
 

@@ -70,6 +70,11 @@ def tile(name: str, value: str, note: str = "", verdict: str = "") -> str:
     )
 
 
+def paragraph(text: str) -> str:
+    """A sentence or two for the reader."""
+    return f'<p class="soft">{words(text)}</p>'
+
+
 def section(title: str, *parts: str) -> str:
     """A titled part of the page."""
     return f"<section><h2>{words(title)}</h2>{''.join(parts)}</section>"

@@ -10,7 +10,7 @@ import numpy as np
 from relnav.arrays import Matrix, Vector
 from relnav.files.measurement_picture import WORDS
 from relnav.files.models import model_values
-from relnav.files.report_page import section, table, tile, write_page
+from relnav.files.report_page import paragraph, section, table, tile, write_page
 from relnav.files.run_view import FLAGS, TURNS, Quantity, RunView
 from relnav.navigation.status import EpochStatus
 
@@ -52,7 +52,7 @@ def write_run_page(
 
 
 def _body(view: RunView, model: Any, corridor_deg: float, path: Any, notes: tuple[str, ...]) -> str:
-    parts = [f'<div class="tiles">{"".join(_tiles(view))}</div>', *(_paragraph(note) for note in notes)]
+    parts = [f'<div class="tiles">{"".join(_tiles(view))}</div>', *(paragraph(note) for note in notes)]
     parts.append(_TOOLS)
     if path is not None:
         said = (
@@ -62,11 +62,11 @@ def _body(view: RunView, model: Any, corridor_deg: float, path: Any, notes: tupl
         said += f"Ring: capture radius {path['capture']:g} m. " if path["capture"] else ""
         said += "Drag, or use the arrow keys, to turn it."
         space = '<canvas id="space" tabindex="0" role="img" aria-label="Approach in the docking frame"></canvas>'
-        parts.append(section("Approach in space", space, _paragraph(said)))
+        parts.append(section("Approach in space", space, paragraph(said)))
     for key, title, said in _SECTIONS:
         parts.append(
             section(
-                title, _paragraph(said), f'<div class="charts{" pairs" if key in _PAIRED else ""}" id="{key}"></div>'
+                title, paragraph(said), f'<div class="charts{" pairs" if key in _PAIRED else ""}" id="{key}"></div>'
             )
         )
     parts.append(section("Gate decisions and alarms", _events(view)))
@@ -91,12 +91,6 @@ _SECTIONS = (
      "freedom."),
     ("timeline", "Timeline", "What became of the epochs; a mark is never narrower than one can see."),
 )  # fmt: skip
-
-
-def _paragraph(text: str) -> str:
-    from relnav.files.report_page import words
-
-    return f'<p class="soft">{words(text)}</p>'
 
 
 def _tiles(view: RunView) -> list[str]:
@@ -249,15 +243,15 @@ def _events(view: RunView) -> str:
         for event in view.events
     ]
     if not rows:
-        return _paragraph("Nothing was refused, and the filter never started: there is nothing to tell.")
+        return paragraph("Nothing was refused, and the filter never started: there is nothing to tell.")
     more = f"And {view.events_left_out} more; the timeline shows them all." if view.events_left_out else ""
     rows_of_all = table(("from, s", "to, s", "epochs", "what"), rows, (0, 1, 2))
-    return f'<div class="long">{rows_of_all}</div>' + _paragraph(more)
+    return f'<div class="long">{rows_of_all}</div>' + paragraph(more)
 
 
 def _claims(view: RunView) -> str:
     if not view.claims:
-        return _paragraph("No figures are published for this model, or the model is not known here (--model).")
+        return paragraph("No figures are published for this model, or the model is not known here (--model).")
     rows = [
         (c.quantity, f"{c.value:g} {c.unit}", c.statistic, c.condition, c.page, f"{c.expected}: {c.reason}")
         for c in view.claims
@@ -267,6 +261,6 @@ def _claims(view: RunView) -> str:
 
 def _assumptions(model: Any) -> str:
     if model is None:
-        return _paragraph("The model is not known here; name it with --model to see its values and their sources.")
+        return paragraph("The model is not known here; name it with --model to see its values and their sources.")
     rows = [(key, str(entry["value"]), entry["source"]) for key, entry in model_values(model).items()]
-    return _paragraph(f"{model.name}: {model.title}") + table(("key", "value", "where it comes from"), rows)
+    return paragraph(f"{model.name}: {model.title}") + table(("key", "value", "where it comes from"), rows)

@@ -3,6 +3,7 @@
 import html
 import json
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -143,3 +144,107 @@ def test_an_accuracy_report(tmp_path):
     assert "<script" not in page
     assert "script-src 'none'" in page
     assert 'style="width:25.0%"' in page
+
+
+SCENARIO = """[approach]
+duration_s = 8.0
+rate_hz = 2.0
+assumed_noise = true
+[results]
+range_edges_m = [9.0, 9.8, 10.5]
+settling_s = 2.0
+"""
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    """Folder of a finished campaign of eight short runs, in batches of four."""
+    pytest.importorskip("pyarrow", reason="campaigns are Parquet files (extra parquet)")
+    folder = tmp_path_factory.mktemp("campaign")
+    (folder / "s.toml").write_text(SCENARIO)
+    command = ["campaign", "three_beacon_psd", "--runs", "8", "--seed", "3", "--scenario", str(folder / "s.toml"),
+               "--out", str(folder / "c"), "--no-pictures", "--quiet", "--workers", "1"]  # fmt: skip
+    assert relnav.cli.run(command) == 0
+    return folder / "c"
+
+
+@pytest.fixture
+def copied(campaign, tmp_path):
+    return shutil.copytree(campaign, tmp_path / "copied")
+
+
+def page_of(folder):
+    out = folder.with_suffix(".html")
+    assert relnav.cli.run(["report", str(folder), "--out", str(out), "--quiet"]) == 0
+    return out.read_text(encoding="utf-8")
+
+
+def test_a_campaign(campaign):
+    page = page_of(campaign)
+    assert "<script" not in page
+    assert "script-src 'none'" in page
+    summary = json.loads((campaign / "summary.json").read_text())
+    assert f"<td class=n>{summary['final_nees']['ratio']:.3f}</td>" in page
+    seen = [row for row in summary["bins"] if row["runs"]]
+    assert len(seen) >= 3
+    for row in seen:
+        assert f"<td class=n>{row['rms']:.4g} {row['unit']}</td>" in page
+    for said in ("seed 3", "sensor.focal_length_m", "approach.assumed_noise", "flown by relnav", "published 0.02 m"):
+        assert said in page, said
+    assert page.count("<svg") == 3 + 6  # docking quantities by range, and the state at the end
+
+
+def test_histograms_hold_every_run(campaign):
+    """The bars' area in the drawing is that of the normal distribution's whole: each run was counted once."""
+    page = page_of(campaign)
+    drawn = re.search(r'<svg[^>]*aria-label="x_m: .*?</svg>', page, re.S).group(0)
+    bars = re.findall(r'width="([0-9.]+)" height="([0-9.]+)" style="fill:var\(--estimate\)', drawn)
+    heights = re.findall(r'<text x="47.00" y="([0-9.]+)"[^>]*>([0-9.]+)</text>', drawn)
+    (zero, _), (above, value) = heights[0], heights[1]
+    unit = (float(zero) - float(above)) / float(value) * (400.0 - 52.0 - 18.0) / 10.0
+    assert sum(float(w) * float(h) for w, h in bars) / unit == pytest.approx(1.0, rel=2e-3)
+
+
+def test_hostile_words_of_a_campaign_stay_words(copied):
+    from pyarrow import parquet
+
+    described = json.loads((copied / "campaign.json").read_text())
+    described |= {"method": HOSTILE, "relnav": HOSTILE}
+    described["model"] |= {"name": HOSTILE, HOSTILE: HOSTILE}
+    (copied / "campaign.json").write_text(json.dumps(described))
+    summary = json.loads((copied / "summary.json").read_text())
+    summary["outcomes"] |= {"failed": 4, HOSTILE: 1}
+    for row in (summary["bins"][0], summary["final"][0], summary["nis"]):
+        row |= {name: HOSTILE for name, value in row.items() if isinstance(value, str) and name != "component"}
+    (copied / "summary.json").write_text(json.dumps(summary))
+    part = copied / "runs" / "part-000000000004.parquet"
+    table = parquet.read_table(part)
+    table = table.set_column(1, "status", [[3] * 4]).set_column(2, "reason", [[HOSTILE] * 4])
+    parquet.write_table(table, part)
+    page = page_of(copied)
+    assert HOSTILE not in page
+    assert "<script" not in page
+    assert "4 runs failed" in page
+    assert page.count(html.escape(HOSTILE)) >= 4 + 4
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda folder: (folder / "campaign.json").unlink(), "no campaign's folder, as it holds no campaign.json"),
+        (lambda folder: (folder / "campaign.json").write_text("{"), "not readable as JSON"),
+        (lambda folder: (folder / "campaign.json").write_text("[]"), "not the description of a campaign"),
+        (lambda folder: (folder / "summary.json").unlink(), "unfinished, as it holds no summary.json"),
+        (lambda folder: (folder / "summary.json").write_text('{"runs": "x"}'), "not the summary of a campaign"),
+        (lambda folder: (folder / "runs" / "part-000000000004.parquet").unlink(), "unfinished, 1 of 2 batches"),
+        (lambda folder: (folder / "runs" / "part-000000000004.parquet").write_bytes(b"PAR1"), "damaged"),
+        (lambda folder: shutil.rmtree(folder / "runs"), "unfinished, 2 of 2 batches"),
+    ],
+)  # fmt: skip
+def test_no_finished_campaign_gets_one_sentence(copied, capsys, spoil, said):
+    spoil(copied)
+    assert relnav.cli.run(["report", str(copied), "--out", str(copied.with_suffix(".html"))]) == 3
+    error = capsys.readouterr().err
+    assert said in error
+    assert len(error.strip().splitlines()) == 1
+    assert not copied.with_suffix(".html").exists()
