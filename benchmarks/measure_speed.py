@@ -1,4 +1,4 @@
-"""How fast one `measure` is, of every sensor: a call as a user makes it, array in and answer read, beside a peer.
+"""How fast one `measure` is, of every sensor, and a step of the marker filter: array in, answer read, beside a peer.
 
     python benchmarks/measure_speed.py --out measure_speed.json
     python benchmarks/measure_speed.py --cold        (adds the first call of a fresh process without compiled code)
@@ -29,7 +29,9 @@ import relnav
 from relnav.sensors.aps_sun.calibration import as_built
 from relnav.sensors.birefringent_sun.spots import project as crystal_spots
 from relnav.sensors.three_marker.camera import project as marker_spots
+from relnav.simulation.marker_flight import simulate_flight
 from relnav.simulation.star_field import SkyConditions, StarFieldSimulator
+from relnav.simulation.trajectory import Approach
 
 CALL_S = 0.02
 """A round of one contender takes about this long."""
@@ -184,6 +186,30 @@ def marker_sensor(rng):
     return {"three_marker.measure": (lambda: relnav.three_marker.measure(spots, model).position_m[0], peer, name)}
 
 
+def marker_filter():
+    """A step of the marker filter, its covariance read, then port from port with its covariance too; no peer."""
+    model = relnav.load_model("three_marker_vision")
+    flight = simulate_flight(model, Approach(duration_s=300.0), seed=1)
+
+    def stepping(read):
+        def run():
+            while True:  # one approach after another
+                navigator = relnav.PoseNavigator(model)
+                for t, spots in zip(flight.t_s.tolist(), flight.spots_px, strict=True):
+                    yield read(navigator.step(t, spots))
+
+        steps = run()
+        return lambda: next(steps)
+
+    def docked(record):
+        return 0.0 if record.docking is None else record.covariance[0, 0] + record.docking.covariance[0, 0]
+
+    return {
+        "PoseNavigator.step, covariance": (stepping(lambda record: record.covariance[0, 0]), None, ""),
+        "the same, port from port": (stepping(docked), None, ""),
+    }
+
+
 def other_sensors(rng):
     """Three beacons, and stars: tracking beside the same frame lost in space."""
     beacons, stars = relnav.load_model("three_beacon_psd"), relnav.load_model("dual_field_star")
@@ -276,7 +302,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     rng, rows = np.random.default_rng(1), []
-    entries = other_sensors(rng) | sun_sensors(rng) | marker_sensor(rng)
+    entries = other_sensors(rng) | sun_sensors(rng) | marker_sensor(rng) | marker_filter()
     print(f"{'us per call':<38}{'min':>9}{'median':>9}{'peer, median':>14}{'ratio':>8}  peer")
     for name, (call, peer, peer_name) in entries.items():
         ours, *theirs = timed([call] if peer is None else [call, peer], options.rounds)

@@ -235,5 +235,6 @@ def summary_of(plain: dict[str, Any]) -> CampaignSummary:
 
 def _filled(kind: Any, entry: dict[str, Any]) -> Any:
     """A row whose fields are words, whole numbers and numbers."""
-    values = {field.name: (entry[field.name], field.type) for field in fields(kind)}
-    return kind(**{name: math.nan if value is None else turn(value) for name, (value, turn) in values.items()})  # type: ignore[operator]
+    values: dict[str, tuple[Any, Any]] = {field.name: (entry[field.name], field.type) for field in fields(kind)}
+    turned = {name: math.nan if value is None else turn(value) for name, (value, turn) in values.items()}
+    return kind(**turned)

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from relnav.cli.live_view import LiveView
 from relnav.cli.printing import say
+from relnav.cli.settings import given_options
 from relnav.cli.track_output import TrackOutput
 from relnav.errors import LogError, UsageError
 
@@ -43,13 +42,11 @@ def refuse_options_of_whole_logs() -> None:
     UsageError
         Naming the first.
     """
-    context = click.get_current_context()
-    for parameter in context.command.params:
-        name = parameter.name or ""
-        if name in WHOLE_LOG_ONLY and context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
+    for name, option in given_options():
+        if name in WHOLE_LOG_ONLY:
             raise UsageError(
-                f"{parameter.opts[0]} looks at a whole log, --follow at one that grows: keep the log, and run "
-                "`relnav filter` on it afterwards"
+                f"{option} looks at a whole log, --follow at one that grows: keep the log, and run `relnav filter` on "
+                "it afterwards"
             )
 
 
@@ -182,4 +179,4 @@ def _telling(view: LiveView) -> Callable[[str], None]:
 
 
 def _left_out(count: int) -> list[str]:
-    return [f"{count} rows left out, each told above"] if count else []
+    return [f"{count} row{'s' if count > 1 else ''} left out, told above"] if count else []

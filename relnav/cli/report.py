@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from relnav.cli.printing import InputPath, OutputPath, say
+from relnav.cli.settings import given_options
 
 
 @click.command(epilog="Example: relnav report track.csv --out run.html")
@@ -49,6 +50,8 @@ def command(
     check_page(out)
     check_folder(out)
     check_distinct(source, out)
+    if source.is_dir() or source.suffix.lower() == ".json":
+        _refuse_options_of_runs(source)
     if source.is_dir():
         from relnav.files.campaign_page import read_campaign, write_campaign_page
 
@@ -69,6 +72,15 @@ def command(
             write_run_page(view, mission, outputs.path(out, ".html"), corridor_deg, capture_m, notes)
     if not quiet:
         say([f"page: {out}"], out)
+
+
+def _refuse_options_of_runs(source: Path) -> None:
+    """Refuse options that only a track or a log has a use for."""
+    from relnav.errors import UsageError
+
+    for name, option in given_options():
+        if name not in ("source", "out", "quiet"):
+            raise UsageError(f"{option} is for a track or a log; {source} says all that its page shows")
 
 
 def _run(source: Path, model: str | None, method: str | None, smooth: bool) -> tuple[Any, Any, tuple[str, ...]]:

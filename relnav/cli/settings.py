@@ -1,6 +1,18 @@
-"""Values that replace those of a file for one call: `--set KEY=VALUE`."""
+"""What a call was given: values that replace those of a file (`--set KEY=VALUE`), and which of its options."""
 
+from collections.abc import Iterator
 from typing import Any
+
+import click
+
+
+def given_options() -> Iterator[tuple[str, str]]:
+    """Each parameter that stands on the command line, not by default: its name, and how it is written."""
+    context = click.get_current_context()
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
+            yield name, parameter.opts[0]
 
 
 def setting(text: str) -> tuple[str, Any]:

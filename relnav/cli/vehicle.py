@@ -4,10 +4,9 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from relnav.cli.epoch_bar import epoch_bar
 from relnav.cli.printing import say
+from relnav.cli.settings import given_options
 from relnav.errors import UsageError
 
 if TYPE_CHECKING:
@@ -106,12 +105,9 @@ def refuse_others() -> None:
     UsageError
         Naming the first.
     """
-    context = click.get_current_context()
-    for parameter in context.command.params:
-        name = parameter.name or ""
-        given = context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
-        if given and name not in OPTIONS:
-            raise UsageError(f"{parameter.opts[0]} is not for a vehicle: its file and log say what there is to say")
+    for name, option in given_options():
+        if name not in OPTIONS:
+            raise UsageError(f"{option} is not for a vehicle: its file and log say what there is to say")
 
 
 def _figures(last: "VehicleEstimate", vehicle: "Vehicle", observations: int) -> dict[str, Any]:

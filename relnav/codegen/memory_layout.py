@@ -3,7 +3,7 @@
 One array crosses from Python into compiled code in 0.2 us; ten would cost a microsecond. Inside, its parts have names:
 first a record of all that has a fixed size, then arrays whose length depends on the model, one behind the other. In
 compiled code such a memory is a pointer and its counts, and a part costs a sum when it is asked for
-(`memory_views.py`): kernels that hand it on hand on three numbers, not two hundred, which is half of their compilation.
+(`memory_views.py`): a kernel that hands it on hands on three numbers, not two hundred, a seventh of all compilation.
 """
 
 import math
@@ -58,6 +58,7 @@ class Layout(Generic[M]):
         """
         self.memory, self.fixed, self.counts = memory, fixed, counts
         names: tuple[str, ...] = memory._fields  # type: ignore[attr-defined]  # a named tuple
+        self.parts_in_order = names
         self.parts: dict[str, Part] = {}
         for name in names:
             if name not in parts:
@@ -96,7 +97,7 @@ class Layout(Generic[M]):
     def _places(self, counts: dict[str, int]) -> list[tuple[slice, Any, tuple[int, ...] | None]]:
         """Of each part: its numbers, its type if it is of records, and its shape."""
         places = []
-        for name in self.memory._fields:  # type: ignore[attr-defined]
+        for name in self.parts_in_order:
             part, start = self.parts[name], value_of(self.parts[name].start, counts)
             shape = None if part.shape is None else tuple(value_of(size, counts) for size in part.shape)
             end = start + math.prod(shape or ()) * part.dtype.itemsize // WORD

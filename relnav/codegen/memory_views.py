@@ -58,7 +58,7 @@ def register(layout: Any) -> None:
 
     infer_global(layout.views, types.Function(Template))
 
-    @lower_builtin(layout.views, types.Array)  # type: ignore[untyped-decorator]
+    @lower_builtin(layout.views, types.Array)  # type: ignore[untyped-decorator]  # as above
     def lower(context: Any, builder: Any, signed: Any, arguments: Any) -> Any:
         block = context.make_array(signed.args[0])(context, builder, arguments[0])
         memory = cgutils.create_struct_proxy(kind)(context, builder)
@@ -70,7 +70,7 @@ def register(layout: Any) -> None:
         return memory._getvalue()
 
 
-@lower_getattr_generic(MemoryType)  # type: ignore[untyped-decorator]
+@lower_getattr_generic(MemoryType)  # type: ignore[untyped-decorator]  # as above
 def _part(context: Any, builder: Any, kind: MemoryType, value: Any, name: str) -> Any:
     memory = cgutils.create_struct_proxy(kind)(context, builder, value=value)
     part = kind.layout.parts[name]

@@ -32,7 +32,7 @@ def _subtract_turned(w: Vector, m: Matrix, out: Matrix) -> None:
         out[2, j] -= w[0] * m[1, j] - w[1] * m[0, j]
 
 
-@kernel
+@entry
 def port_geometry_into(
     C_TL: Matrix,
     C_TB: Matrix,
@@ -81,20 +81,3 @@ def port_geometry_into(
     _subtract_turned(w_T, C_TL, G[3:6, :3])
     _subtract_turned(w_T, G[:3, 6:9], G[3:6, 6:9])
     _subtract_turned(w_T, A[:3], A[3:6])
-
-
-@entry
-def port_geometry(
-    C_TL: Matrix,
-    C_TB: Matrix,
-    motion: Vector,
-    rates: Matrix,
-    turn: float,
-    port: Vector,
-    out: Matrix,
-    by_target: Matrix,
-    by_chaser: Matrix,
-    work: Matrix,
-) -> None:
-    """The same, from Python."""
-    port_geometry_into(C_TL, C_TB, motion, rates, turn, port, out, by_target, by_chaser, work)

@@ -1,6 +1,7 @@
 """What a caller asks for, checked: a filter of a model as fresh memory, and arrays."""
 
 import math
+from importlib.metadata import version
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -87,3 +88,19 @@ def not_negative(name: str, value: float) -> float:
     if not 0.0 <= out < math.inf:
         raise ValueError(f"{name} is zero or more, and finite; got {value!r}")
     return out
+
+
+def refuse_another_version(saved: str) -> None:
+    """Refuse the state of a navigator that another version of relnav has saved.
+
+    Raises
+    ------
+    ValueError
+        Naming both.
+    """
+    here = version("relnav")
+    if saved != here:
+        raise ValueError(
+            f"a navigator saved by relnav {saved} cannot go on in relnav {here}: its memory may be laid out "
+            "otherwise; filter from the log again, or begin from its last state (`start`)"
+        )

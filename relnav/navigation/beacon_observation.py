@@ -5,8 +5,8 @@
 `fix`: range, azimuth and elevation of the closed form, with R = J S J^T evaluated at the PREDICTED geometry: at the
 measured spots R would depend on their noise, and fewer epochs stay consistent. Only while the prediction is no better
 than a guess (sigma above 2 % of the range, and above that of one image) is R taken at the fix itself. From a good
-prediction the fix is found by
-Newton's method alone: it is the same root as that of the closed form's passes, which are needed from nowhere.
+prediction the fix is found by Newton's method alone: it is the same root as that of the closed form's passes, which
+are needed from nowhere.
 
 Rows of a beacon are independent. Those of a fix or of invariants are one group, correlated: they are kept as L^-1 z and
 L^-1 H with R = L diag(variance) L^T.

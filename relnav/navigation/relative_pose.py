@@ -7,6 +7,7 @@ came after replayed. The answer is, bit for bit, that of the same events in orde
 import math
 from bisect import bisect_right
 from dataclasses import dataclass, replace
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from relnav.dynamics.rigid_body import lvlh_rate
 from relnav.geometry.rotation import is_rotation
 from relnav.geometry.rotation_vector import turned
 from relnav.mission import VisionMission
-from relnav.navigation.arguments import not_negative, start_values
+from relnav.navigation.arguments import not_negative, refuse_another_version, start_values
 from relnav.navigation.memory import fill, orbit_values
 from relnav.navigation.pose_epoch import EPOCH, JOINED, read_epoch
 from relnav.navigation.pose_filter import NEW_ROOTS, NOTHING, pose_step
@@ -91,12 +92,15 @@ class PoseNavigator:
         self._before, self._oldest_s = self.memory.copy(), math.nan
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything but the views, which are of this memory."""
-        return {name: value for name, value in self.__dict__.items() if name != "_named"}
+        """Everything but the views, which are of this memory, and by which version it is laid out."""
+        return {name: value for name, value in self.__dict__.items() if name != "_named"} | {
+            "version": version("relnav")
+        }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Go on from there."""
-        self.__dict__.update(state)
+        """As it was saved; ValueError if another version of relnav saved it."""
+        refuse_another_version(state["version"])
+        self.__dict__.update({name: value for name, value in state.items() if name != "version"})
         self._named = pose_views(self.memory)
 
     @property

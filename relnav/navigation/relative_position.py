@@ -12,7 +12,7 @@ from relnav.arrays import Matrix, Vector, number, numbers, of_floats, one_piece
 from relnav.codegen.kernel import plain, ready
 from relnav.geometry.rotation import is_rotation
 from relnav.mission import Model
-from relnav.navigation.arguments import choose, not_negative, start_values, vector
+from relnav.navigation.arguments import choose, not_negative, refuse_another_version, start_values, vector
 from relnav.navigation.epoch_report import (
     ACCELERATION,
     ATTITUDE,
@@ -123,12 +123,7 @@ class Navigator:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """As it was saved; ValueError if another version of relnav saved it."""
-        saved, here = state["version"], version("relnav")
-        if saved != here:
-            raise ValueError(
-                f"a navigator saved by relnav {saved} cannot go on in relnav {here}: its memory may be laid out "
-                "otherwise; filter from the log again, or begin from its last state (`start`)"
-            )
+        refuse_another_version(state["version"])
         model, method, projection, engine = state["arguments"]
         self.__init__(model, method, projection=projection, engine=engine)  # type: ignore[misc]  # made anew, as it was
         self._block[:] = state["memory"]

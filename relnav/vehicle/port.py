@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
-from relnav.dynamics.docking_port import ARM, RATE, port_geometry
+from relnav.dynamics.docking_port import ARM, RATE, port_geometry_into
 from relnav.dynamics.docking_port import VELOCITY as PORT_VELOCITY
 from relnav.dynamics.relative_motion import frame_rate
 from relnav.spacecraft import Vehicle
@@ -71,7 +71,7 @@ def port_state(
     motion = np.concatenate([state.values[POSITION], state.values[VELOCITY]])
     rates, d = np.stack([state.values[TARGET_RATE], chaser_rate_rad_s]), np.array(vehicle.chaser.port_position_m)
     found, by_target, by_chaser = np.empty((3, 3)), np.empty((12, 12)), np.empty((12, 3))
-    port_geometry(
+    port_geometry_into(
         np.ascontiguousarray(C_TL),
         C_TB,
         motion,

@@ -55,9 +55,7 @@ def test_each_row_is_answered_before_the_next_comes(short_log, tmp_path, program
         for row in rows[:50]:
             process.stdin.write(row + "\n")
             process.stdin.flush()
-            while not (line := process.stdout.readline())[0].isdigit():
-                pass
-            answers.append(line.rstrip("\n"))
+            answers.append(next(line for line in process.stdout if line[0].isdigit()).rstrip("\n"))
         out, error = process.communicate()
     assert (process.returncode, out) == (0, "")
     assert answers == rows_of((tmp_path / "track.csv").read_text())[1:51]
@@ -85,7 +83,7 @@ def test_a_growing_file_until_a_signal(short_log, tmp_path):
     assert "cells are expected as in the header; got 2; row left out" in error
     assert f"relnav: {word}; written: {len(found)} rows of {track}" in error
     assert f"{len(found)} epochs" in out, "the summary is told all the same"
-    assert "1 rows left out" in out
+    assert "1 row left out" in out
 
 
 @pytest.mark.parametrize(

@@ -108,7 +108,7 @@ def test_followed_it_is_the_track_of_the_whole_log(run, model, log, tmp_path):
     assert code == 0
     assert "pipe:52: no sensor 'lidar' in model slow" in error
     assert f"{len(rows)} observations" in out
-    assert "1 rows left out" in out
+    assert "1 row left out" in out
 
     def body(name):
         return [line for line in (tmp_path / name).read_text().splitlines() if line[0] != "#"]

@@ -194,6 +194,12 @@ def test_a_campaign(campaign):
     assert page.count("<svg") == 3 + 6  # docking quantities by range, and the state at the end
 
 
+def test_options_of_a_run_are_refused_for_a_campaign(campaign, tmp_path, capsys):
+    assert relnav.cli.run(["report", str(campaign), "--out", str(tmp_path / "x.html"), "--smooth"]) == 2
+    assert "--smooth is for a track or a log; " in capsys.readouterr().err
+    assert not (tmp_path / "x.html").exists()
+
+
 def test_histograms_hold_every_run(campaign):
     """The bars' area in the drawing is that of the normal distribution's whole: each run was counted once."""
     page = page_of(campaign)

@@ -59,10 +59,14 @@ def test_a_pose_navigator_is_copied_likewise(way):
     assert np.isfinite(one.state).all()
 
 
-def test_another_version_is_refused(vbar):
-    state = relnav.Navigator(vbar, method="spots").__getstate__()
+@pytest.mark.parametrize(
+    ("kind", "model"), [("Navigator", "three_beacon_psd"), ("PoseNavigator", "three_marker_vision")]
+)
+def test_another_version_is_refused(kind, model):
+    kind = getattr(relnav, kind)
+    state = kind(relnav.load_model(model)).__getstate__()
     with pytest.raises(ValueError, match=r"saved by relnav 0.0.1 cannot go on in relnav .*filter from the log again"):
-        relnav.Navigator.__new__(relnav.Navigator).__setstate__(state | {"version": "0.0.1"})
+        kind.__new__(kind).__setstate__(state | {"version": "0.0.1"})
 
 
 @pytest.mark.parametrize("engine", ["compiled", "filterpy"])
