@@ -53,8 +53,8 @@ _input, _filter_options, _output, _picture = map(OptionsOf, ("Input", "Filter", 
 @_output(
     "--out",
     type=OutputPath(),
-    help="Track to write, .csv, .jsonl or .parquet (- is standard output), .oem, .aem, .mat, .nc, .h5, .mcap "
-    "or .rosbag2.",
+    help="Track to write, .csv, .jsonl or .parquet (- is standard output), .oem, .aem, .mat, .nc, .h5, .mcap, "
+    ".rosbag2, .bsp or .bc.",
 )
 @_output(
     "--format",
@@ -73,9 +73,10 @@ _input, _filter_options, _output, _picture = map(OptionsOf, ("Input", "Filter", 
     "--orbit-deg",
     type=float,
     nargs=3,
-    help="For eci: inclination, right ascension of the ascending node, argument of perigee of the target's orbit.",
+    help="For eci, .aem, .bsp and .bc: inclination, right ascension of the ascending node, argument of perigee of the "
+    "target's orbit.",
 )
-@_output("--epoch", help="For .oem and .aem: UTC of the log's t = 0, 2026-07-02T12:00:00.")
+@_output("--epoch", help="For .oem, .aem, .bsp and .bc: UTC of the log's t = 0, 2026-07-02T12:00:00.")
 @_output("--json", "json_path", type=OutputPath(), help="Write the summary as one JSON object.")
 @_output("--quiet", is_flag=True, help="Print nothing.")
 @_picture("--plot", type=OutputPath(), help="Draw the run, .png, .pdf or .svg: approach, state, measurements.")
@@ -136,7 +137,7 @@ def command(
     if json_path is not None:
         check_folder(json_path)
     picture = Picture(plot, corridor_deg)
-    check_distinct(log, out, plot, json_path)
+    check_distinct(log, out, track.clock, plot, json_path)
     mission = load_model(model)
     if follow:
         return run_live(Live(log, mission, track, method, projection, quiet), row_format)
@@ -158,7 +159,7 @@ def command(
         if json_path is not None:
             write_json(figures.to_dict(), outputs.path(json_path))
     if not quiet:
-        say([*figures.lines(log.name), *picture.said([("track", out)])], out, plot, json_path)
+        say([*figures.lines(log.name), *picture.said(track.written)], out, plot, json_path)
     return 0 if figures.started else NOT_STARTED
 
 

@@ -40,7 +40,7 @@ def filter_markers(
     summary = Summary(mission)
     picture.of(mission)
     if track.frame != "lvlh_ccsds" and track.table_asked:
-        raise UsageError("--frame turns tables of three-beacon models; of a marker track only an .oem")
+        raise UsageError("--frame turns tables of three-beacon models; of a marker track only an .oem or .bsp")
     parts = track.passing(picture.passing(summary.passing(marker_solutions(log, mission, smooth=smooth))))
     with Outputs() as outputs, epoch_bar(log, quiet=quiet) as progress:
         parts = parts if progress is None else counted(parts, progress)
@@ -56,7 +56,7 @@ def filter_markers(
         if json_path is not None:
             write_json(figures, outputs.path(json_path))
     if not quiet:
-        say([*lines(figures, log.name), *picture.said([("track", track.path)])], track.path, picture.path, json_path)
+        say([*lines(figures, log.name), *picture.said(track.written)], track.path, picture.path, json_path)
     return 0 if figures["epochs_with_state"] else NOT_STARTED
 
 

@@ -44,6 +44,18 @@ class TrackOutput:
         check_folder(self.path)
 
     @property
+    def clock(self) -> Path | None:
+        """The second file of a format that has two."""
+        from relnav.files.tracks import clock_beside
+
+        return None if self.path is None else clock_beside(self.path)
+
+    @property
+    def written(self) -> list[tuple[str, Path | None]]:
+        """What each of its files is, and where."""
+        return [("track", self.path), ("clock", self.clock)]
+
+    @property
     def table_asked(self) -> bool:
         """Whether it is a table."""
         return self.path is not None and not self._exchanged
@@ -72,4 +84,5 @@ class TrackOutput:
         from relnav.files.tracks import joined, write_exchange
 
         settings = {"frame": self.frame, "orientation_deg": self.orbit_deg, "epoch": self.epoch, "model": mission}
+        settings["clock"] = None if self.clock is None else outputs.path(self.clock)
         write_exchange(joined(self._parts), outputs.path(self.path), settings)

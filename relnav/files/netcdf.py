@@ -14,9 +14,9 @@ def write_netcdf(solution: Any, path: Path, settings: dict[str, Any]) -> None:  
     Raises
     ------
     UsageError
-        If xarray or h5netcdf is missing; says how to install them.
+        If xarray, h5netcdf or h5py is missing; says how to install them.
     """
-    for package in ("xarray", "h5netcdf"):
+    for package in ("xarray", "h5netcdf", "h5py"):  # h5netcdf 1.8 no longer brings h5py
         require(package, "netcdf", f"A netCDF or HDF5 file needs {package}")
     data = to_xarray(solution)
     with replacing(path) as temporary:

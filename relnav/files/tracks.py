@@ -24,8 +24,15 @@ EXCHANGE = {
     ".h5": "relnav.files.netcdf:write_netcdf",
     ".mcap": "relnav.files.mcap_file:write_mcap",
     ".rosbag2": "relnav.files.ros_bag:write_bag",
+    ".bsp": "relnav.files.spice:write_spk",
+    ".bc": "relnav.files.spice:write_ck",
 }
 """Ending -> what writes it, as a function of (solution, path, settings)."""
+
+
+def clock_beside(path: Path) -> Path | None:
+    """Where the clock goes that an attitude kernel of SPICE (.bc) is read with; None beside any other format."""
+    return path.with_suffix(".tsc") if path.suffix.lower() == ".bc" else None
 
 
 def write(
@@ -45,13 +52,14 @@ def write(
         From `filter_log`.
     path : str or path
         Ends in `.csv`, `.jsonl` (an object a row) or `.parquet` (needs pyarrow): a table; empty or null: no state yet.
-        `.mat`: MATLAB; `.nc`, `.h5`: netCDF-4, which is HDF5, with CF units (needs xarray and h5netcdf); `.mcap`: poses
-        with covariance for Foxglove (needs mcap); `.rosbag2`: a bag of ROS 2 (needs rosbags); `.oem`, `.aem`: CCSDS
-        ephemeris with covariance, and attitude of the target. The file appears whole or not at all.
+        `.mat`: MATLAB; `.nc`, `.h5`: netCDF-4, which is HDF5, with CF units (needs xarray, h5netcdf and h5py); `.mcap`:
+        poses with covariance for Foxglove (needs mcap); `.rosbag2`: a bag of ROS 2 (needs rosbags); `.oem`, `.aem`:
+        CCSDS ephemeris with covariance, and attitude of the target; `.bsp`, `.bc`: SPICE's ephemeris, and attitudes of
+        target and chaser with the clock `.tsc` beside them (needs spiceypy). A file appears whole or not at all.
     frame, orientation_deg, model
-        Frame of states and covariances, as for `Solution.in_frame`; of tables and `.oem` of beacons.
+        Frame of states and covariances, as for `Solution.in_frame`; of tables of beacons, `.oem` and `.bsp`.
     epoch : str, optional
-        UTC of the log's t = 0, ISO; `.oem` and `.aem` need it.
+        UTC of the log's t = 0, ISO; `.oem`, `.aem`, `.bsp` and `.bc` need it.
 
     Raises
     ------
@@ -61,7 +69,7 @@ def write(
     target = Path(path)
     settings = {"frame": frame, "orientation_deg": orientation_deg, "model": model, "epoch": epoch}
     if target.suffix.lower() in EXCHANGE:
-        write_exchange(solution, target, settings)
+        write_exchange(solution, target, settings | {"clock": clock_beside(target)})
         return
     check_format(target, TRACKS)
     if not isinstance(solution, Solution):

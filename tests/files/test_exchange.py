@@ -164,13 +164,14 @@ def test_what_cannot_be_written_is_said(solution, tmp_path, name, keywords, said
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("ending", "package"), [(".nc", "xarray"), (".mcap", "mcap")])
+@pytest.mark.parametrize(("ending", "package"), [(".nc", "xarray"), (".h5", "h5py"), (".mcap", "mcap")])
 def test_a_missing_package_is_named_with_its_line(solution, tmp_path, monkeypatch, ending, package):
     def missing(name):
-        raise ImportError(name)
+        if name.startswith(package):
+            raise ImportError(name)
 
     monkeypatch.setattr(optional, "import_module", missing)
-    extra = "netcdf" if ending == ".nc" else "mcap"
+    extra = "mcap" if ending == ".mcap" else "netcdf"
     with pytest.raises(UsageError, match=rf"needs {package}: pip install 'relnav\[{extra}\]'"):
         relnav.write(solution, tmp_path / f"a{ending}")
     assert ending in EXCHANGE
