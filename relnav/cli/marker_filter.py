@@ -92,11 +92,12 @@ class Summary:
                 self._attitude = reading_that_looks(part.epochs["chaser"][0], self._mission.dcm_chaser_from_lvlh)
             yield part
             started = np.isfinite(part.state[:, 0])
-            whole = (part.dof > 0) & ~part.refused
+            refused = part.refused
+            whole = (part.dof > 0) & ~refused
             flags = {
                 "epochs": np.ones(len(part), dtype=bool),
                 "with_state": started,
-                "with_rejected_spots": part.refused,
+                "with_rejected_spots": refused,
                 "unobservable": started & ~part.observable,
                 "ambiguous": np.isfinite(part.ambiguity),
                 "too_late": part.too_late,

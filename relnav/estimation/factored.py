@@ -9,9 +9,11 @@ costs what Joseph's form costs and keeps all digits where that one and the textb
 `ld` (n, n): D on the diagonal, L below it; what stands above is not used.
 """
 
+from functools import cache
+
 import numpy as np
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Flags, Matrix, Vector
 from relnav.codegen.kernel import entry, quotient, select, square, straight_line, vector
 
 
@@ -244,10 +246,17 @@ def factorize(covariance: Matrix) -> Matrix:
     return ld
 
 
+@cache
+def _triangle(n: int) -> tuple[Flags, Matrix]:
+    """Which entries of a matrix (n, n) stand below its diagonal, and the unit matrix."""
+    return np.tri(n, k=-1, dtype=bool), np.eye(n)
+
+
 def compose(ld: Matrix) -> Matrix:
     """Covariances (..., n, n) of factors (..., n, n), exactly symmetric."""
     factors = np.asarray(ld, dtype=np.float64)
     d = np.diagonal(factors, axis1=-2, axis2=-1)
-    lower = np.tril(factors, -1) + np.eye(factors.shape[-1])
+    below, unit = _triangle(factors.shape[-1])
+    lower = np.where(below, factors, unit) + 0.0  # no zero keeps a minus
     p: Matrix = (lower * d[..., None, :]) @ np.swapaxes(lower, -1, -2)
     return 0.5 * (p + np.swapaxes(p, -1, -2))

@@ -96,7 +96,8 @@ class BlockReader:
             return None
         place, line, last, count, asked = state.tolist()
         values, lines = values[:count], lines[:count]
-        if np.diff(lines, prepend=table.last_row, append=line).max() > text_table.MOST_EMPTY_LINES:
+        most = text_table.MOST_EMPTY_LINES
+        if line - table.last_row > most and np.diff(lines, prepend=table.last_row, append=line).max() > most:
             return None
         for row, column, begin, end in self._ask[:asked].tolist():
             cell, name = block[begin:end].decode("ascii"), table.names[self._cells[column]]

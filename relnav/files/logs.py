@@ -117,12 +117,13 @@ class LogFile:
 
     def check(self, values: Matrix, lines: Vector, t_before: float) -> float:
         """Refuse rows that are none of a log, as `tables` says. `t_before`: time before them; returns their last."""
-        _check_values(values, lines, self.path, self.columns, self._limits, t_before)
+        _check_values(values, lines, self.path, self.columns, self._order, self._limits, t_before)
         return float(values[-1, self._order["t"]])
 
     @cached_property
     def _order(self) -> dict[str, int]:
-        return _order(self.columns)
+        """Column of `values` that holds each quantity: in the order in which the header names them."""
+        return {base: position for position, base in enumerate(self.columns.index)}
 
     @cached_property
     def _limits(self) -> tuple[list[int], Vector, list[int]]:
@@ -260,11 +261,6 @@ def _limits(columns: Columns) -> tuple[list[int], Vector, list[int]]:
     return required, most, [k for k, base in enumerate(bases) if base.startswith("sigma_")]
 
 
-def _order(columns: Columns) -> dict[str, int]:
-    """Column of `values` that holds each quantity: in the order in which the header names them."""
-    return {base: position for position, base in enumerate(columns.index)}
-
-
 def pieces(rows: Iterator[tuple[int, str]]) -> Iterator[list[tuple[int, str]]]:
     """Numbered lines in lists of bounded size."""
     piece: list[tuple[int, str]] = []
@@ -340,19 +336,19 @@ def _check_values(
     lines: Vector,
     path: Path,
     columns: Columns,
+    order: dict[str, int],
     limits: tuple[list[int], Vector, list[int]],
     t_before: float,
 ) -> None:
     required, most, sigmas = limits
-    told = values[:, sigmas]
-    if not (np.abs(values[:, required]) <= most).all() or ((told <= 0.0) | np.isinf(told)).any():
+    told = values[:, sigmas] if sigmas else None
+    wrong = told is not None and ((told <= 0.0) | np.isinf(told)).any()
+    if wrong or not (np.abs(values[:, required]) <= most).all():
         _check_cells(values, lines, path, columns)
-    order = _order(columns)
     t = values[:, order["t"]]
-    before = np.concatenate([[t_before], t[:-1]])
-    late = np.flatnonzero(t <= before)
-    if late.size:
-        row = int(late[0])
+    if t[0] <= t_before or (t[1:] <= t[:-1]).any():
+        before = np.concatenate([[t_before], t[:-1]])
+        row = int(np.flatnonzero(t <= before)[0])
         what = "repeats" if t[row] == before[row] else "goes back from"
         raise LogError(
             f"{path}:{int(lines[row])}: time {t[row]:.15g} s {what} {before[row]:.15g} s of the row before; "
@@ -363,10 +359,11 @@ def _check_values(
     quaternion = columns.layout.quaternion
     if columns.has(quaternion):
         q = np.take(values, [order[base] for base in quaternion], axis=1)
-        wrong = np.flatnonzero(np.abs(np.linalg.norm(q, axis=1) - 1.0) > 9e-4)
-        if wrong.size:
+        no_turn = np.abs(np.linalg.norm(q, axis=1) - 1.0) > 9e-4
+        if no_turn.any():
+            row = int(np.flatnonzero(no_turn)[0])
             raise LogError(
-                f"{path}:{int(lines[wrong[0]])}: {quaternion[0][:-2]} {q[wrong[0]].tolist()} is not a unit quaternion "
+                f"{path}:{int(lines[row])}: {quaternion[0][:-2]} {q[row].tolist()} is not a unit quaternion "
                 "(x, y, z, w)"
             )
 

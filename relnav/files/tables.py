@@ -118,7 +118,9 @@ def rows_text(ending: str, columns: tuple[str, ...], part: Table, integers: tupl
     names = [f'"{name}": ' for name in columns]
     for text in texts:
         for line in text.split("\n")[:-1]:
-            cells = ("null" if cell in _NO_JSON else cell for cell in line.split(","))
+            cells = line.split(",")
+            if not all(cells) or "inf" in line:
+                cells = ["null" if cell in _NO_JSON else cell for cell in cells]
             yield "{" + ", ".join(map(add, names, cells)) + "}\n"
 
 

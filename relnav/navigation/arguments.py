@@ -42,9 +42,9 @@ def vector(name: str, value: ArrayLike, shape: tuple[int, ...], most: float = LA
     array = numbers(name, value)
     if array.shape != shape:
         raise ValueError(f"{name} has shape {shape}; got {array.shape}")
-    if not np.all(np.isfinite(array)):
-        raise ValueError(f"{name} must be finite; got {array.tolist()}")
-    if not np.all(np.abs(array) <= most):
+    if not (np.abs(array) <= most).all():
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name} must be finite; got {array.tolist()}")
         raise ValueError(f"{name} must be up to {most:g} in size; got {array.tolist()}")
     return array
 
@@ -77,7 +77,7 @@ def quaternions(name: str, n: int, given: Matrix | None) -> Matrix:
     if given is None:
         return np.empty((0, 4))
     quaternion = np.ascontiguousarray(vector(name, given, (n, 4)))
-    if np.any(np.abs(quaternion) > 2.0) or np.any(np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) > 9e-4):
+    if (np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) > 9e-4).any():
         raise ValueError(f"{name} must hold unit quaternions (x, y, z, w)")
     return quaternion
 

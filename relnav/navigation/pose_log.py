@@ -1,6 +1,5 @@
 """A whole log of marker spots through the marker filter, chunk by chunk, late images included."""
 
-import math
 from typing import Any
 
 import numpy as np
@@ -76,7 +75,7 @@ class MarkerLogFilter(PoseNavigator):
         image_t (n,): when each row's image was exposed. Returns records of type `EPOCH`, (n,).
         """
         epochs, last, apart = np.zeros(len(t), EPOCH), self.last_t_s, self._room(len(t))
-        if np.any(np.diff(t, prepend=t[0] if math.isnan(last) else last) < 0.0):
+        if t[0] < last or (t[1:] < t[:-1]).any():  # last: NaN at the start
             raise ValueError(f"t_s must not go back; the last epoch was at {last!r} s")
         if image_t is not None or self._events:
             self._one_by_one(t, spots, control, quaternion, image_t, epochs)

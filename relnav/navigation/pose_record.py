@@ -15,6 +15,8 @@ from relnav.navigation.pose_epoch import unpacked
 from relnav.navigation.presented import Presented
 from relnav.navigation.status import Alarm, EpochStatus
 
+_PARTIAL, _REJECTED = int(EpochStatus.PARTIAL), int(EpochStatus.REJECTED)
+
 
 def _frozen(array: Any) -> Any:
     array.setflags(write=False)
@@ -293,7 +295,7 @@ class PoseSolution(Presented):
     @property
     def refused(self) -> Flags:
         """Epochs with a spot rejected, (n,)."""
-        refused: Flags = np.isin(self.status, (int(EpochStatus.PARTIAL), int(EpochStatus.REJECTED)))
+        refused: Flags = (self.status == _PARTIAL) | (self.status == _REJECTED)
         return refused
 
     def nis_consistency(self, probability: float = 0.95) -> Consistency:
