@@ -46,9 +46,11 @@ def simulate_vehicle(
 def filter_vehicle(log: Path, vehicle: "Vehicle", out: Path | None, json_path: Path | None, *, quiet: bool) -> int:
     """Filter LOG, write what was asked for, print a summary."""
     from relnav.files.atomic import Outputs
-    from relnav.files.tables import write_json
+    from relnav.files.tables import TRACKS, check_format, write_json
     from relnav.files.vehicle_log import filter_rows, read_vehicle_log, write_port_track
 
+    if out is not None:
+        check_format(out, TRACKS)
     summary = Summary(vehicle)
     rows = read_vehicle_log(log, vehicle)
     with Outputs() as outputs, epoch_bar(log, quiet=quiet, note=", one a second", from_bytes=200_000) as progress:

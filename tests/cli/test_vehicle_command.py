@@ -89,6 +89,8 @@ def test_what_is_not_for_a_vehicle(run, model, vbar_log, tmp_path):
     assert (code, "--j2 is not for a vehicle" in error) == (2, True)
     code, _, error = run("simulate", model, "--out", tmp_path / "log.parquet")
     assert (code, "a vehicle's log ends in .csv" in error) == (2, True)
+    code, _, error = run("filter", vbar_log, "--model", model, "--out", tmp_path / "track.oem")
+    assert (code, "a table ends in .csv, .jsonl or .parquet; got '.oem'" in error) == (2, True)
     assert list(tmp_path.iterdir()) == []
 
 
