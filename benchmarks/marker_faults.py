@@ -45,7 +45,7 @@ def faults(tests, runs, seed):
 def flat(tests, runs, seed):
     """Flat patterns from 10 m to 5 m at 4 Hz: flights that rely on a wrong pose, and shares of epochs."""
     mission = relnav.load_model("three_marker_vision_flat")
-    flown = np.array([tests.flat_flight(mission, seed + run) for run in range(runs)])
+    flown = np.array([tests.flat_flight(mission, tests.FLAT, seed + run) for run in range(runs)])
     lost, epochs = np.flatnonzero(flown[:, 0] > 3), runs * round(tests.FLAT.duration_s * tests.FLAT.rate_hz)
     bound = max(1, runs // 500)
     print(f"flat pattern: wrong and relied on for more than 3 epochs in {len(lost)} of {runs} flights [0, {bound}]")

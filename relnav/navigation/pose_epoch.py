@@ -114,12 +114,14 @@ def write_covariance(
 def ambiguity_of(m: PoseMemory) -> float:
     """Odds of the leading hypothesis against the next, less what the next may have lost by its bending.
 
-    Zero at most while the leader is, or was until lately, so wide that it covers roots that it cannot tell apart.
+    Zero at most while the leader is, or was until lately, so wide that it covers roots that it cannot tell apart, and
+    where poses that were beaten have not had their second chance yet.
     """
     odds, clock = math.inf, m.clock
     for k in range(1, clock["running"]):
         odds = min(odds, m.bank[k]["score"] - m.bank[k]["doubt"] - m.bank[0]["score"])
-    return min(odds, 0.0) if clock["t"] - clock["blurred"] <= SETTLED_S else odds
+    undecided = clock["t"] - clock["blurred"] <= SETTLED_S or clock["renewed"] == -math.inf
+    return min(odds, 0.0) if undecided else odds
 
 
 @kernel

@@ -2,8 +2,10 @@
 
 A flat pattern has up to four poses that explain an image; a filter on the most credible one alone may follow the wrong
 one for ever. Each root starts a hypothesis, its covariance widened (seen head-on the misfit is no parabola, and the
-truth lies up to 3 sigma off). A hypothesis falls when its latest spots are a million times less likely than another's;
-every ten seconds roots that no hypothesis covers start new ones; two that have become one are joined.
+truth lies up to 3 sigma off). One of these that is beaten, so that the leading one could be relied on, falls, and its
+pose gets a second one at once: what was wrong may have been the first's linearisation. Only when that one is beaten too
+is the leading one relied on. Roots that no hypothesis covers start new ones every ten seconds, or 50 s after such a new
+one fell, a million times less likely than the best; two that have become one are joined.
 
 Start: the roots of one image open a trial; the next image of three markers or more that the trial's leading hypothesis
 predicts, all spots inside the gate and the gates small, confirms it. An image that contradicts the trial opens another
@@ -28,11 +30,13 @@ from relnav.navigation.marker_observation import aim_camera, has_spot, observe_m
 from relnav.navigation.pose_epoch import SETTLED_S
 from relnav.navigation.pose_exchange import gates_share, is_exchanged
 from relnav.navigation.pose_memory import POSE, PoseMemory, pose_views
-from relnav.navigation.pose_propagation import advance_bank, copy_pose, copy_rows, is_wide
+from relnav.navigation.pose_propagation import MEMORY_S, advance_bank, copy_pose, copy_rows, is_wide
 from relnav.navigation.propagation import prepare_step
 from relnav.navigation.status import EXCHANGED, PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
+from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
 
 DROP = 2.0 * math.log(1e6)
+"""How far behind the best a pose of a trial may be, or one taken up later."""
 RENEWED_S, RENEWED_BLURRED_S = 10.0, 0.4
 """How often roots are looked for that no hypothesis covers; the second while the leading one is wide and after."""
 BLURRED = 0.5
@@ -170,8 +174,11 @@ def _distance2(e: Vector, one: Record, other: Record) -> float:
 
 
 @kernel
-def order_bank(m: PoseMemory, bank: Record, sensitivities: Stack, count: int) -> int:
-    """The most credible first, those far behind and those that have become one with a better one left out."""
+def order_bank(m: PoseMemory, bank: Record, sensitivities: Stack, count: int, far_behind: float) -> int:
+    """The most credible first, those far behind and those that have become one with a better one left out.
+
+    far_behind: for hypotheses of the start; DROP for those taken up beside others.
+    """
     if count < 2:
         return count
     order, spare, kept = m.scratch["order"], m.spare, 0
@@ -187,7 +194,8 @@ def order_bank(m: PoseMemory, bank: Record, sensitivities: Stack, count: int) ->
         order[j] = k
     for i in range(count):
         one = spare[order[i]]
-        alone = kept == 0 or one["score"] - one["doubt"] - bank[0]["score"] <= DROP
+        limit = DROP if one["added"] > -math.inf else far_behind
+        alone = kept == 0 or one["score"] - one["doubt"] - bank[0]["score"] <= limit
         for k in range(kept):
             if _distance2(m.scratch["error"], bank[k], one) <= JOINED:
                 alone = False
@@ -200,9 +208,15 @@ def order_bank(m: PoseMemory, bank: Record, sensitivities: Stack, count: int) ->
 
 @kernel
 def _correct_bank(
-    m: PoseMemory, bank: Record, sensitivities: Stack, count: int, spots: Matrix, covariances: Stack
+    m: PoseMemory,
+    bank: Record,
+    sensitivities: Stack,
+    count: int,
+    far_behind: float,
+    spots: Matrix,
+    covariances: Stack,
 ) -> tuple[int, bool, bool]:
-    """Correct all hypotheses; result and `accepted` are of the one that leads.
+    """Correct all hypotheses, those left out that are far behind; result and `accepted` are of the one that leads.
 
     Returns how many remain, whether the leading one's gates were small, so that a glint would hardly pass, and whether
     it is too wide to tell roots apart, or has not led before.
@@ -224,7 +238,7 @@ def _correct_bank(
     if result["used"] == 0:
         for i in range(spots.shape[0]):
             m.accepted[i] = 0.0
-    return order_bank(m, bank, sensitivities, count), telling, blurred
+    return order_bank(m, bank, sensitivities, count, far_behind), telling, blurred
 
 
 @kernel
@@ -248,7 +262,9 @@ def _confirm(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) -> int:
     clock, result = m.clock, m.result
     if clock["trial"] == 0:
         return CONTRADICTED
-    remain, telling, blurred = _correct_bank(m, m.trial, m.trial_sensitivities, clock["trial"], spots, covariances)
+    remain, telling, blurred = _correct_bank(
+        m, m.trial, m.trial_sensitivities, clock["trial"], DROP, spots, covariances
+    )
     if result["used"] < 3 or result["used"] < result["seen"]:
         clock["trial"] = 0
         return CONTRADICTED
@@ -287,10 +303,28 @@ def _advance(m: PoseMemory, t: float) -> None:
 
 
 @kernel
+def _count_late(bank: Record, count: int) -> int:
+    """How many of the hypotheses were taken up beside others."""
+    late = 0
+    for k in range(count):
+        if bank[k]["added"] > -math.inf:
+            late += 1
+    return late
+
+
+@kernel
 def _use(m: PoseMemory, t: float, spots: Matrix, covariances: Stack, seen: int) -> int:
     """Correct the bank with an image; what is then to be looked for: nothing, poses to restart from, or others."""
     clock, result = m.clock, m.result
-    clock["running"], _, blurred = _correct_bank(m, m.bank, m.bank_sensitivities, clock["running"], spots, covariances)
+    before, late_before = clock["running"], _count_late(m.bank, clock["running"])
+    clock["running"], _, blurred = _correct_bank(
+        m, m.bank, m.bank_sensitivities, before, AMBIGUITY_LIMIT, spots, covariances
+    )
+    late = _count_late(m.bank, clock["running"])
+    if clock["running"] - late < before - late_before:
+        clock["renewed"] = -math.inf
+    elif late < late_before:
+        clock["tried"] = t
     used = result["used"]
     result["status"] = REJECTED if used == 0 else (UPDATED if used == result["seen"] else PARTIAL)
     if used > 0:
@@ -309,7 +343,9 @@ def _use(m: PoseMemory, t: float, spots: Matrix, covariances: Stack, seen: int) 
     if clock["rejected"] >= m.fixed["restart_after"]:
         return ROOTS
     # of an image that was used whole alone: another one's poses are those of its glints
-    often = RENEWED_BLURRED_S if t - clock["blurred"] <= SETTLED_S else RENEWED_S
+    often = RENEWED_S if t - clock["tried"] > MEMORY_S else MEMORY_S
+    if t - clock["blurred"] <= SETTLED_S:
+        often = RENEWED_BLURRED_S
     if seen >= 3 and used == seen and t - clock["renewed"] >= often:
         clock["renewed"] = t
         return NEW_ROOTS

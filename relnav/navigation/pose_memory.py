@@ -89,7 +89,8 @@ CHASER_ATTITUDE, MOUNTING, FOCAL_LENGTH, PLACEMENT = 0, 3, 6, 7
 POSE_CLOCK = np.dtype(
     [
         ("t", _F),
-        ("renewed", _F),  # when roots were last looked for
+        ("renewed", _F),  # when roots were last looked for; -inf: they are to be, at once
+        ("tried", _F),  # when one taken up beside others last fell
         ("begun", _F),  # of the first event
         ("blurred", _F),  # when the leading hypothesis was last too wide to tell roots apart
         ("running", _I),  # hypotheses of the bank; 0: no state
@@ -231,7 +232,8 @@ def new_pose_memory(mission: VisionMission) -> Vector:
     fill(m.body, values=body.matrix, noise_density=target.rate_noise_density_rad2_s3)
     write_motion_model(m.motion, mission.orbit, mission.process_noise, mission.filter)
     m.step["dt"], m.clock["t"], m.clock["begun"] = np.nan, np.nan, np.nan
-    m.clock["renewed"], m.clock["blurred"] = -np.inf, -np.inf
+    m.clock["renewed"], m.clock["blurred"] = np.nan, -np.inf
+    m.clock["tried"] = -np.inf
     m.gate[:] = gate_limits(mission.filter.gate_probability, 2 * count)
     m.points[:], m.used_s[:], m.trial_used_s[:] = mission.markers.points_m, np.nan, np.nan
     return block

@@ -145,7 +145,7 @@ class PoseNavigator:
         m = self._named
         fill(m.bank[0], motion=motion, dcm=attitude, rate=rate, state=0.0, ld=ld, score=0.0, doubt=0.0, added=-math.inf)
         m.bank_sensitivities[0] = 0.0
-        fill(m.clock, t=t, begun=t, renewed=t, blurred=-math.inf, running=1, trial=0, rejected=0)
+        fill(m.clock, t=t, begun=t, renewed=t, tried=-math.inf, blurred=-math.inf, running=1, trial=0, rejected=0)
         m.used_s[:] = t
         self._events, self._after = [], []
         self._before, self._oldest_s = self.memory.copy(), t
