@@ -146,11 +146,14 @@ class FilterSettings:
         Probability with which a good spot (or fix) passes the gate.
     restart_after_epochs : int
         Consecutive epochs with at least half of the spots rejected, after which a new start is looked for.
+    longest_delay_s : float
+        An image may arrive this long after its exposure; what came since is kept for it. 0: images come at once.
     """
 
     initial_velocity_sigma_m_s: Positive
     gate_probability: Annotated[float, Gt(0.0), Lt(1.0)] = 0.9999
     restart_after_epochs: Annotated[int, Ge(1)] = 3
+    longest_delay_s: NonNegative = 0.0
 
 
 @dataclass(frozen=True)
@@ -341,7 +344,7 @@ class PoseFilterSettings(FilterSettings):
     initial_rate_sigma_rad_s : float
         1-sigma of the target's rate about that of its held attitude, each axis.
     longest_delay_s : float
-        An image may arrive this long after its exposure.
+        As there.
     few_markers_limit_s : float
         No three markers off one line used within this time: the record says that the attitude is hardly observed.
     """

@@ -6,6 +6,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Stack, Vector, one_piece
 from relnav.codegen.kernel import entry
+from relnav.estimation.timeline import Passed, Timeline
 from relnav.geometry.rotation import dcm_from_quaternion, dcm_from_quaternion_into
 from relnav.mission import VisionMission
 from relnav.navigation.arguments import controls, quaternions
@@ -14,7 +15,7 @@ from relnav.navigation.pose_filter import NOTHING, pose_step
 from relnav.navigation.pose_memory import POSE, pose_views
 from relnav.navigation.pose_record import PoseSolution
 from relnav.navigation.pose_smoothing import PoseSmoother
-from relnav.navigation.relative_pose import NO_COVARIANCES, Event, PoseNavigator, look_for_roots
+from relnav.navigation.relative_pose import NO_COVARIANCES, Event, Outcome, PoseNavigator, look_for_roots
 
 CHUNK = 8192
 
@@ -77,7 +78,7 @@ class MarkerLogFilter(PoseNavigator):
         epochs, last, apart = np.zeros(len(t), EPOCH), self.last_t_s, self._room(len(t))
         if t[0] < last or (t[1:] < t[:-1]).any():  # last: NaN at the start
             raise ValueError(f"t_s must not go back; the last epoch was at {last!r} s")
-        if image_t is not None or self._events:
+        if image_t is not None or self._timeline.passed:
             self._one_by_one(t, spots, control, quaternion, image_t, epochs)
             return epochs
         done, chaser = 0, np.zeros((3, 3))
@@ -92,7 +93,7 @@ class MarkerLogFilter(PoseNavigator):
                 look_for_roots(m, self.mission, event, int(m.result["wants"]))
                 read_epoch(self.memory, epochs[at : at + 1], apart[at : at + 1])
             done = at + 1
-        self._before, self._oldest_s = self.memory.copy(), float(t[-1])
+        self._timeline = Timeline(self.memory.copy(), float(t[-1]))
         if self._keep:
             self._past.append((epochs.copy(), apart))
         return epochs
@@ -114,12 +115,12 @@ class MarkerLogFilter(PoseNavigator):
                 dcm_chaser_from_lvlh=dcm_from_quaternion(quaternion[k]) if len(quaternion) else None,
             ).epoch
 
-    def _passed(self, events: list[Event], after: list[Vector]) -> None:
+    def _passed(self, events: list[Passed[Vector, Event, Outcome]]) -> None:
         if self._keep:
             epochs, apart = np.zeros(len(events), EPOCH), self._room(len(events))
-            for k, (event, memory) in enumerate(zip(events, after, strict=True)):
-                read_epoch(memory, epochs[k : k + 1], apart[k : k + 1])
-                epochs[k]["row"] = event.row
+            for k, one in enumerate(events):
+                read_epoch(one.state, epochs[k : k + 1], apart[k : k + 1])
+                epochs[k]["row"] = one.event.row
             self._past.append((epochs, apart))
 
     def passed(self, *, last: bool = False) -> tuple[Any, Stack]:
@@ -128,7 +129,7 @@ class MarkerLogFilter(PoseNavigator):
         last: with those that a late image might still change.
         """
         if last:
-            self._passed(self._events, self._after)
+            self._passed(self._timeline.passed)
         past, self._past = self._past, []
         if not past:
             return np.zeros(0, EPOCH), self._room(0)

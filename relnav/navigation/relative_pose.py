@@ -5,7 +5,6 @@ came after replayed. The answer is, bit for bit, that of the same events in orde
 """
 
 import math
-from bisect import bisect_right
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import Any
@@ -16,6 +15,7 @@ from numpy.typing import ArrayLike
 from relnav.arrays import LARGEST, Flags, Matrix, Stack, Vector, number, numbers
 from relnav.dynamics.relative_motion import frame_rate
 from relnav.dynamics.rigid_body import lvlh_rate
+from relnav.estimation.timeline import Passed, Timeline
 from relnav.geometry.rotation import is_rotation
 from relnav.geometry.rotation_vector import turned
 from relnav.mission import VisionMission
@@ -87,9 +87,7 @@ class PoseNavigator:
         self.memory = new_pose_memory(mission)
         self._named = pose_views(self.memory)
         self._held, self._nothing = mission.dcm_chaser_from_lvlh, np.zeros(3)
-        self._events: list[Event] = []
-        self._after: list[Vector] = []  # the memory as each event left it
-        self._before, self._oldest_s = self.memory.copy(), math.nan
+        self._timeline: Timeline[Vector, Event, Outcome] = Timeline(self.memory.copy(), math.nan)
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything but the views, which are of this memory, and by which version it is laid out."""
@@ -147,13 +145,12 @@ class PoseNavigator:
         m.bank_sensitivities[0] = 0.0
         fill(m.clock, t=t, begun=t, renewed=t, tried=-math.inf, blurred=-math.inf, running=1, trial=0, rejected=0)
         m.used_s[:] = t
-        self._events, self._after = [], []
-        self._before, self._oldest_s = self.memory.copy(), t
+        self._timeline = Timeline(self.memory.copy(), t)
 
     @property
     def last_t_s(self) -> float:
         """Time of the last epoch; NaN before the first."""
-        return float(self._events[-1].t_s if self._events else self._oldest_s)
+        return self._timeline.last_s
 
     def step(
         self,
@@ -208,14 +205,14 @@ class PoseNavigator:
             event = replace(event, attitude_noise_rad=not_negative("attitude_noise_rad", attitude_noise_rad))
         image = self._with_image(event, spots_px, spot_covariance_px2)
         rate = None if chaser_rate_rad_s is None else _vector("chaser_rate_rad_s", chaser_rate_rad_s)
-        too_late = False
+        oldest, too_late = t_s - self.mission.filter.longest_delay_s, False
         if len(image.spots_px) == 0 or exposed == t_s:
-            outcome = self._append(image)
+            outcome = self._timeline.insert(t_s, image, self._take)
         else:
-            outcome = self._append(event)
-            late = self._insert(replace(image, t_s=exposed, row=False), t_s - self.mission.filter.longest_delay_s)
-            too_late, outcome = late is None, nothing_used(len(image.spots_px)) if late is None else late
-        self._forget(t_s)
+            self._timeline.insert(t_s, event, self._take)
+            too_late = exposed < oldest or exposed < self._timeline.start_s  # False for NaN: nothing was forgotten
+            outcome = nothing_used(len(image.spots_px)) if too_late else self._insert(replace(image, t_s=exposed))
+        self._passed(self._timeline.forget(oldest))
         return self._record(event, outcome, rate, t_s - exposed, too_late=too_late)
 
     def _event(
@@ -243,48 +240,25 @@ class PoseNavigator:
         spots[~usable_covariance(own)] = np.nan
         return replace(event, spots_px=spots, covariance_px2=own)
 
-    def _append(self, event: Event) -> "Outcome":
-        self._take(event)
-        self._events.append(event)
-        self._after.append(self.memory.copy())
-        return outcome_of(self._named)
-
-    def _take(self, event: Event) -> None:
-        """Take an event into the filter: the compiled step, and what it wants of the closed form."""
+    def _take(self, before: Vector, event: Event) -> "tuple[Vector, Outcome]":
+        """Take an event into the filter as it was: the compiled step, and what it wants of the closed form."""
         m = self._named
+        self.memory[:] = before
         m.motion["acceleration"], m.motion["delta_v"] = event.acceleration_m_s2, event.delta_v_m_s
         m.camera["attitude_noise"] = event.attitude_noise_rad
         wants = pose_step(self.memory, event.t_s, event.dcm_chaser_from_lvlh, event.spots_px, event.covariance_px2)
         if wants != NOTHING:
             look_for_roots(m, self.mission, event, wants)
+        return self.memory.copy(), outcome_of(m)
 
-    def _insert(self, image: Event, oldest: float) -> "Outcome | None":
-        """Take a late image in and replay what came after; None if it is older than the window or all that is kept."""
-        times = [event.t_s for event in self._events]
-        place = bisect_right(times, image.t_s)
-        if image.t_s < oldest or (place == 0 and image.t_s < self._oldest_s):  # False for NaN: nothing was forgotten
-            return None
-        later = self._events[place:]
-        push = later[0].acceleration_m_s2 if later else np.zeros(3)  # held over the interval that the image divides
-        del self._events[place:], self._after[place:]
-        self.memory[:] = self._after[-1] if self._after else self._before
-        outcome = self._append(replace(image, acceleration_m_s2=push, delta_v_m_s=np.zeros(3)))
-        for event in later:
-            self._append(event)
-        return outcome
+    def _insert(self, image: Event) -> "Outcome":
+        """Take a late image in; the acceleration is that held over the interval that it divides."""
+        following = self._timeline.following(image.t_s)
+        push = self._nothing if following is None else following.acceleration_m_s2
+        late = replace(image, acceleration_m_s2=push, delta_v_m_s=self._nothing, row=False)
+        return self._timeline.insert(image.t_s, late, self._take)
 
-    def _forget(self, t_s: float) -> None:
-        """Keep what a late image may still need."""
-        oldest = t_s - self.mission.filter.longest_delay_s
-        keep = 0
-        while keep < len(self._events) - 1 and self._events[keep].t_s < oldest:
-            keep += 1
-        if keep:
-            self._passed(self._events[:keep], self._after[:keep])
-            self._before, self._oldest_s = self._after[keep - 1], self._events[keep - 1].t_s
-            del self._events[:keep], self._after[:keep]
-
-    def _passed(self, events: list[Event], after: list[Vector]) -> None:
+    def _passed(self, events: list[Passed[Vector, Event, "Outcome"]]) -> None:
         """Events that no late image can come before any more: for those who keep them."""
 
     def _record(
@@ -299,6 +273,8 @@ class PoseNavigator:
         status, running, one["alarm"] = outcome.status, one["hypotheses"] > 0, outcome.alarm
         if too_late or not running:
             status = EpochStatus.PREDICTED if running else EpochStatus.WAITING
+        elif status is EpochStatus.WAITING:  # a trial that a later image, here before it, has confirmed
+            status = EpochStatus.STARTED
         one["nis"], one["dof"] = outcome.nis, outcome.dof
         one["status"], one["too_late"], one["used"] = int(status), too_late, np.count_nonzero(outcome.accepted)
         return PoseRecord(one, outcome.accepted, self.mission, dcm, rate)

@@ -24,6 +24,7 @@ from relnav.navigation.epoch_report import (
     take_inputs,
     write_report,
 )
+from relnav.navigation.late_images import Image, Inputs, LateImages
 from relnav.navigation.memory import MOTION, fill, views, watch_anew
 from relnav.navigation.record import FilterRecord
 from relnav.navigation.reference_engine import ReferenceEngine
@@ -80,6 +81,12 @@ class Navigator:
         self._navigate: Callable[..., Any] = ready(navigate, *given) if self._reference is None else self._by_reference
         self._calibration = model.calibration
         self._at_once = isinstance(self._navigate, BuiltinFunctionType) and self._calibration is None
+        self._late: LateImages | None = None
+        delay = model.filter.longest_delay_s
+        if delay > 0.0 and self._reference is None:
+            beacons = self._named.beacons
+            self._late = LateImages(self._block, beacons, self._navigate, self._report, self._kept, delay)
+            self._at_once = False
         self._projection, self._engine = projection, engine
         self.model = model
         self.method = method
@@ -111,6 +118,8 @@ class Navigator:
         fill(m.clock, t=t, running=1, trial=0, rejected=0, starts=m.clock["starts"] + 1)
         if self._reference is not None:
             self._reference.take_over()
+        if self._late is not None:
+            self._late.begin(t)
 
     def __getstate__(self) -> dict[str, Any]:
         """What copies and pickles hold: they go on bit for bit, apart from one another."""
@@ -119,6 +128,7 @@ class Navigator:
             "arguments": (self.model, self.method, self._projection, self._engine),
             "memory": self._block.copy(),
             "reference": None if self._reference is None else self._reference.tracks(),
+            "timeline": None if self._late is None else self._late.timeline,
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -129,12 +139,15 @@ class Navigator:
         self._block[:] = state["memory"]
         if self._reference is not None:
             self._reference.restore(*state["reference"])
+        if self._late is not None:
+            self._late.timeline = state["timeline"]
 
     def step(
         self,
         t_s: float,
         spots_m: ArrayLike,
         *,
+        image_t_s: float | None = None,
         acceleration_m_s2: ArrayLike | None = None,
         delta_v_m_s: ArrayLike | None = None,
         dcm_cam_from_lvlh: ArrayLike | None = None,
@@ -146,9 +159,14 @@ class Navigator:
         Parameters
         ----------
         t_s : float
-            Time of the image, after that of the last step.
+            Time of the state, and of the image unless `image_t_s` says another; after that of the last step, or at it
+            with an image that is late.
         spots_m : (3, 2)
             Detector coordinates of beacons A, B, C, m; NaN = not seen.
+        image_t_s : float, optional
+            Middle of the exposure, at most the model's `longest_delay_s` before t_s: the image is taken in there, and
+            all that came after it done again. One that is later than that is not used (`TOO_LATE`). What else is told
+            of the image, attitude and noise, is of the exposure too.
         acceleration_m_s2 : (3,), optional
             Commanded acceleration in `lvlh_ccsds`, held since the last step.
         delta_v_m_s : (3,), optional
@@ -184,27 +202,52 @@ class Navigator:
         if attitude_noise_rad is not None:
             told, noise = told | ATTITUDE_NOISE, not_negative("attitude_noise_rad", attitude_noise_rad)
         try:
-            if self._at_once and (
-                self._navigate(
-                    self._block,
-                    t_s,
-                    of_floats(spots_m),
-                    told,
-                    of_floats(acceleration_m_s2),
-                    of_floats(delta_v_m_s),
-                    dcm_cam_from_lvlh,
-                    spot_sigma_m,
-                    noise,
-                    self._report,
+            if (
+                self._at_once
+                and image_t_s is None
+                and (
+                    self._navigate(
+                        self._block,
+                        t_s,
+                        of_floats(spots_m),
+                        told,
+                        of_floats(acceleration_m_s2),
+                        of_floats(delta_v_m_s),
+                        dcm_cam_from_lvlh,
+                        spot_sigma_m,
+                        noise,
+                        self._report,
+                    )
+                    is True
                 )
-                is True
             ):
                 return FilterRecord(self._kept.tobytes())
         except OverflowError:  # a time beyond all floats: refused below
             pass
         inputs = self._checked(acceleration_m_s2, delta_v_m_s, dcm_cam_from_lvlh, spot_sigma_m)
+        if self._late is not None:
+            a, v, dcm, sigma = inputs
+            return self._take_late(self._late, t_s, spots_m, image_t_s, Inputs(told, a, v, dcm, sigma, noise))
+        if image_t_s is not None and number("image_t_s", image_t_s) != number("t_s", t_s):
+            raise ValueError(
+                f"image_t_s {image_t_s!r} is not t_s = {t_s!r}: images come at once here; for late ones give the "
+                "model's [filter] a longest_delay_s (engine='filterpy' takes none)"
+            )
         self._take(t_s, spots_m, told, (*inputs, noise))
         return FilterRecord(self._kept.tobytes())
+
+    def _take_late(
+        self, late: LateImages, t_s: float, spots_m: ArrayLike, image_t_s: float | None, inputs: Inputs
+    ) -> FilterRecord:
+        """Take an image whose exposure may lie before t_s."""
+        t, spots, lasting = number("t_s", t_s), one_piece("spots_m", spots_m), None
+        exposed = t if image_t_s is None else number("image_t_s", image_t_s)
+        late.check(t, exposed, inputs.told)
+        if spots.shape != (self._beacons, 2):
+            raise self._wrong_use(t_s, spots)
+        if self._calibration is not None:
+            spots, lasting = self._calibration.corrected(spots)
+        return FilterRecord(late.take(t, Image(exposed, spots, lasting, inputs)))
 
     def _take(self, t_s: float, spots_m: ArrayLike, told: int, inputs: tuple[Any, ...]) -> None:
         """Take an image whose numbers are of any type, or that is to be corrected, or say what is wrong with it."""

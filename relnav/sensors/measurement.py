@@ -39,6 +39,8 @@ class Status(IntEnum):
     """The spot touches the border of its window: part of it is cut off."""
     OUTSIDE_FIELD = 11
     """The direction lies outside the field that was calibrated."""
+    TOO_LATE = 12
+    """The image arrived longer after its exposure than a filter goes back."""
 
 
 # The same numbers as plain integers, for compiled code.
@@ -51,6 +53,7 @@ OUTSIDE_DOMAIN = int(Status.OUTSIDE_DOMAIN)
 SWAPPED = int(Status.SWAPPED)
 BEHIND = int(Status.BEHIND)
 MISALIGNED = int(Status.MISALIGNED)
+TOO_LATE = int(Status.TOO_LATE)
 
 
 @dataclass(frozen=True)

@@ -168,7 +168,7 @@ def test_the_window(mission, flight):
     assert outside.status is EpochStatus.PREDICTED
     np.testing.assert_array_equal(outside.state, before.state)
     assert not nav.step(t, flight.spots_px[16], image_t_s=flight.t_s[16]).too_late
-    assert len(nav._events) < 3.0 + mission.filter.longest_delay_s / 0.5 + 2.0  # memory does not grow
+    assert len(nav._timeline.passed) < 3.0 + mission.filter.longest_delay_s / 0.5 + 2.0  # memory does not grow
 
 
 def test_the_first_image_may_be_late(mission, flight):
@@ -179,6 +179,9 @@ def test_the_first_image_may_be_late(mission, flight):
     record = nav.step(flight.t_s[3], flight.spots_px[2], image_t_s=flight.t_s[2])
     assert record.hypotheses == 1
     assert record.status is EpochStatus.STARTED
+    turned_round = PoseNavigator(mission)
+    turned_round.step(flight.t_s[3], flight.spots_px[2], image_t_s=flight.t_s[2])
+    assert turned_round.step(flight.t_s[3], flight.spots_px[1], image_t_s=flight.t_s[1]).status is EpochStatus.STARTED
 
 
 def test_one_marker_at_a_time(mission):
