@@ -112,8 +112,14 @@ def _run(asked: Live, arriving: "Arriving", writer: "LineByLine", out: Path, vie
     if isinstance(mission, VisionMission):
         return _markers(asked, mission, arriving, writer, out, view)
     from relnav.files.filter_file import filter_file
+    from relnav.files.late_log import says_exposures
 
     log = LiveLog(asked.log, arriving, _telling(view))
+    if says_exposures(log):
+        raise UsageError(
+            f"{asked.log}: image_t_s says that images come late; of beacons --follow takes them as they come: "
+            "leave the column out, or filter the log when it is there"
+        )
     figures = filter_file(
         log,
         mission,

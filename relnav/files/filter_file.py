@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,8 @@ from relnav.accuracy.run_summary import RunSummary
 from relnav.arrays import Matrix, Stack, Vector
 from relnav.files.attitude_reading import ROWS_TRIED, reading_that_starts
 from relnav.files.frame_logs import log_in_memory
-from relnav.files.log_columns import ACCELERATION, DELTA_V
+from relnav.files.late_log import filter_late_log, says_exposures
+from relnav.files.log_columns import ACCELERATION, DELTA_V, log_metadata
 from relnav.files.logs import Log, LogFile, check_beacons, opened
 from relnav.files.models import load_mission, load_published
 from relnav.files.raw_filter import filter_raw_log
@@ -91,14 +93,19 @@ def filter_file(
     mission = load_mission(model) if isinstance(model, str) else model
     said = frame_words(frame, mission, orientation_deg)
     source = path if isinstance(path, LogFile) else log_in_memory(path) or opened(Path(path))
+    way: dict[str, Any] = {"method": method, "projection": projection, "smooth": smooth}
+    whole: Solution | None = None
     if not isinstance(source, LogFile) and is_raw_log(source):
-        whole = filter_raw_log(source, mission, method=method, projection=projection, smooth=smooth)
+        whole = filter_raw_log(source, mission, **way)
+    else:
+        log = source if isinstance(source, LogFile) else LogFile(source)
+        whole = filter_late_log(log, mission, **way) if says_exposures(log) else None
+    if whole is not None:
         if watch is not None:
             watch(whole)
         if out is not None:
             write(whole, out, frame=frame, orientation_deg=orientation_deg, model=mission)
-        return _raw_summary(whole, mission)
-    log = source if isinstance(source, LogFile) else LogFile(source)
+        return _whole_summary(whole, mission)
     check_beacons(log.path, log.columns.beacons, mission.name, len(mission.beacons_lvlh_m))
     run = _Run(log, LogFilter(mission, method, projection=projection), progress)
     summary = RunSummary(load_published(mission), mission.filter.gate_probability)
@@ -125,20 +132,15 @@ def filter_file(
     return summary
 
 
-def _raw_summary(solution: Solution, model: Model) -> RunSummary:
-    """Of a raw log, which is filtered in memory: a start may have to be looked for in the rest of it."""
+def _whole_summary(solution: Solution, model: Model) -> RunSummary:
+    """Of a log that is filtered in memory: raw, or with images that change what came before them."""
     summary = RunSummary(load_published(model), model.filter.gate_probability)
     said = solution.metadata
     summary.ignored = said.get("ignored columns", "")
-    summary.notes = (f"slots: {said['slots']}; spot noise {said['spot noise']}", f"beacons: {said['beacons']}")
+    if "slots" in said:
+        summary.notes = (f"slots: {said['slots']}; spot noise {said['spot noise']}", f"beacons: {said['beacons']}")
     summary.take(solution)
     return summary
-
-
-def log_metadata(path: Path, metadata: dict[str, str], ignored: tuple[str, ...]) -> dict[str, str]:
-    """What a track says of the log it came from."""
-    said = {"log": path.name} | {f"log.{key}": value for key, value in metadata.items()}
-    return said | ({"ignored columns": listed(ignored)} if ignored else {})
 
 
 class _Run:

@@ -5,9 +5,10 @@ from pathlib import Path
 from typing import Any, overload
 
 from relnav.errors import UsageError
-from relnav.files.filter_file import log_metadata
 from relnav.files.frame_logs import FrameLog, log_in_memory
-from relnav.files.logs import check_beacons, opened, read_log
+from relnav.files.late_log import filter_late_log, says_exposures
+from relnav.files.log_columns import log_metadata
+from relnav.files.logs import LogFile, check_beacons, opened, read_log
 from relnav.files.marker_logs import filter_marker_log
 from relnav.files.models import BeaconName, MarkerName, flown, load_model
 from relnav.files.raw_filter import filter_raw_log
@@ -66,7 +67,8 @@ def filter_log(
         The log, a file, a ROS bag or a table in memory (pandas, polars): `t_s`,
         `spot_a_x_um`, ... (any length unit; empty = not seen), optionally `sigma_spot_a_x_um`, ... (all
         of them; empty = as before), `accel_x_m_s2`, ...,
-        `delta_v_x_m_s`, ..., `q_cam_from_lvlh_x`, ... Or a raw log, a row a slot: `t_s`, `beacon`, four currents.
+        `delta_v_x_m_s`, ..., `q_cam_from_lvlh_x`, ..., `image_t_s` (middle of the exposure, where images come late).
+        Or a raw log, a row a slot: `t_s`, `beacon`, four currents.
     model : Model, VisionMission or str
         A loaded model, or what `load_model` takes.
     method : {"fix", "spots"}, optional
@@ -102,7 +104,10 @@ def filter_log(
     source = log_in_memory(path) or opened(Path(path))
     if not isinstance(source, FrameLog) and is_raw_log(source):
         return filter_raw_log(source, mission, method=method, projection=projection, smooth=smooth)
-    log = read_log(source)
+    opened_log = source if isinstance(source, LogFile) else LogFile(source)
+    if says_exposures(opened_log):
+        return filter_late_log(opened_log, mission, method=method, projection=projection, smooth=smooth)
+    log = read_log(opened_log)
     check_beacons(log.path, log.spots_m.shape[1], mission.name, len(mission.beacons_lvlh_m))
     total = len(log.t_s)
     solution = filter_epochs(

@@ -2,6 +2,7 @@
 
 import difflib
 from dataclasses import dataclass
+from pathlib import Path
 
 from relnav.errors import LogError
 from relnav.files.units import UNITS, same_kind, split_unit
@@ -27,7 +28,9 @@ MAY_BE_MISSING = (*spot_columns(len(LETTERS)), *sigma_columns(len(LETTERS)))
 ACCELERATION = tuple(f"accel_{axis}" for axis in AXES)
 DELTA_V = tuple(f"delta_v_{axis}" for axis in AXES)
 QUATERNION = tuple(f"q_cam_from_lvlh_{axis}" for axis in (*AXES, "w"))
-KIND = {"t": "s"} | dict.fromkeys(MAY_BE_MISSING, "m") | dict.fromkeys(ACCELERATION, "m_s2")
+IMAGE_TIME = ("image_t",)
+"""Middle of the exposure, where it is not the row's time."""
+KIND = {"t": "s", "image_t": "s"} | dict.fromkeys(MAY_BE_MISSING, "m") | dict.fromkeys(ACCELERATION, "m_s2")
 KIND |= dict.fromkeys(DELTA_V, "m_s") | dict.fromkeys(QUATERNION, "")
 
 
@@ -52,7 +55,12 @@ def markers(count: int) -> Layout:
     """A log of so many markers on a camera: spot_a_x_px, ..., and the chaser's attitude."""
     spots = tuple(f"spot_{marker}_{axis}_px" for marker in LETTERS[:count] for axis in "xy")
     quaternion = tuple(f"q_chaser_from_lvlh_{axis}" for axis in (*AXES, "w"))
-    kind = {"t": "s"} | dict.fromkeys(ACCELERATION, "m_s2") | dict.fromkeys(DELTA_V, "m_s") | {"image_t": "s"}
+    kind = (
+        {"t": "s"}
+        | dict.fromkeys(ACCELERATION, "m_s2")
+        | dict.fromkeys(DELTA_V, "m_s")
+        | dict.fromkeys(IMAGE_TIME, "s")
+    )
     return Layout(spots, quaternion, kind | dict.fromkeys((*spots, *quaternion), ""), spots)
 
 
@@ -165,3 +173,9 @@ def _refuse_near_miss(name: str, where: str, layout: Layout) -> None:
     )
     if near:
         raise LogError(f"{where}: unknown column '{name}'; did you mean '{near[0]}'?")
+
+
+def log_metadata(path: Path, metadata: dict[str, str], ignored: tuple[str, ...]) -> dict[str, str]:
+    """What a track says of the log it came from."""
+    said = {"log": path.name} | {f"log.{key}": value for key, value in metadata.items()}
+    return said | ({"ignored columns": listed(ignored)} if ignored else {})

@@ -19,6 +19,7 @@ from relnav.files.compiled_text import BlockReader
 from relnav.files.log_columns import (
     ACCELERATION,
     DELTA_V,
+    IMAGE_TIME,
     LETTERS,
     QUATERNION,
     Columns,
@@ -49,6 +50,8 @@ class Log:
         1-sigma of the spots, where the log has it; NaN = as before.
     acceleration_m_s2, delta_v_m_s, q_cam_from_lvlh : (n, 3), (n, 3), (n, 4) or None
         Control and camera attitude, where the log has them.
+    image_t_s : (n,) or None
+        When each row's image was exposed, where the log says it.
     metadata : dict
         `key = value` of the leading lines that begin with #.
     ignored : tuple of str
@@ -64,6 +67,7 @@ class Log:
     q_cam_from_lvlh: Matrix | None
     metadata: dict[str, str]
     ignored: tuple[str, ...]
+    image_t_s: Vector | None = None
 
 
 class LogFile:
@@ -137,6 +141,7 @@ class LogFile:
     def _log(self, values: Matrix) -> Log:
         beacons = self.columns.beacons
         spots, sigma = self.group(values, spot_columns(beacons)), self.group(values, sigma_columns(beacons))
+        exposed = self.group(values, IMAGE_TIME)
         assert spots is not None
         return Log(
             path=self.path,
@@ -148,6 +153,7 @@ class LogFile:
             q_cam_from_lvlh=self.group(values, QUATERNION),
             metadata=self.metadata,
             ignored=self.columns.ignored,
+            image_t_s=None if exposed is None else exposed[:, 0],
         )
 
     def group(self, values: Matrix, bases: tuple[str, ...]) -> Matrix | None:
@@ -221,11 +227,8 @@ def read_log(path: Path | TextTable | LogFile) -> Log:
         parts = [getattr(piece, name) for piece in pieces]
         return None if parts[0] is None else np.concatenate(parts)
 
-    arrays = {
-        name: join(name)
-        for name in ("t_s", "spots_m", "spot_sigma_m", "acceleration_m_s2", "delta_v_m_s", "q_cam_from_lvlh")
-    }
-    return replace(pieces[0], **arrays)
+    told = ("spot_sigma_m", "acceleration_m_s2", "delta_v_m_s", "q_cam_from_lvlh", "image_t_s")
+    return replace(pieces[0], **{name: join(name) for name in ("t_s", "spots_m", *told)})
 
 
 def read_csv(

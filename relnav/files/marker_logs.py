@@ -10,7 +10,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
 from relnav.files.frame_logs import log_in_memory
-from relnav.files.log_columns import ACCELERATION, DELTA_V, Columns, markers, parse_header
+from relnav.files.log_columns import ACCELERATION, DELTA_V, IMAGE_TIME, Columns, markers, parse_header
 from relnav.files.logs import LogFile
 from relnav.files.spool import Spool
 from relnav.files.tables import STATE_COLUMNS, TRACKS, Table, Writer, check_format, relnav_version, write_table
@@ -114,7 +114,7 @@ def _chunks(path: Any, mission: VisionMission) -> Iterator[tuple[Vector, Stack, 
         t, spots = log.group(values, ("t",)), log.group(values, layout.spots)
         assert t is not None
         assert spots is not None
-        image, quaternion = log.group(values, ("image_t",)), log.group(values, layout.quaternion)
+        image, quaternion = log.group(values, IMAGE_TIME), log.group(values, layout.quaternion)
         control = controls(len(t), log.group(values, ACCELERATION), log.group(values, DELTA_V))
         attitude = quaternions("q_chaser_from_lvlh", len(t), quaternion)
         for begin in range(0, len(t), CHUNK):

@@ -158,3 +158,68 @@ def test_a_model_without_a_delay_says_what_to_do(vbar, flown):
     with pytest.raises(ValueError, match="a longest_delay_s"):
         relnav.Navigator(vbar).step(1.0, spots[0], image_t_s=0.9)
     assert relnav.Navigator(vbar).step(1.0, spots[0], image_t_s=1.0).status is relnav.EpochStatus.WAITING
+
+
+@pytest.fixture(scope="module")
+def lived(flown):
+    """A log of which each row's image was exposed three periods and 0.07 s before; one comes a second too late."""
+    t, truth, exposed, spots = flown
+    image_t = exposed[:-3].copy()
+    image_t[50] -= 1.0
+    push = 1e-6 * np.random.default_rng(1).standard_normal((len(image_t), 3))
+    return t[3:], spots[:-3], image_t, push, truth[3:]
+
+
+def test_a_log_is_filtered_as_it_was_lived(patient, lived):
+    t, spots, image_t, push, _ = lived
+    solution = relnav.filter_late_images(patient, t, spots, image_t, acceleration_m_s2=push)
+    navigator = relnav.Navigator(patient)
+    for k in range(len(t)):
+        record = navigator.step(t[k], spots[k], image_t_s=image_t[k], acceleration_m_s2=push[k])
+        np.testing.assert_array_equal(solution.state[k], record.state)
+        np.testing.assert_array_equal(numbers(record)[:3], [solution.nis[k], solution.dof[k], solution.status[k]])
+    np.testing.assert_allclose(solution.covariance[-1], record.covariance, rtol=1e-12)
+    assert solution.measurement_status[50] == Status.TOO_LATE
+    assert solution.restarts == 0
+
+
+def test_smoothed_it_is_the_log_of_exposures(patient, lived):
+    """Every image where it was exposed, but for the one that came too late: smoothed in that order."""
+    t, spots, image_t, push, truth = lived
+    solution = relnav.filter_late_images(patient, t, spots, image_t, acceleration_m_s2=push, smooth=True)
+    rows = [(time, None, push[k]) for k, time in enumerate(t)]
+    images = [
+        (time, spots[k], push[min(int(np.searchsorted(t, time)), len(t) - 1)])
+        for k, time in enumerate(image_t)
+        if k != 50
+    ]
+    events = sorted(rows + images, key=lambda event: event[0])
+    nothing = np.full((3, 2), np.nan)
+    track = relnav.filter_epochs(
+        patient,
+        np.array([time for time, _, _ in events]),
+        np.array([nothing if image is None else image for _, image, _ in events]),
+        acceleration_m_s2=np.array([held for _, _, held in events]),
+        smooth=True,
+    )
+    at = [k for k, (_, image, _) in enumerate(events) if image is None]
+    np.testing.assert_array_equal(solution.state, track.state[at])
+    np.testing.assert_array_equal(solution.covariance, track.covariance[at])
+    filtered = relnav.filter_late_images(patient, t, spots, image_t, acceleration_m_s2=push)
+    error = np.linalg.norm((solution.state - truth)[10:, :3], axis=1).mean()
+    assert error < np.linalg.norm((filtered.state - truth)[10:, :3], axis=1).mean()
+    np.testing.assert_array_equal(solution.nis, filtered.nis)
+
+
+def test_a_file_that_says_when_images_were_exposed(patient, vbar, lived, tmp_path):
+    t, spots, image_t, _, _ = lived
+    header = "t_s,image_t_s," + ",".join(f"spot_{beacon}_{axis}_um" for beacon in "abc" for axis in "xy")
+    table = np.column_stack([t, image_t, 1e6 * spots.reshape(len(t), 6)])
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([header, *(",".join(map(repr, row)) for row in table.tolist())]) + "\n")
+    read = relnav.filter_log(path, patient)
+    held = relnav.filter_late_images(patient, t, spots, image_t)
+    np.testing.assert_allclose(read.state, held.state, rtol=1e-9)
+    assert read.metadata["log"] == "log.csv"
+    with pytest.raises(relnav.LogError, match=r"column 'image_t_s' says when .* give its \[filter\] a longest_delay_s"):
+        relnav.filter_log(path, vbar)
