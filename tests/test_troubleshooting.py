@@ -49,6 +49,7 @@ def logs() -> dict[str, str]:
         "no_unit.csv": table(head.replace("spot_a_x_um", "spot_a_x"), cells),
         "kilograms.csv": table(head.replace("spot_a_x_um", "spot_a_x_kg"), cells),
         "word.csv": table(head, [*cells[:2], [cells[2][0], "abc", *cells[2][2:]]]),
+        "late.csv": table(head + ",image_t_s", [[*c, c[0]] for c in cells]),
         "back.csv": table(head, [cells[0], cells[1], cells[0]]),
         "empty.csv": "",
         "header.csv": head + "\n",
@@ -81,7 +82,7 @@ def models() -> dict[str, str]:
 
 COMMANDS = [
     *(f"filter {log} --model {PSD} --quiet" for log in ("absent.csv", "no_unit.csv", "kilograms.csv", "word.csv")),
-    *(f"filter {log} --model {PSD}" for log in ("back.csv", "empty.csv", "header.csv", "no_comma.csv")),
+    *(f"filter {log} --model {PSD}" for log in ("back.csv", "late.csv", "empty.csv", "header.csv", "no_comma.csv")),
     *(f"filter {log} --model {PSD}" for log in ("none.csv", "anywhere.csv", "exchanged.csv", "millimetres.csv")),
     f"filter gap.csv --model {PSD}",
     "filter turned.csv --model three_marker_vision",
@@ -111,6 +112,7 @@ def calls() -> list[str]:
         lambda: relnav.Navigator(model, method="spot"),
         lambda: navigator.step(2.0, [[0.0, 0.0]]),
         lambda: navigator.step(0.5, seen),
+        lambda: navigator.step(2.0, seen, image_t_s=1.5),
     ):
         with pytest.raises(ValueError) as caught:  # noqa: PT011  (its words are what is looked at)
             call()
