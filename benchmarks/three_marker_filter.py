@@ -108,7 +108,8 @@ def single_filter(mission, flight):
     m = pose_views(memory)
     pose, seen = measure(flight.spots_px[0], mission).roots[0].pose, np.isfinite(flight.spots_px[0]).all(axis=1)
     effects = sensitivities_from_pose(pose, mission, dcm, seen, None)
-    write_root(m.bank[0], m.bank_sensitivities[0], Root(state_from_pose(pose, mission, dcm, widened=4.0), effects))
+    root = Root(state_from_pose(pose, mission, dcm, widened=4.0), lambda: effects)
+    write_root(m.bank[0], m.bank_sensitivities[0], root)
     m.clock["running"], m.clock["t"], m.clock["renewed"] = 1, flight.t_s[0], np.inf
     for k in range(1, len(flight.t_s)):
         m.motion["acceleration"] = flight.acceleration_m_s2[k]
@@ -173,7 +174,8 @@ def main() -> int:
     errors = flown(mission, NEAR, MarkerFaults(), runs, seed)
     near = errors.where((errors.t_s > 20.0) & (errors.range_m < 7.0))
     figures.show("below 7 m, 10 Hz: position, rms", 1e3 * near.position_rms_m, 0.0, 1.5, "mm")
-    figures.show("below 7 m, 10 Hz: attitude, rms", math.degrees(near.attitude_rms_rad), 0.0, 0.02, "deg")
+    # the chaser's own attitude, off by its stated 0.01 deg an axis, is part of it: 0.017 deg, and 1.2 mm at 6.8 m
+    figures.show("below 7 m, 10 Hz: attitude, rms", math.degrees(near.attitude_rms_rad), 0.0, 0.025, "deg")
     figures.show("below 7 m, 10 Hz: NEES / 12", near.nees_ratio, 0.85, 1.25)
     figures.show("below 7 m, 10 Hz: NIS / dof", float(np.nanmean(near.nis_ratio)), 0.95, 1.05)
     errors = flown(mission, FAR, MarkerFaults(dropout=0.1), runs, seed)
