@@ -12,7 +12,7 @@ out; it is symmetric to the last bit. Rows come in groups which a gate takes or 
 import math
 
 from relnav.arrays import Codes, Flags, Matrix, Vector
-from relnav.codegen.kernel import entry, kernel
+from relnav.codegen.kernel import kernel
 from relnav.geometry.linear_algebra import cholesky, solve_lower
 
 
@@ -25,24 +25,28 @@ def clear(matrix: Matrix) -> None:
 
 
 @kernel
-def _innovation_into(P: Matrix, H: Matrix, R: Matrix, HP: Matrix, S: Matrix) -> None:
-    """Write H P (m, n) and S = H P H^T + R (m, m); entries of H that are zero cost nothing."""
+def _innovation_into(P: Matrix, H: Matrix, R: Matrix, HP: Matrix, S: Matrix, places: Codes) -> None:
+    """Write H P (m, n) and the lower triangle of S = H P H^T + R (m, m); entries of H that are zero cost nothing.
+
+    places (n,) scratch.
+    """
     rows, n = H.shape
-    clear(HP)
     for i in range(rows):
+        count = 0
         for j in range(n):
-            h = H[i, j]
-            if h != 0.0:
-                for c in range(n):
-                    HP[i, c] += h * P[j, c]
-    for i in range(rows):
+            HP[i, j] = 0.0
+            if H[i, j] != 0.0:
+                places[count] = j
+                count += 1
+        for p in range(count):
+            h, j = H[i, places[p]], places[p]
+            for c in range(n):
+                HP[i, c] += h * P[j, c]
         for k in range(i + 1):
             total = R[i, k]
-            for j in range(n):
-                if H[k, j] != 0.0:
-                    total += HP[i, j] * H[k, j]
+            for p in range(count):
+                total += HP[k, places[p]] * H[i, places[p]]
             S[i, k] = total
-            S[k, i] = total
 
 
 @kernel
@@ -130,18 +134,9 @@ def _alone(S: Matrix, residual: Vector, size: int, group: int, factor: Matrix, y
 
 
 @kernel
-def _update(
-    P: Matrix,
-    considered: Flags,
-    HP: Matrix,
-    chosen: Codes,
-    factor: Matrix,
-    y: Vector,
-    after: Matrix,
-    correction: Vector,
-) -> None:
-    """Write what the chosen rows make of P, and the correction; factor and y as `_squared` left them; HP is used up."""
-    n, count = len(correction), 0
+def _whiten(HP: Matrix, n: int, chosen: Codes, factor: Matrix) -> int:
+    """Turn the chosen rows of H P, in place and without gaps, into W = C^-1 H P (m, n), with C in factor; returns m."""
+    count = 0
     for i in range(len(chosen)):
         if chosen[i] > 0:
             for c in range(n):
@@ -150,64 +145,77 @@ def _update(
                 f = factor[count, k]
                 for c in range(n):
                     HP[count, c] -= f * HP[k, c]
-            scale = factor[count, count]
+            scale = 1.0 / factor[count, count]
             for c in range(n):
-                HP[count, c] /= scale
+                HP[count, c] *= scale
             count += 1
-    for a in range(n):
-        total = 0.0
+    return count
+
+
+@kernel
+def _take_away(P: Matrix, considered: Flags, W: Matrix, masked: Matrix) -> None:
+    """Take W^T W, W (m, n), from P in place, but not from pairs of errors that are both considered; masked scratch."""
+    rows, n = W.shape[0], P.shape[0]
+    for i in range(rows):
         for c in range(n):
-            after[a, c] = P[a, c]
-        for i in range(count):
-            w = HP[i, a]
-            total += w * y[i]
+            masked[i, c] = 0.0 if considered[c] else W[i, c]
+    for a in range(n):
+        by = masked if considered[a] else W
+        for i in range(rows):
+            w = W[i, a]
             for c in range(n):
-                after[a, c] -= w * HP[i, c]
-        correction[a] = total
-        if considered[a]:
-            correction[a] = 0.0
-            for c in range(n):
-                if considered[c]:
-                    after[a, c] = P[a, c]
+                P[a, c] -= w * by[i, c]
 
 
-@entry
-def take_rows(
+@kernel
+def _correct_into(W: Matrix, y: Vector, considered: Flags, correction: Vector) -> None:
+    """Write W^T y, of the estimated errors alone."""
+    for c in range(len(correction)):
+        correction[c] = 0.0
+    for i in range(W.shape[0]):
+        for c in range(len(correction)):
+            correction[c] += W[i, c] * y[i]
+    for c in range(len(correction)):
+        if considered[c]:
+            correction[c] = 0.0
+
+
+@kernel
+def gate_rows(
     P: Matrix,
-    considered: Flags,
     residual: Vector,
     H: Matrix,
     R: Matrix,
     size: int,
     limits: Vector,
     chosen: Codes,
-    after: Matrix,
-    correction: Vector,
     work: Matrix,
+    places: Codes,
 ) -> tuple[float, int, int]:
-    """Gate rows, and take in those that are credible.
+    """Decide which rows are credible.
 
-    P (n, n), considered (n,); residual (m,), NaN where there is nothing to be used, H (m, n), R (m, m) of groups of
-    `size` rows that are independent of one another; limits (m + 1,): the largest credible NIS of k rows. Writes which
-    rows were believed (m,), 1 or 0, P after it and the correction (n,), P and 0 where there are none. work
-    (3 m + 1, n) scratch. Returns NIS of all that was seen, how many groups that is, and of how many believed.
+    P (n, n); residual (m,), NaN where there is nothing to be used, H (m, n), R (m, m) of groups of `size` rows that are
+    independent of one another; limits (m + 1,): the largest credible NIS of k rows. Writes which rows are believed
+    (m,), 1 or 0. work (4 m + 2, n) and places (n,) scratch, with what `take_gated` needs. Returns NIS of all that was
+    seen, how many groups that is, and how many are believed.
     """
     m = len(residual)
     HP, S, factor, y = work[:m], work[m : 2 * m, :m], work[2 * m : 3 * m, :m], work[3 * m]
-    _innovation_into(P, H, R, HP, S)
-    nis, seen, used = _gate(S, residual, size, limits, chosen, factor, y)
-    if used > 0:
-        _squared(S, residual, chosen, factor, y)
-        _update(P, considered, HP, chosen, factor, y, after, correction)
-    else:
-        for a in range(len(correction)):
-            correction[a] = 0.0
-            for c in range(len(correction)):
-                after[a, c] = P[a, c]
-    return nis, seen, used
+    _innovation_into(P, H, R, HP, S, places)
+    return _gate(S, residual, size, limits, chosen, factor, y)
 
 
-@entry
+@kernel
+def take_gated(P: Matrix, considered: Flags, chosen: Codes, work: Matrix, correction: Vector) -> None:
+    """Take in what `gate_rows` believed: P (n, n) in place, and the correction (n,); considered (n,)."""
+    m = len(chosen)
+    HP, factor, y, masked = work[:m], work[2 * m : 3 * m, :m], work[3 * m], work[3 * m + 2 : 4 * m + 2]
+    W = HP[: _whiten(HP, len(correction), chosen, factor)]
+    _correct_into(W, y, considered, correction)
+    _take_away(P, considered, W, masked)
+
+
+@kernel
 def take_chosen(
     P: Matrix,
     considered: Flags,
@@ -215,27 +223,37 @@ def take_chosen(
     H: Matrix,
     R: Matrix,
     chosen: Codes,
-    at: Vector,
     after: Matrix,
     correction: Vector,
     work: Matrix,
+    places: Codes,
 ) -> bool:
-    """Take the chosen rows in, linearised where the state is corrected by at (n,); else as `take_rows`.
+    """Take the chosen rows in, linearised where the state is corrected by correction (n,), which is written anew.
 
-    The iterated update (Bell and Cathey 1993, The iterated Kalman filter update as a Gauss-Newton method). False, and
-    nothing written, if a chosen residual is no number or S is not positive definite.
+    The iterated update (Bell and Cathey 1993, The iterated Kalman filter update as a Gauss-Newton method); arguments as
+    for `gate_rows` and `take_gated`, what becomes of P goes into after. False, and nothing written, if a chosen
+    residual is no number or S is not positive definite.
     """
-    m = len(residual)
+    m, n = H.shape
     HP, S, factor, y, r = work[:m], work[m : 2 * m, :m], work[2 * m : 3 * m, :m], work[3 * m], work[3 * m + 1]
     for i in range(m):
         r[i] = residual[i]
-        for c in range(len(at)):
-            r[i] += H[i, c] * at[c]
-    _innovation_into(P, H, R, HP, S)
+        for c in range(n):
+            r[i] += H[i, c] * correction[c]
+    _innovation_into(P, H, R, HP, S, places)
     if not _squared(S, r[:m], chosen, factor, y) < math.inf:
         return False
-    _update(P, considered, HP, chosen, factor, y, after, correction)
+    copy_into(P, after)
+    take_gated(after, considered, chosen, work, correction)
     return True
+
+
+@kernel
+def copy_into(matrix: Matrix, out: Matrix) -> None:
+    """Copy a matrix."""
+    for i in range(matrix.shape[0]):
+        for k in range(matrix.shape[1]):
+            out[i, k] = matrix[i, k]
 
 
 @kernel
@@ -270,10 +288,10 @@ def carry_into(P: Matrix, F: Matrix, Q: Matrix, after: Matrix, work: Matrix) -> 
             after[i, c] = mean
             after[c, i] = mean
     for a in range(moving, n):
+        for c in range(n):
+            after[a, c] = P[a, c]
         for i in range(moving):
             after[a, i] = after[i, a]
-        for c in range(moving, n):
-            after[a, c] = P[a, c]
 
 
 @kernel
@@ -289,13 +307,13 @@ def reset_into(P: Matrix, theta: Vector, at: int) -> None:
 
 
 @kernel
-def information_gained(before: Matrix, after: Matrix, at: int) -> float:
-    """Half the logarithm by which the variance ellipsoid of three errors from row `at` on shrank, nats."""
-    return 0.5 * math.log(max(_volume(before, at) / _volume(after, at), 1e-300))
+def information_gained(before: float, after: float) -> float:
+    """Half the logarithm by which the squared volume (`squared_volume`) of an ellipsoid of errors shrank, nats."""
+    return 0.5 * math.log(max(before / after, 1e-300))
 
 
 @kernel
-def _volume(P: Matrix, at: int) -> float:
+def squared_volume(P: Matrix, at: int) -> float:
     """Determinant of three rows and columns of a covariance."""
     a, b, c = P[at, at], P[at, at + 1], P[at, at + 2]
     d, e, f = P[at + 1, at + 1], P[at + 1, at + 2], P[at + 2, at + 2]

@@ -18,7 +18,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from relnav.vehicle.layout import Layout
-from relnav.vehicle.state import VehicleState
 from relnav.vehicle.update import Outcome
 
 FADES_S = 10.0
@@ -47,18 +46,11 @@ class Sums(NamedTuple):
         return float(((self.nis / self.dof) ** (1.0 / 3.0) - 1.0 + share) / math.sqrt(share))
 
 
-class Watched(NamedTuple):
-    """The second filter's estimate, and the sums of each sensor."""
-
-    state: VehicleState
-    sums: Mapping[str, Sums]
-
-    def after(self, state: VehicleState, source: str, outcome: Outcome) -> "Watched":
-        """The same after an observation; one that came while the start was wide tells nothing."""
-        if outcome.groups == 0 or outcome.wide:
-            return Watched(state, self.sums)
-        sums = self.sums[source].after(state.t_s, min(outcome.nis, outcome.largest_credible), outcome.dof)
-        return Watched(state, {**self.sums, source: sums})
+def watched(sums: Mapping[str, Sums], source: str, t_s: float, outcome: Outcome) -> Mapping[str, Sums]:
+    """The sums of all sensors after an observation; one that came while the start was wide tells nothing."""
+    if outcome.groups == 0 or outcome.wide:
+        return sums
+    return {**sums, source: sums[source].after(t_s, min(outcome.nis, outcome.largest_credible), outcome.dof)}
 
 
 def all_estimated(layout: Layout) -> Layout:

@@ -1,4 +1,4 @@
-"""From one event to the next: the chaser's attitude follows the gyro, all else and the covariance follow when asked.
+"""From one event to the next: gyro samples wait for the next observation that needs them, then all follows at once.
 
 A lost gyro: the last rate is held and walks, as the bias' walk; when samples return, the bias is what it was before,
 with what it walked since, and without its correlations.
@@ -8,21 +8,20 @@ import math
 
 import numpy as np
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Vector
 from relnav.dynamics.rigid_body import RigidBody
-from relnav.geometry.rotation_vector import turn_by_rotation_vector
 from relnav.spacecraft import Vehicle
 from relnav.vehicle.layout import GYRO_BIAS, TARGET_RATE
 from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.settling import CONSTANTS, SCRATCH, settle_into
-from relnav.vehicle.state import VehicleState
+from relnav.vehicle.state import Estimates, Sample
 
 LONGEST_STEP_S = 1.0
 """Of the covariance: the orbit turns by a milliradian in it, and what turns a thrust is small."""
 
 
 class VehicleMotion:
-    """How a vehicle's state moves. Holds constants and scratch only: the same arguments, the same bits."""
+    """How a vehicle's estimates move. Holds constants and scratch only: the same arguments, the same bits."""
 
     def __init__(self, vehicle: Vehicle, frame: OrbitFrame) -> None:
         gyro, motion = vehicle.gyro, vehicle.motion
@@ -41,91 +40,78 @@ class VehicleMotion:
             "angle_walk": gyro.random_walk_rad_sqrt_s**2,
         }.items():
             self._constants[name] = value
-        self._held_rate = -vehicle.orbit.mean_motion_rad_s * vehicle.chaser.dcm_chaser_from_lvlh[:, 1]
 
-    def chaser_rate(self, state: VehicleState) -> Vector:
-        """Inertial rate (3,) rad/s of the chaser, its axes; that of the held attitude before the first sample."""
-        if state.sample_s == -math.inf:
-            return self._held_rate - state.values[GYRO_BIAS]
-        rate: Vector = state.sample_rad_s - state.values[GYRO_BIAS]
+    def chaser_rate(self, at: Estimates) -> Vector:
+        """Inertial rate (3,) rad/s of the chaser as the first filter has it, its axes."""
+        rate: Vector = np.array(at.samples[-1][1:]) - at.values[0, GYRO_BIAS]
         return rate
 
-    def is_lost(self, state: VehicleState) -> bool:
+    def is_lost(self, at: Estimates) -> bool:
         """Whether the gyro is lost."""
-        return math.isfinite(state.bias_known[0])
+        return at.bias_known is not None
 
-    def advance(self, state: VehicleState, t_s: float) -> VehicleState:
-        """The estimate at t_s, not before its own time: attitude there, all else where it was last settled."""
-        ends = max(state.sample_s + self._holds_s, state.t_s)
-        if not self.is_lost(state) and t_s > ends:
-            state = self._lose_gyro(self.settled(self._turn(state, ends)))
-        while self.is_lost(state) and t_s - state.settled_s > LONGEST_STEP_S:
-            state = self.settled(self._turn(state, state.settled_s + LONGEST_STEP_S))
-        return self._turn(state, t_s)
+    def sampled(self, at: Estimates, sample: Sample) -> Estimates:
+        """The estimates with a gyro sample that holds from its time on, not before that of the last event."""
+        t_s = sample[0]
+        if at.bias_known is not None or t_s > self._ends(at) or t_s - at.t_s > LONGEST_STEP_S:
+            at = self.settled(at, t_s)
+            if at.bias_known is not None:
+                at = self._find_gyro(at)
+        return at.with_sample(sample)
 
-    def with_sample(self, state: VehicleState, sample_rad_s: Vector) -> VehicleState:
-        """The estimate with a gyro sample that holds from its time on."""
-        if self.is_lost(state):
-            state = self._find_gyro(self.settled(state))
-        return state._replace(sample_rad_s=sample_rad_s, sample_s=state.t_s)
+    def commanded(self, at: Estimates, t_s: float, command_m_s2: Vector) -> Estimates:
+        """The estimates with a command to the thrusters that holds from t_s on."""
+        return self.settled(at, t_s)._replace(command_m_s2=command_m_s2)
 
-    def with_command(self, state: VehicleState, command_m_s2: Vector) -> VehicleState:
-        """The estimate with a command to the thrusters that holds from its time on."""
-        return self.settled(state)._replace(command_m_s2=command_m_s2)
+    def settled(self, at: Estimates, t_s: float) -> Estimates:
+        """The estimates at t_s, not before that of the last event; the same ones if they are of that time."""
+        if at.bias_known is None and t_s > self._ends(at):
+            at = self._carried(at, self._ends(at))
+            bias, variance = at.values[:, GYRO_BIAS], np.diagonal(at.covariance, axis1=1, axis2=2)[:, GYRO_BIAS]
+            at = at._replace(bias_known=np.concatenate([bias, variance], axis=1))
+        return self._carried(at, t_s)
 
-    def settled(self, state: VehicleState) -> VehicleState:
-        """All of the estimate at the time of the chaser's attitude."""
-        while state.t_s - state.settled_s > LONGEST_STEP_S:  # without gyro samples to turn by, or only with them
-            state = self._settle_part(state, state.settled_s + LONGEST_STEP_S, state.dcm_at_settled)
-        if state.t_s > state.settled_s:
-            state = self._settle_part(state, state.t_s, state.dcm_inertial_from_chaser)
-        return state
+    def _ends(self, at: Estimates) -> float:
+        """Until when the last sample holds."""
+        return max(at.samples[-1][0] + self._holds_s, at.t_s)
 
-    def _turn(self, state: VehicleState, t_s: float) -> VehicleState:
-        dt = t_s - state.t_s
-        if dt <= 0.0:
-            return state
-        dcm = np.empty((3, 3))
-        turn_by_rotation_vector(state.dcm_inertial_from_chaser, self.chaser_rate(state) * dt, dcm)
-        return state._replace(t_s=t_s, dcm_inertial_from_chaser=dcm)
+    def _carried(self, at: Estimates, t_s: float) -> Estimates:
+        while t_s - at.t_s > LONGEST_STEP_S:
+            at = self._step(at, at.t_s + LONGEST_STEP_S)
+        return self._step(at, t_s) if t_s > at.t_s else at
 
-    def _lose_gyro(self, state: VehicleState) -> VehicleState:
-        variance = np.diagonal(state.covariance)[GYRO_BIAS]
-        return state._replace(bias_known=np.concatenate([state.values[GYRO_BIAS], variance]))
+    def _find_gyro(self, at: Estimates) -> Estimates:
+        new, known = at.copied(), at.bias_known
+        assert known is not None
+        away = at.t_s - at.samples[-1][0] if at.samples[-1][0] > -math.inf else 0.0
+        for values, covariance, (*bias, x, y, z) in zip(new.values, new.covariance, known, strict=True):
+            values[GYRO_BIAS] = bias
+            covariance[GYRO_BIAS, :] = covariance[:, GYRO_BIAS] = 0.0
+            covariance[GYRO_BIAS, GYRO_BIAS] = np.diag(np.array([x, y, z]) + self._bias_walk * away)
+        return new._replace(bias_known=None)
 
-    def _find_gyro(self, state: VehicleState) -> VehicleState:
-        values, covariance = state.values.copy(), state.covariance.copy()
-        values[GYRO_BIAS] = state.bias_known[:3]
-        covariance[GYRO_BIAS, :] = covariance[:, GYRO_BIAS] = 0.0
-        away = state.t_s - state.sample_s if np.isfinite(state.sample_s) else 0.0
-        covariance[GYRO_BIAS, GYRO_BIAS] = np.diag(state.bias_known[3:] + self._bias_walk * away)
-        return state._replace(values=values, covariance=covariance, bias_known=np.full(6, np.nan))
-
-    def _settle_part(self, state: VehicleState, t_s: float, dcm_inertial_from_chaser: Matrix) -> VehicleState:
-        """Motion, target and covariance from settled_s to t_s, the chaser turning to the given attitude."""
-        values, dcm = state.values.copy(), state.dcm_lvlh_from_target.copy()
-        after = np.empty_like(state.covariance)
+    def _step(self, at: Estimates, t_s: float) -> Estimates:
+        """All from at.t_s to t_s in one piece."""
+        _, values, target, chaser, covariance, samples, bias_known, command = at
+        values, target, chaser, after = values.copy(), target.copy(), chaser.copy(), np.empty_like(covariance)
         known = settle_into(
             self._constants,
             self._scratch,
-            state.settled_s,
-            t_s - state.settled_s,
-            dcm_inertial_from_chaser,
-            state.dcm_at_settled,
-            state.command_m_s2,
-            self._lost_walk if self.is_lost(state) else self._bias_walk,
+            at.t_s,
+            t_s,
+            np.array(samples),
+            command,
+            self._bias_walk if bias_known is None else self._lost_walk,
             values,
-            dcm,
-            state.covariance,
+            target,
+            chaser,
+            covariance,
             after,
         )
         if not known:
-            rate = np.linalg.norm(state.values[TARGET_RATE])
+            rate = np.linalg.norm(at.values[:, TARGET_RATE], axis=1).max()
             raise ValueError(f"the target's rate, {rate:.3g} rad/s, is no longer known: start anew")
-        return state._replace(
-            settled_s=t_s,
-            values=values,
-            dcm_lvlh_from_target=dcm,
-            dcm_at_settled=dcm_inertial_from_chaser,
-            covariance=after,
-        )
+        holds = len(samples) - 1
+        while samples[holds][0] > t_s:
+            holds -= 1
+        return Estimates(t_s, values, target, chaser, after, samples[holds:], bias_known, command)

@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike
 from relnav.arrays import Matrix, Vector, number, numbers
 from relnav.spacecraft import POINTS, RESERVED, STAR, Vehicle
 from relnav.vehicle.directions import StarTracker, SunSensor
-from relnav.vehicle.flying_sensor import FlyingSensor
+from relnav.vehicle.flying_sensor import Flown, FlyingSensor
 from relnav.vehicle.layout import Layout, layout_of
-from relnav.vehicle.monitor import ALARM_SIGMA, Sums, Watched, all_estimated
+from relnav.vehicle.monitor import ALARM_SIGMA, Sums, all_estimated, watched
 from relnav.vehicle.motion import VehicleMotion
 from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.points import PointSensor
 from relnav.vehicle.port import PortState, port_state
-from relnav.vehicle.state import VehicleState, start_state
+from relnav.vehicle.state import Estimates, start_state
 from relnav.vehicle.timeline import Event, Observed, Timeline
 from relnav.vehicle.update import Outcome, Updater
 
@@ -55,14 +55,14 @@ class SensorHealth:
         return self.deviation > ALARM_SIGMA
 
     def after(self, t_s: float, outcome: Outcome) -> "SensorHealth":
-        """The same after another observation."""
+        """The same after another observation, as far as the filter itself tells."""
         if outcome.groups == 0:
             return self
         now = outcome.nis / outcome.dof
         mean = now if math.isnan(self.nis_ratio) else 0.9 * self.nis_ratio + 0.1 * now
         if outcome.used == 0:
-            return replace(self, refused=self.refused + 1, nis_ratio=mean)
-        return replace(self, last_used_s=t_s, refused=0, nis_ratio=mean)
+            return SensorHealth(self.last_used_s, self.refused + 1, mean)
+        return SensorHealth(t_s, 0, mean)
 
 
 @dataclass(frozen=True)
@@ -109,11 +109,11 @@ class VehicleEstimate:
 
 
 class _Tracked(NamedTuple):
-    """A state, how each sensor has fared until then, and the filter that watches."""
+    """Estimates, how each sensor has fared until then, and the sums of the filter that watches; none without one."""
 
-    state: VehicleState
+    estimates: Estimates
     health: Mapping[str, SensorHealth]
-    watched: Watched | None
+    sums: Mapping[str, Sums]
 
 
 class VehicleNavigator:
@@ -170,22 +170,20 @@ class VehicleNavigator:
         self.vehicle, self.layout = vehicle, layout_of(vehicle, {name: own.lasting for name, own in more.items()})
         self._frame = OrbitFrame(vehicle.orbit)
         self._motion = VehicleMotion(vehicle, self._frame)
-        self._sensors: dict[str, PointSensor | StarTracker | SunSensor | FlyingSensor]
-        self._sensors = {**{name: self._sensor(name) for name in vehicle.sensor}, **more}
-        for name, own in more.items():
-            own.placed(name, self.layout)
+        layouts = [self.layout, all_estimated(self.layout)] if monitor else [self.layout]
+        self._sensors: dict[str, PointSensor | StarTracker | SunSensor | Flown]
+        self._sensors = {name: self._sensor(name, len(layouts)) for name in vehicle.sensor}
+        self._sensors |= {name: Flown(own, name, self.layout) for name, own in more.items()}
         rows = max(sensor.most_rows for sensor in self._sensors.values())
-        gate = vehicle.filter.gate_probability
-        self._updater = Updater(self.layout, gate, rows)
-        self._watching = Updater(all_estimated(self.layout), gate, rows) if monitor else None
+        self._updater = Updater(layouts, vehicle.filter.gate_probability, rows)
         self._places = {name: k for k, name in enumerate([*RESERVED, *self._sensors])}
-        start = start_state(vehicle, self.layout, self._frame, number("t_s", t_s), place, speed)
+        motion = np.concatenate([place, speed])
+        start = start_state(vehicle, self.layout, self._frame, number("t_s", t_s), motion, len(layouts))
         health = dict.fromkeys(self._sensors, SensorHealth())
+        sums = dict.fromkeys(self._sensors, Sums(start.t_s)) if monitor else {}
         self._timeline: Timeline[_Tracked, Outcome | None]
-        watched = Watched(start, dict.fromkeys(self._sensors, Sums(start.t_s))) if monitor else None
-        self._timeline = Timeline(
-            _Tracked(start, health, watched), start.t_s, vehicle.filter.replay_window_s, self._apply
-        )
+        tracked, window_s = _Tracked(start, health, sums), vehicle.filter.replay_window_s
+        self._timeline = Timeline(tracked, start.t_s, window_s, self._apply)
         self.on_outcome: Callable[[Event, Outcome], None] | None = None
 
     def observe(self, sensor: str, t_s: float, value: Any, covariance: ArrayLike | None = None) -> Observed:
@@ -214,11 +212,11 @@ class VehicleNavigator:
             raise ValueError(f"no sensor '{sensor}' in {self.vehicle.name}; there are {', '.join(self._places)}")
         if sensor in self._sensors:
             taken, noise = self._sensors[sensor].taken(value, covariance)
-            if not np.isfinite(taken).any():
+            if not any(map(math.isfinite, taken.tolist())):
                 return Observed.REJECTED
         else:
-            taken, noise = _three(sensor, value), _NOTHING
-        event = Event(number("t_s", t_s), self._places[sensor], sensor, taken.copy(), noise)
+            taken, noise = _three(sensor, value).copy(), _NOTHING
+        event = Event(number("t_s", t_s), self._places[sensor], sensor, taken, noise)
         verdict, outcome = self._timeline.insert(event)
         if outcome is not None and outcome.used == 0 and verdict is not Observed.TOO_OLD:
             return Observed.REJECTED
@@ -259,42 +257,38 @@ class VehicleNavigator:
             )
         return self._estimate(self._timeline.newest, time)
 
-    def _sensor(self, name: str) -> PointSensor | StarTracker | SunSensor:
+    def _sensor(self, name: str, filters: int) -> PointSensor | StarTracker | SunSensor:
         kind = self.vehicle.kind(name)
         if kind == POINTS:
-            return PointSensor(self.vehicle, name, self.layout, self._frame)
-        return (StarTracker if kind == STAR else SunSensor)(self.vehicle, name, self.layout)
+            return PointSensor(self.vehicle, name, self.layout, self._frame, filters)
+        return (StarTracker if kind == STAR else SunSensor)(self.vehicle, name, self.layout, filters)
 
     def _apply(self, tracked: _Tracked, event: Event) -> tuple[_Tracked, Outcome | None]:
-        """The state after an event; the outcome of one that the filter had to believe."""
-        state, outcome = self._moved(tracked.state, event, self._updater)
-        watched = tracked.watched
-        if watched is not None and self._watching is not None:
-            second, found = self._moved(watched.state, event, self._watching)
-            watched = Watched(second, watched.sums) if found is None else watched.after(second, event.source, found)
-        if outcome is None:
-            return _Tracked(state, tracked.health, watched), None
+        """The estimates after an event; the outcome of one that the filter had to believe."""
+        t_s, _, source, value, noise = event
+        before, health, sums = tracked
+        if source == "gyro":
+            x, y, z = value.tolist()
+            return _Tracked(self._motion.sampled(before, (t_s, x, y, z)), health, sums), None
+        if source == "thrust":
+            return _Tracked(self._motion.commanded(before, t_s, value), health, sums), None
+        at, sensor = self._motion.settled(before, t_s), self._sensors[source]
+        if at is before:
+            at = before.copied()
+        told, *watching = self._updater.take(at, lambda estimates: sensor.rows(estimates, value, noise))
         if self.on_outcome is not None:
-            self.on_outcome(event, outcome)
-        own = tracked.health[event.source].after(event.t_s, outcome)
-        if watched is not None:
-            own = replace(own, deviation=watched.sums[event.source].deviation)
-        return _Tracked(state, {**tracked.health, event.source: own}, watched), outcome
-
-    def _moved(self, state: VehicleState, event: Event, updater: Updater) -> tuple[VehicleState, Outcome | None]:
-        """An estimate after an event."""
-        state = self._motion.advance(state, event.t_s)
-        if event.source == "gyro":
-            return self._motion.with_sample(state, event.value), None
-        if event.source == "thrust":
-            return self._motion.with_command(state, event.value), None
-        sensor = self._sensors[event.source]
-        return updater.take(self._motion.settled(state), lambda at: sensor.rows(at, event.value, event.noise))
+            self.on_outcome(event, told)
+        for outcome in watching:
+            sums = watched(sums, source, t_s, outcome)
+        return _Tracked(at, {**health, source: health[source].after(t_s, told)}, sums), told
 
     def _estimate(self, tracked: _Tracked, t_s: float) -> VehicleEstimate:
-        state = self._motion.settled(self._motion.advance(tracked.state, t_s))
-        rate = self._motion.chaser_rate(state)
+        at = self._motion.settled(tracked.estimates, t_s)
+        state, rate = at.of(0), self._motion.chaser_rate(at)
         port, _ = port_state(self.vehicle, self._frame, state, rate)
+        health = dict(tracked.health)
+        for name, sums in tracked.sums.items():
+            health[name] = replace(health[name], deviation=sums.deviation)
         return VehicleEstimate(
             t_s=t_s,
             port=port,
@@ -306,14 +300,14 @@ class VehicleNavigator:
             values=state.values.copy(),
             covariance=state.covariance.copy(),
             layout=self.layout,
-            sensors=dict(tracked.health),
-            gyro_lost=self._motion.is_lost(state),
+            sensors=health,
+            gyro_lost=self._motion.is_lost(at),
             final_before_s=self._timeline.newest_s - self.vehicle.filter.replay_window_s,
         )
 
 
 def _three(name: str, value: ArrayLike) -> Vector:
     array = numbers(name, value)
-    if array.shape != (3,) or not np.isfinite(array).all():
+    if array.shape != (3,) or not all(map(math.isfinite, array.tolist())):
         raise ValueError(f"{name}: three finite numbers are expected; got {array.tolist()}")
     return array

@@ -8,9 +8,8 @@ of the same events in order, bit for bit. States never change, so going back cos
 import bisect
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import IntEnum
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 from relnav.arrays import Matrix, Vector
 
@@ -32,8 +31,7 @@ class Observed(IntEnum):
     """Nothing of it could be used: not seen, not credible, or here already."""
 
 
-@dataclass(frozen=True)
-class Event:
+class Event(NamedTuple):
     """Something that was observed.
 
     Attributes
@@ -65,7 +63,7 @@ class Timeline(Generic[State, Result]):
     ) -> None:
         self._base, self._start_s, self._window_s, self._apply = start, start_s, window_s, apply
         self._events: list[Event] = []
-        self._keys: list[tuple[float, int, bytes, bytes]] = []
+        self._times: list[float] = []
         self._after: list[tuple[State, Result]] = []
         self.newest_s = start_s
 
@@ -77,28 +75,32 @@ class Timeline(Generic[State, Result]):
         ValueError
             For a time that is no number, or so far ahead that it is a mistake.
         """
-        if not math.isfinite(event.t_s) or event.t_s > self.newest_s + LONGEST_GAP_S:
+        t_s, newest, oldest = event.t_s, self.newest_s, self._oldest
+        if not math.isfinite(t_s) or t_s > newest + LONGEST_GAP_S:
             raise ValueError(
                 f"{event.source}: t_s is a time at most {LONGEST_GAP_S:g} s after the last observation "
-                f"({self.newest_s:g} s); got {event.t_s!r}; after such a gap start anew"
+                f"({newest:g} s); got {t_s!r}; after such a gap start anew"
             )
-        if event.t_s < max(self._start_s, self.newest_s - self._window_s):
+        if t_s < oldest:
             return Observed.TOO_OLD, None
-        key = event.key
-        at = bisect.bisect_left(self._keys, key)
-        if at < len(self._keys) and self._keys[at] == key:
-            return Observed.REJECTED, None
-        late = at < len(self._keys)
-        state, after = self._base if at == 0 else self._after[at - 1][0], []
-        for each in (event, *self._events[at:]):
-            after.append(self._apply(state, each))
-            state = after[-1][0]
-        self._events.insert(at, event)
-        self._keys.insert(at, key)
-        self._after[at:] = after
-        self.newest_s = max(self.newest_s, event.t_s)
-        self._forget()
-        return Observed.REPLAYED if late else Observed.ACCEPTED, after[0][1]
+        at = count = len(self._events)
+        if t_s <= newest:
+            at = bisect.bisect_left(self._times, t_s)
+            while at < count and self._times[at] == t_s and self._events[at].key < event.key:
+                at += 1
+            if at < count and self._events[at].key == event.key:
+                return Observed.REJECTED, None
+        if at == count:
+            after = [self._apply(self.newest, event)]
+            self._events.append(event)
+            self._times.append(t_s)
+            self._after.append(after[0])
+        else:
+            after = self._done_again(event, at)
+        if t_s > newest:
+            self.newest_s = t_s
+            self._forget()
+        return Observed.REPLAYED if at < count else Observed.ACCEPTED, after[0][1]
 
     def before(self, t_s: float) -> State:
         """The state after the last event not later than t_s.
@@ -108,10 +110,10 @@ class Timeline(Generic[State, Result]):
         ValueError
             For a time before the replay window.
         """
-        oldest = max(self._start_s, self.newest_s - self._window_s)
+        oldest = self._oldest
         if not t_s >= oldest:
             raise ValueError(f"t_s is {oldest:g} s or later, within the replay window; got {t_s!r}")
-        at = bisect.bisect_right(self._keys, t_s, key=lambda key: key[0])
+        at = bisect.bisect_right(self._times, t_s)
         return self._base if at == 0 else self._after[at - 1][0]
 
     @property
@@ -119,9 +121,25 @@ class Timeline(Generic[State, Result]):
         """The state after the last event."""
         return self._after[-1][0] if self._after else self._base
 
+    @property
+    def _oldest(self) -> float:
+        """Before it nothing is inserted any more."""
+        return max(self._start_s, self.newest_s - self._window_s)
+
+    def _done_again(self, event: Event, at: int) -> list[tuple[State, Result]]:
+        """Insert an event before others, and do these again."""
+        state, after = self._base if at == 0 else self._after[at - 1][0], []
+        for each in (event, *self._events[at:]):
+            after.append(self._apply(state, each))
+            state = after[-1][0]
+        self._events.insert(at, event)
+        self._times.insert(at, event.t_s)
+        self._after[at:] = after
+        return after
+
     def _forget(self) -> None:
-        """Drop events before the window: nothing can be inserted before them any more."""
-        count = bisect.bisect_left(self._keys, self.newest_s - self._window_s, key=lambda key: key[0])
+        """Drop events before the window."""
+        count = bisect.bisect_left(self._times, self.newest_s - self._window_s)
         if count:
             self._base = self._after[count - 1][0]
-            del self._events[:count], self._keys[:count], self._after[:count]
+            del self._events[:count], self._times[:count], self._after[:count]
