@@ -102,7 +102,7 @@ def earth_position_m(t_s: ArrayLike) -> Matrix:
     """Heliocentric position of the Earth (..., 3), m, at TT seconds since J2000.0 (...)."""
     t = np.asarray(t_s, dtype=np.float64) / MILLENNIUM_S
     phase, speed, power = _TERMS[:, :3].T
-    series = 1e-8 * ((np.cos(phase + speed * t[..., None]) * t[..., None] ** power) @ _TERMS[:, 3:])
+    series = 1e-8 * (np.cos(phase + speed * t[..., None]) * t[..., None] ** power) @ _TERMS[:, 3:]
     longitude, latitude, distance = series[..., 0], series[..., 1], series[..., 2]
     level = distance * np.cos(latitude)
     x, y, z = level * np.cos(longitude), level * np.sin(longitude), distance * np.sin(latitude)
@@ -112,10 +112,14 @@ def earth_position_m(t_s: ArrayLike) -> Matrix:
 
 def earth_velocity_m_s(t_s: ArrayLike) -> Matrix:
     """Velocity of the Earth (..., 3), m/s, heliocentric: within 20 m/s (0.014 arcsec of aberration) of barycentric."""
+    return _earth(t_s)[1]
+
+
+def _earth(t_s: ArrayLike) -> tuple[Matrix, Matrix]:
+    """Position and velocity of the Earth; velocity from differences over a tenth of a day."""
     t, half = np.asarray(t_s, dtype=np.float64), 0.05 * DAY_S
-    before, after = earth_position_m(np.stack([t - half, t + half]))
-    velocity: Matrix = (after - before) / (2.0 * half)
-    return velocity
+    now, before, after = earth_position_m(np.stack([t, t - half, t + half]))
+    return now, (after - before) / (2.0 * half)
 
 
 def sun_direction(t_s: ArrayLike, position_m: ArrayLike | None = None, velocity_m_s: ArrayLike | None = None) -> Matrix:
@@ -129,7 +133,8 @@ def sun_direction(t_s: ArrayLike, position_m: ArrayLike | None = None, velocity_
         Of the spacecraft from the Earth's centre, J2000 (GCRS) axes. Left out, the sun as from the Earth's centre: in
         low orbit 9.4 arcsec off by parallax, and 5 arcsec by aberration, at most.
     """
-    to_sun, velocity = -earth_position_m(t_s), earth_velocity_m_s(t_s)
+    earth, velocity = _earth(t_s)
+    to_sun = -earth
     if position_m is not None:
         to_sun = to_sun - np.asarray(position_m, dtype=np.float64)
     if velocity_m_s is not None:

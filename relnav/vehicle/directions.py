@@ -22,6 +22,8 @@ from relnav.vehicle.state import Estimates
 
 EPHEMERIS_SIGMA_RAD = 5e-5
 """Parallax and aberration of a low orbit, which a direction as from the Earth's centre leaves out: 9.4 and 5 arcsec."""
+SUN_NODES_S = 600.0
+"""Between directions of the ephemeris: what a cubic leaves is below rounding."""
 
 
 def _is_symmetric(covariance: Matrix) -> bool:
@@ -93,7 +95,7 @@ class SunSensor(_Mounted):
     def __init__(self, vehicle: Vehicle, name: str, layout: Layout, filters: int) -> None:
         super().__init__(vehicle, name, layout, filters)
         self._epoch_s = vehicle.orbit.epoch_s
-        self._last = (np.nan, np.zeros(3))
+        self._nodes = (math.nan, np.zeros((4, 3)))
 
     def taken(self, value: SunDirection, covariance: ArrayLike | None) -> tuple[Vector, Matrix]:
         """A measured direction in sensor axes, (3,), and its covariance (3, 3) of rank 2.
@@ -120,10 +122,15 @@ class SunSensor(_Mounted):
         return direction.copy(), own.copy()
 
     def sun(self, t_s: float) -> Vector:
-        """Unit vector (3,) toward the sun, inertial, at a time of the log's clock."""
-        if t_s != self._last[0]:  # an update asks again and again
-            self._last = t_s, sun_direction(self._epoch_s + t_s)
-        return self._last[1]
+        """Unit vector (3,) toward the sun, inertial, at a time of the log's clock: a cubic through four."""
+        u, node = math.modf(t_s / SUN_NODES_S)
+        if node != self._nodes[0]:
+            times = SUN_NODES_S * (node + np.arange(-1.0, 3.0))
+            self._nodes = node, sun_direction(self._epoch_s + times)
+        a, b, c = u + 1.0, u - 1.0, u - 2.0
+        weights = -u * b * c / 6.0, 0.5 * a * b * c, -0.5 * a * u * c, a * u * b / 6.0
+        direction: Vector = np.array(weights) @ self._nodes[1]
+        return direction
 
     def rows(self, at: Estimates, direction: Vector, covariance: Matrix) -> Rows:
         """Rows of a direction (3,), across the predicted one, at settled estimates; memory as that of `StarTracker`."""

@@ -1,17 +1,18 @@
 """One navigator for a whole vehicle: observations in any order in, the state at the docking port out."""
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from math import isfinite, isnan, nan
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Vector, number, numbers
-from relnav.spacecraft import POINTS, RESERVED, STAR, Vehicle
+from relnav.spacecraft import GYRO, POINTS, RESERVED, STAR, THRUST, Vehicle
 from relnav.vehicle.directions import StarTracker, SunSensor
 from relnav.vehicle.flying_sensor import Flown, FlyingSensor
+from relnav.vehicle.gyro import GyroSamples
 from relnav.vehicle.layout import Layout, layout_of
 from relnav.vehicle.monitor import ALARM_SIGMA, Sums, all_estimated, watched
 from relnav.vehicle.motion import VehicleMotion
@@ -19,7 +20,7 @@ from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.points import PointSensor
 from relnav.vehicle.port import PortState, port_state
 from relnav.vehicle.state import Estimates, start_state
-from relnav.vehicle.timeline import Event, Observed, Timeline
+from relnav.vehicle.timeline import ACCEPTED, REJECTED, REPLAYED, TOO_OLD, Event, Observed, Timeline
 from relnav.vehicle.update import Outcome, Updater
 
 LONGEST_PREDICTION_S = 60.0
@@ -44,10 +45,10 @@ class SensorHealth:
         watches; NaN without one, and before the first observation.
     """
 
-    last_used_s: float = float("nan")
+    last_used_s: float = nan
     refused: int = 0
-    nis_ratio: float = float("nan")
-    deviation: float = float("nan")
+    nis_ratio: float = nan
+    deviation: float = nan
 
     @property
     def alarm(self) -> bool:
@@ -59,7 +60,7 @@ class SensorHealth:
         if outcome.groups == 0:
             return self
         now = outcome.nis / outcome.dof
-        mean = now if math.isnan(self.nis_ratio) else 0.9 * self.nis_ratio + 0.1 * now
+        mean = now if isnan(self.nis_ratio) else 0.9 * self.nis_ratio + 0.1 * now
         if outcome.used == 0:
             return SensorHealth(self.last_used_s, self.refused + 1, mean)
         return SensorHealth(t_s, 0, mean)
@@ -175,6 +176,8 @@ class VehicleNavigator:
         self._sensors = {name: self._sensor(name, len(layouts)) for name in vehicle.sensor}
         self._sensors |= {name: Flown(own, name, self.layout) for name, own in more.items()}
         rows = max(sensor.most_rows for sensor in self._sensors.values())
+        turning = -vehicle.orbit.mean_motion_rad_s * vehicle.chaser.dcm_chaser_from_lvlh[:, 1]  # held in its orbit
+        self._samples = GyroSamples(turning)
         self._updater = Updater(layouts, vehicle.filter.gate_probability, rows)
         self._places = {name: k for k, name in enumerate([*RESERVED, *self._sensors])}
         motion = np.concatenate([place, speed])
@@ -208,19 +211,19 @@ class VehicleNavigator:
         ValueError
             For another name, shape or time.
         """
+        if sensor == GYRO:
+            return self._sample(number("t_s", t_s), value)
         if sensor not in self._places:
             raise ValueError(f"no sensor '{sensor}' in {self.vehicle.name}; there are {', '.join(self._places)}")
         if sensor in self._sensors:
             taken, noise = self._sensors[sensor].taken(value, covariance)
-            if not any(map(math.isfinite, taken.tolist())):
-                return Observed.REJECTED
+            if not any(map(isfinite, taken.tolist())):
+                return REJECTED
         else:
-            taken, noise = _three(sensor, value).copy(), _NOTHING
+            taken, noise = np.array(_three(sensor, value)), _NOTHING
         event = Event(number("t_s", t_s), self._places[sensor], sensor, taken, noise)
         verdict, outcome = self._timeline.insert(event)
-        if outcome is not None and outcome.used == 0 and verdict is not Observed.TOO_OLD:
-            return Observed.REJECTED
-        return verdict
+        return REJECTED if outcome is not None and outcome.used == 0 else verdict
 
     @property
     def newest_s(self) -> float:
@@ -263,16 +266,34 @@ class VehicleNavigator:
             return PointSensor(self.vehicle, name, self.layout, self._frame, filters)
         return (StarTracker if kind == STAR else SunSensor)(self.vehicle, name, self.layout, filters)
 
+    def _sample(self, t_s: float, value: ArrayLike) -> Observed:
+        """Take a gyro sample in: it waits for the next observation, unless there is a later one already."""
+        x, y, z = _three(GYRO, value)
+        timeline, samples, sample = self._timeline, self._samples, (t_s, x, y, z)
+        if timeline.is_too_old(GYRO, t_s):
+            return TOO_OLD
+        if samples.is_full:
+            samples.make_room(timeline.forward(self._forwarded).estimates.t_s)
+        later = samples.insert(sample)
+        if later < 0:
+            return REJECTED
+        try:
+            return REPLAYED if timeline.changed(t_s) or later else ACCEPTED
+        except ValueError:
+            samples.remove(sample)
+            raise
+
+    def _forwarded(self, tracked: _Tracked, t_s: float) -> _Tracked:
+        return tracked._replace(estimates=self._motion.forwarded(tracked.estimates, self._samples, t_s))
+
     def _apply(self, tracked: _Tracked, event: Event) -> tuple[_Tracked, Outcome | None]:
         """The estimates after an event; the outcome of one that the filter had to believe."""
         t_s, _, source, value, noise = event
         before, health, sums = tracked
-        if source == "gyro":
-            x, y, z = value.tolist()
-            return _Tracked(self._motion.sampled(before, (t_s, x, y, z)), health, sums), None
-        if source == "thrust":
-            return _Tracked(self._motion.commanded(before, t_s, value), health, sums), None
-        at, sensor = self._motion.settled(before, t_s), self._sensors[source]
+        at = self._motion.settled(before, self._samples, t_s)
+        if source == THRUST:
+            return _Tracked(at._replace(command_m_s2=value), health, sums), None
+        sensor = self._sensors[source]
         if at is before:
             at = before.copied()
         told, *watching = self._updater.take(at, lambda estimates: sensor.rows(estimates, value, noise))
@@ -283,8 +304,8 @@ class VehicleNavigator:
         return _Tracked(at, {**health, source: health[source].after(t_s, told)}, sums), told
 
     def _estimate(self, tracked: _Tracked, t_s: float) -> VehicleEstimate:
-        at = self._motion.settled(tracked.estimates, t_s)
-        state, rate = at.of(0), self._motion.chaser_rate(at)
+        at = self._motion.settled(tracked.estimates, self._samples, t_s)
+        state, rate = at.of(0), self._motion.chaser_rate(at, self._samples)
         port, _ = port_state(self.vehicle, self._frame, state, rate)
         health = dict(tracked.health)
         for name, sums in tracked.sums.items():
@@ -301,13 +322,16 @@ class VehicleNavigator:
             covariance=state.covariance.copy(),
             layout=self.layout,
             sensors=health,
-            gyro_lost=self._motion.is_lost(at),
+            gyro_lost=at.lost is not None,
             final_before_s=self._timeline.newest_s - self.vehicle.filter.replay_window_s,
         )
 
 
-def _three(name: str, value: ArrayLike) -> Vector:
+def _three(name: str, value: ArrayLike) -> list[float]:
     array = numbers(name, value)
-    if array.shape != (3,) or not all(map(math.isfinite, array.tolist())):
-        raise ValueError(f"{name}: three finite numbers are expected; got {array.tolist()}")
-    return array
+    if array.shape == (3,):
+        three: list[float] = array.tolist()
+        x, y, z = three
+        if isfinite(x) and isfinite(y) and isfinite(z):
+            return three
+    raise ValueError(f"{name}: three finite numbers are expected; got {array.tolist()}")

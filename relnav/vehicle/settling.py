@@ -16,6 +16,7 @@ from relnav.dynamics import gauss_markov, relative_motion, rigid_body
 from relnav.dynamics.rigid_body import BODY_ROWS, MEAN_MOTION
 from relnav.estimation.schmidt import carry_into, clear
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
+from relnav.vehicle.gyro import holding_at
 from relnav.vehicle.layout import (
     CHASER_ATTITUDE,
     DRIVING,
@@ -134,10 +135,13 @@ def _write_noise(scratch: Record, dt: float, angle_walk: float, bias_walk: float
 
 
 @kernel
-def _turn_through(samples: Matrix, begin: float, end: float, bias: Vector, dcm: Matrix, scratch: Record) -> None:
-    """Turn dcm_inertial_from_chaser, in place, from begin to end by samples (m, 4), the first holding at begin."""
-    turn, turned, count = scratch["pushed"], scratch["to_lvlh"], samples.shape[0]
-    for k in range(count):
+def _turn_through(
+    samples: Matrix, count: int, begin: float, end: float, bias: Vector, dcm: Matrix, scratch: Record
+) -> None:
+    """Turn dcm_inertial_from_chaser, in place, from begin to end by gyro samples less their bias (3,)."""
+    turn, turned = scratch["pushed"], scratch["to_lvlh"]
+    k = holding_at(samples, count, begin)
+    while begin < end:
         until = min(samples[k + 1, 0], end) if k + 1 < count else end
         dt = until - begin
         if dt > 0.0:
@@ -148,6 +152,7 @@ def _turn_through(samples: Matrix, begin: float, end: float, bias: Vector, dcm: 
                 for c in range(3):
                     dcm[i, c] = turned[i, c]
             begin = until
+        k += 1
 
 
 @kernel
@@ -181,6 +186,7 @@ def settle_into(
     t: float,
     end: float,
     samples: Matrix,
+    count: int,
     command: Vector,
     bias_walk: float,
     values: Matrix,
@@ -191,8 +197,8 @@ def settle_into(
 ) -> bool:
     """Carry k estimates from t to end, s: values (k, n) and attitudes (k, 3, 3) in place, P (k, n, n) into after.
 
-    samples (m, 4): t s and rate rad/s of the gyro, the first holding at t; command (3,) m/s^2, chaser axes; bias_walk:
-    the square of what the gyro's bias gains in a second. False for a step so long that nothing is known after it.
+    samples, count: of the gyro, as `GyroSamples`; command (3,) m/s^2, chaser axes; bias_walk: the square of what the
+    gyro's bias gains in a second. False for a step so long that nothing is known after it.
     """
     dt, before = end - t, scratch["before"]
     lvlh_from_inertial_into(constants["orbit"], constants["axes"], end, scratch["frame"])
@@ -201,7 +207,7 @@ def settle_into(
         for i in range(3):
             for c in range(3):
                 before[i, c] = now[i, c]
-        _turn_through(samples, t, end, values[f, _BIAS : _BIAS + 3], now, scratch)
+        _turn_through(samples, count, t, end, values[f, _BIAS : _BIAS + 3], now, scratch)
         _push(scratch, now, command, values[f])
         if not _move(constants, scratch, t, dt, values[f], dcm_lvlh_from_target[f]):
             return False

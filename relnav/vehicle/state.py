@@ -21,9 +21,6 @@ _TARGET, _CHASER = TARGET_ATTITUDE.start, CHASER_ATTITUDE.start
 RESET_FROM_RAD = 1e-3
 """Below this correction the covariance is the same about the old and the new attitude to 5e-4 of itself."""
 
-Sample = tuple[float, float, float, float]
-"""A gyro sample: from when on it holds, s, and the rate about the chaser's axes, rad/s."""
-
 
 @kernel
 def _take_turn(theta: Vector, dcm: Matrix, P: Matrix, at: int, turned: Matrix) -> None:
@@ -75,24 +72,35 @@ class VehicleState(NamedTuple):
     covariance: Matrix
 
 
+class Lost(NamedTuple):
+    """What of the bias is kept while the gyro is lost.
+
+    Attributes
+    ----------
+    since_s : float
+    bias, variance : (k, 3)
+        Of each filter when it was lost.
+    """
+
+    since_s: float
+    bias: Matrix
+    variance: Matrix
+
+
 class Estimates(NamedTuple):
-    """What k filters make of an instant, and the gyro samples that came since.
+    """What k filters make of an instant.
 
     Attributes
     ----------
     t_s : float
-        Of all but the samples.
     values : (k, n)
     dcm_lvlh_from_target, dcm_inertial_from_chaser : (k, 3, 3)
     covariance : (k, n, n)
         These as of `VehicleState`.
-    samples : tuple of Sample
-        In order: that which holds at t_s, before the first sample the rate of the held attitude from -inf on, and those
-        after it.
-    bias_known : (k, 6) or None
-        What the bias and its variance were when the gyro was lost; None while it is not.
     command_m_s2 : (3,)
         To the thrusters, chaser axes.
+    lost : Lost or None
+        What is known of the gyro while it is lost.
     """
 
     t_s: float
@@ -100,20 +108,14 @@ class Estimates(NamedTuple):
     dcm_lvlh_from_target: Stack
     dcm_inertial_from_chaser: Stack
     covariance: Stack
-    samples: tuple[Sample, ...]
-    bias_known: Matrix | None
     command_m_s2: Vector
+    lost: Lost | None
 
     def of(self, filter_: int) -> VehicleState:
         """That of one filter."""
         f = filter_
         attitudes = self.dcm_lvlh_from_target[f], self.dcm_inertial_from_chaser[f]
         return VehicleState(self.t_s, self.values[f], *attitudes, self.covariance[f])
-
-    def with_sample(self, sample: Sample) -> "Estimates":
-        """The same with a gyro sample after the others."""
-        t_s, values, target, chaser, covariance, samples, bias_known, command = self
-        return Estimates(t_s, values, target, chaser, covariance, (*samples, sample), bias_known, command)
 
     def copied(self) -> "Estimates":
         """The same in arrays of its own, which may be written until it is handed on."""
@@ -139,15 +141,12 @@ def start_state(
     values = np.zeros(layout.size)
     values[:6], values[TARGET_RATE] = motion, vehicle.start_rate_rad_s
     dcm = (vehicle.chaser.dcm_chaser_from_lvlh @ frame.dcm_lvlh_from_inertial(t_s)).T
-    held_rate = -vehicle.orbit.mean_motion_rad_s * vehicle.chaser.dcm_chaser_from_lvlh[:, 1]
-    x, y, z = held_rate.tolist()
     return Estimates(
         t_s=t_s,
         values=np.stack([values] * filters),
         dcm_lvlh_from_target=np.stack([vehicle.target.dcm_target_from_lvlh.T] * filters),
         dcm_inertial_from_chaser=np.stack([dcm] * filters),
         covariance=np.stack([layout.prior] * filters),
-        samples=((-math.inf, x, y, z),),
-        bias_known=None,
         command_m_s2=np.zeros(3),
+        lost=None,
     )

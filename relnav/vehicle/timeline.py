@@ -7,7 +7,7 @@ of the same events in order, bit for bit. States never change, so going back cos
 
 import bisect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from enum import IntEnum
 from typing import Generic, NamedTuple, TypeVar
 
@@ -29,6 +29,9 @@ class Observed(IntEnum):
     """It belongs before the replay window, or before the start."""
     REJECTED = 3
     """Nothing of it could be used: not seen, not credible, or here already."""
+
+
+ACCEPTED, REPLAYED, TOO_OLD, REJECTED = Observed
 
 
 class Event(NamedTuple):
@@ -75,32 +78,54 @@ class Timeline(Generic[State, Result]):
         ValueError
             For a time that is no number, or so far ahead that it is a mistake.
         """
-        t_s, newest, oldest = event.t_s, self.newest_s, self._oldest
-        if not math.isfinite(t_s) or t_s > newest + LONGEST_GAP_S:
-            raise ValueError(
-                f"{event.source}: t_s is a time at most {LONGEST_GAP_S:g} s after the last observation "
-                f"({newest:g} s); got {t_s!r}; after such a gap start anew"
-            )
-        if t_s < oldest:
-            return Observed.TOO_OLD, None
-        at = count = len(self._events)
-        if t_s <= newest:
+        t_s, newest = event.t_s, self.newest_s
+        if self.is_too_old(event.source, t_s):
+            return TOO_OLD, None
+        at = count = len(self._times)
+        if count and t_s <= self._times[-1]:
             at = bisect.bisect_left(self._times, t_s)
             while at < count and self._times[at] == t_s and self._events[at].key < event.key:
                 at += 1
             if at < count and self._events[at].key == event.key:
-                return Observed.REJECTED, None
-        if at == count:
-            after = [self._apply(self.newest, event)]
-            self._events.append(event)
-            self._times.append(t_s)
-            self._after.append(after[0])
-        else:
-            after = self._done_again(event, at)
-        if t_s > newest:
-            self.newest_s = t_s
-            self._forget()
-        return Observed.REPLAYED if at < count else Observed.ACCEPTED, after[0][1]
+                return REJECTED, None
+        after = self._done(at, (event, *self._events[at:]))
+        self._events.insert(at, event)
+        self._times.insert(at, t_s)
+        self._after[at:] = after
+        self._saw(t_s)
+        return REPLAYED if at < count or t_s < newest else ACCEPTED, after[0][1]
+
+    def is_too_old(self, source: str, t_s: float) -> bool:
+        """Whether a time lies before all that can still be inserted.
+
+        Raises
+        ------
+        ValueError
+            As `insert`.
+        """
+        newest = self.newest_s
+        if newest <= t_s <= newest + LONGEST_GAP_S:
+            return False
+        if not t_s <= newest + LONGEST_GAP_S or t_s == -math.inf:
+            raise ValueError(
+                f"{source}: t_s is a time at most {LONGEST_GAP_S:g} s after the last observation "
+                f"({newest:g} s); got {t_s!r}; after such a gap start anew"
+            )
+        return t_s < self._start_s or t_s < newest - self._window_s
+
+    def changed(self, t_s: float) -> bool:
+        """Do events from t_s on again, because what moves states has changed since; whether there were later ones."""
+        times, late = self._times, t_s < self.newest_s
+        if times and t_s <= times[-1]:
+            at, late = bisect.bisect_left(times, t_s), True
+            self._after[at:] = self._done(at, self._events[at:])
+        self._saw(t_s)
+        return late
+
+    def forward(self, along: Callable[[State, float], State]) -> State:
+        """Bring the state before all events along to the oldest time that can still change, and return it."""
+        self._base = along(self._base, max(self._start_s, self.newest_s - self._window_s))
+        return self._base
 
     def before(self, t_s: float) -> State:
         """The state after the last event not later than t_s.
@@ -110,7 +135,7 @@ class Timeline(Generic[State, Result]):
         ValueError
             For a time before the replay window.
         """
-        oldest = self._oldest
+        oldest = max(self._start_s, self.newest_s - self._window_s)
         if not t_s >= oldest:
             raise ValueError(f"t_s is {oldest:g} s or later, within the replay window; got {t_s!r}")
         at = bisect.bisect_right(self._times, t_s)
@@ -121,25 +146,21 @@ class Timeline(Generic[State, Result]):
         """The state after the last event."""
         return self._after[-1][0] if self._after else self._base
 
-    @property
-    def _oldest(self) -> float:
-        """Before it nothing is inserted any more."""
-        return max(self._start_s, self.newest_s - self._window_s)
-
-    def _done_again(self, event: Event, at: int) -> list[tuple[State, Result]]:
-        """Insert an event before others, and do these again."""
+    def _done(self, at: int, events: Iterable[Event]) -> list[tuple[State, Result]]:
+        """What events make of the state before place `at`, one after the other."""
         state, after = self._base if at == 0 else self._after[at - 1][0], []
-        for each in (event, *self._events[at:]):
+        for each in events:
             after.append(self._apply(state, each))
             state = after[-1][0]
-        self._events.insert(at, event)
-        self._times.insert(at, event.t_s)
-        self._after[at:] = after
         return after
 
-    def _forget(self) -> None:
-        """Drop events before the window."""
-        count = bisect.bisect_left(self._times, self.newest_s - self._window_s)
-        if count:
+    def _saw(self, t_s: float) -> None:
+        """Drop events before the window: nothing can be inserted before them any more."""
+        if t_s <= self.newest_s:
+            return
+        self.newest_s = t_s
+        oldest, times = t_s - self._window_s, self._times
+        if times and times[0] < oldest:
+            count = bisect.bisect_left(times, oldest)
             self._base = self._after[count - 1][0]
-            del self._events[:count], self._times[:count], self._after[:count]
+            del self._events[:count], times[:count], self._after[:count]

@@ -26,8 +26,8 @@ WIDE_SHARE, WIDE_RAD = 0.005, math.radians(0.2)
 """1-sigma of the position by the distance, and of an attitude, above which rows bend within the prior."""
 
 _POSITION, _TARGET, _CHASER = POSITION.start, TARGET_ATTITUDE.start, CHASER_ATTITUDE.start
-_NIS, _SEEN, _USED, _WIDE, _GAINS, _TOLD = 0, 1, 2, 3, 4, 7
-"""What is told of a filter's update: columns, and how many."""
+_NIS, _DOF, _SEEN, _USED, _CREDIBLE, _WIDE, _GAINS, _TOLD = 0, 1, 2, 3, 4, 5, 6, 9
+"""What is told of a filter's update, in the order of `Outcome`: columns, and how many."""
 
 
 @kernel
@@ -86,7 +86,8 @@ def take_into(
         believed, gains = chosen[f, :m], told[f, _GAINS : _GAINS + 3]
         wide = is_wide(P[f], values[f])
         nis, seen, used = gate_rows(P[f], residual[f], H[f], R[f], size, limits, believed, work, places)
-        told[f, _NIS], told[f, _SEEN], told[f, _USED], told[f, _WIDE] = nis, seen, used, 1.0 if wide else 0.0
+        told[f, _NIS], told[f, _DOF], told[f, _CREDIBLE] = nis, size * seen, limits[size * seen]
+        told[f, _SEEN], told[f, _USED], told[f, _WIDE] = seen, used, 1.0 if wide else 0.0
         gains[0] = gains[1] = gains[2] = 0.0
         if used == 0:
             for c in range(corrections.shape[1]):
@@ -168,7 +169,6 @@ class Updater:
         filters, n = len(layouts), layouts[0].size
         self._considered = np.stack([layout.considered for layout in layouts])
         self._limits = np.concatenate([[0.0], gate_limits(gate_probability, most_rows)])
-        self._credible = self._limits.tolist()
         self._chosen = np.zeros((filters, most_rows), dtype=np.int64)
         self._prior, self._corrections = np.empty((filters, n, n)), np.empty((filters, n))
         self._told, self._turned = np.empty((filters, _TOLD)), np.empty((3, 3))
@@ -195,12 +195,10 @@ class Updater:
         )
         if again:
             self._iterate(at, rows_at)
-        outcomes = []
-        for nis, seen, used, wide, place, target, chaser in told.tolist():
-            dof = int(rows.group * seen)
-            limit = self._credible[dof]
-            outcomes.append(Outcome(nis, dof, int(seen), int(used), limit, wide > 0.0, (place, target, chaser)))
-        return outcomes
+        return [
+            Outcome(nis, int(dof), int(seen), int(used), credible, wide > 0.0, (place, target, chaser))
+            for nis, dof, seen, used, credible, wide, place, target, chaser in told.tolist()
+        ]
 
     def _iterate(self, at: Estimates, rows_at: Callable[[Estimates], Rows]) -> None:
         """Go on with estimates that are wide, and correct them."""

@@ -75,10 +75,10 @@ def test_sun(navigator, odd_state, name):
 
 def test_the_port(navigator, odd_state):
     """All twelve by every error that moves; attitude by its own definition."""
-    motion = navigator._motion
 
     def view(at):
-        return port_state(navigator.vehicle, navigator._frame, at.of(0), motion.chaser_rate(at))
+        rate = navigator._motion.chaser_rate(at, navigator._samples)
+        return port_state(navigator.vehicle, navigator._frame, at.of(0), rate)
 
     here, J = view(odd_state)
     for i in range(MOVING):
