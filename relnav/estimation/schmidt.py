@@ -7,6 +7,9 @@ With S = H P H^T + R = C C^T and W = C^-1 H P (m, n),
 
 which is P - K H P - P H^T K^T + K S K^T with the considered rows of the gain K struck out (Schmidt 1966), multiplied
 out; it is symmetric to the last bit. Rows come in groups which a gate takes or leaves as one.
+
+Of a covariance only what stands on and right of the diagonal is kept, and the first rows, those of errors that move
+others, whole: half of the memory and of the work. What stands left of the diagonal in other rows is anything.
 """
 
 import math
@@ -25,12 +28,27 @@ def clear(matrix: Matrix) -> None:
 
 
 @kernel
-def _innovation_into(P: Matrix, H: Matrix, R: Matrix, HP: Matrix, S: Matrix, places: Codes) -> None:
+def _complete_rows(P: Matrix, H: Matrix, whole: int) -> None:
+    """Write what stands left of the diagonal in the rows of P, after the first `whole`, that H (m, n) refers to."""
+    rows, n = H.shape
+    for j in range(whole, n):
+        seen = False
+        for i in range(rows):
+            seen = seen or H[i, j] != 0.0
+        if seen:
+            row = P[j]
+            for c in range(j):
+                row[c] = P[c, j]
+
+
+@kernel
+def _innovation_into(P: Matrix, H: Matrix, R: Matrix, whole: int, HP: Matrix, S: Matrix, places: Codes) -> None:
     """Write H P (m, n) and the lower triangle of S = H P H^T + R (m, m); entries of H that are zero cost nothing.
 
     places (n,) scratch.
     """
     rows, n = H.shape
+    _complete_rows(P, H, whole)
     for i in range(rows):
         count = 0
         for j in range(n):
@@ -153,18 +171,19 @@ def _whiten(HP: Matrix, n: int, chosen: Codes, factor: Matrix) -> int:
 
 
 @kernel
-def _take_away(P: Matrix, considered: Flags, W: Matrix, masked: Matrix) -> None:
+def _take_away(P: Matrix, considered: Flags, whole: int, W: Matrix, masked: Matrix) -> None:
     """Take W^T W, W (m, n), from P in place, but not from pairs of errors that are both considered; masked scratch."""
     rows, n = W.shape[0], P.shape[0]
     for i in range(rows):
         for c in range(n):
             masked[i, c] = 0.0 if considered[c] else W[i, c]
     for a in range(n):
-        by = masked if considered[a] else W
+        by, first = masked if considered[a] else W, 0 if a < whole else a
+        row = P[a, first:n]
         for i in range(rows):
-            w = W[i, a]
-            for c in range(n):
-                P[a, c] -= w * by[i, c]
+            w, other = W[i, a], by[i, first:n]
+            for c in range(len(row)):
+                row[c] -= w * other[c]
 
 
 @kernel
@@ -188,31 +207,32 @@ def gate_rows(
     R: Matrix,
     size: int,
     limits: Vector,
+    whole: int,
     chosen: Codes,
     work: Matrix,
     places: Codes,
 ) -> tuple[float, int, int]:
     """Decide which rows are credible.
 
-    P (n, n); residual (m,), NaN where there is nothing to be used, H (m, n), R (m, m) of groups of `size` rows that are
-    independent of one another; limits (m + 1,): the largest credible NIS of k rows. Writes which rows are believed
-    (m,), 1 or 0. work (4 m + 2, n) and places (n,) scratch, with what `take_gated` needs. Returns NIS of all that was
-    seen, how many groups that is, and how many are believed.
+    P (n, n), its first `whole` rows whole; residual (m,), NaN where there is nothing to be used, H (m, n), R (m, m) of
+    groups of `size` rows that are independent of one another; limits (m + 1,): the largest credible NIS of k rows.
+    Writes which rows are believed (m,), 1 or 0. work (4 m + 2, n) and places (n,) scratch, with what `take_gated`
+    needs. Returns NIS of all that was seen, how many groups that is, and how many are believed.
     """
     m = len(residual)
     HP, S, factor, y = work[:m], work[m : 2 * m, :m], work[2 * m : 3 * m, :m], work[3 * m]
-    _innovation_into(P, H, R, HP, S, places)
+    _innovation_into(P, H, R, whole, HP, S, places)
     return _gate(S, residual, size, limits, chosen, factor, y)
 
 
 @kernel
-def take_gated(P: Matrix, considered: Flags, chosen: Codes, work: Matrix, correction: Vector) -> None:
+def take_gated(P: Matrix, considered: Flags, whole: int, chosen: Codes, work: Matrix, correction: Vector) -> None:
     """Take in what `gate_rows` believed: P (n, n) in place, and the correction (n,); considered (n,)."""
     m = len(chosen)
     HP, factor, y, masked = work[:m], work[2 * m : 3 * m, :m], work[3 * m], work[3 * m + 2 : 4 * m + 2]
     W = HP[: _whiten(HP, len(correction), chosen, factor)]
     _correct_into(W, y, considered, correction)
-    _take_away(P, considered, W, masked)
+    _take_away(P, considered, whole, W, masked)
 
 
 @kernel
@@ -222,6 +242,7 @@ def take_chosen(
     residual: Vector,
     H: Matrix,
     R: Matrix,
+    whole: int,
     chosen: Codes,
     after: Matrix,
     correction: Vector,
@@ -240,11 +261,11 @@ def take_chosen(
         r[i] = residual[i]
         for c in range(n):
             r[i] += H[i, c] * correction[c]
-    _innovation_into(P, H, R, HP, S, places)
+    _innovation_into(P, H, R, whole, HP, S, places)
     if not _squared(S, r[:m], chosen, factor, y) < math.inf:
         return False
     copy_into(P, after)
-    take_gated(after, considered, chosen, work, correction)
+    take_gated(after, considered, whole, chosen, work, correction)
     return True
 
 
@@ -260,7 +281,8 @@ def copy_into(matrix: Matrix, out: Matrix) -> None:
 def carry_into(P: Matrix, F: Matrix, Q: Matrix, after: Matrix, work: Matrix) -> None:
     """Write P after a step in which the first m errors move by F (m, k) of the first k <= n, and take noise Q (m, m).
 
-    The others last. after (n, n) is not P; work (k, m) scratch. Entries of F that are zero cost nothing.
+    The others last; of P the first k rows are whole. after (n, n) is not P; work (k, m) scratch. Entries of F that are
+    zero cost nothing.
     """
     moving, driving = F.shape
     n = P.shape[0]
@@ -287,16 +309,23 @@ def carry_into(P: Matrix, F: Matrix, Q: Matrix, after: Matrix, work: Matrix) -> 
             mean = 0.5 * (after[i, c] + after[c, i])
             after[i, c] = mean
             after[c, i] = mean
-    for a in range(moving, n):
-        for c in range(n):
-            after[a, c] = P[a, c]
+    for a in range(moving, driving):
         for i in range(moving):
             after[a, i] = after[i, a]
+        for c in range(moving, n):
+            after[a, c] = P[a, c]
+    for a in range(driving, n):
+        row, lasting = after[a, a:], P[a, a:]
+        for c in range(len(row)):
+            row[c] = lasting[c]
 
 
 @kernel
 def reset_into(P: Matrix, theta: Vector, at: int) -> None:
-    """Replace P by that about the attitude that took theta (3,) in: G P G^T, G = I - [theta x] / 2 from row `at` on."""
+    """Replace P by that about the attitude that took theta (3,) in: G P G^T, G = I - [theta x] / 2 from row `at` on.
+
+    These three rows of P are whole.
+    """
     a, b, c = 0.5 * theta[0], 0.5 * theta[1], 0.5 * theta[2]
     for k in range(P.shape[0]):
         x, y, z = P[at, k], P[at + 1, k], P[at + 2, k]

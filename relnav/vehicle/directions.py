@@ -68,7 +68,7 @@ class StarTracker(_Mounted):
         if q.shape != (4,):
             raise ValueError(f"{self.name}: a quaternion (x, y, z, w) of v_sensor = R v_inertial; got shape {q.shape}")
         own = self.noise if covariance is None else self._checked(covariance)
-        if not all(map(math.isfinite, q.tolist())):
+        if not math.isfinite(sum(q.tolist())):
             return np.full(9, np.nan), own
         return dcm_from_quaternion(q).ravel(), own
 

@@ -13,7 +13,6 @@ gate lets pass: one glint is no lasting fault.
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -37,6 +36,12 @@ class Sums(NamedTuple):
         fade = math.exp((self.t_s - t_s) / FADES_S)
         return Sums(t_s, fade * self.nis + nis, fade * self.dof + dof, fade * fade * self.variance + 2.0 * dof)
 
+    def after_outcome(self, t_s: float, outcome: Outcome) -> "Sums":
+        """The same with what the filter that watches made of one; while the start was wide it tells nothing."""
+        if outcome.groups == 0 or outcome.wide:
+            return self
+        return self.after(t_s, min(outcome.nis, outcome.largest_credible), outcome.dof)
+
     @property
     def deviation(self) -> float:
         """How far the sum lies above what is expected, in 1-sigma; NaN before the first observation."""
@@ -44,13 +49,6 @@ class Sums(NamedTuple):
             return math.nan
         share = self.variance / (9.0 * self.dof**2)  # 2 / (9 nu)
         return float(((self.nis / self.dof) ** (1.0 / 3.0) - 1.0 + share) / math.sqrt(share))
-
-
-def watched(sums: Mapping[str, Sums], source: str, t_s: float, outcome: Outcome) -> Mapping[str, Sums]:
-    """The sums of all sensors after an observation; one that came while the start was wide tells nothing."""
-    if outcome.groups == 0 or outcome.wide:
-        return sums
-    return {**sums, source: sums[source].after(t_s, min(outcome.nis, outcome.largest_credible), outcome.dof)}
 
 
 def all_estimated(layout: Layout) -> Layout:

@@ -1,7 +1,7 @@
 """One navigator for a whole vehicle: observations in any order in, the state at the docking port out."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import isfinite, isnan, nan
 from typing import Any, NamedTuple
 
@@ -14,7 +14,7 @@ from relnav.vehicle.directions import StarTracker, SunSensor
 from relnav.vehicle.flying_sensor import Flown, FlyingSensor
 from relnav.vehicle.gyro import GyroSamples
 from relnav.vehicle.layout import Layout, layout_of
-from relnav.vehicle.monitor import ALARM_SIGMA, Sums, all_estimated, watched
+from relnav.vehicle.monitor import ALARM_SIGMA, Sums, all_estimated
 from relnav.vehicle.motion import VehicleMotion
 from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.points import PointSensor
@@ -54,16 +54,6 @@ class SensorHealth:
     def alarm(self) -> bool:
         """Whether what it says no longer agrees with what is believed of it (`relnav.vehicle.monitor`)."""
         return self.deviation > ALARM_SIGMA
-
-    def after(self, t_s: float, outcome: Outcome) -> "SensorHealth":
-        """The same after another observation, as far as the filter itself tells."""
-        if outcome.groups == 0:
-            return self
-        now = outcome.nis / outcome.dof
-        mean = now if isnan(self.nis_ratio) else 0.9 * self.nis_ratio + 0.1 * now
-        if outcome.used == 0:
-            return SensorHealth(self.last_used_s, self.refused + 1, mean)
-        return SensorHealth(t_s, 0, mean)
 
 
 @dataclass(frozen=True)
@@ -109,12 +99,36 @@ class VehicleEstimate:
         return tuple(name for name, health in self.sensors.items() if health.alarm)
 
 
+class _Fare(NamedTuple):
+    """How a sensor fares in the filter, and its sums in the one that watches."""
+
+    sums: Sums
+    last_used_s: float = nan
+    refused: int = 0
+    nis_ratio: float = nan
+
+    def after(self, t_s: float, outcomes: list[Outcome]) -> "_Fare":
+        """The same after another observation: what became of it in the filter, and in the one that watches."""
+        nis, dof, groups, used, *_ = outcomes[0]
+        sums, last_used_s, refused, mean = self
+        for watched in outcomes[1:]:
+            sums = sums.after_outcome(t_s, watched)
+        if groups == 0:
+            return _Fare(sums, last_used_s, refused, mean)
+        mean = nis / dof if isnan(mean) else 0.9 * mean + 0.1 * nis / dof
+        return _Fare(sums, t_s, 0, mean) if used else _Fare(sums, last_used_s, refused + 1, mean)
+
+    @property
+    def health(self) -> SensorHealth:
+        """What is told of it."""
+        return SensorHealth(self.last_used_s, self.refused, self.nis_ratio, self.sums.deviation)
+
+
 class _Tracked(NamedTuple):
-    """Estimates, how each sensor has fared until then, and the sums of the filter that watches; none without one."""
+    """Estimates, and how each sensor has fared until then."""
 
     estimates: Estimates
-    health: Mapping[str, SensorHealth]
-    sums: Mapping[str, Sums]
+    fares: Mapping[str, _Fare]
 
 
 class VehicleNavigator:
@@ -182,10 +196,9 @@ class VehicleNavigator:
         self._places = {name: k for k, name in enumerate([*RESERVED, *self._sensors])}
         motion = np.concatenate([place, speed])
         start = start_state(vehicle, self.layout, self._frame, number("t_s", t_s), motion, len(layouts))
-        health = dict.fromkeys(self._sensors, SensorHealth())
-        sums = dict.fromkeys(self._sensors, Sums(start.t_s)) if monitor else {}
+        tracked = _Tracked(start, dict.fromkeys(self._sensors, _Fare(Sums(start.t_s))))
         self._timeline: Timeline[_Tracked, Outcome | None]
-        tracked, window_s = _Tracked(start, health, sums), vehicle.filter.replay_window_s
+        window_s = vehicle.filter.replay_window_s
         self._timeline = Timeline(tracked, start.t_s, window_s, self._apply)
         self.on_outcome: Callable[[Event, Outcome], None] | None = None
 
@@ -212,7 +225,7 @@ class VehicleNavigator:
             For another name, shape or time.
         """
         if sensor == GYRO:
-            return self._sample(number("t_s", t_s), value)
+            return self._sample(t_s if type(t_s) is float else number("t_s", t_s), value)
         if sensor not in self._places:
             raise ValueError(f"no sensor '{sensor}' in {self.vehicle.name}; there are {', '.join(self._places)}")
         if sensor in self._sensors:
@@ -268,12 +281,14 @@ class VehicleNavigator:
 
     def _sample(self, t_s: float, value: ArrayLike) -> Observed:
         """Take a gyro sample in: it waits for the next observation, unless there is a later one already."""
-        x, y, z = _three(GYRO, value)
-        timeline, samples, sample = self._timeline, self._samples, (t_s, x, y, z)
-        if timeline.is_too_old(GYRO, t_s):
-            return TOO_OLD
+        timeline, samples, sample = self._timeline, self._samples, (t_s, *_three(GYRO, value))
         if samples.is_full:
             samples.make_room(timeline.forward(self._forwarded).estimates.t_s)
+        if timeline.goes_on(t_s):
+            samples.insert(sample)
+            return ACCEPTED
+        if timeline.is_too_old(GYRO, t_s):
+            return TOO_OLD
         later = samples.insert(sample)
         if later < 0:
             return REJECTED
@@ -289,27 +304,22 @@ class VehicleNavigator:
     def _apply(self, tracked: _Tracked, event: Event) -> tuple[_Tracked, Outcome | None]:
         """The estimates after an event; the outcome of one that the filter had to believe."""
         t_s, _, source, value, noise = event
-        before, health, sums = tracked
+        before, fares = tracked
         at = self._motion.settled(before, self._samples, t_s)
         if source == THRUST:
-            return _Tracked(at._replace(command_m_s2=value), health, sums), None
+            return _Tracked(at._replace(command_m_s2=value), fares), None
         sensor = self._sensors[source]
         if at is before:
             at = before.copied()
-        told, *watching = self._updater.take(at, lambda estimates: sensor.rows(estimates, value, noise))
+        outcomes = self._updater.take(at, lambda estimates: sensor.rows(estimates, value, noise))
         if self.on_outcome is not None:
-            self.on_outcome(event, told)
-        for outcome in watching:
-            sums = watched(sums, source, t_s, outcome)
-        return _Tracked(at, {**health, source: health[source].after(t_s, told)}, sums), told
+            self.on_outcome(event, outcomes[0])
+        return _Tracked(at, {**fares, source: fares[source].after(t_s, outcomes)}), outcomes[0]
 
     def _estimate(self, tracked: _Tracked, t_s: float) -> VehicleEstimate:
         at = self._motion.settled(tracked.estimates, self._samples, t_s)
         state, rate = at.of(0), self._motion.chaser_rate(at, self._samples)
         port, _ = port_state(self.vehicle, self._frame, state, rate)
-        health = dict(tracked.health)
-        for name, sums in tracked.sums.items():
-            health[name] = replace(health[name], deviation=sums.deviation)
         return VehicleEstimate(
             t_s=t_s,
             port=port,
@@ -321,7 +331,7 @@ class VehicleNavigator:
             values=state.values.copy(),
             covariance=state.covariance.copy(),
             layout=self.layout,
-            sensors=health,
+            sensors={name: fare.health for name, fare in tracked.fares.items()},
             gyro_lost=at.lost is not None,
             final_before_s=self._timeline.newest_s - self.vehicle.filter.replay_window_s,
         )

@@ -13,6 +13,7 @@ import numpy as np
 from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import entry, kernel
 from relnav.dynamics import gauss_markov, relative_motion, rigid_body
+from relnav.dynamics.clohessy_wiltshire import acceleration_effect_into
 from relnav.dynamics.rigid_body import BODY_ROWS, MEAN_MOTION
 from relnav.estimation.schmidt import carry_into, clear
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
@@ -156,19 +157,30 @@ def _turn_through(
 
 
 @kernel
-def _move(constants: Record, scratch: Record, t: float, dt: float, values: Vector, target: Matrix) -> bool:
-    """Carry values (n,) and dcm_lvlh_from_target from t over dt, in place; transitions and noise into scratch."""
-    phi, q, effect, body = scratch["phi"], scratch["q"], scratch["effect"], constants["body"]
-    orbit, acceleration, work = constants["orbit"], scratch["acceleration"], scratch["work"]
-    if not relative_motion.propagate_into(orbit, t, dt, acceleration, constants["density"], phi, q, effect, work):
+def _shared(constants: Record, scratch: Record, t: float, dt: float) -> None:
+    """Write into scratch what is the same in every estimate over dt from t: the frame, and what fades."""
+    lvlh_from_inertial_into(constants["orbit"], constants["axes"], t + dt, scratch["frame"])
+    constants["body"][MEAN_MOTION, 0] = relative_motion.frame_rate(constants["orbit"], t + 0.5 * dt)
+    sigma, time, fade, drift = constants["slow_sigma"], constants["slow_time"], scratch["fade"], scratch["drift"]
+    gauss_markov.propagate_into(sigma, time, dt, fade, drift)
+
+
+@kernel
+def _move(constants: Record, scratch: Record, t: float, dt: float, again: bool, values: Vector, target: Matrix) -> bool:
+    """Carry values (n,) and the target's attitude from t over dt, in place; transitions and noise into scratch.
+
+    again: they are there of another estimate over the same step.
+    """
+    phi, q, effect, fade = scratch["phi"], scratch["q"], scratch["effect"], scratch["fade"]
+    orbit, a, density = constants["orbit"], scratch["acceleration"], constants["density"]
+    if again and relative_motion.depends_on_dt_alone(orbit):
+        acceleration_effect_into(orbit[relative_motion.MEAN_MOTION], dt, a, effect)
+    elif not relative_motion.propagate_into(orbit, t, dt, a, density, phi, q, effect, scratch["work"]):
         return False
-    body[MEAN_MOTION, 0] = relative_motion.frame_rate(orbit, t + 0.5 * dt)
     turn, spread, rate = scratch["turn"], scratch["spread"], values[_RATE : _RATE + 3]
-    density, steps = constants["torque_density"], scratch["steps"]
-    if not rigid_body.propagate_into(body, dt, target, rate, density, turn, spread, steps):
+    body, torque_density = constants["body"], constants["torque_density"]
+    if not rigid_body.propagate_into(body, dt, target, rate, torque_density, turn, spread, scratch["steps"]):
         return False
-    fade = scratch["fade"]
-    gauss_markov.propagate_into(constants["slow_sigma"], constants["slow_time"], dt, fade, scratch["drift"])
     for i in range(6):
         for c in range(6):
             effect[i] += phi[i, c] * values[c]
@@ -201,7 +213,7 @@ def settle_into(
     gyro's bias gains in a second. False for a step so long that nothing is known after it.
     """
     dt, before = end - t, scratch["before"]
-    lvlh_from_inertial_into(constants["orbit"], constants["axes"], end, scratch["frame"])
+    _shared(constants, scratch, t, dt)
     for f in range(values.shape[0]):
         now = dcm_inertial_from_chaser[f]
         for i in range(3):
@@ -209,7 +221,7 @@ def settle_into(
                 before[i, c] = now[i, c]
         _turn_through(samples, count, t, end, values[f, _BIAS : _BIAS + 3], now, scratch)
         _push(scratch, now, command, values[f])
-        if not _move(constants, scratch, t, dt, values[f], dcm_lvlh_from_target[f]):
+        if not _move(constants, scratch, t, dt, f > 0, values[f], dcm_lvlh_from_target[f]):
             return False
         _write_transition(scratch, dt, command, now, before)
         _write_noise(scratch, dt, constants["angle_walk"], bias_walk)

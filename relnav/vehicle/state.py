@@ -90,6 +90,9 @@ class Lost(NamedTuple):
 class Estimates(NamedTuple):
     """What k filters make of an instant.
 
+    Of a covariance the first DRIVING rows are whole, of the others what stands right of the diagonal
+    (`estimation.schmidt`).
+
     Attributes
     ----------
     t_s : float
@@ -115,7 +118,8 @@ class Estimates(NamedTuple):
         """That of one filter."""
         f = filter_
         attitudes = self.dcm_lvlh_from_target[f], self.dcm_inertial_from_chaser[f]
-        return VehicleState(self.t_s, self.values[f], *attitudes, self.covariance[f])
+        right = np.triu(self.covariance[f])
+        return VehicleState(self.t_s, self.values[f], *attitudes, right + np.triu(right, 1).T)
 
     def copied(self) -> "Estimates":
         """The same in arrays of its own, which may be written until it is handed on."""

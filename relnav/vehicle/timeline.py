@@ -92,7 +92,8 @@ class Timeline(Generic[State, Result]):
         self._events.insert(at, event)
         self._times.insert(at, t_s)
         self._after[at:] = after
-        self._saw(t_s)
+        self.newest_s = max(newest, t_s)
+        self._forget()
         return REPLAYED if at < count or t_s < newest else ACCEPTED, after[0][1]
 
     def is_too_old(self, source: str, t_s: float) -> bool:
@@ -104,8 +105,6 @@ class Timeline(Generic[State, Result]):
             As `insert`.
         """
         newest = self.newest_s
-        if newest <= t_s <= newest + LONGEST_GAP_S:
-            return False
         if not t_s <= newest + LONGEST_GAP_S or t_s == -math.inf:
             raise ValueError(
                 f"{source}: t_s is a time at most {LONGEST_GAP_S:g} s after the last observation "
@@ -113,17 +112,24 @@ class Timeline(Generic[State, Result]):
             )
         return t_s < self._start_s or t_s < newest - self._window_s
 
+    def goes_on(self, t_s: float) -> bool:
+        """Whether t_s is later than all that came so far, and no mistake: then it is the newest time from now on."""
+        newest = self.newest_s
+        if newest < t_s <= newest + LONGEST_GAP_S:
+            self.newest_s = t_s
+            return True
+        return False
+
     def changed(self, t_s: float) -> bool:
-        """Do events from t_s on again, because what moves states has changed since; whether there were later ones."""
-        times, late = self._times, t_s < self.newest_s
-        if times and t_s <= times[-1]:
-            at, late = bisect.bisect_left(times, t_s), True
-            self._after[at:] = self._done(at, self._events[at:])
-        self._saw(t_s)
+        """Do events from t_s on again, because what moves states has changed since; whether t_s is in the past."""
+        at, late = bisect.bisect_left(self._times, t_s), t_s < self.newest_s
+        if at < len(self._times):
+            self._after[at:], late = self._done(at, self._events[at:]), True
         return late
 
     def forward(self, along: Callable[[State, float], State]) -> State:
         """Bring the state before all events along to the oldest time that can still change, and return it."""
+        self._forget()
         self._base = along(self._base, max(self._start_s, self.newest_s - self._window_s))
         return self._base
 
@@ -154,13 +160,9 @@ class Timeline(Generic[State, Result]):
             state = after[-1][0]
         return after
 
-    def _saw(self, t_s: float) -> None:
+    def _forget(self) -> None:
         """Drop events before the window: nothing can be inserted before them any more."""
-        if t_s <= self.newest_s:
-            return
-        self.newest_s = t_s
-        oldest, times = t_s - self._window_s, self._times
-        if times and times[0] < oldest:
-            count = bisect.bisect_left(times, oldest)
+        count = bisect.bisect_left(self._times, self.newest_s - self._window_s)
+        if count:
             self._base = self._after[count - 1][0]
-            del self._events[:count], times[:count], self._after[:count]
+            del self._events[:count], self._times[:count], self._after[:count]

@@ -17,7 +17,7 @@ from relnav.estimation.schmidt import (
     take_chosen,
     take_gated,
 )
-from relnav.vehicle.layout import CHASER_ATTITUDE, POSITION, TARGET_ATTITUDE, Layout
+from relnav.vehicle.layout import CHASER_ATTITUDE, DRIVING, POSITION, TARGET_ATTITUDE, Layout
 from relnav.vehicle.rows import Rows
 from relnav.vehicle.state import Estimates, correct_into, correct_one
 
@@ -85,7 +85,7 @@ def take_into(
     for f in range(len(values)):
         believed, gains = chosen[f, :m], told[f, _GAINS : _GAINS + 3]
         wide = is_wide(P[f], values[f])
-        nis, seen, used = gate_rows(P[f], residual[f], H[f], R[f], size, limits, believed, work, places)
+        nis, seen, used = gate_rows(P[f], residual[f], H[f], R[f], size, limits, DRIVING, believed, work, places)
         told[f, _NIS], told[f, _DOF], told[f, _CREDIBLE] = nis, size * seen, limits[size * seen]
         told[f, _SEEN], told[f, _USED], told[f, _WIDE] = seen, used, 1.0 if wide else 0.0
         gains[0] = gains[1] = gains[2] = 0.0
@@ -97,7 +97,7 @@ def take_into(
             copy_into(P[f], prior[f])
             again = True
         _volumes_into(P[f], gains)
-        take_gated(P[f], considered[f], believed, work, corrections[f])
+        take_gated(P[f], considered[f], DRIVING, believed, work, corrections[f])
         _gains_into(gains, P[f])
         if not wide:
             correct_one(values[f], targets[f], chasers[f], P[f], corrections[f], turned)
@@ -128,9 +128,8 @@ def take_again(
         if not again[f]:
             continue
         gains, believed = told[f, _GAINS : _GAINS + 3], chosen[f, :m]
-        again[f] = take_chosen(
-            prior[f], considered[f], residual[f], H[f], R[f], believed, P[f], corrections[f], work, places
-        )
+        rows, correction = (residual[f], H[f], R[f]), corrections[f]
+        again[f] = take_chosen(prior[f], considered[f], *rows, DRIVING, believed, P[f], correction, work, places)
         _volumes_into(prior[f], gains)
         _gains_into(gains, P[f])
 
