@@ -11,7 +11,9 @@ from relnav.codegen.kernel import entry, kernel, plain
 Sample = tuple[float, float, float, float]
 """From when on it holds, s, and the rate about the chaser's axes, rad/s."""
 
-ROOM, ROW = 1024, struct.Struct("4d")
+ROOM = 1024
+"""Samples before the first that are too old are forgotten."""
+ROW = struct.Struct("4d")
 
 
 @kernel
@@ -69,7 +71,7 @@ class GyroSamples:
         """Take a sample in where it belongs; how many come after it, -1 and nothing done if it is here already."""
         count, t_s = self.count, sample[0]
         if t_s > self._last_s:
-            ROW.pack_into(self.array, ROW.size * count, *sample)  # a quarter of the time that numpy takes
+            ROW.pack_into(self.array.data, ROW.size * count, *sample)  # a quarter of the time that numpy takes
             self.count, self._last_s = count + 1, t_s
             return 0
         at = int(np.searchsorted(self.array[:count, 0], t_s))

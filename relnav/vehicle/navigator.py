@@ -165,7 +165,7 @@ class VehicleNavigator:
         sensors : mapping, optional
             Sensors of your own by name (`relnav.vehicle.flying_sensor`), flown beside those of the file.
         monitor : bool
-            Whether a second filter watches the first (`relnav.vehicle.monitor`), for as much computing again.
+            Whether a second filter watches the first (`relnav.vehicle.monitor`), for a third more computing.
 
         Raises
         ------
@@ -281,7 +281,8 @@ class VehicleNavigator:
 
     def _sample(self, t_s: float, value: ArrayLike) -> Observed:
         """Take a gyro sample in: it waits for the next observation, unless there is a later one already."""
-        timeline, samples, sample = self._timeline, self._samples, (t_s, *_three(GYRO, value))
+        timeline, samples, (x, y, z) = self._timeline, self._samples, _three(GYRO, value)
+        sample = t_s, x, y, z
         if samples.is_full:
             samples.make_room(timeline.forward(self._forwarded).estimates.t_s)
         if timeline.goes_on(t_s):
@@ -337,11 +338,10 @@ class VehicleNavigator:
         )
 
 
-def _three(name: str, value: ArrayLike) -> list[float]:
+def _three(name: str, value: ArrayLike) -> tuple[float, float, float]:
     array = numbers(name, value)
     if array.shape == (3,):
-        three: list[float] = array.tolist()
-        x, y, z = three
+        x, y, z = array.tolist()
         if isfinite(x) and isfinite(y) and isfinite(z):
-            return three
+            return x, y, z
     raise ValueError(f"{name}: three finite numbers are expected; got {array.tolist()}")

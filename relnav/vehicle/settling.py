@@ -68,6 +68,8 @@ SCRATCH = np.dtype(
         ("F", _F, (MOVING, DRIVING)),
         ("Q", _F, (MOVING, MOVING)),
         ("product", _F, (DRIVING, MOVING)),
+        ("places", np.int64, DRIVING),
+        ("weights", _F, DRIVING),
     ]
 )
 
@@ -225,5 +227,6 @@ def settle_into(
             return False
         _write_transition(scratch, dt, command, now, before)
         _write_noise(scratch, dt, constants["angle_walk"], bias_walk)
-        carry_into(P[f], scratch["F"], scratch["Q"], after[f], scratch["product"])
+        F, Q, product = scratch["F"], scratch["Q"], scratch["product"]
+        carry_into(P[f], F, Q, after[f], product, scratch["places"], scratch["weights"])
     return True

@@ -88,7 +88,7 @@ class Timeline(Generic[State, Result]):
                 at += 1
             if at < count and self._events[at].key == event.key:
                 return REJECTED, None
-        after = self._done(at, (event, *self._events[at:]))
+        after = self._done(at, [event, *self._events[at:]])
         self._events.insert(at, event)
         self._times.insert(at, t_s)
         self._after[at:] = after

@@ -97,7 +97,7 @@ def take_into(
             copy_into(P[f], prior[f])
             again = True
         _volumes_into(P[f], gains)
-        take_gated(P[f], considered[f], DRIVING, believed, work, corrections[f])
+        take_gated(P[f], considered[f], DRIVING, believed, work, places, corrections[f])
         _gains_into(gains, P[f])
         if not wide:
             correct_one(values[f], targets[f], chasers[f], P[f], corrections[f], turned)
@@ -171,7 +171,7 @@ class Updater:
         self._chosen = np.zeros((filters, most_rows), dtype=np.int64)
         self._prior, self._corrections = np.empty((filters, n, n)), np.empty((filters, n))
         self._told, self._turned = np.empty((filters, _TOLD)), np.empty((3, 3))
-        self._scratch = np.empty((4 * most_rows + 2, max(n, most_rows))), np.empty(n, dtype=np.int64)
+        self._scratch = np.empty((4 * most_rows + 3, max(n, most_rows))), np.empty(max(n, most_rows), dtype=np.int64)
 
     def take(self, at: Estimates, rows_at: Callable[[Estimates], Rows]) -> list[Outcome]:
         """Take rows into estimates, in place, as far as they are credible; what became of them in each filter."""
