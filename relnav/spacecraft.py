@@ -26,7 +26,7 @@ from relnav.sensors.dual_field.sensor import StarSensor
 
 Role = Literal["estimated", "considered"]
 """Of an error that lasts: learnt by the filter, or only counted in its covariance (Schmidt 1966)."""
-RESERVED = ("gyro", "thrust")
+RESERVED = GYRO, THRUST = "gyro", "thrust"
 """Names under which samples of the gyro and commands to the thrusters are observed."""
 
 

@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix
 
 AU_M = 149597870700.0
 """Astronomical unit (IAU 2012)."""
@@ -68,6 +68,20 @@ DISTANCE = (
 )  # fmt: skip
 
 
+def _terms(tables: tuple[tuple[tuple[tuple[float, float, float], ...], ...], ...]) -> Matrix:
+    """All rows, one below the other, as columns B, C and the power of t, and A in one column for each table."""
+    rows = [
+        (b, c, power, *(a if k == which else 0.0 for k in range(len(tables))))
+        for which, table in enumerate(tables)
+        for power, part in enumerate(table)
+        for a, b, c in part
+    ]
+    return np.array(rows)
+
+
+_TERMS = _terms((LONGITUDE, LATITUDE, DISTANCE))
+
+
 def seconds_since_j2000(utc: datetime) -> float:
     """TT seconds since J2000.0 (2000-01-01 12:00 TT) of a UTC time.
 
@@ -87,7 +101,9 @@ def seconds_since_j2000(utc: datetime) -> float:
 def earth_position_m(t_s: ArrayLike) -> Matrix:
     """Heliocentric position of the Earth (..., 3), m, at TT seconds since J2000.0 (...)."""
     t = np.asarray(t_s, dtype=np.float64) / MILLENNIUM_S
-    longitude, latitude, distance = (_series(table, t) for table in (LONGITUDE, LATITUDE, DISTANCE))
+    phase, speed, power = _TERMS[:, :3].T
+    series = 1e-8 * (np.cos(phase + speed * t[..., None]) * t[..., None] ** power) @ _TERMS[:, 3:]
+    longitude, latitude, distance = series[..., 0], series[..., 1], series[..., 2]
     level = distance * np.cos(latitude)
     x, y, z = level * np.cos(longitude), level * np.sin(longitude), distance * np.sin(latitude)
     c, s = math.cos(OBLIQUITY_RAD), math.sin(OBLIQUITY_RAD)
@@ -96,9 +112,14 @@ def earth_position_m(t_s: ArrayLike) -> Matrix:
 
 def earth_velocity_m_s(t_s: ArrayLike) -> Matrix:
     """Velocity of the Earth (..., 3), m/s, heliocentric: within 20 m/s (0.014 arcsec of aberration) of barycentric."""
+    return _earth(t_s)[1]
+
+
+def _earth(t_s: ArrayLike) -> tuple[Matrix, Matrix]:
+    """Position and velocity of the Earth; velocity from differences over a tenth of a day."""
     t, half = np.asarray(t_s, dtype=np.float64), 0.05 * DAY_S
-    velocity: Matrix = (earth_position_m(t + half) - earth_position_m(t - half)) / (2.0 * half)
-    return velocity
+    now, before, after = earth_position_m(np.stack([t, t - half, t + half]))
+    return now, (after - before) / (2.0 * half)
 
 
 def sun_direction(t_s: ArrayLike, position_m: ArrayLike | None = None, velocity_m_s: ArrayLike | None = None) -> Matrix:
@@ -112,7 +133,8 @@ def sun_direction(t_s: ArrayLike, position_m: ArrayLike | None = None, velocity_
         Of the spacecraft from the Earth's centre, J2000 (GCRS) axes. Left out, the sun as from the Earth's centre: in
         low orbit 9.4 arcsec off by parallax, and 5 arcsec by aberration, at most.
     """
-    to_sun, velocity = -earth_position_m(t_s), earth_velocity_m_s(t_s)
+    earth, velocity = _earth(t_s)
+    to_sun = -earth
     if position_m is not None:
         to_sun = to_sun - np.asarray(position_m, dtype=np.float64)
     if velocity_m_s is not None:
@@ -121,11 +143,3 @@ def sun_direction(t_s: ArrayLike, position_m: ArrayLike | None = None, velocity_
     seen = geometric + velocity / LIGHT_M_S  # to first order in v/c: the rest is 0.001 arcsec
     apparent: Matrix = seen / np.linalg.norm(seen, axis=-1, keepdims=True)
     return apparent
-
-
-def _series(table: tuple[tuple[tuple[float, float, float], ...], ...], t: Vector) -> Vector:
-    total = np.zeros_like(t)
-    for power, rows in enumerate(table):
-        a, b, c = np.array(rows).T
-        total = total + t**power * (np.cos(b + c * t[..., None]) @ a)
-    return 1e-8 * total

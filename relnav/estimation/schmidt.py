@@ -7,12 +7,15 @@ With S = H P H^T + R = C C^T and W = C^-1 H P (m, n),
 
 which is P - K H P - P H^T K^T + K S K^T with the considered rows of the gain K struck out (Schmidt 1966), multiplied
 out; it is symmetric to the last bit. Rows come in groups which a gate takes or leaves as one.
+
+Of a covariance only what stands on and right of the diagonal is kept, and the first rows, those of errors that move
+others, whole: half of the memory and of the work. What stands left of the diagonal in other rows is anything.
 """
 
 import math
 
 from relnav.arrays import Codes, Flags, Matrix, Vector
-from relnav.codegen.kernel import entry, kernel
+from relnav.codegen.kernel import kernel
 from relnav.geometry.linear_algebra import cholesky, solve_lower
 
 
@@ -25,24 +28,67 @@ def clear(matrix: Matrix) -> None:
 
 
 @kernel
-def _innovation_into(P: Matrix, H: Matrix, R: Matrix, HP: Matrix, S: Matrix) -> None:
-    """Write H P (m, n) and S = H P H^T + R (m, m); entries of H that are zero cost nothing."""
+def _pick(row: Vector, places: Codes, weights: Vector) -> int:
+    """Write where a row is not zero, and what stands there; how many places that is."""
+    count = 0
+    for j in range(len(row)):
+        if row[j] != 0.0:
+            places[count], weights[count] = j, row[j]
+            count += 1
+    return count
+
+
+@kernel
+def _add_rows(out: Vector, weights: Vector, places: Codes, count: int, rows: Matrix, first: int) -> None:
+    """Add `count` weighted rows, from column `first` on, to out: three at a time, a fifth faster than one by one."""
+    n, p = len(out), 0
+    while p + 2 < count:
+        a, b, c = weights[p], weights[p + 1], weights[p + 2]
+        A, B, C = rows[places[p], first:], rows[places[p + 1], first:], rows[places[p + 2], first:]
+        for k in range(n):
+            out[k] += a * A[k] + b * B[k] + c * C[k]
+        p += 3
+    while p < count:
+        a, A = weights[p], rows[places[p], first:]
+        for k in range(n):
+            out[k] += a * A[k]
+        p += 1
+
+
+@kernel
+def _complete_rows(P: Matrix, H: Matrix, whole: int) -> None:
+    """Write what stands left of the diagonal in the rows of P, after the first `whole`, that H (m, n) refers to."""
     rows, n = H.shape
-    clear(HP)
+    for j in range(whole, n):
+        seen = False
+        for i in range(rows):
+            seen = seen or H[i, j] != 0.0
+        if seen:
+            row = P[j]
+            for c in range(j):
+                row[c] = P[c, j]
+
+
+@kernel
+def _innovation_into(
+    P: Matrix, H: Matrix, R: Matrix, whole: int, HP: Matrix, S: Matrix, places: Codes, weights: Vector
+) -> None:
+    """Write H P (m, n) and the lower triangle of S = H P H^T + R (m, m); entries of H that are zero cost nothing.
+
+    places and weights (n,) scratch.
+    """
+    rows, n = H.shape
+    _complete_rows(P, H, whole)
     for i in range(rows):
-        for j in range(n):
-            h = H[i, j]
-            if h != 0.0:
-                for c in range(n):
-                    HP[i, c] += h * P[j, c]
-    for i in range(rows):
+        for c in range(n):
+            HP[i, c] = 0.0
+        count = _pick(H[i], places, weights)
+        _add_rows(HP[i, :n], weights, places, count, P, 0)
         for k in range(i + 1):
             total = R[i, k]
-            for j in range(n):
-                if H[k, j] != 0.0:
-                    total += HP[i, j] * H[k, j]
+            for p in range(count):
+                total += HP[k, places[p]] * weights[p]
             S[i, k] = total
-            S[k, i] = total
 
 
 @kernel
@@ -130,18 +176,9 @@ def _alone(S: Matrix, residual: Vector, size: int, group: int, factor: Matrix, y
 
 
 @kernel
-def _update(
-    P: Matrix,
-    considered: Flags,
-    HP: Matrix,
-    chosen: Codes,
-    factor: Matrix,
-    y: Vector,
-    after: Matrix,
-    correction: Vector,
-) -> None:
-    """Write what the chosen rows make of P, and the correction; factor and y as `_squared` left them; HP is used up."""
-    n, count = len(correction), 0
+def _whiten(HP: Matrix, n: int, chosen: Codes, factor: Matrix) -> int:
+    """Turn the chosen rows of H P, in place and without gaps, into W = C^-1 H P (m, n), with C in factor; returns m."""
+    count = 0
     for i in range(len(chosen)):
         if chosen[i] > 0:
             for c in range(n):
@@ -150,135 +187,167 @@ def _update(
                 f = factor[count, k]
                 for c in range(n):
                     HP[count, c] -= f * HP[k, c]
-            scale = factor[count, count]
+            scale = 1.0 / factor[count, count]
             for c in range(n):
-                HP[count, c] /= scale
+                HP[count, c] *= scale
             count += 1
-    for a in range(n):
-        total = 0.0
+    return count
+
+
+@kernel
+def _take_away(
+    P: Matrix, considered: Flags, whole: int, W: Matrix, masked: Matrix, places: Codes, weights: Vector
+) -> None:
+    """Take W^T W, W (m, n), from P in place, but not from pairs of errors that are both considered.
+
+    masked (m, n), places and weights (m,) scratch.
+    """
+    rows, n = W.shape[0], P.shape[0]
+    for i in range(rows):
+        places[i] = i
         for c in range(n):
-            after[a, c] = P[a, c]
-        for i in range(count):
-            w = HP[i, a]
-            total += w * y[i]
-            for c in range(n):
-                after[a, c] -= w * HP[i, c]
-        correction[a] = total
-        if considered[a]:
-            correction[a] = 0.0
-            for c in range(n):
-                if considered[c]:
-                    after[a, c] = P[a, c]
+            masked[i, c] = 0.0 if considered[c] else W[i, c]
+    for a in range(n):
+        by, first = masked if considered[a] else W, 0 if a < whole else a
+        for i in range(rows):
+            weights[i] = -W[i, a]
+        _add_rows(P[a, first:n], weights, places, rows, by, first)
 
 
-@entry
-def take_rows(
+@kernel
+def _correct_into(W: Matrix, y: Vector, considered: Flags, correction: Vector) -> None:
+    """Write W^T y, of the estimated errors alone."""
+    for c in range(len(correction)):
+        correction[c] = 0.0
+    for i in range(W.shape[0]):
+        for c in range(len(correction)):
+            correction[c] += W[i, c] * y[i]
+    for c in range(len(correction)):
+        if considered[c]:
+            correction[c] = 0.0
+
+
+@kernel
+def gate_rows(
     P: Matrix,
-    considered: Flags,
     residual: Vector,
     H: Matrix,
     R: Matrix,
     size: int,
     limits: Vector,
+    whole: int,
     chosen: Codes,
-    after: Matrix,
-    correction: Vector,
     work: Matrix,
+    places: Codes,
 ) -> tuple[float, int, int]:
-    """Gate rows, and take in those that are credible.
+    """Decide which rows are credible.
 
-    P (n, n), considered (n,); residual (m,), NaN where there is nothing to be used, H (m, n), R (m, m) of groups of
-    `size` rows that are independent of one another; limits (m + 1,): the largest credible NIS of k rows. Writes which
-    rows were believed (m,), 1 or 0, P after it and the correction (n,), P and 0 where there are none. work
-    (3 m + 1, n) scratch. Returns NIS of all that was seen, how many groups that is, and of how many believed.
+    P (n, n), its first `whole` rows whole; residual (m,), NaN where there is nothing to be used, H (m, n), R (m, m) of
+    groups of `size` rows that are independent of one another; limits (m + 1,): the largest credible NIS of k rows.
+    Writes which rows are believed (m,), 1 or 0. work (4 m + 3, n) and places (n,) scratch, with what `take_gated`
+    needs. Returns NIS of all that was seen, how many groups that is, and how many are believed.
     """
     m = len(residual)
     HP, S, factor, y = work[:m], work[m : 2 * m, :m], work[2 * m : 3 * m, :m], work[3 * m]
-    _innovation_into(P, H, R, HP, S)
-    nis, seen, used = _gate(S, residual, size, limits, chosen, factor, y)
-    if used > 0:
-        _squared(S, residual, chosen, factor, y)
-        _update(P, considered, HP, chosen, factor, y, after, correction)
-    else:
-        for a in range(len(correction)):
-            correction[a] = 0.0
-            for c in range(len(correction)):
-                after[a, c] = P[a, c]
-    return nis, seen, used
+    _innovation_into(P, H, R, whole, HP, S, places, work[3 * m + 1])
+    return _gate(S, residual, size, limits, chosen, factor, y)
 
 
-@entry
+@kernel
+def take_gated(
+    P: Matrix, considered: Flags, whole: int, chosen: Codes, work: Matrix, places: Codes, correction: Vector
+) -> None:
+    """Take in what `gate_rows` believed: P (n, n) in place, and the correction (n,); considered (n,)."""
+    m = len(chosen)
+    HP, factor, y, masked = work[:m], work[2 * m : 3 * m, :m], work[3 * m], work[3 * m + 2 : 4 * m + 2]
+    W = HP[: _whiten(HP, len(correction), chosen, factor)]
+    _correct_into(W, y, considered, correction)
+    _take_away(P, considered, whole, W, masked, places, work[3 * m + 1])
+
+
+@kernel
 def take_chosen(
     P: Matrix,
     considered: Flags,
     residual: Vector,
     H: Matrix,
     R: Matrix,
+    whole: int,
     chosen: Codes,
-    at: Vector,
     after: Matrix,
     correction: Vector,
     work: Matrix,
+    places: Codes,
 ) -> bool:
-    """Take the chosen rows in, linearised where the state is corrected by at (n,); else as `take_rows`.
+    """Take the chosen rows in, linearised where the state is corrected by correction (n,), which is written anew.
 
-    The iterated update (Bell and Cathey 1993, The iterated Kalman filter update as a Gauss-Newton method). False, and
-    nothing written, if a chosen residual is no number or S is not positive definite.
+    The iterated update (Bell and Cathey 1993, The iterated Kalman filter update as a Gauss-Newton method); arguments as
+    for `gate_rows` and `take_gated`, what becomes of P goes into after. False, and nothing written, if a chosen
+    residual is no number or S is not positive definite.
     """
-    m = len(residual)
+    m, n = H.shape
     HP, S, factor, y, r = work[:m], work[m : 2 * m, :m], work[2 * m : 3 * m, :m], work[3 * m], work[3 * m + 1]
     for i in range(m):
         r[i] = residual[i]
-        for c in range(len(at)):
-            r[i] += H[i, c] * at[c]
-    _innovation_into(P, H, R, HP, S)
+        for c in range(n):
+            r[i] += H[i, c] * correction[c]
+    _innovation_into(P, H, R, whole, HP, S, places, work[4 * m + 2])
     if not _squared(S, r[:m], chosen, factor, y) < math.inf:
         return False
-    _update(P, considered, HP, chosen, factor, y, after, correction)
+    copy_into(P, after)
+    take_gated(after, considered, whole, chosen, work, places, correction)
     return True
 
 
 @kernel
-def carry_into(P: Matrix, F: Matrix, Q: Matrix, after: Matrix, work: Matrix) -> None:
+def copy_into(matrix: Matrix, out: Matrix) -> None:
+    """Copy a matrix."""
+    for i in range(matrix.shape[0]):
+        for k in range(matrix.shape[1]):
+            out[i, k] = matrix[i, k]
+
+
+@kernel
+def carry_into(P: Matrix, F: Matrix, Q: Matrix, after: Matrix, work: Matrix, places: Codes, weights: Vector) -> None:
     """Write P after a step in which the first m errors move by F (m, k) of the first k <= n, and take noise Q (m, m).
 
-    The others last. after (n, n) is not P; work (k, m) scratch. Entries of F that are zero cost nothing.
+    The others last; of P the first k rows are whole. after (n, n) is not P; work (k, m), places and weights (k,)
+    scratch. Entries of F that are zero cost nothing.
     """
     moving, driving = F.shape
     n = P.shape[0]
     for i in range(moving):
         for c in range(n):
             after[i, c] = 0.0
-        for k in range(driving):
-            f = F[i, k]
-            if f != 0.0:
-                for c in range(n):
-                    after[i, c] += f * P[k, c]
+        _add_rows(after[i], weights, places, _pick(F[i], places, weights), P, 0)
     for k in range(driving):
         for i in range(moving):
             work[k, i] = after[i, k]
     for i in range(moving):
         for c in range(moving):
             after[i, c] = Q[i, c]
-        for k in range(driving):
-            f = F[i, k]
-            if f != 0.0:
-                for c in range(moving):
-                    after[i, c] += f * work[k, c]
+        _add_rows(after[i, :moving], weights, places, _pick(F[i], places, weights), work, 0)
         for c in range(i):
             mean = 0.5 * (after[i, c] + after[c, i])
             after[i, c] = mean
             after[c, i] = mean
-    for a in range(moving, n):
+    for a in range(moving, driving):
         for i in range(moving):
             after[a, i] = after[i, a]
         for c in range(moving, n):
             after[a, c] = P[a, c]
+    for a in range(driving, n):
+        row, lasting = after[a, a:], P[a, a:]
+        for c in range(len(row)):
+            row[c] = lasting[c]
 
 
 @kernel
 def reset_into(P: Matrix, theta: Vector, at: int) -> None:
-    """Replace P by that about the attitude that took theta (3,) in: G P G^T, G = I - [theta x] / 2 from row `at` on."""
+    """Replace P by that about the attitude that took theta (3,) in: G P G^T, G = I - [theta x] / 2 from row `at` on.
+
+    These three rows of P are whole.
+    """
     a, b, c = 0.5 * theta[0], 0.5 * theta[1], 0.5 * theta[2]
     for k in range(P.shape[0]):
         x, y, z = P[at, k], P[at + 1, k], P[at + 2, k]
@@ -289,13 +358,13 @@ def reset_into(P: Matrix, theta: Vector, at: int) -> None:
 
 
 @kernel
-def information_gained(before: Matrix, after: Matrix, at: int) -> float:
-    """Half the logarithm by which the variance ellipsoid of three errors from row `at` on shrank, nats."""
-    return 0.5 * math.log(max(_volume(before, at) / _volume(after, at), 1e-300))
+def information_gained(before: float, after: float) -> float:
+    """Half the logarithm by which the squared volume (`squared_volume`) of an ellipsoid of errors shrank, nats."""
+    return 0.5 * math.log(max(before / after, 1e-300))
 
 
 @kernel
-def _volume(P: Matrix, at: int) -> float:
+def squared_volume(P: Matrix, at: int) -> float:
     """Determinant of three rows and columns of a covariance."""
     a, b, c = P[at, at], P[at, at + 1], P[at, at + 2]
     d, e, f = P[at + 1, at + 1], P[at + 1, at + 2], P[at + 2, at + 2]

@@ -100,6 +100,20 @@ def cross_into(a: Vector, b: Vector, out: Vector) -> None:
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
+@kernel
+def tangent_basis_into(s: Vector, out: Matrix) -> None:
+    """Write two unit vectors, columns of out (3, 2), that make a right-handed triad with the unit vector s as third."""
+    k = 0
+    for i in range(1, 3):
+        k = i if abs(s[i]) < abs(s[k]) else k
+    i, j = (k + 1) % 3, (k + 2) % 3  # the axis farthest from s, times s
+    size = math.sqrt(s[i] * s[i] + s[j] * s[j])
+    out[k, 0], out[i, 0], out[j, 0] = 0.0, -s[j] / size, s[i] / size
+    for c in range(3):
+        d, e = (c + 1) % 3, (c + 2) % 3
+        out[c, 1] = s[d] * out[e, 0] - s[e] * out[d, 0]
+
+
 def cross_matrix(v: ArrayLike) -> Stack:
     """[v x] (..., 3, 3) of vectors (..., 3): [v x] w = v x w."""
     v = np.asarray(v, dtype=np.float64)

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Vector, number, numbers
-from relnav.geometry.linear_algebra import cross_matrix
+from relnav.codegen.kernel import plain
+from relnav.geometry.linear_algebra import cross_matrix, tangent_basis_into
 from relnav.geometry.rotation import dcm_from_quaternion, is_rotation
 from relnav.sensors.measurement import Status
 
@@ -139,11 +140,9 @@ def attitude_observation(
 
 def tangent_basis(s: Vector) -> Matrix:
     """Two unit vectors, columns of (3, 2), that make a right-handed triad with the unit vector s (3,) as third."""
-    axis = np.zeros(3)
-    axis[np.argmin(np.abs(s))] = 1.0
-    first = np.cross(axis, s)
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(s, first)], axis=1)
+    basis = np.empty((3, 2))
+    plain(tangent_basis_into)(s, basis)
+    return basis
 
 
 def no_direction(status: Status) -> SunDirection:

@@ -5,41 +5,46 @@
 with theta the error of the sensor's inertial attitude in its own axes, s the sun in them, e what it is turned by.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Vector, numbers
 from relnav.dynamics.ephemeris import sun_direction
-from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.rotation import dcm_from_quaternion
-from relnav.geometry.rotation_vector import attitude_error, turned
-from relnav.sensors.sun_direction import SunDirection, tangent_basis
+from relnav.sensors.sun_direction import SunDirection
 from relnav.spacecraft import Vehicle
-from relnav.vehicle.layout import CHASER_ATTITUDE, Layout
-from relnav.vehicle.rows import Rows
-from relnav.vehicle.state import VehicleState
+from relnav.vehicle.direction_rows import MOUNTING, attitude_rows_into, sun_rows_into
+from relnav.vehicle.layout import Layout
+from relnav.vehicle.rows import Rows, empty_rows
+from relnav.vehicle.state import Estimates
 
 EPHEMERIS_SIGMA_RAD = 5e-5
 """Parallax and aberration of a low orbit, which a direction as from the Earth's centre leaves out: 9.4 and 5 arcsec."""
+SUN_NODES_S = 600.0
+"""Between directions of the ephemeris: what a cubic leaves is below rounding."""
+
+
+def _is_symmetric(covariance: Matrix) -> bool:
+    """Whether a matrix (3, 3) is finite and, within 1e-5, symmetric."""
+    a, b, c, d, e, f, g, h, i = covariance.ravel().tolist()
+    if not math.isfinite(a + b + c + d + e + f + g + h + i):
+        return False
+    return all(abs(x - y) <= 1e-8 + 1e-5 * abs(y) for x, y in ((b, d), (d, b), (c, g), (g, c), (f, h), (h, f)))
 
 
 class _Mounted:
     """Where a sensor sits, and its mounting's error."""
 
-    def __init__(self, vehicle: Vehicle, name: str, layout: Layout) -> None:
+    most_rows = 0
+
+    def __init__(self, vehicle: Vehicle, name: str, layout: Layout, filters: int) -> None:
         self.name = name
-        self._nominal = vehicle.sensor[name].dcm_sensor_from_chaser
-        self._mount, self._size = layout.by_name[f"{name}.mount"], layout.size
-
-    def dcm_sensor_from_chaser(self, state: VehicleState) -> Matrix:
-        """With what is known of the mounting's error, (3, 3)."""
-        return turned(self._nominal.T, state.values[self._mount]).T
-
-    def _jacobian(self, by_turn: Matrix, dcm_sensor_from_chaser: Matrix) -> Matrix:
-        """Rows (m, n) of what depends by (m, 3) on the turn of the sensor's inertial attitude."""
-        H = np.zeros((len(by_turn), self._size))
-        H[:, self._mount], H[:, CHASER_ATTITUDE] = by_turn, by_turn @ dcm_sensor_from_chaser
-        return H
+        self._mounting = np.zeros((), MOUNTING)[()]
+        self._mounting["dcm_chaser_from_sensor"] = vehicle.sensor[name].dcm_sensor_from_chaser.T
+        self._mounting["mount"] = layout.by_name[f"{name}.mount"].start
+        self._rows = empty_rows(filters, self.most_rows, layout.size, self.most_rows)
 
 
 class StarTracker(_Mounted):
@@ -47,8 +52,8 @@ class StarTracker(_Mounted):
 
     most_rows = 3
 
-    def __init__(self, vehicle: Vehicle, name: str, layout: Layout) -> None:
-        super().__init__(vehicle, name, layout)
+    def __init__(self, vehicle: Vehicle, name: str, layout: Layout, filters: int) -> None:
+        super().__init__(vehicle, name, layout, filters)
         self.noise = np.diag(np.square(vehicle.sensor[name].noise_rad or (np.nan,) * 3))
 
     def taken(self, value: ArrayLike, covariance: ArrayLike | None) -> tuple[Vector, Matrix]:
@@ -63,7 +68,7 @@ class StarTracker(_Mounted):
         if q.shape != (4,):
             raise ValueError(f"{self.name}: a quaternion (x, y, z, w) of v_sensor = R v_inertial; got shape {q.shape}")
         own = self.noise if covariance is None else self._checked(covariance)
-        if not np.isfinite(q).all():
+        if not math.isfinite(sum(q.tolist())):
             return np.full(9, np.nan), own
         return dcm_from_quaternion(q).ravel(), own
 
@@ -71,18 +76,15 @@ class StarTracker(_Mounted):
         own = numbers(f"{self.name}'s covariance", covariance)
         if own.shape != (3, 3):
             raise ValueError(f"{self.name}: a covariance (3, 3) rad^2 in sensor axes is expected; got {own.shape}")
-        if not (np.allclose(own, own.T) and np.linalg.eigvalsh(own).min() > 0.0):
+        if not (_is_symmetric(own) and np.linalg.eigvalsh(own).min() > 0.0):
             raise ValueError(f"{self.name}: a covariance is symmetric and positive definite; got {own.tolist()}")
-        return own
+        return own.copy()
 
-    def rows(self, state: VehicleState, attitude: Vector, noise: Matrix) -> Rows:
-        """Rows of an attitude (9,)."""
-        C_SB = self.dcm_sensor_from_chaser(state)
-        H = self._jacobian(np.eye(3), C_SB)
-        if not np.isfinite(attitude[0]):
-            return Rows(np.full(3, np.nan), H, noise, 3)
-        predicted = C_SB @ state.dcm_inertial_from_chaser.T
-        return Rows(attitude_error(predicted, attitude.reshape(3, 3)), H, noise, 3)
+    def rows(self, at: Estimates, attitude: Vector, noise: Matrix) -> Rows:
+        """Rows of an attitude (9,) at settled estimates, in memory that the next call writes anew."""
+        rows, given = self._rows, (at.values, at.dcm_inertial_from_chaser, attitude, noise)
+        attitude_rows_into(self._mounting, *given, rows.residual, rows.jacobian, rows.noise)
+        return rows
 
 
 class SunSensor(_Mounted):
@@ -90,10 +92,10 @@ class SunSensor(_Mounted):
 
     most_rows = 2
 
-    def __init__(self, vehicle: Vehicle, name: str, layout: Layout) -> None:
-        super().__init__(vehicle, name, layout)
+    def __init__(self, vehicle: Vehicle, name: str, layout: Layout, filters: int) -> None:
+        super().__init__(vehicle, name, layout, filters)
         self._epoch_s = vehicle.orbit.epoch_s
-        self._last = (np.nan, np.zeros(3))
+        self._nodes = (math.nan, np.zeros((4, 3)))
 
     def taken(self, value: SunDirection, covariance: ArrayLike | None) -> tuple[Vector, Matrix]:
         """A measured direction in sensor axes, (3,), and its covariance (3, 3) of rank 2.
@@ -109,26 +111,30 @@ class SunSensor(_Mounted):
                 f"got a {type(value).__name__}"
             )
         own = value.covariance if covariance is None else numbers(f"{self.name}'s covariance", covariance)
-        if own.shape != (3, 3) or value.direction.shape != (3,):
+        direction = value.direction
+        if own.shape != (3, 3) or direction.shape != (3,):
             raise ValueError(
                 f"{self.name}: a direction (3,) and its covariance (3, 3) are expected; got shapes "
-                f"{value.direction.shape} and {own.shape}"
+                f"{direction.shape} and {own.shape}"
             )
-        if np.isfinite(value.direction).all() and not (np.isfinite(own).all() and np.allclose(own, own.T)):
+        if all(map(math.isfinite, direction.tolist())) and not _is_symmetric(own):
             raise ValueError(f"{self.name}: a covariance is finite and symmetric; got {own.tolist()}")
-        return value.direction.copy(), np.array(own)
+        return direction.copy(), own.copy()
 
     def sun(self, t_s: float) -> Vector:
-        """Unit vector (3,) toward the sun, inertial, at a time of the log's clock."""
-        if t_s != self._last[0]:  # an update asks again and again
-            self._last = t_s, sun_direction(self._epoch_s + t_s)
-        return self._last[1]
+        """Unit vector (3,) toward the sun, inertial, at a time of the log's clock: a cubic through four."""
+        u, node = math.modf(t_s / SUN_NODES_S)
+        if node != self._nodes[0]:
+            times = SUN_NODES_S * (node + np.arange(-1.0, 3.0))
+            self._nodes = node, sun_direction(self._epoch_s + times)
+        a, b, c = u + 1.0, u - 1.0, u - 2.0
+        weights = -u * b * c / 6.0, 0.5 * a * b * c, -0.5 * a * u * c, a * u * b / 6.0
+        direction: Vector = np.array(weights) @ self._nodes[1]
+        return direction
 
-    def rows(self, state: VehicleState, direction: Vector, covariance: Matrix) -> Rows:
-        """Rows of a direction (3,), across the predicted one."""
-        C_SB = self.dcm_sensor_from_chaser(state)
-        predicted = C_SB @ state.dcm_inertial_from_chaser.T @ self.sun(state.t_s)
-        basis = tangent_basis(predicted)
-        H = self._jacobian(basis.T @ cross_matrix(predicted), C_SB)
-        noise = basis.T @ covariance @ basis + EPHEMERIS_SIGMA_RAD**2 * np.eye(2)
-        return Rows(basis.T @ direction, H, noise, 2)
+    def rows(self, at: Estimates, direction: Vector, covariance: Matrix) -> Rows:
+        """Rows of a direction (3,), across the predicted one, at settled estimates; memory as that of `StarTracker`."""
+        rows, given = self._rows, (at.values, at.dcm_inertial_from_chaser, direction, covariance)
+        sun, variance = self.sun(at.t_s), EPHEMERIS_SIGMA_RAD**2
+        sun_rows_into(self._mounting, sun, variance, *given, rows.residual, rows.jacobian, rows.noise)
+        return rows

@@ -2,10 +2,12 @@
 
 from typing import Any, Protocol
 
+import numpy as np
+
 from relnav.arrays import Matrix, Vector
 from relnav.vehicle.layout import LastingError, Layout
-from relnav.vehicle.rows import Rows
-from relnav.vehicle.state import VehicleState
+from relnav.vehicle.rows import Rows, empty_rows
+from relnav.vehicle.state import Estimates, VehicleState
 
 
 class FlyingSensor(Protocol):
@@ -37,3 +39,28 @@ class FlyingSensor(Protocol):
 
         The Jacobian is by the errors of `layout` with the attitude error of `relnav.geometry.rotation_vector`.
         """
+
+
+class Flown:
+    """A sensor of one's own as the filters ask it: about all their estimates at once."""
+
+    def __init__(self, sensor: FlyingSensor, name: str, layout: Layout) -> None:
+        self._sensor, self.most_rows = sensor, sensor.most_rows
+        sensor.placed(name, layout)
+
+    def taken(self, value: Any, covariance: Any) -> tuple[Vector, Matrix]:
+        """As the sensor does."""
+        numbers, noise = self._sensor.taken(value, covariance)
+        return numbers.copy(), noise
+
+    def rows(self, at: Estimates, value: Vector, noise: Matrix) -> Rows:
+        """Rows of each filter, side by side; one that has fewer than another has nothing in the rest."""
+        each = [self._sensor.rows(at.of(f), value, noise) for f in range(len(at.values))]
+        count = max(len(rows.residual) for rows in each)
+        together = empty_rows(len(each), count, at.values.shape[1], each[0].group)
+        together.residual[:] = np.nan
+        for f, rows in enumerate(each):
+            m = len(rows.residual)
+            together.residual[f, :m], together.jacobian[f, :m] = rows.residual, rows.jacobian
+            together.noise[f, :m, :m] = rows.noise
+        return together

@@ -4,12 +4,14 @@ import math
 
 import numpy as np
 
-from relnav.arrays import Matrix, Record, Vector
+from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import entry, kernel
+from relnav.estimation.schmidt import clear, copy_into
 from relnav.geometry.distortion import distort_point
 from relnav.geometry.linear_algebra import cross_into
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
 from relnav.vehicle.layout import CHASER_ATTITUDE, TARGET_ATTITUDE
+from relnav.vehicle.orbit_frame import lvlh_from_inertial_into
 
 _F = np.float64
 _TARGET, _CHASER = TARGET_ATTITUDE.start, CHASER_ATTITUDE.start
@@ -31,6 +33,7 @@ OPTICS = np.dtype(
 
 GEOMETRY = np.dtype(
     [
+        ("frame", _F, (3, 3)),
         ("chaser_from_lvlh", _F, (3, 3)),
         ("chaser_from_sensor", _F, (3, 3)),
         ("place", _F, 3),
@@ -86,31 +89,27 @@ def _row_into(
     cross_into(by_p, work["p"], row[mount : mount + 3])
 
 
-@entry
-def light_rows_into(
+@kernel
+def _lights_of_one(
     optics: Record,
     work: Record,
     points: Matrix,
     values: Vector,
     dcm_lvlh_from_target: Matrix,
     dcm_inertial_from_chaser: Matrix,
-    dcm_lvlh_from_inertial: Matrix,
     spots: Vector,
     residual: Vector,
     H: Matrix,
 ) -> None:
-    """Write residual (2 k,) and H (2 k, n), zero before, of the spots (2 k,) of k lights (k, 3) at an estimate.
-
-    values (n,) and attitudes as in `VehicleState`. NaN residuals where a spot is NaN or no light can be seen.
-    """
-    C_BL, back = work["chaser_from_lvlh"], work["chaser_from_sensor"]
+    """Write residual (2 k,) and H (2 k, n), zero before, at one estimate; work has the frame."""
+    C_BL, back, frame = work["chaser_from_lvlh"], work["chaser_from_sensor"], work["frame"]
     mount, lever, lights = optics["mount"], optics["lever"], optics["lights"]
     turn_by_rotation_vector(optics["dcm_chaser_from_sensor"], values[mount : mount + 3], back)
     for i in range(3):
         for c in range(3):
             C_BL[i, c] = 0.0
             for m in range(3):
-                C_BL[i, c] += dcm_inertial_from_chaser[m, i] * dcm_lvlh_from_inertial[c, m]
+                C_BL[i, c] += dcm_inertial_from_chaser[m, i] * frame[c, m]
     scale, place, q, p, slope = 1.0 + values[optics["focal"]], work["place"], work["q"], work["p"], work["slope"]
     for k in range(points.shape[0]):
         away = work["by_lvlh"]
@@ -134,3 +133,42 @@ def light_rows_into(
                     slope[i, c] *= scale
                 _row_into(optics, work, slope[i], dcm_lvlh_from_target, k, row)
                 row[optics["focal"]] = seen[i]
+
+
+@entry
+def light_rows_into(
+    optics: Record,
+    work: Record,
+    points: Matrix,
+    orbit: Vector,
+    axes: Matrix,
+    t: float,
+    values: Matrix,
+    dcm_lvlh_from_target: Stack,
+    dcm_inertial_from_chaser: Stack,
+    spots: Vector,
+    noise: Matrix,
+    residual: Matrix,
+    H: Stack,
+    R: Stack,
+) -> None:
+    """Write the rows of m filters about the spots (2 k,) of k lights (k, 3): residual (m, 2 k), H (m, 2 k, n), and R.
+
+    orbit and axes as `orbit_frame.lvlh_from_inertial_into`; values (m, n) and attitudes as in `Estimates` at t; noise
+    (2 k, 2 k). NaN residuals where a spot is NaN or no light can be seen.
+    """
+    lvlh_from_inertial_into(orbit, axes, t, work["frame"])
+    for f in range(values.shape[0]):
+        clear(H[f])
+        copy_into(noise, R[f])
+        target, chaser = dcm_lvlh_from_target[f], dcm_inertial_from_chaser[f]
+        _lights_of_one(optics, work, points, values[f], target, chaser, spots, residual[f], H[f])
+
+
+@entry
+def spots_inside_into(spots: Matrix, first: Vector, last: Vector, out: Vector) -> None:
+    """Write spots (k, 2) into out (2 k,), NaN what does not lie on a detector from first to last (2,)."""
+    for k in range(spots.shape[0]):
+        x, y = spots[k, 0], spots[k, 1]
+        inside = first[0] <= x <= last[0] and first[1] <= y <= last[1]
+        out[2 * k], out[2 * k + 1] = (x, y) if inside else (math.nan, math.nan)

@@ -13,12 +13,10 @@ gate lets pass: one glint is no lasting fault.
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
 from relnav.vehicle.layout import Layout
-from relnav.vehicle.state import VehicleState
 from relnav.vehicle.update import Outcome
 
 FADES_S = 10.0
@@ -38,6 +36,12 @@ class Sums(NamedTuple):
         fade = math.exp((self.t_s - t_s) / FADES_S)
         return Sums(t_s, fade * self.nis + nis, fade * self.dof + dof, fade * fade * self.variance + 2.0 * dof)
 
+    def after_outcome(self, t_s: float, outcome: Outcome) -> "Sums":
+        """The same with what the filter that watches made of one; while the start was wide it tells nothing."""
+        if outcome.groups == 0 or outcome.wide:
+            return self
+        return self.after(t_s, min(outcome.nis, outcome.largest_credible), outcome.dof)
+
     @property
     def deviation(self) -> float:
         """How far the sum lies above what is expected, in 1-sigma; NaN before the first observation."""
@@ -45,20 +49,6 @@ class Sums(NamedTuple):
             return math.nan
         share = self.variance / (9.0 * self.dof**2)  # 2 / (9 nu)
         return float(((self.nis / self.dof) ** (1.0 / 3.0) - 1.0 + share) / math.sqrt(share))
-
-
-class Watched(NamedTuple):
-    """The second filter's estimate, and the sums of each sensor."""
-
-    state: VehicleState
-    sums: Mapping[str, Sums]
-
-    def after(self, state: VehicleState, source: str, outcome: Outcome) -> "Watched":
-        """The same after an observation; one that came while the start was wide tells nothing."""
-        if outcome.groups == 0 or outcome.wide:
-            return Watched(state, self.sums)
-        sums = self.sums[source].after(state.t_s, min(outcome.nis, outcome.largest_credible), outcome.dof)
-        return Watched(state, {**self.sums, source: sums})
 
 
 def all_estimated(layout: Layout) -> Layout:

@@ -1,28 +1,26 @@
-"""From one event to the next: the chaser's attitude follows the gyro, all else and the covariance follow when asked.
+"""From one event to the next: gyro samples wait until an observation needs them, then all follows at once.
 
 A lost gyro: the last rate is held and walks, as the bias' walk; when samples return, the bias is what it was before,
 with what it walked since, and without its correlations.
 """
 
-import math
-
 import numpy as np
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Vector
 from relnav.dynamics.rigid_body import RigidBody
-from relnav.geometry.rotation_vector import turn_by_rotation_vector
 from relnav.spacecraft import Vehicle
+from relnav.vehicle.gyro import GyroSamples, found_at, lost_at
 from relnav.vehicle.layout import GYRO_BIAS, TARGET_RATE
 from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.settling import CONSTANTS, SCRATCH, settle_into
-from relnav.vehicle.state import VehicleState
+from relnav.vehicle.state import Estimates, Lost
 
 LONGEST_STEP_S = 1.0
 """Of the covariance: the orbit turns by a milliradian in it, and what turns a thrust is small."""
 
 
 class VehicleMotion:
-    """How a vehicle's state moves. Holds constants and scratch only: the same arguments, the same bits."""
+    """How a vehicle's estimates move. Holds constants and scratch only: the same arguments, the same bits."""
 
     def __init__(self, vehicle: Vehicle, frame: OrbitFrame) -> None:
         gyro, motion = vehicle.gyro, vehicle.motion
@@ -41,91 +39,71 @@ class VehicleMotion:
             "angle_walk": gyro.random_walk_rad_sqrt_s**2,
         }.items():
             self._constants[name] = value
-        self._held_rate = -vehicle.orbit.mean_motion_rad_s * vehicle.chaser.dcm_chaser_from_lvlh[:, 1]
 
-    def chaser_rate(self, state: VehicleState) -> Vector:
-        """Inertial rate (3,) rad/s of the chaser, its axes; that of the held attitude before the first sample."""
-        if state.sample_s == -math.inf:
-            return self._held_rate - state.values[GYRO_BIAS]
-        rate: Vector = state.sample_rad_s - state.values[GYRO_BIAS]
+    def chaser_rate(self, at: Estimates, samples: GyroSamples) -> Vector:
+        """Inertial rate (3,) rad/s of the chaser as the first filter has it, its axes."""
+        rate: Vector = samples.rate_at(at.t_s) - at.values[0, GYRO_BIAS]
         return rate
 
-    def is_lost(self, state: VehicleState) -> bool:
-        """Whether the gyro is lost."""
-        return math.isfinite(state.bias_known[0])
+    def settled(self, at: Estimates, samples: GyroSamples, t_s: float) -> Estimates:
+        """The estimates at t_s, not before their own time; the same ones if they are of that time."""
+        at = self.forwarded(at, samples, t_s)
+        return self._step(at, samples, t_s) if t_s > at.t_s else at
 
-    def advance(self, state: VehicleState, t_s: float) -> VehicleState:
-        """The estimate at t_s, not before its own time: attitude there, all else where it was last settled."""
-        ends = max(state.sample_s + self._holds_s, state.t_s)
-        if not self.is_lost(state) and t_s > ends:
-            state = self._lose_gyro(self.settled(self._turn(state, ends)))
-        while self.is_lost(state) and t_s - state.settled_s > LONGEST_STEP_S:
-            state = self.settled(self._turn(state, state.settled_s + LONGEST_STEP_S))
-        return self._turn(state, t_s)
+    def forwarded(self, at: Estimates, samples: GyroSamples, t_s: float) -> Estimates:
+        """The estimates at the last stop on their way to t_s: where the gyro is lost or found, or a step is too long.
 
-    def with_sample(self, state: VehicleState, sample_rad_s: Vector) -> VehicleState:
-        """The estimate with a gyro sample that holds from its time on."""
-        if self.is_lost(state):
-            state = self._find_gyro(self.settled(state))
-        return state._replace(sample_rad_s=sample_rad_s, sample_s=state.t_s)
+        Stops do not depend on t_s: what is later settled from there has the same bits.
+        """
+        while True:
+            array, count, lost = samples.array, samples.count, at.lost
+            if lost is None:
+                stop = lost_at(array, count, self._holds_s, at.t_s, t_s)
+            else:
+                stop = found_at(array, count, lost.since_s)
+            if min(stop, t_s) - at.t_s > LONGEST_STEP_S:
+                at = self._step(at, samples, at.t_s + LONGEST_STEP_S)
+                continue
+            if stop > t_s:
+                return at
+            if stop > at.t_s:
+                at = self._step(at, samples, stop)
+            at = self._lose_gyro(at) if lost is None else self._find_gyro(at, lost, samples)
 
-    def with_command(self, state: VehicleState, command_m_s2: Vector) -> VehicleState:
-        """The estimate with a command to the thrusters that holds from its time on."""
-        return self.settled(state)._replace(command_m_s2=command_m_s2)
+    def _lose_gyro(self, at: Estimates) -> Estimates:
+        variance = np.diagonal(at.covariance, axis1=1, axis2=2)
+        return at._replace(lost=Lost(at.t_s, at.values[:, GYRO_BIAS].copy(), variance[:, GYRO_BIAS].copy()))
 
-    def settled(self, state: VehicleState) -> VehicleState:
-        """All of the estimate at the time of the chaser's attitude."""
-        while state.t_s - state.settled_s > LONGEST_STEP_S:  # without gyro samples to turn by, or only with them
-            state = self._settle_part(state, state.settled_s + LONGEST_STEP_S, state.dcm_at_settled)
-        if state.t_s > state.settled_s:
-            state = self._settle_part(state, state.t_s, state.dcm_inertial_from_chaser)
-        return state
+    def _find_gyro(self, at: Estimates, lost: Lost, samples: GyroSamples) -> Estimates:
+        new, silent_s = at.copied(), samples.silent_before(at.t_s)
+        for values, covariance, bias, variance in zip(
+            new.values, new.covariance, lost.bias, lost.variance, strict=True
+        ):
+            values[GYRO_BIAS] = bias
+            covariance[GYRO_BIAS, :] = covariance[:, GYRO_BIAS] = 0.0
+            covariance[GYRO_BIAS, GYRO_BIAS] = np.diag(variance + self._bias_walk * silent_s)
+        return new._replace(lost=None)
 
-    def _turn(self, state: VehicleState, t_s: float) -> VehicleState:
-        dt = t_s - state.t_s
-        if dt <= 0.0:
-            return state
-        dcm = np.empty((3, 3))
-        turn_by_rotation_vector(state.dcm_inertial_from_chaser, self.chaser_rate(state) * dt, dcm)
-        return state._replace(t_s=t_s, dcm_inertial_from_chaser=dcm)
-
-    def _lose_gyro(self, state: VehicleState) -> VehicleState:
-        variance = np.diagonal(state.covariance)[GYRO_BIAS]
-        return state._replace(bias_known=np.concatenate([state.values[GYRO_BIAS], variance]))
-
-    def _find_gyro(self, state: VehicleState) -> VehicleState:
-        values, covariance = state.values.copy(), state.covariance.copy()
-        values[GYRO_BIAS] = state.bias_known[:3]
-        covariance[GYRO_BIAS, :] = covariance[:, GYRO_BIAS] = 0.0
-        away = state.t_s - state.sample_s if np.isfinite(state.sample_s) else 0.0
-        covariance[GYRO_BIAS, GYRO_BIAS] = np.diag(state.bias_known[3:] + self._bias_walk * away)
-        return state._replace(values=values, covariance=covariance, bias_known=np.full(6, np.nan))
-
-    def _settle_part(self, state: VehicleState, t_s: float, dcm_inertial_from_chaser: Matrix) -> VehicleState:
-        """Motion, target and covariance from settled_s to t_s, the chaser turning to the given attitude."""
-        values, dcm = state.values.copy(), state.dcm_lvlh_from_target.copy()
-        after = np.empty_like(state.covariance)
+    def _step(self, at: Estimates, samples: GyroSamples, t_s: float) -> Estimates:
+        """All from at.t_s to t_s in one piece."""
+        begin_s, values, target, chaser, covariance, command, lost = at
+        values, target, chaser, after = values.copy(), target.copy(), chaser.copy(), np.empty_like(covariance)
         known = settle_into(
             self._constants,
             self._scratch,
-            state.settled_s,
-            t_s - state.settled_s,
-            dcm_inertial_from_chaser,
-            state.dcm_at_settled,
-            state.command_m_s2,
-            self._lost_walk if self.is_lost(state) else self._bias_walk,
+            begin_s,
+            t_s,
+            samples.array,
+            samples.count,
+            command,
+            self._bias_walk if lost is None else self._lost_walk,
             values,
-            dcm,
-            state.covariance,
+            target,
+            chaser,
+            covariance,
             after,
         )
         if not known:
-            rate = np.linalg.norm(state.values[TARGET_RATE])
+            rate = np.linalg.norm(at.values[:, TARGET_RATE], axis=1).max()
             raise ValueError(f"the target's rate, {rate:.3g} rad/s, is no longer known: start anew")
-        return state._replace(
-            settled_s=t_s,
-            values=values,
-            dcm_lvlh_from_target=dcm,
-            dcm_at_settled=dcm_inertial_from_chaser,
-            covariance=after,
-        )
+        return Estimates(t_s, values, target, chaser, after, command, lost)

@@ -1,25 +1,26 @@
 """One navigator for a whole vehicle: observations in any order in, the state at the docking port out."""
 
-import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from math import isfinite, isnan, nan
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Vector, number, numbers
-from relnav.spacecraft import POINTS, RESERVED, STAR, Vehicle
+from relnav.spacecraft import GYRO, POINTS, RESERVED, STAR, THRUST, Vehicle
 from relnav.vehicle.directions import StarTracker, SunSensor
-from relnav.vehicle.flying_sensor import FlyingSensor
+from relnav.vehicle.flying_sensor import Flown, FlyingSensor
+from relnav.vehicle.gyro import GyroSamples
 from relnav.vehicle.layout import Layout, layout_of
-from relnav.vehicle.monitor import ALARM_SIGMA, Sums, Watched, all_estimated
+from relnav.vehicle.monitor import ALARM_SIGMA, Sums, all_estimated
 from relnav.vehicle.motion import VehicleMotion
 from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.points import PointSensor
 from relnav.vehicle.port import PortState, port_state
-from relnav.vehicle.state import VehicleState, start_state
-from relnav.vehicle.timeline import Event, Observed, Timeline
+from relnav.vehicle.state import Estimates, start_state
+from relnav.vehicle.timeline import ACCEPTED, REJECTED, REPLAYED, TOO_OLD, Event, Observed, Timeline
 from relnav.vehicle.update import Outcome, Updater
 
 LONGEST_PREDICTION_S = 60.0
@@ -44,25 +45,15 @@ class SensorHealth:
         watches; NaN without one, and before the first observation.
     """
 
-    last_used_s: float = float("nan")
+    last_used_s: float = nan
     refused: int = 0
-    nis_ratio: float = float("nan")
-    deviation: float = float("nan")
+    nis_ratio: float = nan
+    deviation: float = nan
 
     @property
     def alarm(self) -> bool:
         """Whether what it says no longer agrees with what is believed of it (`relnav.vehicle.monitor`)."""
         return self.deviation > ALARM_SIGMA
-
-    def after(self, t_s: float, outcome: Outcome) -> "SensorHealth":
-        """The same after another observation."""
-        if outcome.groups == 0:
-            return self
-        now = outcome.nis / outcome.dof
-        mean = now if math.isnan(self.nis_ratio) else 0.9 * self.nis_ratio + 0.1 * now
-        if outcome.used == 0:
-            return replace(self, refused=self.refused + 1, nis_ratio=mean)
-        return replace(self, last_used_s=t_s, refused=0, nis_ratio=mean)
 
 
 @dataclass(frozen=True)
@@ -108,12 +99,36 @@ class VehicleEstimate:
         return tuple(name for name, health in self.sensors.items() if health.alarm)
 
 
-class _Tracked(NamedTuple):
-    """A state, how each sensor has fared until then, and the filter that watches."""
+class _Fare(NamedTuple):
+    """How a sensor fares in the filter, and its sums in the one that watches."""
 
-    state: VehicleState
-    health: Mapping[str, SensorHealth]
-    watched: Watched | None
+    sums: Sums
+    last_used_s: float = nan
+    refused: int = 0
+    nis_ratio: float = nan
+
+    def after(self, t_s: float, outcomes: list[Outcome]) -> "_Fare":
+        """The same after another observation: what became of it in the filter, and in the one that watches."""
+        nis, dof, groups, used, *_ = outcomes[0]
+        sums, last_used_s, refused, mean = self
+        for watched in outcomes[1:]:
+            sums = sums.after_outcome(t_s, watched)
+        if groups == 0:
+            return _Fare(sums, last_used_s, refused, mean)
+        mean = nis / dof if isnan(mean) else 0.9 * mean + 0.1 * nis / dof
+        return _Fare(sums, t_s, 0, mean) if used else _Fare(sums, last_used_s, refused + 1, mean)
+
+    @property
+    def health(self) -> SensorHealth:
+        """What is told of it."""
+        return SensorHealth(self.last_used_s, self.refused, self.nis_ratio, self.sums.deviation)
+
+
+class _Tracked(NamedTuple):
+    """Estimates, and how each sensor has fared until then."""
+
+    estimates: Estimates
+    fares: Mapping[str, _Fare]
 
 
 class VehicleNavigator:
@@ -150,7 +165,7 @@ class VehicleNavigator:
         sensors : mapping, optional
             Sensors of your own by name (`relnav.vehicle.flying_sensor`), flown beside those of the file.
         monitor : bool
-            Whether a second filter watches the first (`relnav.vehicle.monitor`), for as much computing again.
+            Whether a second filter watches the first (`relnav.vehicle.monitor`), for a third more computing.
 
         Raises
         ------
@@ -170,22 +185,21 @@ class VehicleNavigator:
         self.vehicle, self.layout = vehicle, layout_of(vehicle, {name: own.lasting for name, own in more.items()})
         self._frame = OrbitFrame(vehicle.orbit)
         self._motion = VehicleMotion(vehicle, self._frame)
-        self._sensors: dict[str, PointSensor | StarTracker | SunSensor | FlyingSensor]
-        self._sensors = {**{name: self._sensor(name) for name in vehicle.sensor}, **more}
-        for name, own in more.items():
-            own.placed(name, self.layout)
+        layouts = [self.layout, all_estimated(self.layout)] if monitor else [self.layout]
+        self._sensors: dict[str, PointSensor | StarTracker | SunSensor | Flown]
+        self._sensors = {name: self._sensor(name, len(layouts)) for name in vehicle.sensor}
+        self._sensors |= {name: Flown(own, name, self.layout) for name, own in more.items()}
         rows = max(sensor.most_rows for sensor in self._sensors.values())
-        gate = vehicle.filter.gate_probability
-        self._updater = Updater(self.layout, gate, rows)
-        self._watching = Updater(all_estimated(self.layout), gate, rows) if monitor else None
+        turning = -vehicle.orbit.mean_motion_rad_s * vehicle.chaser.dcm_chaser_from_lvlh[:, 1]  # held in its orbit
+        self._samples = GyroSamples(turning)
+        self._updater = Updater(layouts, vehicle.filter.gate_probability, rows)
         self._places = {name: k for k, name in enumerate([*RESERVED, *self._sensors])}
-        start = start_state(vehicle, self.layout, self._frame, number("t_s", t_s), place, speed)
-        health = dict.fromkeys(self._sensors, SensorHealth())
+        motion = np.concatenate([place, speed])
+        start = start_state(vehicle, self.layout, self._frame, number("t_s", t_s), motion, len(layouts))
+        tracked = _Tracked(start, dict.fromkeys(self._sensors, _Fare(Sums(start.t_s))))
         self._timeline: Timeline[_Tracked, Outcome | None]
-        watched = Watched(start, dict.fromkeys(self._sensors, Sums(start.t_s))) if monitor else None
-        self._timeline = Timeline(
-            _Tracked(start, health, watched), start.t_s, vehicle.filter.replay_window_s, self._apply
-        )
+        window_s = vehicle.filter.replay_window_s
+        self._timeline = Timeline(tracked, start.t_s, window_s, self._apply)
         self.on_outcome: Callable[[Event, Outcome], None] | None = None
 
     def observe(self, sensor: str, t_s: float, value: Any, covariance: ArrayLike | None = None) -> Observed:
@@ -210,19 +224,19 @@ class VehicleNavigator:
         ValueError
             For another name, shape or time.
         """
+        if sensor == GYRO:
+            return self._sample(t_s if type(t_s) is float else number("t_s", t_s), value)
         if sensor not in self._places:
             raise ValueError(f"no sensor '{sensor}' in {self.vehicle.name}; there are {', '.join(self._places)}")
         if sensor in self._sensors:
             taken, noise = self._sensors[sensor].taken(value, covariance)
-            if not np.isfinite(taken).any():
-                return Observed.REJECTED
+            if not any(map(isfinite, taken.tolist())):
+                return REJECTED
         else:
-            taken, noise = _three(sensor, value), _NOTHING
-        event = Event(number("t_s", t_s), self._places[sensor], sensor, taken.copy(), noise)
+            taken, noise = np.array(_three(sensor, value)), _NOTHING
+        event = Event(number("t_s", t_s), self._places[sensor], sensor, taken, noise)
         verdict, outcome = self._timeline.insert(event)
-        if outcome is not None and outcome.used == 0 and verdict is not Observed.TOO_OLD:
-            return Observed.REJECTED
-        return verdict
+        return REJECTED if outcome is not None and outcome.used == 0 else verdict
 
     @property
     def newest_s(self) -> float:
@@ -259,41 +273,53 @@ class VehicleNavigator:
             )
         return self._estimate(self._timeline.newest, time)
 
-    def _sensor(self, name: str) -> PointSensor | StarTracker | SunSensor:
+    def _sensor(self, name: str, filters: int) -> PointSensor | StarTracker | SunSensor:
         kind = self.vehicle.kind(name)
         if kind == POINTS:
-            return PointSensor(self.vehicle, name, self.layout, self._frame)
-        return (StarTracker if kind == STAR else SunSensor)(self.vehicle, name, self.layout)
+            return PointSensor(self.vehicle, name, self.layout, self._frame, filters)
+        return (StarTracker if kind == STAR else SunSensor)(self.vehicle, name, self.layout, filters)
+
+    def _sample(self, t_s: float, value: ArrayLike) -> Observed:
+        """Take a gyro sample in: it waits for the next observation, unless there is a later one already."""
+        timeline, samples, (x, y, z) = self._timeline, self._samples, _three(GYRO, value)
+        sample = t_s, x, y, z
+        if samples.is_full:
+            samples.make_room(timeline.forward(self._forwarded).estimates.t_s)
+        if timeline.goes_on(t_s):
+            samples.insert(sample)
+            return ACCEPTED
+        if timeline.is_too_old(GYRO, t_s):
+            return TOO_OLD
+        later = samples.insert(sample)
+        if later < 0:
+            return REJECTED
+        try:
+            return REPLAYED if timeline.changed(t_s) or later else ACCEPTED
+        except ValueError:
+            samples.remove(sample)
+            raise
+
+    def _forwarded(self, tracked: _Tracked, t_s: float) -> _Tracked:
+        return tracked._replace(estimates=self._motion.forwarded(tracked.estimates, self._samples, t_s))
 
     def _apply(self, tracked: _Tracked, event: Event) -> tuple[_Tracked, Outcome | None]:
-        """The state after an event; the outcome of one that the filter had to believe."""
-        state, outcome = self._moved(tracked.state, event, self._updater)
-        watched = tracked.watched
-        if watched is not None and self._watching is not None:
-            second, found = self._moved(watched.state, event, self._watching)
-            watched = Watched(second, watched.sums) if found is None else watched.after(second, event.source, found)
-        if outcome is None:
-            return _Tracked(state, tracked.health, watched), None
+        """The estimates after an event; the outcome of one that the filter had to believe."""
+        t_s, _, source, value, noise = event
+        before, fares = tracked
+        at = self._motion.settled(before, self._samples, t_s)
+        if source == THRUST:
+            return _Tracked(at._replace(command_m_s2=value), fares), None
+        sensor = self._sensors[source]
+        if at is before:
+            at = before.copied()
+        outcomes = self._updater.take(at, lambda estimates: sensor.rows(estimates, value, noise))
         if self.on_outcome is not None:
-            self.on_outcome(event, outcome)
-        own = tracked.health[event.source].after(event.t_s, outcome)
-        if watched is not None:
-            own = replace(own, deviation=watched.sums[event.source].deviation)
-        return _Tracked(state, {**tracked.health, event.source: own}, watched), outcome
-
-    def _moved(self, state: VehicleState, event: Event, updater: Updater) -> tuple[VehicleState, Outcome | None]:
-        """An estimate after an event."""
-        state = self._motion.advance(state, event.t_s)
-        if event.source == "gyro":
-            return self._motion.with_sample(state, event.value), None
-        if event.source == "thrust":
-            return self._motion.with_command(state, event.value), None
-        sensor = self._sensors[event.source]
-        return updater.take(self._motion.settled(state), lambda at: sensor.rows(at, event.value, event.noise))
+            self.on_outcome(event, outcomes[0])
+        return _Tracked(at, {**fares, source: fares[source].after(t_s, outcomes)}), outcomes[0]
 
     def _estimate(self, tracked: _Tracked, t_s: float) -> VehicleEstimate:
-        state = self._motion.settled(self._motion.advance(tracked.state, t_s))
-        rate = self._motion.chaser_rate(state)
+        at = self._motion.settled(tracked.estimates, self._samples, t_s)
+        state, rate = at.of(0), self._motion.chaser_rate(at, self._samples)
         port, _ = port_state(self.vehicle, self._frame, state, rate)
         return VehicleEstimate(
             t_s=t_s,
@@ -306,14 +332,16 @@ class VehicleNavigator:
             values=state.values.copy(),
             covariance=state.covariance.copy(),
             layout=self.layout,
-            sensors=dict(tracked.health),
-            gyro_lost=self._motion.is_lost(state),
+            sensors={name: fare.health for name, fare in tracked.fares.items()},
+            gyro_lost=at.lost is not None,
             final_before_s=self._timeline.newest_s - self.vehicle.filter.replay_window_s,
         )
 
 
-def _three(name: str, value: ArrayLike) -> Vector:
+def _three(name: str, value: ArrayLike) -> tuple[float, float, float]:
     array = numbers(name, value)
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise ValueError(f"{name}: three finite numbers are expected; got {array.tolist()}")
-    return array
+    if array.shape == (3,):
+        x, y, z = array.tolist()
+        if isfinite(x) and isfinite(y) and isfinite(z):
+            return x, y, z
+    raise ValueError(f"{name}: three finite numbers are expected; got {array.tolist()}")

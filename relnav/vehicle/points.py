@@ -20,20 +20,21 @@ from relnav.sensors.three_marker.camera import usable_covariance
 from relnav.sensors.three_marker.sensor import MarkerCamera
 from relnav.spacecraft import Vehicle
 from relnav.vehicle.layout import Layout
-from relnav.vehicle.light_rows import GEOMETRY, OPTICS, light_rows_into
+from relnav.vehicle.light_rows import GEOMETRY, OPTICS, light_rows_into, spots_inside_into
 from relnav.vehicle.orbit_frame import OrbitFrame
-from relnav.vehicle.rows import Rows
-from relnav.vehicle.state import VehicleState
+from relnav.vehicle.rows import Rows, empty_rows
+from relnav.vehicle.state import Estimates
 
 
 class PointSensor:
     """A camera or a position-sensitive detector on the chaser, and the lights on the target that it looks at."""
 
-    def __init__(self, vehicle: Vehicle, name: str, layout: Layout, frame: OrbitFrame) -> None:
+    def __init__(self, vehicle: Vehicle, name: str, layout: Layout, frame: OrbitFrame, filters: int) -> None:
         model, mounted = vehicle.models[name], vehicle.sensor[name]
-        self.name, self._frame, self._size = name, frame, layout.size
+        self.name, self._frame = name, frame
         self._points = vehicle.points_m(name)
         self.most_rows = 2 * len(self._points)
+        self._rows = empty_rows(filters, self.most_rows, layout.size, 2)
         self._optics, self._work = np.zeros((), OPTICS)[()], np.zeros((), GEOMETRY)[()]
         if isinstance(model, BeaconMission):
             psd = model.sensor
@@ -70,31 +71,37 @@ class PointSensor:
                 f"{self.name}: spots of its {count} lights, ({count}, 2) {self.unit}, are expected, NaN = not seen; "
                 f"got shape {spots.shape}"
             )
-        with np.errstate(invalid="ignore"):
-            inside: Flags = np.all((spots >= self._first) & (spots <= self._last), axis=1)
-        noise = self._noise
+        seen, noise = np.empty(2 * count), self._noise
+        spots_inside_into(np.ascontiguousarray(spots), self._first, self._last, seen)
         if covariance is not None:
             own, noise = numbers(f"{self.name}'s covariance", covariance), np.zeros_like(noise)
             if own.shape != (count, 2, 2):
                 raise ValueError(f"{self.name}: covariances of {count} spots are ({count}, 2, 2); got {own.shape}")
-            inside &= usable_covariance(own)
+            known: Flags = usable_covariance(own)
             for k in range(count):
-                noise[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = own[k] if inside[k] else self.sigma**2 * np.eye(2)
-        return np.where(inside[:, None], spots, np.nan).ravel(), noise
+                both = slice(2 * k, 2 * k + 2)
+                noise[both, both] = own[k] if known[k] else self._noise[both, both]
+                if not known[k]:
+                    seen[both] = np.nan
+        return seen, noise
 
-    def rows(self, state: VehicleState, spots: Vector, noise: Matrix) -> Rows:
-        """Rows of spots (2 n,) at a settled state."""
-        residual, H = np.empty(len(spots)), np.zeros((len(spots), self._size))
+    def rows(self, at: Estimates, spots: Vector, noise: Matrix) -> Rows:
+        """Rows of spots (2 n,) at settled estimates, in memory that the next call writes anew."""
+        rows = self._rows
         light_rows_into(
             self._optics,
             self._work,
             self._points,
-            state.values,
-            state.dcm_lvlh_from_target,
-            state.dcm_inertial_from_chaser,
-            self._frame.dcm_lvlh_from_inertial(state.t_s),
+            self._frame.vector,
+            self._frame.axes,
+            at.t_s,
+            at.values,
+            at.dcm_lvlh_from_target,
+            at.dcm_inertial_from_chaser,
             spots,
-            residual,
-            H,
+            noise,
+            rows.residual,
+            rows.jacobian,
+            rows.noise,
         )
-        return Rows(residual, H, noise, 2)
+        return rows

@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass
 
-from relnav.arrays import Matrix, Vector
+import numpy as np
+from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows about n errors.
+    """Rows about n errors; those of k filters side by side have the filter as another axis before all.
 
     Attributes
     ----------
@@ -21,7 +22,13 @@ class Rows:
         Rows a group: 2 of a spot or a sun direction, 3 of an attitude.
     """
 
-    residual: Vector
-    jacobian: Matrix
-    noise: Matrix
+    residual: NDArray[np.float64]
+    jacobian: NDArray[np.float64]
+    noise: NDArray[np.float64]
     group: int
+
+
+def empty_rows(filters: int, rows: int, errors: int, group: int) -> Rows:
+    """Rows of several filters to be written, zero so far."""
+    residual, noise = np.zeros((filters, rows)), np.zeros((filters, rows, rows))
+    return Rows(residual, np.zeros((filters, rows, errors)), noise, group)

@@ -10,11 +10,14 @@ the slow acceleration. Relative motion and the target's turn bring their own tra
 
 import numpy as np
 
-from relnav.arrays import Matrix, Record, Vector
+from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import entry, kernel
 from relnav.dynamics import gauss_markov, relative_motion, rigid_body
+from relnav.dynamics.clohessy_wiltshire import acceleration_effect_into
 from relnav.dynamics.rigid_body import BODY_ROWS, MEAN_MOTION
 from relnav.estimation.schmidt import carry_into, clear
+from relnav.geometry.rotation_vector import turn_by_rotation_vector
+from relnav.vehicle.gyro import holding_at
 from relnav.vehicle.layout import (
     CHASER_ATTITUDE,
     DRIVING,
@@ -61,9 +64,12 @@ SCRATCH = np.dtype(
         ("pushed", _F, 3),
         ("to_lvlh", _F, (3, 3)),
         ("frame", _F, (3, 3)),
+        ("before", _F, (3, 3)),
         ("F", _F, (MOVING, DRIVING)),
         ("Q", _F, (MOVING, MOVING)),
         ("product", _F, (DRIVING, MOVING)),
+        ("places", np.int64, DRIVING),
+        ("weights", _F, DRIVING),
     ]
 )
 
@@ -131,41 +137,52 @@ def _write_noise(scratch: Record, dt: float, angle_walk: float, bias_walk: float
         Q[_BIAS + i, _BIAS + i] = bias_walk * dt
 
 
-@entry
-def settle_into(
-    constants: Record,
-    scratch: Record,
-    t: float,
-    dt: float,
-    now: Matrix,
-    before: Matrix,
-    command: Vector,
-    bias_walk: float,
-    values: Vector,
-    dcm_lvlh_from_target: Matrix,
-    P: Matrix,
-    after: Matrix,
-) -> bool:
-    """Carry an estimate from t s over dt s: values (n,) and dcm_lvlh_from_target in place, P (n, n) into after.
+@kernel
+def _turn_through(
+    samples: Matrix, count: int, begin: float, end: float, bias: Vector, dcm: Matrix, scratch: Record
+) -> None:
+    """Turn dcm_inertial_from_chaser, in place, from begin to end by gyro samples less their bias (3,)."""
+    turn, turned = scratch["pushed"], scratch["to_lvlh"]
+    k = holding_at(samples, count, begin)
+    while begin < end:
+        until = min(samples[k + 1, 0], end) if k + 1 < count else end
+        dt = until - begin
+        if dt > 0.0:
+            for i in range(3):
+                turn[i] = (samples[k, 1 + i] - bias[i]) * dt
+            turn_by_rotation_vector(dcm, turn, turned)
+            for i in range(3):
+                for c in range(3):
+                    dcm[i, c] = turned[i, c]
+            begin = until
+        k += 1
 
-    now, before: dcm_inertial_from_chaser at the end and at the beginning; command (3,) m/s^2, chaser axes; bias_walk:
-    the square of what the gyro's bias gains in a second. False for a step so long that nothing is known after it.
-    """
+
+@kernel
+def _shared(constants: Record, scratch: Record, t: float, dt: float) -> None:
+    """Write into scratch what is the same in every estimate over dt from t: the frame, and what fades."""
     lvlh_from_inertial_into(constants["orbit"], constants["axes"], t + dt, scratch["frame"])
-    _push(scratch, now, command, values)
-    phi, q, effect, body = scratch["phi"], scratch["q"], scratch["effect"], constants["body"]
-    orbit, acceleration, work = constants["orbit"], scratch["acceleration"], scratch["work"]
-    if not relative_motion.propagate_into(orbit, t, dt, acceleration, constants["density"], phi, q, effect, work):
+    constants["body"][MEAN_MOTION, 0] = relative_motion.frame_rate(constants["orbit"], t + 0.5 * dt)
+    sigma, time, fade, drift = constants["slow_sigma"], constants["slow_time"], scratch["fade"], scratch["drift"]
+    gauss_markov.propagate_into(sigma, time, dt, fade, drift)
+
+
+@kernel
+def _move(constants: Record, scratch: Record, t: float, dt: float, again: bool, values: Vector, target: Matrix) -> bool:
+    """Carry values (n,) and the target's attitude from t over dt, in place; transitions and noise into scratch.
+
+    again: they are there of another estimate over the same step.
+    """
+    phi, q, effect, fade = scratch["phi"], scratch["q"], scratch["effect"], scratch["fade"]
+    orbit, a, density = constants["orbit"], scratch["acceleration"], constants["density"]
+    if again and relative_motion.depends_on_dt_alone(orbit):
+        acceleration_effect_into(orbit[relative_motion.MEAN_MOTION], dt, a, effect)
+    elif not relative_motion.propagate_into(orbit, t, dt, a, density, phi, q, effect, scratch["work"]):
         return False
-    body[MEAN_MOTION, 0] = relative_motion.frame_rate(orbit, t + 0.5 * dt)
     turn, spread, rate = scratch["turn"], scratch["spread"], values[_RATE : _RATE + 3]
-    density, steps = constants["torque_density"], scratch["steps"]
-    if not rigid_body.propagate_into(body, dt, dcm_lvlh_from_target, rate, density, turn, spread, steps):
+    body, torque_density = constants["body"], constants["torque_density"]
+    if not rigid_body.propagate_into(body, dt, target, rate, torque_density, turn, spread, scratch["steps"]):
         return False
-    fade = scratch["fade"]
-    gauss_markov.propagate_into(constants["slow_sigma"], constants["slow_time"], dt, fade, scratch["drift"])
-    _write_transition(scratch, dt, command, now, before)
-    _write_noise(scratch, dt, constants["angle_walk"], bias_walk)
     for i in range(6):
         for c in range(6):
             effect[i] += phi[i, c] * values[c]
@@ -173,5 +190,43 @@ def settle_into(
         values[i] = effect[i]
     for i in range(3):
         values[_SLOW + i] *= fade[i, i]
-    carry_into(P, scratch["F"], scratch["Q"], after, scratch["product"])
+    return True
+
+
+@entry
+def settle_into(
+    constants: Record,
+    scratch: Record,
+    t: float,
+    end: float,
+    samples: Matrix,
+    count: int,
+    command: Vector,
+    bias_walk: float,
+    values: Matrix,
+    dcm_lvlh_from_target: Stack,
+    dcm_inertial_from_chaser: Stack,
+    P: Stack,
+    after: Stack,
+) -> bool:
+    """Carry k estimates from t to end, s: values (k, n) and attitudes (k, 3, 3) in place, P (k, n, n) into after.
+
+    samples, count: of the gyro, as `GyroSamples`; command (3,) m/s^2, chaser axes; bias_walk: the square of what the
+    gyro's bias gains in a second. False for a step so long that nothing is known after it.
+    """
+    dt, before = end - t, scratch["before"]
+    _shared(constants, scratch, t, dt)
+    for f in range(values.shape[0]):
+        now = dcm_inertial_from_chaser[f]
+        for i in range(3):
+            for c in range(3):
+                before[i, c] = now[i, c]
+        _turn_through(samples, count, t, end, values[f, _BIAS : _BIAS + 3], now, scratch)
+        _push(scratch, now, command, values[f])
+        if not _move(constants, scratch, t, dt, f > 0, values[f], dcm_lvlh_from_target[f]):
+            return False
+        _write_transition(scratch, dt, command, now, before)
+        _write_noise(scratch, dt, constants["angle_walk"], bias_walk)
+        F, Q, product = scratch["F"], scratch["Q"], scratch["product"]
+        carry_into(P[f], F, Q, after[f], product, scratch["places"], scratch["weights"])
     return True

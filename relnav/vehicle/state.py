@@ -1,11 +1,15 @@
-"""The estimate of a vehicle: values that never change once made, so that any of them can be gone back to."""
+"""The estimates of a vehicle: values that never change once made, so that any of them can be gone back to.
+
+The filters of a navigator, the one that is told and the one that watches it, stand side by side: the first axis of an
+array is the filter, and what is done to one is done to all in one compiled call.
+"""
 
 import math
 from typing import NamedTuple
 
 import numpy as np
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix, Stack, Vector
 from relnav.codegen.kernel import entry, kernel
 from relnav.estimation.schmidt import reset_into
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
@@ -19,112 +23,134 @@ RESET_FROM_RAD = 1e-3
 
 
 @kernel
-def _take_turn(theta: Vector, dcm: Matrix, out: Matrix, P: Matrix, at: int) -> None:
-    """Write an attitude that took theta (3,) in into out, and replace P (n, n) by that about it."""
-    turn_by_rotation_vector(dcm, theta, out)
+def _take_turn(theta: Vector, dcm: Matrix, P: Matrix, at: int, turned: Matrix) -> None:
+    """Turn an attitude, in place, by theta (3,), and replace P (n, n) by that about it; turned (3, 3) scratch."""
+    turn_by_rotation_vector(dcm, theta, turned)
+    for i in range(3):
+        for c in range(3):
+            dcm[i, c] = turned[i, c]
     if math.sqrt(theta[0] ** 2 + theta[1] ** 2 + theta[2] ** 2) > RESET_FROM_RAD:
         reset_into(P, theta, at)
 
 
-@entry
-def correct_into(
-    values: Vector,
-    target: Matrix,
-    chaser: Matrix,
-    correction: Vector,
-    values_after: Vector,
-    target_after: Matrix,
-    chaser_after: Matrix,
-    P: Matrix,
-) -> None:
-    """Write values (n,) and both attitudes (3, 3) with a correction (n,) taken in; P (n, n), after it, in place."""
+@kernel
+def correct_one(values: Vector, target: Matrix, chaser: Matrix, P: Matrix, correction: Vector, turned: Matrix) -> None:
+    """Take a correction (n,) into values (n,), both attitudes (3, 3) and P (n, n), in place; turned (3, 3) scratch."""
     for i in range(len(values)):
-        values_after[i] = values[i] + correction[i]
+        values[i] += correction[i]
     for i in range(3):
-        values_after[_TARGET + i] = values_after[_CHASER + i] = 0.0
-    _take_turn(correction[_TARGET : _TARGET + 3], target, target_after, P, _TARGET)
-    _take_turn(correction[_CHASER : _CHASER + 3], chaser, chaser_after, P, _CHASER)
+        values[_TARGET + i] = values[_CHASER + i] = 0.0
+    _take_turn(correction[_TARGET : _TARGET + 3], target, P, _TARGET, turned)
+    _take_turn(correction[_CHASER : _CHASER + 3], chaser, P, _CHASER, turned)
+
+
+@entry
+def correct_into(values: Matrix, targets: Stack, chasers: Stack, P: Stack, corrections: Matrix, turned: Matrix) -> None:
+    """Take corrections (k, n) into k estimates, in place: as `correct_one`."""
+    for f in range(len(values)):
+        correct_one(values[f], targets[f], chasers[f], P[f], corrections[f], turned)
 
 
 class VehicleState(NamedTuple):
-    """An estimate.
+    """What one filter makes of an instant, as sensors and ports see it.
 
     Attributes
     ----------
     t_s : float
-        Of the chaser's attitude, which follows every gyro sample.
-    settled_s : float
-        Of all else. Not later than t_s.
     values : (n,)
         Additive values by the layout: position, velocity (`lvlh_ccsds` of the stated orbit), rate, bias and what lasts;
         zero where the error is that of an attitude.
     dcm_lvlh_from_target, dcm_inertial_from_chaser : (3, 3)
-    dcm_at_settled : (3, 3)
-        dcm_inertial_from_chaser at settled_s.
     covariance : (n, n)
-        Of the errors at settled_s, truth = estimate and error.
-    sample_rad_s : (3,)
-        The last gyro sample; NaN before the first.
-    sample_s : float
-        Its time.
-    bias_known : (6,)
-        What the bias and its variance were when the gyro was lost; NaN while it is not.
-    command_m_s2 : (3,)
-        To the thrusters, chaser axes.
+        Of the errors, truth = estimate and error.
     """
 
     t_s: float
-    settled_s: float
     values: Vector
     dcm_lvlh_from_target: Matrix
     dcm_inertial_from_chaser: Matrix
-    dcm_at_settled: Matrix
     covariance: Matrix
-    sample_rad_s: Vector
-    sample_s: float
-    bias_known: Vector
-    command_m_s2: Vector
 
-    def corrected(self, correction: Vector, covariance: Matrix) -> "VehicleState":
-        """The estimate with a correction (n,) of its errors taken in; it must be settled."""
-        values, target, chaser = np.empty_like(self.values), np.empty((3, 3)), np.empty((3, 3))
-        after = covariance.copy()
-        correct_into(
-            self.values,
-            self.dcm_lvlh_from_target,
-            self.dcm_inertial_from_chaser,
-            correction,
-            values,
-            target,
-            chaser,
-            after,
-        )
+
+class Lost(NamedTuple):
+    """What of the bias is kept while the gyro is lost.
+
+    Attributes
+    ----------
+    since_s : float
+    bias, variance : (k, 3)
+        Of each filter when it was lost.
+    """
+
+    since_s: float
+    bias: Matrix
+    variance: Matrix
+
+
+class Estimates(NamedTuple):
+    """What k filters make of an instant.
+
+    Of a covariance the first DRIVING rows are whole, of the others what stands right of the diagonal
+    (`estimation.schmidt`).
+
+    Attributes
+    ----------
+    t_s : float
+    values : (k, n)
+    dcm_lvlh_from_target, dcm_inertial_from_chaser : (k, 3, 3)
+    covariance : (k, n, n)
+        These as of `VehicleState`.
+    command_m_s2 : (3,)
+        To the thrusters, chaser axes.
+    lost : Lost or None
+        What is known of the gyro while it is lost.
+    """
+
+    t_s: float
+    values: Matrix
+    dcm_lvlh_from_target: Stack
+    dcm_inertial_from_chaser: Stack
+    covariance: Stack
+    command_m_s2: Vector
+    lost: Lost | None
+
+    def of(self, filter_: int) -> VehicleState:
+        """That of one filter."""
+        f = filter_
+        attitudes = self.dcm_lvlh_from_target[f], self.dcm_inertial_from_chaser[f]
+        right = np.triu(self.covariance[f])
+        return VehicleState(self.t_s, self.values[f], *attitudes, right + np.triu(right, 1).T)
+
+    def copied(self) -> "Estimates":
+        """The same in arrays of its own, which may be written until it is handed on."""
         return self._replace(
-            values=values,
-            dcm_lvlh_from_target=target,
-            dcm_inertial_from_chaser=chaser,
-            dcm_at_settled=chaser,
-            covariance=after,
+            values=self.values.copy(),
+            dcm_lvlh_from_target=self.dcm_lvlh_from_target.copy(),
+            dcm_inertial_from_chaser=self.dcm_inertial_from_chaser.copy(),
+            covariance=self.covariance.copy(),
         )
+
+    def corrected(self, corrections: Matrix) -> "Estimates":
+        """The estimates with corrections (k, n) of their errors taken in."""
+        new = self.copied()
+        attitudes = new.dcm_lvlh_from_target, new.dcm_inertial_from_chaser
+        correct_into(new.values, *attitudes, new.covariance, corrections, np.empty((3, 3)))
+        return new
 
 
 def start_state(
-    vehicle: Vehicle, layout: Layout, frame: OrbitFrame, t_s: float, position_m: Vector, velocity_m_s: Vector
-) -> VehicleState:
-    """The estimate at hand-over: attitudes and rate as held, everything that lasts as stated."""
+    vehicle: Vehicle, layout: Layout, frame: OrbitFrame, t_s: float, motion: Vector, filters: int
+) -> Estimates:
+    """The estimates at hand-over with this motion (6,): attitudes and rate as held, what lasts as stated."""
     values = np.zeros(layout.size)
-    values[:3], values[3:6], values[TARGET_RATE] = position_m, velocity_m_s, vehicle.start_rate_rad_s
-    dcm = (vehicle.chaser.dcm_chaser_from_lvlh @ frame.dcm_lvlh_from_inertial(t_s)).T.copy()
-    return VehicleState(
+    values[:6], values[TARGET_RATE] = motion, vehicle.start_rate_rad_s
+    dcm = (vehicle.chaser.dcm_chaser_from_lvlh @ frame.dcm_lvlh_from_inertial(t_s)).T
+    return Estimates(
         t_s=t_s,
-        settled_s=t_s,
-        values=values,
-        dcm_lvlh_from_target=vehicle.target.dcm_target_from_lvlh.T.copy(),
-        dcm_inertial_from_chaser=dcm,
-        dcm_at_settled=dcm,
-        covariance=layout.prior.copy(),
-        sample_rad_s=np.full(3, np.nan),
-        sample_s=-np.inf,
-        bias_known=np.full(6, np.nan),
+        values=np.stack([values] * filters),
+        dcm_lvlh_from_target=np.stack([vehicle.target.dcm_target_from_lvlh.T] * filters),
+        dcm_inertial_from_chaser=np.stack([dcm] * filters),
+        covariance=np.stack([layout.prior] * filters),
         command_m_s2=np.zeros(3),
+        lost=None,
     )

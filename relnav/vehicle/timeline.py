@@ -7,10 +7,9 @@ of the same events in order, bit for bit. States never change, so going back cos
 
 import bisect
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
 from enum import IntEnum
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 from relnav.arrays import Matrix, Vector
 
@@ -32,8 +31,10 @@ class Observed(IntEnum):
     """Nothing of it could be used: not seen, not credible, or here already."""
 
 
-@dataclass(frozen=True)
-class Event:
+ACCEPTED, REPLAYED, TOO_OLD, REJECTED = Observed
+
+
+class Event(NamedTuple):
     """Something that was observed.
 
     Attributes
@@ -65,7 +66,7 @@ class Timeline(Generic[State, Result]):
     ) -> None:
         self._base, self._start_s, self._window_s, self._apply = start, start_s, window_s, apply
         self._events: list[Event] = []
-        self._keys: list[tuple[float, int, bytes, bytes]] = []
+        self._times: list[float] = []
         self._after: list[tuple[State, Result]] = []
         self.newest_s = start_s
 
@@ -77,28 +78,60 @@ class Timeline(Generic[State, Result]):
         ValueError
             For a time that is no number, or so far ahead that it is a mistake.
         """
-        if not math.isfinite(event.t_s) or event.t_s > self.newest_s + LONGEST_GAP_S:
-            raise ValueError(
-                f"{event.source}: t_s is a time at most {LONGEST_GAP_S:g} s after the last observation "
-                f"({self.newest_s:g} s); got {event.t_s!r}; after such a gap start anew"
-            )
-        if event.t_s < max(self._start_s, self.newest_s - self._window_s):
-            return Observed.TOO_OLD, None
-        key = event.key
-        at = bisect.bisect_left(self._keys, key)
-        if at < len(self._keys) and self._keys[at] == key:
-            return Observed.REJECTED, None
-        late = at < len(self._keys)
-        state, after = self._base if at == 0 else self._after[at - 1][0], []
-        for each in (event, *self._events[at:]):
-            after.append(self._apply(state, each))
-            state = after[-1][0]
+        t_s, newest = event.t_s, self.newest_s
+        if self.is_too_old(event.source, t_s):
+            return TOO_OLD, None
+        at = count = len(self._times)
+        if count and t_s <= self._times[-1]:
+            at = bisect.bisect_left(self._times, t_s)
+            while at < count and self._times[at] == t_s and self._events[at].key < event.key:
+                at += 1
+            if at < count and self._events[at].key == event.key:
+                return REJECTED, None
+        after = self._done(at, [event, *self._events[at:]])
         self._events.insert(at, event)
-        self._keys.insert(at, key)
+        self._times.insert(at, t_s)
         self._after[at:] = after
-        self.newest_s = max(self.newest_s, event.t_s)
+        self.newest_s = max(newest, t_s)
         self._forget()
-        return Observed.REPLAYED if late else Observed.ACCEPTED, after[0][1]
+        return REPLAYED if at < count or t_s < newest else ACCEPTED, after[0][1]
+
+    def is_too_old(self, source: str, t_s: float) -> bool:
+        """Whether a time lies before all that can still be inserted.
+
+        Raises
+        ------
+        ValueError
+            As `insert`.
+        """
+        newest = self.newest_s
+        if not t_s <= newest + LONGEST_GAP_S or t_s == -math.inf:
+            raise ValueError(
+                f"{source}: t_s is a time at most {LONGEST_GAP_S:g} s after the last observation "
+                f"({newest:g} s); got {t_s!r}; after such a gap start anew"
+            )
+        return t_s < self._start_s or t_s < newest - self._window_s
+
+    def goes_on(self, t_s: float) -> bool:
+        """Whether t_s is later than all that came so far, and no mistake: then it is the newest time from now on."""
+        newest = self.newest_s
+        if newest < t_s <= newest + LONGEST_GAP_S:
+            self.newest_s = t_s
+            return True
+        return False
+
+    def changed(self, t_s: float) -> bool:
+        """Do events from t_s on again, because what moves states has changed since; whether t_s is in the past."""
+        at, late = bisect.bisect_left(self._times, t_s), t_s < self.newest_s
+        if at < len(self._times):
+            self._after[at:], late = self._done(at, self._events[at:]), True
+        return late
+
+    def forward(self, along: Callable[[State, float], State]) -> State:
+        """Bring the state before all events along to the oldest time that can still change, and return it."""
+        self._forget()
+        self._base = along(self._base, max(self._start_s, self.newest_s - self._window_s))
+        return self._base
 
     def before(self, t_s: float) -> State:
         """The state after the last event not later than t_s.
@@ -111,7 +144,7 @@ class Timeline(Generic[State, Result]):
         oldest = max(self._start_s, self.newest_s - self._window_s)
         if not t_s >= oldest:
             raise ValueError(f"t_s is {oldest:g} s or later, within the replay window; got {t_s!r}")
-        at = bisect.bisect_right(self._keys, t_s, key=lambda key: key[0])
+        at = bisect.bisect_right(self._times, t_s)
         return self._base if at == 0 else self._after[at - 1][0]
 
     @property
@@ -119,9 +152,17 @@ class Timeline(Generic[State, Result]):
         """The state after the last event."""
         return self._after[-1][0] if self._after else self._base
 
+    def _done(self, at: int, events: Iterable[Event]) -> list[tuple[State, Result]]:
+        """What events make of the state before place `at`, one after the other."""
+        state, after = self._base if at == 0 else self._after[at - 1][0], []
+        for each in events:
+            after.append(self._apply(state, each))
+            state = after[-1][0]
+        return after
+
     def _forget(self) -> None:
         """Drop events before the window: nothing can be inserted before them any more."""
-        count = bisect.bisect_left(self._keys, self.newest_s - self._window_s, key=lambda key: key[0])
+        count = bisect.bisect_left(self._times, self.newest_s - self._window_s)
         if count:
             self._base = self._after[count - 1][0]
-            del self._events[:count], self._keys[:count], self._after[:count]
+            del self._events[:count], self._times[:count], self._after[:count]

@@ -22,17 +22,18 @@ def short_run(vehicle):
 
 @pytest.fixture
 def navigator(vehicle):
-    return VehicleNavigator(vehicle, position_m=vehicle.start_position_m - [24.4, 0.0, 0.0])
+    """One filter, without a second that watches."""
+    return VehicleNavigator(vehicle, position_m=vehicle.start_position_m - [24.4, 0.0, 0.0], monitor=False)
 
 
 @pytest.fixture
 def odd_state(navigator):
-    """A settled state with values that no symmetry hides."""
+    """Settled estimates of one filter with values that no symmetry hides."""
     rng = np.random.default_rng(11)
     navigator.observe("gyro", 0.0, rng.normal(size=3) * 1e-3)
-    start = navigator._timeline.newest.state
-    scale = np.minimum(np.sqrt(np.diagonal(start.covariance)), 0.02)
+    start = navigator._timeline.newest.estimates
+    scale = np.minimum(np.sqrt(np.diagonal(start.covariance[0])), 0.02)
     for block in navigator.layout.blocks:
         if block.name.endswith(".mount"):  # values of turns add up to first order only, and start at zero
             scale[block.place] = 0.0
-    return start.corrected(rng.normal(size=scale.size) * scale, start.covariance)
+    return start.corrected(rng.normal(size=(1, scale.size)) * scale)

@@ -1,0 +1,105 @@
+"""Gyro samples in order whatever the order in which they came, and when the gyro is lost and found."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from relnav.vehicle import gyro
+from relnav.vehicle.gyro import GyroSamples, found_at, lost_at
+from relnav.vehicle.navigator import VehicleNavigator
+from relnav.vehicle.timeline import Observed
+
+BEFORE_ANY = np.array([0.0, 0.1, 0.0])
+
+
+def filled(times):
+    samples = GyroSamples(BEFORE_ANY)
+    for k, t in enumerate(times):
+        samples.insert((t, float(k), 0.0, 0.0))
+    return samples
+
+
+@given(st.lists(st.tuples(st.integers(0, 20), st.integers(0, 3)), min_size=1, max_size=40))
+def test_they_are_in_order_and_each_is_there_once(given_samples):
+    samples, seen = GyroSamples(BEFORE_ANY), []
+    for t, x in given_samples:
+        sample = float(t), float(x), 0.0, 0.0
+        later = samples.insert(sample)
+        assert later == (-1 if sample in seen else sum(one > sample for one in seen))
+        seen += [sample] if later >= 0 else []
+    held = samples.array[: samples.count].tolist()
+    assert held[1:] == [list(one) for one in sorted(seen)]
+    samples.remove(seen[0])
+    assert samples.array[1 : samples.count].tolist() == [list(one) for one in sorted(seen[1:])]
+
+
+def test_which_one_holds():
+    samples = filled([1.0, 1.1, 1.2])
+    assert samples.rate_at(0.9).tolist() == BEFORE_ANY.tolist()
+    assert [samples.rate_at(t)[0] for t in (1.0, 1.15, 1.2, 9.0)] == [0.0, 1.0, 2.0, 2.0]
+    assert [samples.silent_before(t) for t in (1.0, 1.1)] == [0.0, pytest.approx(0.1)]
+
+
+def test_room_is_made_by_forgetting_what_no_longer_holds(monkeypatch):
+    monkeypatch.setattr(gyro, "ROOM", 4)
+    samples = filled([1.0, 1.1, 1.2])
+    assert samples.is_full
+    samples.make_room(1.15)
+    assert not samples.is_full
+    assert len(samples.array) == 4
+    assert samples.array[: samples.count, 0].tolist() == [1.1, 1.2]
+    samples.make_room(1.15)
+    samples.insert((1.3, 0.0, 0.0, 0.0))
+    samples.insert((1.05, 7.0, 0.0, 0.0))
+    samples.make_room(0.0)  # nothing can be forgotten
+    assert len(samples.array) == 8
+    assert samples.array[: samples.count, 0].tolist() == [1.05, 1.1, 1.2, 1.3]
+
+
+def test_when_it_is_lost_and_found():
+    samples = filled([1.0, 1.1, 2.0])
+    array, count = samples.array, samples.count
+    assert lost_at(array, count, 0.25, 1.0, 1.3) == math.inf
+    assert lost_at(array, count, 0.25, 1.0, 1.35) == math.inf  # until then it holds
+    assert lost_at(array, count, 0.25, 1.0, 3.0) == pytest.approx(1.35)
+    assert lost_at(array, count, 0.25, 0.5, 3.0) == 0.5  # no sample yet
+    assert found_at(array, count, 1.35) == 2.0
+    assert found_at(array, count, 2.25) == math.inf
+
+
+def bits(nav):
+    now = nav.state()
+    return now.covariance.tobytes() + now.values.tobytes() + now.port.position_m.tobytes()
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_gap_and_any_order_give_the_same_bits(vehicle, short_run, seed):
+    """Samples are missing from 0.15 to 0.25 s: lost, found, and what comes late is before, in or after the gap."""
+    events = [seen for seen in short_run.observations if seen.t_s < 0.4]
+    events = [seen for seen in events if seen.sensor != "gyro" or not 0.15 < seen.t_s < 0.25]
+    rng = np.random.default_rng(seed)
+    in_order, shuffled = VehicleNavigator(vehicle), VehicleNavigator(vehicle)
+    for seen in sorted(events, key=lambda one: one.t_s):
+        in_order.observe(seen.sensor, seen.t_s, seen.value)
+    verdicts = set()
+    for k in rng.permutation(len(events)):
+        verdicts.add(shuffled.observe(events[k].sensor, events[k].t_s, events[k].value))
+    assert Observed.TOO_OLD not in verdicts
+    assert bits(shuffled) == bits(in_order)
+
+
+def test_samples_alone_take_no_more_room_than_the_window(vehicle, short_run, monkeypatch):
+    """Seven seconds without an observation, with room for three: the same bits as with room for all of them."""
+    roomy = VehicleNavigator(vehicle)
+    monkeypatch.setattr(gyro, "ROOM", 300)
+    narrow = VehicleNavigator(vehicle)
+    for seen in sorted((seen for seen in short_run.observations if seen.t_s < 9.0), key=lambda one: one.t_s):
+        if seen.sensor == "gyro" or not 1.0 < seen.t_s < 8.5:
+            for nav in (roomy, narrow):
+                nav.observe(seen.sensor, seen.t_s, seen.value)
+    assert len(narrow._samples.array) <= 600
+    assert bits(narrow) == bits(roomy)
+    assert not narrow.state().gyro_lost
