@@ -57,7 +57,7 @@ def numbers(name: str, value: ArrayLike) -> NDArray[np.float64]:
         For what is not real numbers, rows of unequal length, or an integer beyond the largest float; `name` says in
         the sentence which argument it was.
     """
-    if type(value) is np.ndarray and value.dtype is _FLOAT:
+    if type(value) is np.ndarray and value.dtype == _FLOAT:
         return value
     mask: Any = None
     try:
