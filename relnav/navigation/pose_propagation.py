@@ -110,6 +110,7 @@ def advance_pose(
         for j in range(6):
             phi[i, j], phi[6 + i, 6 + j] = step["phi"][i, j], turn[i, j]
             noise[i, j], noise[6 + i, 6 + j] = step["noise"][i, j], factors[i, j]
+            noise[6 + i, j] = 0.0  # an update left a covariance there, which plain Python does not skip
     carry_errors(track["ld"], phi, noise)
     return True
 

@@ -16,10 +16,11 @@ from numpy.typing import ArrayLike
 from relnav.arrays import LARGEST, Flags, Matrix, Stack, Vector, number, numbers
 from relnav.dynamics.relative_motion import frame_rate
 from relnav.dynamics.rigid_body import lvlh_rate
+from relnav.estimation.factored import compose
 from relnav.geometry.rotation import is_rotation
 from relnav.geometry.rotation_vector import turned
 from relnav.mission import VisionMission
-from relnav.navigation.arguments import not_negative, refuse_another_version, start_values
+from relnav.navigation.arguments import not_negative, refuse_another_version, refuse_unknown_engine, start_values
 from relnav.navigation.memory import fill, orbit_values
 from relnav.navigation.pose_epoch import EPOCH, JOINED, read_epoch
 from relnav.navigation.pose_filter import NEW_ROOTS, NOTHING, pose_step
@@ -28,6 +29,8 @@ from relnav.navigation.pose_propagation import is_wide
 from relnav.navigation.pose_record import PoseRecord
 from relnav.navigation.pose_roots import add_uncovered, open_trial, roots, state_of, view_at
 from relnav.navigation.pose_state import PoseState
+from relnav.navigation.reference_bank import Exposure
+from relnav.navigation.reference_pose import ReferencePose
 from relnav.navigation.status import OUT_OF_VIEW, EpochStatus
 from relnav.sensors.three_marker.camera import usable_covariance
 
@@ -74,16 +77,30 @@ class PoseNavigator:
     """Position, velocity, attitude and rate of chaser and target from marker spots, an epoch at a time.
 
     `copy.deepcopy` and `pickle` give a navigator that goes on from the same state, bit for bit.
+
+    Parameters
+    ----------
+    mission : VisionMission
+        From `relnav.load_model("three_marker_vision")`.
+    engine : {"compiled", "filterpy"}
+        Ours, or the same filter written a second time in numpy on filterpy's ExtendedKalmanFilter: a hundred times
+        slower, for comparison. It takes no late images, and its alarm says UNWATCHED.
+
+    Raises
+    ------
+    ValueError
+        For another kind of model, or an unknown engine.
     """
 
-    def __init__(self, mission: VisionMission) -> None:
-        """Take a loaded model, `relnav.load_model("three_marker_vision")`."""
+    def __init__(self, mission: VisionMission, *, engine: str = "compiled") -> None:
         if not isinstance(mission, VisionMission):
             raise ValueError(
                 f"PoseNavigator flies a marker mission, such as relnav.load_model('three_marker_vision'); a "
                 f"{type(mission).__name__} was given: a beacon mission is flown by relnav.Navigator"
             )
+        refuse_unknown_engine(engine)
         self.mission = mission
+        self._reference = ReferencePose(mission) if engine == "filterpy" else None
         self.memory = new_pose_memory(mission)
         self._named = pose_views(self.memory)
         self._held, self._nothing = mission.dcm_chaser_from_lvlh, np.zeros(3)
@@ -106,6 +123,8 @@ class PoseNavigator:
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """Every pose that is still possible, the most credible first."""
+        if self._reference is not None:
+            return tuple(Hypothesis(one.state, one.score) for one in self._reference.bank)
         m = self._named
         tracks = zip(m.bank[: int(m.clock["running"])], m.bank_sensitivities, strict=False)
         return tuple(Hypothesis(state_of(one, by_error), float(one["score"])) for one, by_error in tracks)
@@ -147,6 +166,8 @@ class PoseNavigator:
         m.bank_sensitivities[0] = 0.0
         fill(m.clock, t=t, begun=t, renewed=t, blurred=-math.inf, running=1, trial=0, rejected=0)
         m.used_s[:] = t
+        if self._reference is not None:
+            self._reference.start(t, motion, attitude, rate, compose(ld))
         self._events, self._after = [], []
         self._before, self._oldest_s = self.memory.copy(), t
 
@@ -203,6 +224,8 @@ class PoseNavigator:
         exposed = t_s if image_t_s is None else number("image_t_s", image_t_s)
         if not math.isfinite(exposed) or exposed > t_s:
             raise ValueError(f"image_t_s must be finite and not after t_s = {t_s!r}; got {image_t_s!r}")
+        if self._reference is not None and spots_px is not None and exposed < t_s:
+            raise ValueError('engine="filterpy" takes no late images: leave image_t_s out, or use engine="compiled"')
         event = self._event(t_s, acceleration_m_s2, delta_v_m_s, dcm_chaser_from_lvlh)
         if attitude_noise_rad is not None:
             event = replace(event, attitude_noise_rad=not_negative("attitude_noise_rad", attitude_noise_rad))
@@ -244,6 +267,12 @@ class PoseNavigator:
         return replace(event, spots_px=spots, covariance_px2=own)
 
     def _append(self, event: Event) -> "Outcome":
+        if self._reference is not None:
+            self._events = [event]
+            control, noise = (event.acceleration_m_s2, event.delta_v_m_s), event.attitude_noise_rad
+            image = Exposure(event.t_s, event.dcm_chaser_from_lvlh, noise, event.spots_px, event.covariance_px2)
+            done = self._reference.take(image, *control)
+            return Outcome(EpochStatus(done.status), done.accepted, done.nis, done.dof, done.alarm)
         self._take(event)
         self._events.append(event)
         self._after.append(self.memory.copy())
@@ -291,7 +320,10 @@ class PoseNavigator:
         self, event: Event, outcome: "Outcome", rate: Vector | None, delay_s: float, *, too_late: bool
     ) -> PoseRecord:
         epoch, dcm = np.zeros(1, EPOCH), event.dcm_chaser_from_lvlh
-        read_epoch(self.memory, epoch, JOINED)
+        if self._reference is None:
+            read_epoch(self.memory, epoch, JOINED)
+        else:
+            self._reference.write_epoch(epoch[0])
         one = epoch[0]
         if delay_s > 0.0 and rate is not None:
             relative = rate - lvlh_rate(dcm.T, frame_rate(orbit_values(self.mission.orbit), event.t_s))
