@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
+from relnav.errors import UsageError
 from relnav.files.frame_logs import log_in_memory
 from relnav.files.log_columns import ACCELERATION, DELTA_V, Columns, markers, parse_header
 from relnav.files.logs import LogFile
@@ -48,7 +49,9 @@ _WHOLE_NUMBERS = ("dof", "used", "status", "hypotheses", "observable", "too_late
 _INTEGERS = tuple(TRACK_COLUMNS.index(name) for name in _WHOLE_NUMBERS)
 
 
-def filter_marker_log(path: Any, mission: VisionMission, *, smooth: bool = False) -> PoseSolution:
+def filter_marker_log(
+    path: Any, mission: VisionMission, *, smooth: bool = False, engine: str = "compiled"
+) -> PoseSolution:
     """Filter a log of marker spots (CSV, Parquet or a DataFrame, one row an epoch).
 
     Columns: `t_s`; `spot_a_x_px`, `spot_a_y_px`, ... one pair a marker in the model's order (empty = not seen);
@@ -59,24 +62,33 @@ def filter_marker_log(path: Any, mission: VisionMission, *, smooth: bool = False
     ------
     LogError
         If the log cannot be read; names file, line and column.
+    UsageError
+        For late images, or smoothing, with `engine="filterpy"`.
     """
-    parts = list(marker_solutions(path, mission, smooth=smooth))
-    return replace(parts[0], epochs=np.concatenate([part.epochs for part in parts]))
+    parts = list(marker_solutions(path, mission, smooth=smooth, engine=engine))
+    metadata = {} if engine == "compiled" else {"engine": engine}
+    return replace(parts[0], epochs=np.concatenate([part.epochs for part in parts]), metadata=metadata)
 
 
-def marker_solutions(path: Any, mission: VisionMission, *, smooth: bool = False) -> Iterator[PoseSolution]:
+def marker_solutions(
+    path: Any, mission: VisionMission, *, smooth: bool = False, engine: str = "compiled"
+) -> Iterator[PoseSolution]:
     """The same, piece after piece, in bounded memory: filtered as the log is read, or smoothed at its end.
 
     To be smoothed, what passed is kept in a temporary file (1.5 kB an epoch), gone through backward, and handed out.
 
     Raises
     ------
-    LogError
+    LogError, UsageError
         As `filter_marker_log`.
     """
-    log = MarkerLogFilter(mission, keep=smooth)
+    if smooth and engine == "filterpy":
+        raise UsageError('engine "filterpy" filters marker logs forward alone: leave smoothing out')
+    log = MarkerLogFilter(mission, keep=smooth, engine=engine)
     if not smooth:
         for chunk in _chunks(path, mission):
+            if engine == "filterpy" and chunk[4] is not None and np.any(chunk[4] < chunk[0]):
+                raise UsageError('engine "filterpy" takes no late images, and the log has image_t_s before t_s')
             yield PoseSolution(mission, log.forward(*chunk))
         return
     with Spool() as rows, Spool() as events:

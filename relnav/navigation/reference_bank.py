@@ -188,8 +188,8 @@ def is_exchanged(optics: MarkerOptics, limits: Vector, track: PoseTrack, image: 
 
 
 def _exchanges(spots: Matrix, seen: int) -> Iterator[Matrix]:
-    there = np.flatnonzero(np.isfinite(spots).all(axis=1))
-    orders = [(i, j, j, i) for i, j in itertools.combinations(there, 2)]
+    there = np.flatnonzero(np.isfinite(spots).all(axis=1)).tolist()
+    orders: list[tuple[int, ...]] = [(i, j, j, i) for i, j in itertools.combinations(there, 2)]
     if seen == 3:
         a, b, c = there
         orders += [(a, b, c, b, c, a), (a, b, c, c, a, b)]
