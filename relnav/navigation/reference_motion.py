@@ -13,6 +13,7 @@ complex neighbours of the attitude and the rate, whose imaginary parts are deriv
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -30,9 +31,10 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(5)
 NODES, WEIGHTS = 0.5 * (NODES + 1.0), 0.5 * WEIGHTS
 
 
-def cross(a: Matrix, b: Matrix) -> Matrix:
-    """Product a x b along the last axis, of complex numbers too."""
-    out: Matrix = np.stack([a[..., i - 2] * b[..., i - 1] - a[..., i - 1] * b[..., i - 2] for i in range(3)], axis=-1)
+def cross(a: Any, b: Any) -> Any:
+    """Product a x b (..., 3), broadcast, of complex numbers too."""
+    a, b = np.broadcast_arrays(a, b)
+    out: Any = np.stack([a[..., i - 2] * b[..., i - 1] - a[..., i - 1] * b[..., i - 2] for i in range(3)], axis=-1)
     return out
 
 
