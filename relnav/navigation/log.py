@@ -196,7 +196,7 @@ class LogFilter:
         if self._reference is None:
             _run(*arguments)
         else:
-            run_reference(self._reference, *arguments)
+            run_reference(self._reference, *arguments[1:])
 
     def backward(self, t: Vector, control: Matrix, epochs: Epochs, later: Vector) -> None:
         """Smooth filtered epochs in place; `later` is what stands after them, and then what stands at their first."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.estimation.reference import ReferenceTrack, believed
+from relnav.geometry.linear_algebra import cross_matrix
 from relnav.mission import VisionMission
 from relnav.navigation.pose_filter import DROP, JOINED, LONE_SHARE, SETTLING_S, TELLING_SHARE
 from relnav.navigation.pose_propagation import MEMORY_S
@@ -51,7 +52,7 @@ class Corrected:
 
 
 def turned_by(dcm: Matrix, vector: Vector) -> Matrix:
-    """A rotation turned by a rotation vector: dcm exp([vector x])."""
+    """A rotation turned by a rotation vector, dcm exp([vector x]), by scipy."""
     from scipy.spatial.transform import Rotation
 
     out: Matrix = dcm @ Rotation.from_rotvec(vector).as_matrix()
@@ -59,16 +60,11 @@ def turned_by(dcm: Matrix, vector: Vector) -> Matrix:
 
 
 def turn_between(dcm: Matrix, reference: Matrix) -> Vector:
-    """The rotation vector with dcm = reference exp([vector x])."""
+    """The rotation vector with dcm = reference exp([vector x]), by scipy."""
     from scipy.spatial.transform import Rotation
 
     out: Vector = Rotation.from_matrix(reference.T @ dcm).as_rotvec()
     return out
-
-
-def cross_product(a: Vector) -> Matrix:
-    """[a x] (3, 3)."""
-    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
 def carried(
@@ -149,7 +145,7 @@ def _taken_in(track: PoseTrack, view: MarkerImage, used: list[int]) -> PoseTrack
     gain = np.linalg.solve(r, h @ covariance).T
     considered = track.considered + (gain @ view.left[rows]).T
     reset = np.eye(12)
-    reset[_TURN, _TURN] -= 0.5 * cross_product(x[_TURN])
+    reset[_TURN, _TURN] -= 0.5 * cross_matrix(x[_TURN])
     return replace(
         track,
         motion=track.motion + x[:6],

@@ -273,7 +273,6 @@ def _track(values: tuple[Vector, Matrix, Matrix] | None) -> ReferenceTrack | Non
 
 def run_reference(
     engine: ReferenceEngine,
-    _block: Vector,
     t: Vector,
     spots: Stack,
     control: Matrix,
@@ -287,7 +286,7 @@ def run_reference(
     codes: Codes,
     considered: Stack,
 ) -> None:
-    """The log loop over the reference engine, with the arguments of the compiled one."""
+    """The log loop over the reference engine, with the arguments of the compiled one behind its memory."""
     nothing, none = np.zeros(3), np.zeros((0, 0))
     for e in range(len(t)):
         told = (ACCELERATION | DELTA_V if len(control) else 0) | (ATTITUDE if len(quaternion) else 0)

@@ -24,6 +24,8 @@ from relnav.mission import VisionMission
 from relnav.navigation.pose_epoch import LOWER, SETTLED_S
 from relnav.navigation.pose_filter import AGREED, BLURRED, RENEWED_BLURRED_S, RENEWED_S, TELLING_SHARE
 from relnav.navigation.pose_memory import MOST_POSES
+from relnav.navigation.pose_propagation import LARGEST_SHARE_OF_RANGE, LARGEST_TURN_RAD
+from relnav.navigation.pose_roots import COVERED, view_at
 from relnav.navigation.reference_bank import (
     Corrected,
     Exposure,
@@ -35,13 +37,9 @@ from relnav.navigation.reference_bank import (
 )
 from relnav.navigation.reference_markers import MarkerOptics, PoseTrack
 from relnav.navigation.reference_motion import step_between
-from relnav.navigation.reference_start import Found, find_poses, view_after
+from relnav.navigation.reference_start import Found, find_poses
 from relnav.navigation.status import EXCHANGED, OUT_OF_VIEW, PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
 from relnav.sensors.three_marker.sensor import View, span_a_plane
-
-_WIDE_TURN_RAD, _WIDE_SHARE = 0.3, 0.2
-"""1-sigma of attitude, and of position by the range, from which on errors no longer count as small."""
-_COVERED = 6.25  # chi-square, 90 % of three: a pose whose attitude is this near a hypothesis starts none
 
 
 @dataclass
@@ -195,14 +193,14 @@ class ReferencePose:
 
     def _view(self, t_s: float) -> View:
         """The expected view by now."""
-        return view_after(self.mission.view, t_s - self.begun_s, self.mission.filter.initial_rate_sigma_rad_s)
+        return view_at(self.mission.view, t_s - self.begun_s, self.mission.filter.initial_rate_sigma_rad_s)
 
     def _add_uncovered(self, image: Exposure) -> None:
         """A hypothesis for each pose that none covers, as credible as the best."""
         held = list(self.bank)
         found = self._poses(image, self.bank[0], replace(self.mission, view=self._view(image.t_s)))
         for one in found.tracks:
-            if len(self.bank) < MOST_POSES and all(_attitudes_apart(other, one) > _COVERED for other in held):
+            if len(self.bank) < MOST_POSES and all(_attitudes_apart(other, one) > COVERED for other in held):
                 self.bank.append(replace(one, score=held[0].score, added=image.t_s))
 
     def write_epoch(self, out: Record) -> None:
@@ -232,8 +230,8 @@ class ReferencePose:
 def _is_wide(track: PoseTrack) -> bool:
     """Whether errors are no longer small: a full image then tells more than the state that it would correct."""
     variance, range2 = np.diag(track.covariance), track.motion[:3] @ track.motion[:3]
-    near = variance[:3].max() <= _WIDE_SHARE**2 * range2
-    return not near or bool(variance[6:9].max() > _WIDE_TURN_RAD**2)
+    near = variance[:3].max() <= LARGEST_SHARE_OF_RANGE**2 * range2
+    return not near or bool(variance[6:9].max() > LARGEST_TURN_RAD**2)
 
 
 def _attitudes_apart(held: PoseTrack, found: PoseTrack) -> float:

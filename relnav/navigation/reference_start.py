@@ -2,21 +2,21 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from relnav.arrays import Codes, Flags, Matrix
 from relnav.estimation.gating import chi_square_limit
+from relnav.geometry.linear_algebra import cross_matrix
 from relnav.mission import VisionMission
 from relnav.navigation.pose_filter import DROP
 from relnav.navigation.pose_roots import WIDENED
-from relnav.navigation.reference_bank import Exposure, cross_product, turn_between, turned_by
+from relnav.navigation.reference_bank import Exposure, turn_between, turned_by
 from relnav.navigation.reference_markers import SEEN, MarkerOptics, PoseTrack
 from relnav.sensors.three_marker.measure import measure
 from relnav.sensors.three_marker.outcome import MISFIT_PROBABILITY
 from relnav.sensors.three_marker.pose import Pose
-from relnav.sensors.three_marker.sensor import View
 
 
 @dataclass(frozen=True)
@@ -26,12 +26,6 @@ class Found:
     tracks: list[PoseTrack]
     used: Flags
     contradicted: bool
-
-
-def view_after(view: View, elapsed_s: float, rate_sigma_rad_s: float) -> View:
-    """The expected view after a time, the target's rate being known to a sigma."""
-    sigma = math.hypot(view.attitude_sigma_rad, rate_sigma_rad_s * elapsed_s)
-    return replace(view, attitude_sigma_rad=min(math.pi, sigma))
 
 
 def find_poses(
@@ -91,7 +85,7 @@ def _track_on(
     by_pose = np.eye(6)
     by_pose[:3, :3] = -back @ mount.T
     of_spots = by_pose @ joined @ by_pose.T
-    by_chaser = np.vstack([back @ cross_product(place), (mount.T @ in_cam).T])
+    by_chaser = np.vstack([back @ cross_matrix(place), (mount.T @ in_cam).T])
     covariance = np.zeros((12, 12))
     covariance[np.ix_(SEEN, SEEN)] = WIDENED * of_spots + mission.chaser.attitude_noise_rad**2 * by_chaser @ by_chaser.T
     covariance[3:6, 3:6] = settings.initial_velocity_sigma_m_s**2 * np.eye(3)

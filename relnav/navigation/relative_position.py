@@ -48,7 +48,8 @@ class Navigator:
     projection : {"perspective", "parallel"}, optional
         Closed form of `fix` and of every start; the model's own if left out.
     engine : {"compiled", "filterpy"}
-        Ours, or the same filter on filterpy's ExtendedKalmanFilter: hundreds of times slower, for comparison.
+        Ours, or the same filter written a second time in numpy on filterpy's ExtendedKalmanFilter: hundreds of times
+        slower, for comparison. Its alarm says UNWATCHED.
 
     Raises
     ------
