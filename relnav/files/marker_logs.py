@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
-from relnav.errors import UsageError
 from relnav.files.frame_logs import log_in_memory
 from relnav.files.log_columns import ACCELERATION, DELTA_V, Columns, markers, parse_header
 from relnav.files.logs import LogFile
@@ -82,13 +81,9 @@ def marker_solutions(
     LogError, UsageError
         As `filter_marker_log`.
     """
-    if smooth and engine == "filterpy":
-        raise UsageError('engine "filterpy" filters marker logs forward alone: leave smoothing out')
     log = MarkerLogFilter(mission, keep=smooth, engine=engine)
     if not smooth:
         for chunk in _chunks(path, mission):
-            if engine == "filterpy" and chunk[4] is not None and np.any(chunk[4] < chunk[0]):
-                raise UsageError('engine "filterpy" takes no late images, and the log has image_t_s before t_s')
             yield PoseSolution(mission, log.forward(*chunk))
         return
     with Spool() as rows, Spool() as events:

@@ -7,6 +7,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Stack, Vector, one_piece
 from relnav.codegen.kernel import entry
+from relnav.errors import UsageError
 from relnav.geometry.rotation import dcm_from_quaternion, dcm_from_quaternion_into
 from relnav.mission import VisionMission
 from relnav.navigation.arguments import controls, quaternions
@@ -65,7 +66,7 @@ class MarkerLogFilter(PoseNavigator):
         """keep: hand out what passed, for a smoother; engine: as for `PoseNavigator`."""
         super().__init__(mission, engine=engine)
         if keep and self._reference is not None:
-            raise ValueError('engine="filterpy" filters marker logs forward alone: leave smooth out')
+            raise UsageError('engine="filterpy" filters marker logs forward alone: leave smoothing out')
         self._keep = keep
         self._past: list[tuple[Any, Stack]] = []
         self._considered = len(self._named.news)

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from relnav.arrays import LARGEST, Flags, Matrix, Stack, Vector, number, numbers
 from relnav.dynamics.relative_motion import frame_rate
 from relnav.dynamics.rigid_body import lvlh_rate
+from relnav.errors import UsageError
 from relnav.estimation.factored import compose
 from relnav.geometry.rotation import is_rotation
 from relnav.geometry.rotation_vector import turned
@@ -225,7 +226,7 @@ class PoseNavigator:
         if not math.isfinite(exposed) or exposed > t_s:
             raise ValueError(f"image_t_s must be finite and not after t_s = {t_s!r}; got {image_t_s!r}")
         if self._reference is not None and spots_px is not None and exposed < t_s:
-            raise ValueError('engine="filterpy" takes no late images: leave image_t_s out, or use engine="compiled"')
+            raise UsageError('engine="filterpy" takes no late images: leave image_t_s out, or use engine="compiled"')
         event = self._event(t_s, acceleration_m_s2, delta_v_m_s, dcm_chaser_from_lvlh)
         if attitude_noise_rad is not None:
             event = replace(event, attitude_noise_rad=not_negative("attitude_noise_rad", attitude_noise_rad))
