@@ -41,7 +41,7 @@ def models():
 @pytest.mark.parametrize("faults", [Faults(), Faults(dropout=0.05, outliers=0.05)], ids=["clean", "faulted"])
 def test_engines_agree(models, name, method, faults, outside):
     model = models[name]
-    log = simulate(model, Approach(duration_s=60.0, assumed_start=True), faults, seed=11)
+    log = simulate(model, Approach(duration_s=60.0, rate_hz=5.0, assumed_start=True), faults, seed=11)
     ours, theirs = (
         relnav.filter_epochs(
             model, log.t_s, log.spots_m, acceleration_m_s2=log.acceleration_m_s2, method=method, engine=engine
@@ -55,6 +55,35 @@ def test_engines_agree(models, name, method, faults, outside):
     outside("filterpy ExtendedKalmanFilter", f"`{method}` filter, states of a minute, 1-sigma", off, 1e-9)
     assert np.nanmax(np.abs(theirs.sigma / ours.sigma - 1.0)) < 1e-9
     assert np.nanmax(np.abs(theirs.nis - ours.nis) / (1.0 + ours.nis)) < 1e-9
+
+
+@pytest.mark.parametrize("method", ["spots", "fix"])
+@pytest.mark.parametrize("projection", ["perspective", "parallel"])
+def test_engines_agree_on_all_that_a_model_says(models, method, projection):
+    """A lever arm, tolerances, noise of the attitude, an eccentric orbit, an impulse."""
+    plain = models["vbar"]
+    model = replace(
+        plain,
+        attitude=replace(plain.attitude, noise_rad=2e-4),
+        camera=replace(plain.camera, position_m=(0.5, 0.2, -0.3)),
+        orbit=replace(plain.orbit, eccentricity=0.1, true_anomaly_rad=1.0),
+        tolerances=replace(plain.tolerances, considered=True),
+    )
+    faults = Faults(dropout=0.05, outliers=0.05)
+    log = simulate(model, Approach(duration_s=15.0, rate_hz=5.0, assumed_start=True), faults, seed=11)
+    told = {"acceleration_m_s2": log.acceleration_m_s2, "delta_v_m_s": np.zeros((len(log.t_s), 3))}
+    told["delta_v_m_s"][40] = 1e-3
+    ours, theirs = (
+        relnav.filter_epochs(
+            model, log.t_s, log.spots_m, method=method, projection=projection, engine=engine, **control
+        )
+        for engine in ("compiled", "filterpy")
+    )
+    assert np.array_equal(ours.status, theirs.status)
+    assert np.array_equal(ours.measurement_status, theirs.measurement_status)
+    assert np.nanmax(np.abs(ours.state - theirs.state) / ours.sigma) < 1e-9
+    assert np.nanmax(np.abs(theirs.covariance / ours.covariance - 1.0)) < 1e-6
+    assert np.nanmax(np.abs(theirs.sigma / ours.sigma - 1.0)) < 1e-9
 
 
 def test_engines_agree_on_a_restart(models):
