@@ -74,9 +74,7 @@ def test_engines_agree_on_all_that_a_model_says(models, method, projection):
     told = {"acceleration_m_s2": log.acceleration_m_s2, "delta_v_m_s": np.zeros((len(log.t_s), 3))}
     told["delta_v_m_s"][40] = 1e-3
     ours, theirs = (
-        relnav.filter_epochs(
-            model, log.t_s, log.spots_m, method=method, projection=projection, engine=engine, **control
-        )
+        relnav.filter_epochs(model, log.t_s, log.spots_m, method=method, projection=projection, engine=engine, **told)
         for engine in ("compiled", "filterpy")
     )
     assert np.array_equal(ours.status, theirs.status)
