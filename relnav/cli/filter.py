@@ -13,6 +13,7 @@ from relnav.cli.help_groups import GroupedCommand, OptionsOf
 from relnav.cli.picture import Picture
 from relnav.cli.printing import InputPath, OutputPath, say
 from relnav.cli.track_output import TrackOutput
+from relnav.errors import UsageError
 
 if TYPE_CHECKING:
     from relnav.accuracy.run_summary import RunSummary
@@ -48,6 +49,13 @@ _input, _filter_options, _output, _picture = map(OptionsOf, ("Input", "Filter", 
     "--projection",
     type=click.Choice(["perspective", "parallel"]),
     help="Closed form: exact for real optics, or as printed in the paper. Default: the model's.",
+)
+@_filter_options(
+    "--engine",
+    type=click.Choice(["compiled", "filterpy"]),
+    default="compiled",
+    show_default=True,
+    help="relnav's filter, or the same one written a second time on filterpy: a hundred times slower, for comparison.",
 )
 @_filter_options("--smooth", is_flag=True, help="Run backward too: every state then rests on all measurements.")
 @_output(
@@ -93,6 +101,7 @@ def command(
     follow: bool,
     method: str | None,
     projection: str | None,
+    engine: str,
     smooth: bool,
     out: Path | None,
     row_format: str | None,
@@ -121,6 +130,8 @@ def command(
 
     Exit code 5: the filter never started, and the track holds no state.
     """
+    if follow and engine != "compiled":
+        raise UsageError("--engine filterpy is for comparison, on a log that is complete: leave --follow or it out")
     if not follow:
         _choose_engine(log, model)
     from relnav.cli import NOT_STARTED
@@ -147,13 +158,21 @@ def command(
         return filter_vehicle(log, mission, out, json_path, quiet=quiet)
     if isinstance(mission, VisionMission):
         return filter_markers(
-            log, mission, track, json_path, picture, quiet=quiet, smooth=smooth, refused=_given(method, projection)
+            log,
+            mission,
+            track,
+            json_path,
+            picture,
+            quiet=quiet,
+            smooth=smooth,
+            engine=engine,
+            refused=_given(method, projection),
         )
     picture.of(mission)
     mission = load_mission(model)
     with Outputs() as outputs:
         figures = _filter(
-            log, mission, track, track.table(outputs), method or "fix", projection, smooth, picture, quiet
+            log, mission, track, track.table(outputs), method or "fix", projection, engine, smooth, picture, quiet
         )
         track.finish(outputs, mission)
         picture.draw(outputs, log)
@@ -191,6 +210,7 @@ def _filter(
     table: Path | None,
     method: str,
     projection: str | None,
+    engine: str,
     smooth: bool,
     picture: Picture,
     quiet: bool,
@@ -208,6 +228,7 @@ def _filter(
             table,
             method=method,
             projection=projection,
+            engine=engine,
             smooth=smooth,
             progress=progress,
             watch=watch,

@@ -27,11 +27,13 @@ def filter_markers(
     *,
     quiet: bool,
     smooth: bool,
+    engine: str,
     refused: str,
 ) -> int:
     """Filter LOG, write what was asked for, print a summary; refused: an option that only beacon models have."""
     from relnav.cli import NOT_STARTED
     from relnav.files.atomic import Outputs
+    from relnav.files.filter_file import engine_words
     from relnav.files.marker_logs import marker_solutions, write_track
     from relnav.files.tables import write_json
 
@@ -41,12 +43,13 @@ def filter_markers(
     picture.of(mission)
     if track.frame != "lvlh_ccsds" and track.table_asked:
         raise UsageError("--frame turns tables of three-beacon models; of a marker track only an .oem or .bsp")
-    parts = track.passing(picture.passing(summary.passing(marker_solutions(log, mission, smooth=smooth))))
+    filtered = marker_solutions(log, mission, smooth=smooth, engine=engine)
+    parts = track.passing(picture.passing(summary.passing(filtered)))
     with Outputs() as outputs, epoch_bar(log, quiet=quiet) as progress:
         parts = parts if progress is None else counted(parts, progress)
         table = track.table(outputs)
         if table is not None:
-            stated = {"log": log.name} | ({"smoothed": "yes"} if smooth else {})
+            stated = {"log": log.name} | ({"smoothed": "yes"} if smooth else {}) | engine_words(engine)
             write_track(parts, mission.name, table, stated)
         for _ in parts:
             pass
@@ -101,7 +104,7 @@ class Summary:
                 "unobservable": started & ~part.observable,
                 "ambiguous": np.isfinite(part.ambiguity),
                 "too_late": part.too_late,
-            } | {name: part.alarm == code for name, code in _ALARMS.items()}
+            } | {name: (part.alarm & code) > 0 for name, code in _ALARMS.items()}
             for name, flag in flags.items():
                 self._counts[name] += int(flag.sum())
             self._nis += float(part.nis[whole].sum())

@@ -16,6 +16,7 @@ import numpy as np
 
 from relnav.accuracy.run_summary import RunSummary
 from relnav.arrays import Matrix, Stack, Vector
+from relnav.errors import UsageError
 from relnav.files.attitude_reading import ROWS_TRIED, reading_that_starts
 from relnav.files.frame_logs import log_in_memory
 from relnav.files.late_log import filter_late_log, says_exposures
@@ -55,6 +56,7 @@ def filter_file(
     method: str = "fix",
     projection: str | None = None,
     smooth: bool = False,
+    engine: str = "compiled",
     progress: Callable[[int], None] | None = None,
     watch: Callable[[Solution], None] | None = None,
     frame: str = "lvlh_ccsds",
@@ -67,7 +69,7 @@ def filter_file(
     ----------
     path : str, path or LogFile
         The log, as for `filter_log`, or one that is opened: a `LiveLog` is filtered as its rows come.
-    model, method, projection, smooth
+    model, method, projection, smooth, engine
         As for `filter_log`.
     out : str or path, optional
         The track, `.csv` or `.parquet`, as `write` writes it; whole or not at all.
@@ -96,6 +98,7 @@ def filter_file(
     way: dict[str, Any] = {"method": method, "projection": projection, "smooth": smooth}
     whole: Solution | None = None
     if not isinstance(source, LogFile) and is_raw_log(source):
+        refuse_raw(engine)
         whole = filter_raw_log(source, mission, **way)
     else:
         log = source if isinstance(source, LogFile) else LogFile(source)
@@ -106,8 +109,10 @@ def filter_file(
         if out is not None:
             write(whole, out, frame=frame, orientation_deg=orientation_deg, model=mission)
         return _whole_summary(whole, mission)
+    if smooth and engine != "compiled":
+        raise UsageError(f'engine "{engine}" filters a file forward alone: leave smoothing out')
     check_beacons(log.path, log.columns.beacons, mission.name, len(mission.beacons_lvlh_m))
-    run = _Run(log, LogFilter(mission, method, projection=projection), progress)
+    run = _Run(log, LogFilter(mission, method, projection=projection, engine=engine), progress)
     summary = RunSummary(load_published(mission), mission.filter.gate_probability)
     summary.ignored = listed(log.columns.ignored)
 
@@ -126,7 +131,7 @@ def filter_file(
             pass
     else:
         stated = head(mission.name, method, smooth) | (said if turned else {})
-        stated |= considered_words(mission, method) | of_log
+        stated |= considered_words(mission, method) | engine_words(engine) | of_log
         writer(Path(out), COLUMNS, parts(), stated, INTEGERS)
     summary.hint, summary.notes = run.hint(summary.started), run.spacing()
     return summary
@@ -141,6 +146,23 @@ def _whole_summary(solution: Solution, model: Model) -> RunSummary:
         summary.notes = (f"slots: {said['slots']}; spot noise {said['spot noise']}", f"beacons: {said['beacons']}")
     summary.take(solution)
     return summary
+
+
+def refuse_raw(engine: str) -> None:
+    """Refuse another engine for a raw log.
+
+    Raises
+    ------
+    UsageError
+        Saying what to do.
+    """
+    if engine != "compiled":
+        raise UsageError(f'engine "{engine}" filters logs of spots, not raw ones of a detector: leave it out')
+
+
+def engine_words(engine: str) -> dict[str, str]:
+    """Which engine has made a track, for a reader: nothing of the usual one."""
+    return {} if engine == "compiled" else {"engine": engine}
 
 
 class _Run:

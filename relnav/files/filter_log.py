@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, overload
 
 from relnav.errors import UsageError
+from relnav.files.filter_file import engine_words, refuse_raw
 from relnav.files.frame_logs import FrameLog, log_in_memory
 from relnav.files.late_log import filter_late_log, says_exposures
 from relnav.files.log_columns import log_metadata
@@ -27,12 +28,15 @@ def filter_log(
     method: str | None = ...,
     projection: str | None = ...,
     smooth: bool = ...,
+    engine: str = ...,
     progress: Callable[[int, int], None] | None = ...,
 ) -> Solution: ...
 
 
 @overload
-def filter_log(path: Any, model: VisionMission | MarkerName, *, smooth: bool = ...) -> PoseSolution: ...
+def filter_log(
+    path: Any, model: VisionMission | MarkerName, *, smooth: bool = ..., engine: str = ...
+) -> PoseSolution: ...
 
 
 @overload  # which of the two, only the model's file tells
@@ -43,6 +47,7 @@ def filter_log(
     method: str | None = ...,
     projection: str | None = ...,
     smooth: bool = ...,
+    engine: str = ...,
     progress: Callable[[int, int], None] | None = ...,
 ) -> Any: ...
 
@@ -54,12 +59,13 @@ def filter_log(
     method: str | None = None,
     projection: str | None = None,
     smooth: bool = False,
+    engine: str = "compiled",
     progress: Callable[[int, int], None] | None = None,
 ) -> Solution | PoseSolution:
     """Filter a log of spots (CSV or Parquet) into a track.
 
-    A log of a marker model becomes a `PoseSolution`; its columns are those of `filter_marker_log`, and the keywords
-    below are for beacons alone.
+    A log of a marker model becomes a `PoseSolution`; its columns are those of `filter_marker_log`, and `method`,
+    `projection` and `progress` are for beacons alone.
 
     Parameters
     ----------
@@ -77,6 +83,9 @@ def filter_log(
         As for `Navigator`.
     smooth : bool
         Run backward too: every state then rests on all measurements of its unbroken piece of track.
+    engine : {"compiled", "filterpy"}
+        As for `Navigator` and `PoseNavigator`: the second is for comparison. It does not read raw logs; of markers it
+        neither takes late images nor smooths.
     progress : callable, optional
         Called with (epochs just done, epochs in all).
 
@@ -92,17 +101,18 @@ def filter_log(
     ModelError
         If the model cannot be loaded, or does not fly.
     UsageError
-        For a keyword that a marker model has no use for.
+        For a keyword that a marker model has no use for, or an engine that cannot do what is asked.
     """
     mission = flown(load_model(model) if isinstance(model, str) else model)
     if isinstance(mission, VisionMission):
         given = {"method": method is not None, "projection": projection, "progress": progress}
         for keyword in (name for name, value in given.items() if value):
             raise UsageError(f"{keyword} is for three-beacon models; {mission.name} has one filter, on its spots")
-        return filter_marker_log(path, mission, smooth=smooth)
+        return filter_marker_log(path, mission, smooth=smooth, engine=engine)
     method = "fix" if method is None else method
     source = log_in_memory(path) or opened(Path(path))
     if not isinstance(source, FrameLog) and is_raw_log(source):
+        refuse_raw(engine)
         return filter_raw_log(source, mission, method=method, projection=projection, smooth=smooth)
     opened_log = source if isinstance(source, LogFile) else LogFile(source)
     if says_exposures(opened_log):
@@ -121,7 +131,8 @@ def filter_log(
         method=method,
         projection=projection,
         smooth=smooth,
+        engine=engine,
         progress=None if progress is None else lambda done: progress(done, total),
     )
-    solution.metadata.update(log_metadata(log.path, log.metadata, log.ignored))
+    solution.metadata.update(engine_words(engine) | log_metadata(log.path, log.metadata, log.ignored))
     return solution

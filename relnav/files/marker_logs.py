@@ -48,7 +48,9 @@ _WHOLE_NUMBERS = ("dof", "used", "status", "hypotheses", "observable", "too_late
 _INTEGERS = tuple(TRACK_COLUMNS.index(name) for name in _WHOLE_NUMBERS)
 
 
-def filter_marker_log(path: Any, mission: VisionMission, *, smooth: bool = False) -> PoseSolution:
+def filter_marker_log(
+    path: Any, mission: VisionMission, *, smooth: bool = False, engine: str = "compiled"
+) -> PoseSolution:
     """Filter a log of marker spots (CSV, Parquet or a DataFrame, one row an epoch).
 
     Columns: `t_s`; `spot_a_x_px`, `spot_a_y_px`, ... one pair a marker in the model's order (empty = not seen);
@@ -59,22 +61,27 @@ def filter_marker_log(path: Any, mission: VisionMission, *, smooth: bool = False
     ------
     LogError
         If the log cannot be read; names file, line and column.
+    UsageError
+        For late images, or smoothing, with `engine="filterpy"`.
     """
-    parts = list(marker_solutions(path, mission, smooth=smooth))
-    return replace(parts[0], epochs=np.concatenate([part.epochs for part in parts]))
+    parts = list(marker_solutions(path, mission, smooth=smooth, engine=engine))
+    metadata = {} if engine == "compiled" else {"engine": engine}
+    return replace(parts[0], epochs=np.concatenate([part.epochs for part in parts]), metadata=metadata)
 
 
-def marker_solutions(path: Any, mission: VisionMission, *, smooth: bool = False) -> Iterator[PoseSolution]:
+def marker_solutions(
+    path: Any, mission: VisionMission, *, smooth: bool = False, engine: str = "compiled"
+) -> Iterator[PoseSolution]:
     """The same, piece after piece, in bounded memory: filtered as the log is read, or smoothed at its end.
 
     To be smoothed, what passed is kept in a temporary file (1.5 kB an epoch), gone through backward, and handed out.
 
     Raises
     ------
-    LogError
+    LogError, UsageError
         As `filter_marker_log`.
     """
-    log = MarkerLogFilter(mission, keep=smooth)
+    log = MarkerLogFilter(mission, keep=smooth, engine=engine)
     if not smooth:
         for chunk in _chunks(path, mission):
             yield PoseSolution(mission, log.forward(*chunk))

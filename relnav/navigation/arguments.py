@@ -24,8 +24,7 @@ def choose(model: Model, method: str, projection: str | None, engine: str) -> Ve
         )
     if not isinstance(model, Model):
         raise ValueError(f"model is a loaded mission, relnav.load_model(...); got {model!r}")
-    if engine not in ENGINES:
-        raise ValueError(f'engine must be "compiled" or "filterpy"; got {engine!r}')
+    refuse_unknown_engine(engine)
     if method not in METHODS:
         raise ValueError(f'method must be "spots" or "fix"; got {method!r}')
     name = model.sensor.projection if projection is None else projection
@@ -35,6 +34,12 @@ def choose(model: Model, method: str, projection: str | None, engine: str) -> Ve
     m = views(block)
     attitude_changed(m.kept, m.sensor)
     return block
+
+
+def refuse_unknown_engine(engine: str) -> None:
+    """ValueError unless it is one of `ENGINES`."""
+    if engine not in ENGINES:
+        raise ValueError(f'engine must be "compiled" or "filterpy"; got {engine!r}')
 
 
 def vector(name: str, value: ArrayLike, shape: tuple[int, ...], most: float = LARGEST) -> Matrix:

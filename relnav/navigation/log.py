@@ -153,7 +153,7 @@ class LogFilter:
         """As for `Navigator`."""
         self.model, self.method = model, method
         self.block = choose(model, method, projection, engine)
-        self._reference = ReferenceEngine(self.block) if engine == "filterpy" else None
+        self._reference = ReferenceEngine(model, method, projection, self.block) if engine == "filterpy" else None
         self._named = views(self.block)
         self._considered = len(self._named.sensitivities)
 
@@ -196,7 +196,7 @@ class LogFilter:
         if self._reference is None:
             _run(*arguments)
         else:
-            run_reference(*arguments, self._reference)
+            run_reference(self._reference, *arguments[1:])
 
     def backward(self, t: Vector, control: Matrix, epochs: Epochs, later: Vector) -> None:
         """Smooth filtered epochs in place; `later` is what stands after them, and then what stands at their first."""

@@ -232,7 +232,7 @@ def observe_markers(
             i, j = 2 * count, 2 * count + 2
             group, nearer, q, turns = m.groups[count], m.nearer[count], m.by_marker[i:j], m.turns[i:j]
             if _linearise(m.camera, m.scratch, m.points[marker], spots[marker], group, nearer, q, turns):
-                m.which[count] = marker
+                m.which[count], group["rows"], group["tested"] = marker, 2, 1
                 _write_lasting(m.camera, m.scratch, m.lasting, marker, q, turns, m.by_error[i:j])
                 count += 1
     noise2, sigma2 = m.camera["noise"] * m.camera["noise"], m.camera["attitude_noise"] * m.camera["attitude_noise"]
@@ -256,7 +256,6 @@ def observe_markers(
     )
     m.scratch["bending"] = 2.0 * max(0.0, _half_log_determinant(m.noise[:n, :n], m.factor) - before)
     for k in range(count):
-        group, variance = m.groups[k], m.groups[k]["variance"]
-        group["rows"], group["tested"] = 2, 1
+        variance = m.groups[k]["variance"]
         variance[0], variance[1] = m.noise[2 * k, 2 * k], m.noise[2 * k + 1, 2 * k + 1]
     return seen, count

@@ -1,13 +1,10 @@
-"""What the filter uses of the last image, as matrices, for other estimators: the reference engine, steady states."""
-
-from collections.abc import Callable
+"""What the filter uses of the last image, as matrices, for steady states; and errors of a detector's field."""
 
 import numpy as np
 
-from relnav.arrays import Codes, Matrix, Stack, Vector
-from relnav.geometry.spherical import range_azimuth_elevation_jacobian
+from relnav.arrays import Codes, Matrix, Vector
 from relnav.navigation.beacon_geometry import uses_coordinates
-from relnav.navigation.memory import FIELD_ERRORS, FIX, NODES, Memory
+from relnav.navigation.memory import NODES, Memory
 
 
 def rows_in_use(m: Memory) -> tuple[Matrix, Vector, Matrix, Codes]:
@@ -31,52 +28,6 @@ def rows_in_use(m: Memory) -> tuple[Matrix, Vector, Matrix, Codes]:
     return h, residual, together, beacon
 
 
-def errors_in_use(m: Memory, x: Vector, spots: Matrix) -> Matrix:
-    """What one sigma of each considered error does to the numbers of `rows_in_use`, (rows, m), at the state x (6,).
-
-    Columns as the rows of `considered.py`, found another way: by small displacements.
-    """
-    sensor, groups, first = m.sensor, m.groups, int(m.fixed["first_error"])
-    wanted = slice(first, first + int(m.fixed["considered"]))
-    field = field_errors(spots, sensor["field_center"], sensor["field_half_width"], m.beacons["lasting_sigma"])
-    if uses_coordinates(sensor):
-        used = groups["variance"][:, :2].ravel() > 0.0
-        errors_of_all: Matrix = np.hstack([field, *_coordinates_by_tolerance(m, x)])
-        used_errors: Matrix = errors_of_all[used, wanted]
-        return used_errors
-    size = int(np.sum(groups["variance"][0] > 0.0))
-    jacobian = m.fix["jacobian"][:size]
-    errors: Matrix = np.where(jacobian == 0.0, 0.0, jacobian) @ field[:6]
-    if wanted.stop == FIELD_ERRORS:
-        return errors
-    by_focal_length = m.tolerances["focal_length"] * np.nan_to_num(jacobian) @ np.nan_to_num(spots[:3].ravel())
-    dock = m.kept["dock"][:, :3]
-    p = dock @ (x[:3] + sensor["offset"])
-    beacons = _beacons(m) @ dock.T
-    seen = [i for i in range(3) if np.any(jacobian[:, 2 * i : 2 * i + 2])]
-
-    def numbers(shift: Matrix) -> Vector:
-        rays = beacons[:3] + shift[:3] - p
-        rays /= np.linalg.norm(rays, axis=1)[:, None]
-        if size == 1:
-            return np.array([np.sum((rays[seen[0]] - rays[seen[1]]) ** 2)])
-        apart = rays[0] - rays[1]
-        return np.array([apart @ apart, rays[2] @ apart, np.linalg.det(rays)])
-
-    lever, sigma = m.kept["mount"][:, 3], m.sensor["attitude_sigma"]
-    arms = sigma * np.cross(np.eye(3), lever) @ m.kept["mount"][:, :3] @ dock.T  # how the camera moves, docking axes
-    swung = [-np.broadcast_to(arm, beacons.shape) for arm in arms]
-    by_shift: Matrix = np.column_stack([_difference(numbers, shift) for shift in [*swung, *_shifts(m, beacons)]])
-    if sensor["method"] == FIX:
-        moved = np.column_stack([_difference(numbers, np.tile(-axis, (len(beacons), 1))) for axis in np.eye(3)])
-        angles = np.zeros((3, 3))
-        range_azimuth_elevation_jacobian(p, angles)
-        by_shift = angles @ np.linalg.solve(moved, by_shift)
-    mounting = np.zeros((size, 3))
-    all_errors: Matrix = np.hstack([errors, by_shift[:, :3], by_focal_length[:, None], mounting, by_shift[:, 3:]])
-    return all_errors[:, wanted]
-
-
 def field_errors(spots_m: Matrix, center_m: Vector, half_width_m: Vector, sigma_m: Vector) -> Matrix:
     """What one sigma of each node of a detector's field does to every coordinate, (2 n, nodes of x and of y) m.
 
@@ -90,56 +41,3 @@ def field_errors(spots_m: Matrix, center_m: Vector, half_width_m: Vector, sigma_
     errors = np.zeros((len(spots_m), 2, 2, NODES * NODES))
     errors[:, 0, 0], errors[:, 1, 1] = of_spot, of_spot
     return errors.reshape(2 * len(spots_m), -1)
-
-
-def _beacons(m: Memory) -> Matrix:
-    """Beacons from the port, `lvlh_ccsds`, (n, 3) m."""
-    beacons: Matrix = m.beacons["position"] - m.kept["dock"][:, 3]
-    return beacons
-
-
-def _shifts(m: Memory, beacons: Matrix) -> Stack:
-    """Displacements (n, 3) m of the beacons (n, 3) for turns about three axes, and for each one along them."""
-    turns = [m.tolerances["beacon_mounting"] * np.cross(axis, beacons) for axis in np.eye(3)]
-    each = m.tolerances["beacon_placement"] * np.eye(beacons.size).reshape(-1, *beacons.shape)
-    return np.concatenate([turns, each])
-
-
-def _difference(function: Callable[[Matrix], Matrix], shift: Matrix) -> Vector:
-    """Derivative of a function along a shift, as a vector."""
-    small = 1e-4 / max(1e-9, float(np.abs(shift).max()))
-    out: Vector = np.ravel(function(small * shift) - function(-small * shift)) / (2.0 * small)
-    return out
-
-
-def _coordinates_by_tolerance(m: Memory, x: Vector) -> list[Matrix]:
-    """Derivatives (2 n, k) of all coordinates by turns of the camera and by the tolerances."""
-    f, mount, dock = m.sensor["focal_length"], m.kept["mount"][:, :3], m.kept["dock"][:, :3]
-    beacons = _beacons(m) @ dock.T
-
-    def project(shift: Matrix, turn: Matrix) -> Matrix:
-        c = ((beacons + shift) @ dock - x[:3] - m.sensor["offset"]) @ mount.T
-        c = c - np.cross(turn, c)  # theta: exp(-[theta x]) c
-        spots: Matrix = f * c[:, :2] / c[:, 2:]
-        return spots
-
-    focal = m.tolerances["focal_length"] * project(np.zeros(3), np.zeros(3)).ravel()
-    none = np.zeros(3)
-    mounting = m.tolerances["camera_mounting"]
-    attitude = [m.sensor["attitude_sigma"] * column for column in turns_in_sight(m, x).T]
-    camera = [mounting * _difference(lambda t: project(none, t), axis) for axis in np.eye(3)]
-    shifts = [_difference(lambda s: project(s, np.zeros(3)), shift) for shift in _shifts(m, beacons)]
-    return [np.column_stack(attitude), focal[:, None], np.column_stack(camera), np.column_stack(shifts)]
-
-
-def turns_in_sight(m: Memory, x: Vector) -> Matrix:
-    """Derivatives (2 n, 3) of all coordinates by turns of the chaser about the camera's axes, at the state x (6,)."""
-    f, mount, lever = m.sensor["focal_length"], m.kept["mount"][:, :3], m.kept["mount"][:, 3]
-    sight = (m.beacons["position"] - x[:3]) @ mount.T
-
-    def project(turn: Matrix) -> Matrix:
-        c = sight - np.cross(turn, sight) - lever
-        spots: Matrix = f * c[:, :2] / c[:, 2:]
-        return spots
-
-    return np.column_stack([_difference(project, axis) for axis in np.eye(3)])

@@ -6,6 +6,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Stack, Vector, one_piece
 from relnav.codegen.kernel import entry
+from relnav.errors import UsageError
 from relnav.estimation.timeline import Passed, Timeline
 from relnav.geometry.rotation import dcm_from_quaternion, dcm_from_quaternion_into
 from relnav.mission import VisionMission
@@ -61,9 +62,11 @@ def _run(
 class MarkerLogFilter(PoseNavigator):
     """A marker filter that is fed a log in chunks; `passed`: epochs that nothing later changes, images included."""
 
-    def __init__(self, mission: VisionMission, *, keep: bool = False) -> None:
-        """keep: hand out what passed, for a smoother."""
-        super().__init__(mission)
+    def __init__(self, mission: VisionMission, *, keep: bool = False, engine: str = "compiled") -> None:
+        """keep: hand out what passed, for a smoother; engine: as for `PoseNavigator`."""
+        super().__init__(mission, engine=engine)
+        if keep and self._reference is not None:
+            raise UsageError('engine="filterpy" filters marker logs forward alone: leave smoothing out')
         self._keep = keep
         self._past: list[tuple[Any, Stack]] = []
         self._considered = len(self._named.news)
@@ -78,7 +81,7 @@ class MarkerLogFilter(PoseNavigator):
         epochs, last, apart = np.zeros(len(t), EPOCH), self.last_t_s, self._room(len(t))
         if t[0] < last or (t[1:] < t[:-1]).any():  # last: NaN at the start
             raise ValueError(f"t_s must not go back; the last epoch was at {last!r} s")
-        if image_t is not None or self._timeline.passed:
+        if image_t is not None or self._timeline.passed or self._reference is not None:
             self._one_by_one(t, spots, control, quaternion, image_t, epochs)
             return epochs
         done, chaser = 0, np.zeros((3, 3))
@@ -146,6 +149,7 @@ def filter_marker_epochs(
     delta_v_m_s: Matrix | None = None,
     q_chaser_from_lvlh: Matrix | None = None,
     smooth: bool = False,
+    engine: str = "compiled",
 ) -> PoseSolution:
     """Filter a log of marker spots that is already in memory.
 
@@ -165,11 +169,13 @@ def filter_marker_epochs(
         The chaser's attitude at each row, unit quaternions, scalar last; the model's if left out.
     smooth : bool
         Run backward too: every state then rests on the images after it as well.
+    engine : {"compiled", "filterpy"}
+        As for `PoseNavigator`; filterpy's neither smooths nor takes late images.
 
     Raises
     ------
     ValueError
-        For shapes that do not agree, times that go back, control or attitude that is not usable.
+        For shapes that do not agree, times that go back, control or attitude that is not usable, an unknown engine.
     """
     t, spots = one_piece("t_s", t_s), one_piece("spots_px", spots_px)
     expected = (len(t), len(mission.markers.positions_m), 2)
@@ -179,7 +185,7 @@ def filter_marker_epochs(
         raise ValueError("t_s must be finite")
     control = controls(len(t), acceleration_m_s2, delta_v_m_s)
     quaternion = quaternions("q_chaser_from_lvlh", len(t), q_chaser_from_lvlh)
-    log = MarkerLogFilter(mission, keep=smooth)
+    log = MarkerLogFilter(mission, keep=smooth, engine=engine)
     epochs = log.forward(t, spots, control, quaternion, image_t_s)
     if smooth:
         events, apart = log.passed(last=True)

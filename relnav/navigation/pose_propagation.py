@@ -20,8 +20,8 @@ rotate_into = rigid_body.propagate_into
 
 MEMORY_S = 50.0
 """Of the scores: what a filter was before it settled is forgotten."""
-_LARGEST_TURN_RAD = 0.3
-_LARGEST_SHARE_OF_RANGE = 0.2
+LARGEST_TURN_RAD = 0.3
+LARGEST_SHARE_OF_RANGE = 0.2
 """1-sigma of attitude and position up to which errors count as small (tests: NEES after gaps)."""
 
 POSE_PHI_PATTERN: Shape = (*(row + "000000" for row in PHI_PATTERN), *("000000******",) * 6)
@@ -110,6 +110,7 @@ def advance_pose(
         for j in range(6):
             phi[i, j], phi[6 + i, 6 + j] = step["phi"][i, j], turn[i, j]
             noise[i, j], noise[6 + i, 6 + j] = step["noise"][i, j], factors[i, j]
+            noise[6 + i, j] = 0.0  # an update left a covariance there, which plain Python does not skip
     carry_errors(track["ld"], phi, noise)
     return True
 
@@ -133,8 +134,8 @@ def is_wide(track: Record) -> bool:
     """Whether errors are no longer small: a full image then tells more than the state that it would correct."""
     ld, rho = track["ld"], track["motion"]
     share2 = _largest_variance(ld, 0) / (rho[0] * rho[0] + rho[1] * rho[1] + rho[2] * rho[2])
-    wide_turn = _largest_variance(ld, 6) > _LARGEST_TURN_RAD * _LARGEST_TURN_RAD
-    return wide_turn or not share2 <= _LARGEST_SHARE_OF_RANGE * _LARGEST_SHARE_OF_RANGE
+    wide_turn = _largest_variance(ld, 6) > LARGEST_TURN_RAD * LARGEST_TURN_RAD
+    return wide_turn or not share2 <= LARGEST_SHARE_OF_RANGE * LARGEST_SHARE_OF_RANGE
 
 
 @kernel

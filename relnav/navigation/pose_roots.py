@@ -22,7 +22,7 @@ from relnav.sensors.three_marker.pose import Pose
 from relnav.sensors.three_marker.sensor import View
 
 WIDENED = 4.0
-_COVERED = 6.25  # chi-square, 90 % of three: a root whose attitude is this near a hypothesis starts none
+COVERED = 6.25  # chi-square, 90 % of three: a root whose attitude is this near a hypothesis starts none
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ def add_uncovered(m: PoseMemory, found: list[Root]) -> None:
     count = int(m.clock["running"])
     bank = [state_of(m.bank[k], m.bank_sensitivities[k]) for k in range(count)]
     for root in found:
-        if all(_distance2(held, root.state) > _COVERED for held in bank) and m.clock["running"] < MOST_POSES:
+        if all(_distance2(held, root.state) > COVERED for held in bank) and m.clock["running"] < MOST_POSES:
             k = int(m.clock["running"])
             write_root(m.bank[k], m.bank_sensitivities[k], root, float(m.bank[0]["score"]))
             m.bank[k]["added"] = m.clock["t"]

@@ -1,270 +1,262 @@
-"""`engine="filterpy"`: the filter's decisions in plain Python over filterpy's algebra, for comparison.
+"""`engine="filterpy"` for beacons: the filter's decisions in plain Python over filterpy's algebra, for comparison.
 
-Measurement rows and noise come from the same `observation`; prediction, update, NIS, gate, iteration and restart are
-done here a second time on purpose, in covariance form; the monitors are not (its alarm is UNWATCHED). On
-well-conditioned logs both engines agree to 1e-9 sigma.
+It is written from the model (`reference_beacons`, `reference_lasting`, `reference_motion`) and reads nothing of the
+compiled filter's memory; what comes out is written there, from where records are made. Prediction, rows, noise, update,
+NIS, gate, iteration, start and restart are done here a second time on purpose, in covariance form; the monitors are not
+(its alarm is UNWATCHED). On well-conditioned logs both engines agree to 1e-9 sigma.
 """
 
+import copy
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.estimation.factored import compose, factorize
+from relnav.estimation.gating import gate_limits
 from relnav.estimation.monitors import UNWATCHED
-from relnav.estimation.reference import ReferenceTrack
-from relnav.geometry.linear_algebra import cross_matrix
-from relnav.geometry.pinhole import central_projection, central_projection_jacobian
+from relnav.estimation.reference import ReferenceTrack, believed
 from relnav.geometry.rotation import dcm_from_quaternion
-from relnav.navigation.beacon_geometry import (
-    TIGHT_SHARE2,
-    attitude_changed,
-    camera_position_dock,
-    uses_coordinates,
-)
-from relnav.navigation.beacon_observation import observe, observe_again
-from relnav.navigation.beacon_start import start
+from relnav.mission import Model
 from relnav.navigation.docking_view import LOWER
-from relnav.navigation.measurement_matrices import errors_in_use, rows_in_use, turns_in_sight
-from relnav.navigation.memory import ATTITUDE_ERRORS, FIELD_ERRORS, FIX, TOLERANCES_SHARED, fill, views
-from relnav.navigation.propagation import prepare_step
+from relnav.navigation.epoch_report import ACCELERATION, ATTITUDE, ATTITUDE_NOISE, DELTA_V, SPOT_SIGMA
+from relnav.navigation.memory import fill, views
+from relnav.navigation.reference_attitude import attitude_is_credible
+from relnav.navigation.reference_beacons import POSITION, BeaconImage, BeaconOptics, Prior
+from relnav.navigation.reference_lasting import begin, errors_of
+from relnav.navigation.reference_motion import predict_motion, step_between
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
-from relnav.navigation.step import WRONG_SHAPE, WRONG_TIME
-from relnav.navigation.update import LONE_GATE_SHARE, MAX_ITERATIONS, bends
+from relnav.navigation.update import LONE_GATE_SHARE, MAX_ITERATIONS
 from relnav.sensors.measurement import MISALIGNED, OK
+
+NOTHING_SAID = {"nis": math.nan, "status": 0, "dof": 0, "reason": 0, "iterations": 0, "used": 0}
 
 
 class ReferenceEngine:
-    """A filter over a fresh filter's memory, with its tracks on filterpy."""
+    """A beacon filter of a model; `block` is where its results are written to."""
 
-    def __init__(self, block: Vector) -> None:
-        """Take over the memory."""
-        self.named = views(block)
+    def __init__(self, model: Model, method: str, projection: str | None, block: Vector) -> None:
+        """A filter that has seen nothing yet."""
+        self._model, self._out = model, views(block)
+        self.optics = BeaconOptics(model, method, projection)
+        self._limits = gate_limits(model.filter.gate_probability, 2 * len(self.optics.beacons))
+        self._acceleration, self._delta_v = np.zeros(3), np.zeros(3)
+        self.result: dict[str, Any] = dict(NOTHING_SAID)
+        self.innovations = np.full(2 * len(self.optics.beacons), np.nan)
         self.track: ReferenceTrack | None = None
         self.trial: ReferenceTrack | None = None
-        self.streak = 0
+        self.t_s, self.streak, self.starts = -math.inf, 0, 0
 
-    def take_over(self) -> None:
-        """Go on from the track in the memory."""
-        m = self.named
-        self.track = ReferenceTrack(m.track["state"], compose(m.track["ld"]))
-        self.track.considered = m.sensitivities.copy()
-        self.trial, self.streak = None, 0
+    def take_over(self, t_s: float, state: Vector, ld: Matrix) -> None:
+        """Go on from a state that is known otherwise, and the factors of its covariance."""
+        self.track = ReferenceTrack(state, compose(ld))
+        self.track.considered = np.zeros((self.optics.considered, 6))
+        self.trial, self.streak, self.t_s, self.starts = None, 0, t_s, self.starts + 1
 
-    def tracks(self) -> tuple[Any, ...]:
-        """What `restore` needs: values of track and trial, and the streak."""
-        return _values(self.track), _values(self.trial), self.streak
+    def saved(self) -> dict[str, Any]:
+        """What `restore` needs, as values."""
+        optics = self.optics
+        said = {name: getattr(optics, name) for name in ("spot_sigma", "lasting", "attitude_noise", "dcm", "known")}
+        own = {"t_s": self.t_s, "streak": self.streak, "starts": self.starts}
+        return copy.deepcopy({"optics": said, "own": own, "tracks": (_values(self.track), _values(self.trial))})
 
-    def restore(self, track: Any, trial: Any, streak: int) -> None:
-        """Go on from what `tracks` gave."""
-        self.track, self.trial, self.streak = _track(track), _track(trial), streak
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Go on from what `saved` gave."""
+        self.optics.__dict__.update(copy.deepcopy(saved["optics"]))
+        self.__dict__.update(saved["own"])
+        self.track, self.trial = (_track(values) for values in saved["tracks"])
 
-    def step(self, t: float, spots: Matrix) -> int:
-        """Take one image, as `relnav.navigation.step.step` does; results go to the same rows."""
-        m = self.named
-        if spots.shape != (len(m.beacons), 2):
-            return WRONG_SHAPE
-        if not m.clock["t"] < t < math.inf:
-            return WRONG_TIME
-        tracks = [track for track in (self.track, self.trial) if track is not None]
-        if tracks:
-            prepare_step(m.step, m.motion, m.scratch, float(m.clock["t"]), t - float(m.clock["t"]))
-            for track in tracks:
-                phi = m.step["phi"].copy()
-                track.time_update(phi, m.step["effect"].copy(), compose(m.step["noise"]))
-                track.considered = track.considered @ phi.T
-            self.track, self.trial = self._usable(self.track), self._usable(self.trial)
-        m.clock["t"] = t
-        status = self._step_track(spots)
-        if self.track is not None:
-            m.track["state"] = self.track.state
-            m.track["ld"] = factorize(0.5 * (self.track.covariance + self.track.covariance.T))
-            m.sensitivities[:] = self.track.considered
-        m.clock["running"], m.clock["rejected"] = self.track is not None, self.streak
-        m.result["status"], m.watch["alarm"] = status, UNWATCHED
+    def tell(
+        self, told: int, acceleration: Vector, delta_v: Vector, dcm: Matrix, sigma: Matrix, attitude_noise: float
+    ) -> None:
+        """Take this step's control, attitude and noise, which have been checked: as `epoch_report.take_inputs`."""
+        optics = self.optics
+        self._acceleration = np.array(acceleration if told & ACCELERATION else np.zeros(3))
+        self._delta_v = np.array(delta_v if told & DELTA_V else np.zeros(3))
+        optics.dcm = np.array(dcm if told & ATTITUDE else optics.held)
+        optics.known = bool(told & ATTITUDE) or optics.held_known
+        if told & ATTITUDE_NOISE:
+            optics.attitude_noise = attitude_noise
+        if told & SPOT_SIGMA:
+            optics.spot_sigma = np.where(sigma > 0.0, sigma, optics.spot_sigma)
+
+    def step(self, t_s: float, spots: Matrix) -> int:
+        """Take one image (n, 2) m of a time after the last; results go to the memory."""
+        dt = step_between(self.t_s, t_s) if self.track is not None or self.trial is not None else 0.0
+        self.track, self.trial = (self._carried(track, dt) for track in (self.track, self.trial))
+        self.t_s = t_s
+        self.result["status"] = status = self._step_track(spots)
+        self._write(status)
         return status
 
-    def _place(self, track: ReferenceTrack) -> tuple[float, float]:
-        """The prior of a track; returns its squared range and position variance."""
-        m, place = self.named, self.named.prior["place"]
-        camera_position_dock(track.state.copy(), m.sensor["offset"], m.kept["dock"], place)
-        m.prior["range2"], m.prior["variance"] = place @ place, np.trace(track.covariance[:3, :3])
-        return float(m.prior["range2"]), float(m.prior["variance"])
+    def _write(self, status: int) -> None:
+        """Where records are made from."""
+        m, track = self._out, self.track
+        if track is not None:
+            m.track["state"], m.track["ld"] = track.state, factorize(0.5 * (track.covariance + track.covariance.T))
+            m.sensitivities[:] = track.considered
+        fill(m.clock, t=self.t_s, running=track is not None, rejected=self.streak, starts=self.starts)
+        fill(m.result, **(self.result | {"status": status}))
+        m.innovations[:] = self.innovations
+        m.watch["alarm"] = UNWATCHED
 
-    def _usable(self, track: ReferenceTrack | None) -> ReferenceTrack | None:
-        """The track, unless its prediction says nothing any more, as `locate` decides."""
-        if track is None or not (np.isfinite(track.state).all() and np.isfinite(track.covariance).all()):
+    def _carried(self, track: ReferenceTrack | None, dt: float) -> ReferenceTrack | None:
+        """The track after dt, unless its prediction says nothing any more: numbers, and position sigma below range."""
+        if track is None:
             return None
-        range2, variance = self._place(track)
-        return track if variance < range2 else None
+        model, control = self._model, (self._acceleration, self._delta_v)
+        phi, q, effect = predict_motion(model.orbit, model.process_noise, self.t_s, dt, *control)
+        if not np.isfinite(q).all():
+            return None
+        track.time_update(phi, effect, q)
+        track.considered = track.considered @ phi.T
+        if not (np.isfinite(track.state).all() and np.isfinite(track.covariance).all()):
+            return None
+        prior = self._prior(track)
+        return track if prior.variance < prior.place @ prior.place else None
+
+    def _prior(self, track: ReferenceTrack) -> Prior:
+        return Prior(self.optics.place(track.state), float(np.trace(track.covariance[:3, :3])))
+
+    def _clear(self) -> None:
+        self.result = dict(NOTHING_SAID)
+        self.innovations = np.full(len(self.innovations), np.nan)
 
     def _step_track(self, spots: Matrix) -> int:
-        m = self.named
         self._clear()
         status = WAITING
         if self.track is not None:
             status = self._correct(self.track, spots)
             seen = int(np.sum(~np.isnan(spots).all(axis=1)))
-            if status == REJECTED or (status == PARTIAL and 2 * m.result["used"] <= seen):
+            if status == REJECTED or (status == PARTIAL and 2 * self.result["used"] <= seen):
                 self.streak += 1
             else:
                 self.streak, self.trial = 0, None
-            if self.streak < m.fixed["restart_after"]:
+            if self.streak < self._model.filter.restart_after_epochs:
                 return status
-        kept, innovations = m.result.copy(), m.innovations.copy()
+        kept, innovations = dict(self.result), self.innovations
         if self._look_for_start(spots):
             return STARTED
-        reason = m.result["reason"]
-        fill(m.result, **{name: kept[name] for name in kept.dtype.names})
-        m.innovations[:] = innovations
+        reason = self.result["reason"]
+        self.result, self.innovations = kept, innovations
         if self.track is None:
-            m.result["reason"] = reason
+            self.result["reason"] = reason
         return status
 
-    def _clear(self) -> None:
-        fill(self.named.result, nis=math.nan, status=0, dof=0, reason=0, iterations=0, used=0)
-        self.named.innovations[:] = math.nan
-
     def _look_for_start(self, spots: Matrix) -> bool:
-        m = self.named
+        """Test the trial with this image, or open one; True if a trial was confirmed and now is the track."""
         if self.trial is not None:
-            range2, variance = self._place(self.trial)
-            tight = variance < TIGHT_SHARE2 * range2
+            tight = self._prior(self.trial).tight
             outcome = self._correct(self.trial, spots)
-            agrees = outcome == UPDATED and m.result["dof"] >= (6 if uses_coordinates(m.sensor) else 3)
+            agrees = outcome == UPDATED and self.result["dof"] >= (6 if self.optics.coordinates else 3)
             if agrees and not tight:
                 return False
             if agrees:
-                m.clock["starts"] += 1
-                self.track, self.trial, self.streak = self.trial, None, 0
+                self.track, self.trial, self.streak, self.starts = self.trial, None, 0, self.starts + 1
                 return True
-        m.result["reason"] = start(m, m.trial, m.trial_sensitivities, spots)
-        if m.result["reason"] == OK:
-            self.trial = ReferenceTrack(m.trial["state"], compose(m.trial["ld"]))
-            self.trial.considered = m.trial_sensitivities.copy()
+        begun = begin(self.optics, self._model, spots, self._limits)
+        self._clear()
+        self.result["reason"] = begun.status
+        if begun.status == OK:
+            self.trial = ReferenceTrack(begun.state, begun.covariance)
+            self.trial.considered = begun.considered
         return False
 
     def _correct(self, track: ReferenceTrack, spots: Matrix) -> int:
-        m, x, p = self.named, track.state.copy(), track.covariance.copy()
+        x, p, optics = track.state.copy(), track.covariance.copy(), self.optics
         self._clear()
-        self._place(track)
-        seen, usable, m.result["reason"] = observe(m, x, spots)
-        if seen == 0:
+        image = optics.observe(x, spots, self._prior(track))
+        self.result["reason"] = image.reason
+        if image.seen == 0:
             return PREDICTED
-        if usable == 0:
+        if len(image.groups) == 0:
             return REJECTED
-        coordinates = uses_coordinates(m.sensor)
-        if coordinates and (len(track.considered) or m.sensor["attitude_noise"] > 0.0):
-            self._add_considered_noise(track, x, spots)
-        h, residual, _, groups = rows_in_use(m)
-        if coordinates and len(set(groups)) == 1 and not self._lone_beacon_is_telling(int(groups[0]), p):
-            return PREDICTED
-        seen_coordinates = np.flatnonzero(m.groups["variance"][:, :2].ravel() > 0.0)
-        m.innovations[seen_coordinates if coordinates else slice(0, len(h))] = residual
-        m.result["nis"], m.result["dof"] = self._update(track, x, x, p, np.arange(len(h))), len(h)
-        rows = np.arange(len(h))
-        if coordinates:
-            rows = self._gate(track, x, p, groups)
-            passed = len(set(groups[rows]))
+        if optics.coordinates:
+            image = self._with_considered(image, track, x, spots)
+            if len(set(image.groups)) == 1 and not self._lone_beacon_is_telling(int(image.groups[0]), x, p):
+                return PREDICTED
+        rows = np.arange(len(image.groups))
+        self.innovations[image.places] = image.residual
+        self.result["nis"], self.result["dof"] = self._update(track, image, x, x, p, rows), len(rows)
+        if optics.coordinates:
+            rows = self._gate(track, image, x, p)
+            passed = len(set(image.groups[rows]))
         else:
-            passed = int(m.result["nis"] <= self._limit(len(h)))
-            if passed and not self._attitude_is_credible(track.state, track.covariance, spots):
-                m.result["reason"], passed = MISALIGNED, 0
+            passed = int(self.result["nis"] <= self._limits[len(rows) - 1])
+            if passed and not attitude_is_credible(optics, self._limits, track.state, track.covariance, spots):
+                self.result["reason"], passed = MISALIGNED, 0
         if passed == 0:
             track.set(x, p)
             return REJECTED
-        self._update(track, x, x, p, rows)
+        self._take(track, image, x, p, rows, spots)
+        self.result["used"] = passed
+        return UPDATED if passed == image.seen else PARTIAL
+
+    def _take(
+        self, track: ReferenceTrack, image: BeaconImage, x: Vector, p: Matrix, rows: Codes, spots: Matrix
+    ) -> None:
+        """Update from the prior (x, p) with some rows, linearised anew while that matters, and what is considered."""
+        self._update(track, image, x, x, p, rows)
         at, iterations = x, 1
-        while iterations < MAX_ITERATIONS and bends(m, at, track.state.copy()):
-            at = track.state.copy()
-            if not observe_again(m, at, spots):
+        while iterations < MAX_ITERATIONS and self._bends(at, track.state):
+            again = self.optics.again(image, track.state.copy(), spots)
+            if again is None:
                 break
-            self._update(track, at, x, p, rows)
+            at, image = track.state.copy(), again
+            self._update(track, image, at, x, p, rows)
             iterations += 1
+        self.result["iterations"] = iterations
         if len(track.considered):
-            self._consider(track, at, rows, spots)
-        m.result["iterations"], m.result["used"] = iterations, passed
-        return UPDATED if passed == seen else PARTIAL
+            h, r = image.rows[rows], image.noise[np.ix_(rows, rows)]
+            gain = np.linalg.solve(r, h @ track.covariance).T
+            s = track.considered.T
+            track.considered = (s + gain @ (errors_of(self.optics, image, at, spots)[rows] - h @ s)).T
 
-    def _limit(self, dof: int) -> float:
-        return float(self.named.gate[dof - 1])
+    def _update(
+        self, track: ReferenceTrack, image: BeaconImage, at: Vector, x: Vector, p: Matrix, rows: Codes
+    ) -> float:
+        """Update from the prior (x, p) with some of the rows, linearised at `at`; returns NIS."""
+        track.set(x, p)
+        h = image.rows[rows]
+        return track.measurement_update(h, image.noise[np.ix_(rows, rows)], image.residual[rows] - h @ (x - at))
 
-    def _attitude_is_credible(self, x: Vector, p: Matrix, spots: Matrix) -> bool:
-        m = self.named
-        if m.sensor["method"] != FIX or not m.sensor["attitude_known"]:
-            return True
-        mount, f, turn = m.kept["mount"], float(m.sensor["focal_length"]), float(m.sensor["attitude_sigma"]) ** 2
-        points = (m.beacons["position"][:3] - x[:3]) @ mount[:, :3].T - mount[:, 3]
-        predicted, slopes = f * central_projection(points), f * central_projection_jacobian(points)
-        h = -np.mean(slopes @ mount[:, :3], axis=0)
-        turns = np.mean([slope @ cross_matrix(point) for slope, point in zip(slopes, points, strict=True)], axis=0)
-        own = m.beacons["spot_sigma"][:3] ** 2 + m.beacons["lasting_sigma"][:3, None] ** 2
-        s = h @ p[:3, :3] @ h.T + np.diag(np.sum(own, axis=0)) / 9.0 + turn * turns @ turns.T
-        residual = np.mean(spots[:3] - predicted, axis=0)
-        if residual @ np.linalg.solve(s, residual) > self._limit(2):
-            return False
-        (x_said, y_said), (x_seen, y_seen) = predicted[0] - predicted[1], spots[0] - spots[1]
-        length2 = x_said**2 + y_said**2
-        roll = (x_said * y_seen - y_said * x_seen) / length2
-        return bool(roll**2 <= self._limit(1) * (2.0 * np.mean(own) / length2 + turn))
+    def _with_considered(self, image: BeaconImage, track: ReferenceTrack, x: Vector, spots: Matrix) -> BeaconImage:
+        """With considered errors in each variance, its own whole, of others what is left; and the attitude's noise."""
+        optics = self.optics
+        turned = optics.attitude_noise * image.turns
+        noise = image.noise + turned @ turned.T
+        errors = errors_of(optics, image, x, spots)
+        shared = optics.shared
+        left = errors[:, shared] - image.rows @ track.considered[shared].T
+        own = np.delete(errors, shared, axis=1)
+        return replace(image, noise=noise + np.diag((own**2).sum(axis=1) + (left**2).sum(axis=1)))
 
-    def _lone_beacon_is_telling(self, beacon: int, p: Matrix) -> bool:
-        m = self.named
-        both, sigma, half = m.groups["gradient"][beacon, :2], m.beacons["spot_sigma"][beacon], m.sensor["half_width"]
-        s = both @ p @ both.T + np.diag(sigma**2)
-        area = math.pi * self._limit(2) * math.sqrt(max(0.0, np.linalg.det(s)))
+    def _bends(self, at: Vector, x: Vector) -> bool:
+        """Whether the step between two states is long enough for a second linearisation to matter."""
+        apart = self.optics.beacons - at[:3] - self.optics.offset - self.optics.port
+        moved2, nearest2 = float(np.sum((x - at)[:3] ** 2)), float(np.min(np.sum(apart**2, axis=1)))
+        return bool(self.optics.focal_length * moved2 > 0.1 * self._model.spot_sigma_m * nearest2)
+
+    def _lone_beacon_is_telling(self, beacon: int, x: Vector, p: Matrix) -> bool:
+        """Whether a single beacon is predicted so well that a glint would hardly pass for it."""
+        half, slopes = self.optics.half, self.optics.coordinate_slopes(x)[2][beacon, :, POSITION]
+        s = slopes @ p[:3, :3] @ slopes.T + np.diag(self.optics.spot_sigma[beacon] ** 2)
+        area = math.pi * self._limits[1] * math.sqrt(max(0.0, np.linalg.det(s)))
         return bool(area < LONE_GATE_SHARE * 4.0 * half[0] * half[1])
 
-    def _update(self, track: ReferenceTrack, at: Vector, x: Vector, p: Matrix, rows: Codes) -> float:
-        """Update from the prior (x, p) with some of the rows in use, linearised at `at`; returns NIS."""
-        h, residual, r, _ = rows_in_use(self.named)
-        track.set(x, p)
-        return track.measurement_update(h[rows], r[np.ix_(rows, rows)], residual[rows] - h[rows] @ (x - at))
-
-    def _add_considered_noise(self, track: ReferenceTrack, x: Vector, spots: Matrix) -> None:
-        """Add considered errors to the variances of the coordinates in use: own ones, and what is left of others."""
-        m = self.named
-        h, _, _, _ = rows_in_use(m)
-        first = FIELD_ERRORS - int(m.fixed["first_error"])
-        errors, shared = errors_in_use(m, x, spots), slice(first, first + ATTITUDE_ERRORS + TOLERANCES_SHARED)
-        own = np.delete(errors, shared, axis=1)
-        rest = errors[:, shared] - h @ track.considered[shared].T
-        m.turns[:] = turns_in_sight(m, x)
-        variance = m.groups["variance"]
-        used = np.nonzero(variance[:, :2] > 0.0)
-        turned = np.sum((m.sensor["attitude_noise"] * m.turns.reshape(-1, 2, 3)[used]) ** 2, axis=1)
-        variance[used] += np.sum(own**2, axis=1) + np.sum(rest**2, axis=1) + turned
-
-    def _consider(self, track: ReferenceTrack, at: Vector, rows: Codes, spots: Matrix) -> None:
-        """Update what is considered by the rows used, K = P+ H^T R^-1."""
-        h, _, r, _ = rows_in_use(self.named)
-        gain = np.linalg.solve(r[np.ix_(rows, rows)], h[rows] @ track.covariance).T
-        s = track.considered.T
-        track.considered = (s + gain @ (errors_in_use(self.named, at, spots)[rows] - h[rows] @ s)).T
-
-    def _gate(self, track: ReferenceTrack, x: Vector, p: Matrix, groups: Codes) -> Codes:
-        """Rows of the beacons that are credible alone and together, as `update` decides."""
+    def _gate(self, track: ReferenceTrack, image: BeaconImage, x: Vector, p: Matrix) -> Codes:
+        """Rows of the beacons that are credible alone and together."""
 
         def rows(beacons: list[int]) -> Codes:
-            return np.flatnonzero(np.isin(groups, beacons))
+            return np.flatnonzero(np.isin(image.groups, beacons))
 
-        def nis(beacons: list[int]) -> float:
-            return self._update(track, x, x, p, rows(beacons))
+        def limit(beacons: list[int]) -> float:
+            return float(self._limits[len(rows(beacons)) - 1])
 
-        def credible(beacons: list[int]) -> bool:
-            return len(beacons) > 0 and nis(beacons) <= self._limit(len(rows(beacons)))
-
-        good = [i for i in sorted(set(groups)) if credible([i])]
-        if good and not credible(good):
-            while len(good) > 2:
-                fewer = [[j for j in good if j != i] for i in good]
-                agreeing = [beacons for beacons in fewer if credible(beacons)]
-                good = min(fewer, key=nis)
-                if len(agreeing) == 1 or (len(agreeing) > 1 and len(good) > 2):
-                    return rows(good)
-            good = []
-        return rows(good)
+        seen = sorted(set(image.groups.tolist()))
+        return rows(believed(seen, lambda beacons: self._update(track, image, x, x, p, rows(beacons)), limit))
 
 
 def _values(track: ReferenceTrack | None) -> tuple[Vector, Matrix, Matrix] | None:
@@ -280,7 +272,7 @@ def _track(values: tuple[Vector, Matrix, Matrix] | None) -> ReferenceTrack | Non
 
 
 def run_reference(
-    block: Vector,
+    engine: ReferenceEngine,
     t: Vector,
     spots: Stack,
     control: Matrix,
@@ -293,28 +285,26 @@ def run_reference(
     nis: Vector,
     codes: Codes,
     considered: Stack,
-    engine: ReferenceEngine,
 ) -> None:
-    """The log loop over the reference engine, with the arguments of the compiled one."""
-    m = views(block)
+    """The log loop over the reference engine, with the arguments of the compiled one behind its memory."""
+    nothing, none = np.zeros(3), np.zeros((0, 0))
     for e in range(len(t)):
-        if len(control):
-            m.motion["acceleration"], m.motion["delta_v"] = control[e, :3], control[e, 3:]
-        if len(quaternion):
-            m.kept["mount"][:, :3] = dcm_from_quaternion(quaternion[e])
-            attitude_changed(m.kept, m.sensor)
-        if len(sigma):
-            np.copyto(m.beacons["spot_sigma"], sigma[e], where=sigma[e] > 0.0)
+        told = (ACCELERATION | DELTA_V if len(control) else 0) | (ATTITUDE if len(quaternion) else 0)
+        push, impulse = (control[e, :3], control[e, 3:]) if len(control) else (nothing, nothing)
+        dcm = dcm_from_quaternion(quaternion[e]) if len(quaternion) else none
+        noise = sigma[e] if len(sigma) else none
+        engine.tell(told | (SPOT_SIGMA if len(sigma) else 0), push, impulse, dcm, noise, 0.0)
         if len(lasting):
-            m.beacons["lasting_sigma"] = lasting[e]
+            engine.optics.lasting = lasting[e]
         status = engine.step(float(t[e]), spots[e])
-        codes[e] = m.result["dof"], status, m.result["reason"], UNWATCHED
-        nis[e], innovation[e] = m.result["nis"], m.innovations
-        running = engine.track is not None
-        state[e] = m.track["state"] if running else math.nan
-        own = m.track["ld"].copy()
+        codes[e] = engine.result["dof"], status, engine.result["reason"], UNWATCHED
+        nis[e], innovation[e] = engine.result["nis"], engine.innovations
+        track = engine.track
+        state[e] = math.nan if track is None else track.state
         if considered.shape[1]:
-            considered[e] = m.sensitivities if running else math.nan
-        elif len(m.sensitivities):
-            own = factorize(compose(own) + m.sensitivities.T @ m.sensitivities)
-        factor[e] = own[LOWER] if running else math.nan
+            considered[e] = math.nan if track is None else track.considered
+        if track is None:
+            factor[e] = math.nan
+            continue
+        own = track.covariance if considered.shape[1] else track.covariance + track.considered.T @ track.considered
+        factor[e] = factorize(0.5 * (own + own.T))[LOWER]

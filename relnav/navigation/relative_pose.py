@@ -15,11 +15,13 @@ from numpy.typing import ArrayLike
 from relnav.arrays import LARGEST, Flags, Matrix, Stack, Vector, number, numbers
 from relnav.dynamics.relative_motion import frame_rate
 from relnav.dynamics.rigid_body import lvlh_rate
+from relnav.errors import UsageError
+from relnav.estimation.factored import compose
 from relnav.estimation.timeline import Passed, Timeline
 from relnav.geometry.rotation import is_rotation
 from relnav.geometry.rotation_vector import turned
 from relnav.mission import VisionMission
-from relnav.navigation.arguments import not_negative, refuse_another_version, start_values
+from relnav.navigation.arguments import not_negative, refuse_another_version, refuse_unknown_engine, start_values
 from relnav.navigation.memory import fill, orbit_values
 from relnav.navigation.pose_epoch import EPOCH, JOINED, read_epoch
 from relnav.navigation.pose_filter import NEW_ROOTS, NOTHING, pose_step
@@ -28,6 +30,8 @@ from relnav.navigation.pose_propagation import is_wide
 from relnav.navigation.pose_record import PoseRecord
 from relnav.navigation.pose_roots import add_uncovered, open_trial, roots, state_of, view_at
 from relnav.navigation.pose_state import PoseState
+from relnav.navigation.reference_bank import Exposure
+from relnav.navigation.reference_pose import ReferencePose
 from relnav.navigation.status import OUT_OF_VIEW, EpochStatus
 from relnav.sensors.three_marker.camera import usable_covariance
 
@@ -74,16 +78,30 @@ class PoseNavigator:
     """Position, velocity, attitude and rate of chaser and target from marker spots, an epoch at a time.
 
     `copy.deepcopy` and `pickle` give a navigator that goes on from the same state, bit for bit.
+
+    Parameters
+    ----------
+    mission : VisionMission
+        From `relnav.load_model("three_marker_vision")`.
+    engine : {"compiled", "filterpy"}
+        Ours, or the same filter written a second time in numpy on filterpy's ExtendedKalmanFilter: a hundred times
+        slower, for comparison. It takes no late images, and its alarm says UNWATCHED.
+
+    Raises
+    ------
+    ValueError
+        For another kind of model, or an unknown engine.
     """
 
-    def __init__(self, mission: VisionMission) -> None:
-        """Take a loaded model, `relnav.load_model("three_marker_vision")`."""
+    def __init__(self, mission: VisionMission, *, engine: str = "compiled") -> None:
         if not isinstance(mission, VisionMission):
             raise ValueError(
                 f"PoseNavigator flies a marker mission, such as relnav.load_model('three_marker_vision'); a "
                 f"{type(mission).__name__} was given: a beacon mission is flown by relnav.Navigator"
             )
+        refuse_unknown_engine(engine)
         self.mission = mission
+        self._reference = ReferencePose(mission) if engine == "filterpy" else None
         self.memory = new_pose_memory(mission)
         self._named = pose_views(self.memory)
         self._held, self._nothing = mission.dcm_chaser_from_lvlh, np.zeros(3)
@@ -104,6 +122,8 @@ class PoseNavigator:
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """Every pose that is still possible, the most credible first."""
+        if self._reference is not None:
+            return tuple(Hypothesis(one.state, one.score) for one in self._reference.bank)
         m = self._named
         tracks = zip(m.bank[: int(m.clock["running"])], m.bank_sensitivities, strict=False)
         return tuple(Hypothesis(state_of(one, by_error), float(one["score"])) for one, by_error in tracks)
@@ -145,6 +165,8 @@ class PoseNavigator:
         m.bank_sensitivities[0] = 0.0
         fill(m.clock, t=t, begun=t, renewed=t, tried=-math.inf, blurred=-math.inf, running=1, trial=0, rejected=0)
         m.used_s[:] = t
+        if self._reference is not None:
+            self._reference.start(t, motion, attitude, rate, compose(ld))
         self._timeline = Timeline(self.memory.copy(), t)
 
     @property
@@ -200,6 +222,8 @@ class PoseNavigator:
         exposed = t_s if image_t_s is None else number("image_t_s", image_t_s)
         if not math.isfinite(exposed) or exposed > t_s:
             raise ValueError(f"image_t_s must be finite and not after t_s = {t_s!r}; got {image_t_s!r}")
+        if self._reference is not None and spots_px is not None and exposed < t_s:
+            raise UsageError('engine="filterpy" takes no late images: leave image_t_s out, or use engine="compiled"')
         event = self._event(t_s, acceleration_m_s2, delta_v_m_s, dcm_chaser_from_lvlh)
         if attitude_noise_rad is not None:
             event = replace(event, attitude_noise_rad=not_negative("attitude_noise_rad", attitude_noise_rad))
@@ -242,6 +266,11 @@ class PoseNavigator:
 
     def _take(self, before: Vector, event: Event) -> "tuple[Vector, Outcome]":
         """Take an event into the filter as it was: the compiled step, and what it wants of the closed form."""
+        if self._reference is not None:
+            control, noise = (event.acceleration_m_s2, event.delta_v_m_s), event.attitude_noise_rad
+            image = Exposure(event.t_s, event.dcm_chaser_from_lvlh, noise, event.spots_px, event.covariance_px2)
+            done = self._reference.take(image, *control)
+            return before, Outcome(EpochStatus(done.status), done.accepted, done.nis, done.dof, done.alarm)
         m = self._named
         self.memory[:] = before
         m.motion["acceleration"], m.motion["delta_v"] = event.acceleration_m_s2, event.delta_v_m_s
@@ -265,7 +294,10 @@ class PoseNavigator:
         self, event: Event, outcome: "Outcome", rate: Vector | None, delay_s: float, *, too_late: bool
     ) -> PoseRecord:
         epoch, dcm = np.zeros(1, EPOCH), event.dcm_chaser_from_lvlh
-        read_epoch(self.memory, epoch, JOINED)
+        if self._reference is None:
+            read_epoch(self.memory, epoch, JOINED)
+        else:
+            self._reference.write_epoch(epoch[0])
         one = epoch[0]
         if delay_s > 0.0 and rate is not None:
             relative = rate - lvlh_rate(dcm.T, frame_rate(orbit_values(self.mission.orbit), event.t_s))

@@ -49,7 +49,8 @@ class Navigator:
     projection : {"perspective", "parallel"}, optional
         Closed form of `fix` and of every start; the model's own if left out.
     engine : {"compiled", "filterpy"}
-        Ours, or the same filter on filterpy's ExtendedKalmanFilter: hundreds of times slower, for comparison.
+        Ours, or the same filter written a second time in numpy on filterpy's ExtendedKalmanFilter: hundreds of times
+        slower, for comparison. Its alarm says UNWATCHED.
 
     Raises
     ------
@@ -76,7 +77,7 @@ class Navigator:
         self._named = views(self._block)
         self._beacons = len(self._named.beacons)
         self._report, self._kept = new_report(self._beacons)
-        self._reference = ReferenceEngine(self._block) if engine == "filterpy" else None
+        self._reference = ReferenceEngine(model, method, projection, self._block) if engine == "filterpy" else None
         given = self._block, 0.0, NO_MATRIX, 0, NOTHING, NOTHING, NO_MATRIX, NO_MATRIX, 0.0, self._report
         self._navigate: Callable[..., Any] = ready(navigate, *given) if self._reference is None else self._by_reference
         self._calibration = model.calibration
@@ -117,7 +118,7 @@ class Navigator:
         watch_anew(m)
         fill(m.clock, t=t, running=1, trial=0, rejected=0, starts=m.clock["starts"] + 1)
         if self._reference is not None:
-            self._reference.take_over()
+            self._reference.take_over(t, x, ld)
         if self._late is not None:
             self._late.begin(t)
 
@@ -127,7 +128,7 @@ class Navigator:
             "version": version("relnav"),
             "arguments": (self.model, self.method, self._projection, self._engine),
             "memory": self._block.copy(),
-            "reference": None if self._reference is None else self._reference.tracks(),
+            "reference": None if self._reference is None else self._reference.saved(),
             "timeline": None if self._late is None else self._late.timeline,
         }
 
@@ -138,7 +139,7 @@ class Navigator:
         self.__init__(model, method, projection=projection, engine=engine)  # type: ignore[misc]  # made anew, as it was
         self._block[:] = state["memory"]
         if self._reference is not None:
-            self._reference.restore(*state["reference"])
+            self._reference.restore(state["reference"])
         if self._late is not None:
             self._late.timeline = state["timeline"]
 
@@ -256,6 +257,8 @@ class Navigator:
             spots, lasting = self._calibration.corrected(spots)
             if lasting.shape == (self._beacons,):  # else the spots are refused below
                 self._named.beacons["lasting_sigma"] = lasting
+                if self._reference is not None:
+                    self._reference.optics.lasting = lasting
         if spots.ndim != 2 or self._navigate(self._block, t, spots, told, *inputs, self._report) is not True:
             self._block[:] = before
             raise self._wrong_use(t_s, spots)
@@ -296,6 +299,7 @@ class Navigator:
         assert self._reference is not None
         if plain(wrong_use)(self._named, t, spots) != 0 or not take_inputs(block, told, *inputs):
             return False
+        self._reference.tell(told, *inputs)
         self._reference.step(t, spots)
         write_report(block, report)
         return True

@@ -46,6 +46,27 @@ def test_the_track_is_within_its_sigmas_of_the_truth(folder, tmp_path, capsys):
     assert json.loads(figures.read_text())["epochs_unobservable"] == 0
 
 
+def test_the_engine_on_filterpy_gives_the_same_track(folder, tmp_path, capsys):
+    """Of the first ten seconds, by both; it follows no log that grows."""
+    short, tracks = tmp_path / "short.csv", {}
+    rows = (folder / "log.csv").read_text().splitlines(keepends=True)
+    short.write_text("".join(rows[: 40 + sum(row[0] == "#" for row in rows) + 1]))
+    asked = ["filter", str(short), "--model", "three_marker_vision", "--engine"]
+    for engine in ("compiled", "filterpy"):
+        path = tmp_path / f"{engine}.csv"
+        assert run([*asked, engine, "--out", str(path), "--quiet"]) == 0
+        assert ("# engine = filterpy" in path.read_text()) == (engine == "filterpy")
+        tracks[engine] = table(path)
+    ours, theirs = tracks["compiled"][1:], tracks["filterpy"][1:]
+    for name in ("x_m", "vz_m_s", "rate_y_deg_s"):
+        assert np.max(np.abs(ours[name] - theirs[name]) / ours[f"sigma_{name}"]) < 1e-4
+    assert set(theirs["alarm"]) == {64.0}
+    assert run([*asked, "filterpy", "--smooth"]) == 2
+    assert "forward alone" in capsys.readouterr().err
+    assert run([*asked, "filterpy", "--follow"]) == 2
+    assert "leave --follow or it out" in capsys.readouterr().err
+
+
 def test_filter_log_takes_a_marker_model(folder, tmp_path):
     """One public face: the same call and the same `write` as for beacons, the same track as the command's."""
     log, plain, track = folder / "log.csv", tmp_path / "plain.csv", tmp_path / "track.csv"

@@ -1,0 +1,259 @@
+"""`engine="filterpy"` for markers: the filter of position and attitude a second time, in numpy over filterpy's algebra.
+
+It is written from the mission and the documented model (ARCHITECTURE.md, "Six degrees of freedom"), reads nothing of
+the compiled filter's memory and uses none of its derivatives: the equations of motion are integrated
+(`reference_motion`), rows come from one formula of the spots by complex steps (`reference_markers`), the update is
+filterpy's ExtendedKalmanFilter in covariance form (`reference_bank`). Shared are the sensor's closed form, from which
+poses are taken up (`reference_start`), the limits by which the filter's decisions are defined, and the layout of a
+record.
+
+It follows the bank of hypotheses of a flat pattern too. It does not take late images, smooth, or watch: its alarm says
+UNWATCHED beside what a compiled filter without monitors would say.
+"""
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from relnav.arrays import Flags, Matrix, Record, Vector
+from relnav.estimation.factored import factorize
+from relnav.estimation.gating import gate_limits
+from relnav.estimation.monitors import UNWATCHED
+from relnav.mission import VisionMission
+from relnav.navigation.pose_epoch import LOWER, SETTLED_S
+from relnav.navigation.pose_filter import AGREED, BLURRED, DROP, RENEWED_BLURRED_S, RENEWED_S, TELLING_SHARE
+from relnav.navigation.pose_memory import MOST_POSES
+from relnav.navigation.pose_propagation import LARGEST_SHARE_OF_RANGE, LARGEST_TURN_RAD, MEMORY_S
+from relnav.navigation.pose_roots import COVERED, view_at
+from relnav.navigation.reference_bank import (
+    Corrected,
+    Exposure,
+    carried,
+    corrected,
+    is_exchanged,
+    ordered,
+    turn_between,
+)
+from relnav.navigation.reference_markers import MarkerOptics, PoseTrack
+from relnav.navigation.reference_motion import step_between
+from relnav.navigation.reference_start import Found, find_poses
+from relnav.navigation.status import EXCHANGED, OUT_OF_VIEW, PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
+from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
+from relnav.sensors.three_marker.sensor import View, span_a_plane
+
+
+@dataclass
+class Result:
+    """What an event did to the leading hypothesis."""
+
+    accepted: Flags
+    nis: float = math.nan
+    dof: int = 0
+    used: int = 0
+    status: int = WAITING
+    alarm: int = 0
+
+
+@dataclass
+class ReferencePose:
+    """A marker filter; `take` an event at a time."""
+
+    mission: VisionMission
+    t_s: float = math.nan
+    begun_s: float = math.nan
+    renewed_s: float = -math.inf
+    blurred_s: float = -math.inf
+    tried_s: float = -math.inf
+    bank: list[PoseTrack] = field(default_factory=list)
+    trial: list[PoseTrack] = field(default_factory=list)
+    rejected: int = 0
+    agreed: int = 0
+
+    def __post_init__(self) -> None:
+        """A filter that has seen nothing yet."""
+        count = len(self.mission.markers.positions_m)
+        self.optics = MarkerOptics(self.mission)
+        self._limits = gate_limits(self.mission.filter.gate_probability, 2 * count)
+        self._used_s, self._trial_used_s = np.full(count, np.nan), np.full(count, np.nan)
+        self.result = Result(np.zeros(count, dtype=bool))
+        self._control, self._chaser = np.zeros(6), self.mission.dcm_chaser_from_lvlh
+
+    def start(self, t_s: float, motion: Vector, dcm: Matrix, rate: Vector, covariance: Matrix) -> None:
+        """Begin from a state that is known otherwise."""
+        nothing = np.zeros((self.optics.considered, 12))
+        self.bank, self.trial = [PoseTrack(motion, dcm, rate, covariance, nothing)], []
+        self.t_s, self.begun_s, self.renewed_s, self.rejected = t_s, t_s, t_s, 0
+        self.blurred_s = self.tried_s = -math.inf
+        self._used_s[:] = t_s
+
+    def take(self, image: Exposure, acceleration: Vector, delta_v: Vector) -> Result:
+        """Go on to an image, or to a time without one (spots (0, 2)), the control acting as of an `Event`."""
+        self.result = Result(np.zeros(len(self._used_s), dtype=bool))
+        self._control, self._chaser = np.concatenate([acceleration, delta_v]), image.chaser
+        self._advance(image.t_s)
+        seen, running = image.seen, bool(self.bank)
+        if not running:
+            self.rejected = 0
+        if seen == 0:
+            self.result.status = PREDICTED if running else WAITING
+        elif running and seen >= 3 and _is_wide(self.bank[0]):
+            self.result.status = PREDICTED
+            self._look_for_start(image)
+        elif not running or self._use(image):
+            self._look_for_start(image)
+        self.result.alarm |= UNWATCHED
+        return self.result
+
+    def _advance(self, t_s: float) -> None:
+        """Carry bank and trial to t, the control acting."""
+        dt = 0.0 if math.isnan(self.t_s) else step_between(self.t_s, t_s)
+        push, impulse = self._control[:3], self._control[3:]
+        if t_s > self.t_s or np.any(impulse):
+            for tracks in (self.bank, self.trial):
+                moved = [carried(self.mission, track, self.t_s, dt, push, impulse) for track in tracks]
+                tracks[:] = [track for track in moved if track is not None]
+        self.begun_s = t_s if math.isnan(self.begun_s) else self.begun_s
+        self.t_s = t_s
+
+    def _correct(
+        self, tracks: list[PoseTrack], far_behind: float, image: Exposure
+    ) -> tuple[list[PoseTrack], Corrected, bool]:
+        """Correct hypotheses: how they stand then, what the image did to the leading one, whether that one is wide.
+
+        The result is of the leading one. Wide: it may cover poses that it cannot tell apart, or has not led before.
+        """
+        every = [corrected(self.optics, self._limits, track, image) for track in tracks]
+        k = min(range(len(every)), key=lambda i: every[i].track.score)
+        lead = every[k]
+        self.result.accepted = np.isin(np.arange(len(self._used_s)), lead.used)
+        self.result.nis, self.result.dof, self.result.used = lead.nis, 2 * len(lead.which), len(lead.used)
+        return ordered([one.track for one in every], far_behind), lead, k > 0 or lead.bending >= BLURRED
+
+    def _use(self, image: Exposure) -> bool:
+        """Correct the bank with an image; whether a start is to be looked for."""
+        result, t = self.result, image.t_s
+        before = self.bank
+        self.bank, lead, wide = self._correct(before, AMBIGUITY_LIMIT, image)
+        if _count_first(self.bank) < _count_first(before):  # the pose of one of the start gets a second hypothesis
+            self.renewed_s = -math.inf
+        elif len(self.bank) < len(before):
+            self.tried_s = t
+        seen, used = lead.seen, len(lead.used)
+        result.status = REJECTED if used == 0 else (UPDATED if used == seen else PARTIAL)
+        if used > 0:
+            self._used_s[lead.used] = t
+            self.blurred_s = t if wide else self.blurred_s
+        if 2 * used <= seen:
+            self.rejected += 1
+        else:
+            self.rejected, self.trial = 0, []
+        if seen - used >= 2 and is_exchanged(self.optics, self._limits, self.bank[0], image):
+            result.alarm, self.trial = EXCHANGED, []
+            return False
+        if self.rejected >= self.mission.filter.restart_after_epochs:
+            return True
+        often = RENEWED_S if t - self.tried_s > MEMORY_S else MEMORY_S
+        if t - self.blurred_s <= SETTLED_S:
+            often = RENEWED_BLURRED_S
+        if seen >= 3 and used == seen and t - self.renewed_s >= often:
+            self.renewed_s = t
+            self._add_uncovered(image)
+        return False
+
+    def _look_for_start(self, image: Exposure) -> None:
+        """Test the trial with an image of three markers or more; open one on its poses if it contradicts it."""
+        if image.seen < 3:
+            return
+        before = self.result
+        self.result = replace(before)
+        confirmed = self._confirm(image) if self.trial else False
+        if confirmed:
+            self.result.status = STARTED
+            return
+        self.result = before
+        if self.trial:
+            return
+        wide = bool(self.bank) and _is_wide(self.bank[0])
+        found = self._poses(image, self.bank[0] if wide else None, self.mission)
+        if found.tracks:
+            self.trial, self.agreed = found.tracks[:MOST_POSES], 0
+            self._trial_used_s = np.where(found.used, image.t_s, np.nan)
+        elif found.contradicted:
+            self.result.alarm = OUT_OF_VIEW
+
+    def _confirm(self, image: Exposure) -> bool:
+        """Whether the trial now is the bank. It is dropped by an image that contradicts it."""
+        self.trial, lead, wide = self._correct(self.trial, DROP, image)
+        if len(lead.used) < 3 or len(lead.used) < lead.seen:
+            self.trial = []
+            return False
+        self._trial_used_s[lead.used] = image.t_s
+        self.agreed += 1
+        if not lead.share < TELLING_SHARE or (self.rejected > 0 and self.agreed < AGREED):
+            return False
+        self.bank, self.trial, self.rejected = self.trial, [], 0
+        self._used_s, self.renewed_s = self._trial_used_s.copy(), image.t_s
+        self.blurred_s = image.t_s if wide else -math.inf
+        return True
+
+    def _poses(self, image: Exposure, believed: PoseTrack | None, mission: VisionMission) -> Found:
+        """Poses of an image that do not contradict what is expected, or the leading hypothesis."""
+        at = mission.camera.dcm_cam_from_chaser @ image.chaser
+        near = [at @ mission.target.dcm_target_from_lvlh.T, *(at @ track.dcm for track in self.bank[:1])]
+        return find_poses(self.optics, mission, image, believed, near, self._view(image.t_s).attitude_sigma_rad)
+
+    def _view(self, t_s: float) -> View:
+        """The expected view by now."""
+        return view_at(self.mission.view, t_s - self.begun_s, self.mission.filter.initial_rate_sigma_rad_s)
+
+    def _add_uncovered(self, image: Exposure) -> None:
+        """A hypothesis for each pose that none covers, as credible as the best."""
+        held = list(self.bank)
+        found = self._poses(image, self.bank[0], replace(self.mission, view=self._view(image.t_s)))
+        for one in found.tracks:
+            if len(self.bank) < MOST_POSES and all(_attitudes_apart(other, one) > COVERED for other in held):
+                self.bank.append(replace(one, score=held[0].score, added=image.t_s))
+
+    def write_epoch(self, out: Record) -> None:
+        """Write what is known after the last event (`pose_epoch.EPOCH`)."""
+        result, t = self.result, self.t_s
+        out["t"], out["nis"], out["dof"], out["used"] = t, result.nis, result.dof, result.used
+        out["status"], out["alarm"], out["row"] = result.status, result.alarm, 1
+        out["acceleration"], out["delta_v"], out["chaser"] = self._control[:3], self._control[3:], self._chaser
+        out["hypotheses"], out["observable"] = len(self.bank), bool(self.bank) and self._is_observable()
+        others = [one.score - one.doubt - self.bank[0].score for one in self.bank[1:]]
+        odds = min(others, default=math.inf)
+        undecided = t - self.blurred_s <= SETTLED_S or (bool(self.bank) and self.renewed_s == -math.inf)
+        out["ambiguity"] = min(odds, 0.0) if undecided else odds
+        if not self.bank:
+            for name in ("motion", "dcm", "rate", "factor"):
+                out[name] = math.nan
+            return
+        lead = self.bank[0]
+        out["motion"], out["dcm"], out["rate"], out["by_chaser"] = lead.motion, lead.dcm, lead.rate, lead.considered[:3]
+        out["factor"] = factorize(lead.covariance + lead.considered.T @ lead.considered)[LOWER]
+
+    def _is_observable(self) -> bool:
+        """Whether the markers used lately are all of them, or three or more that do not stand on one line."""
+        recent = self.t_s - self._used_s <= self.mission.filter.few_markers_limit_s
+        return bool(recent.all()) or (recent.sum() >= 3 and span_a_plane(self.optics.points[recent]))
+
+
+def _count_first(tracks: list[PoseTrack]) -> int:
+    """How many hypotheses are of the start."""
+    return sum(track.added == -math.inf for track in tracks)
+
+
+def _is_wide(track: PoseTrack) -> bool:
+    """Whether errors are no longer small: a full image then tells more than the state that it would correct."""
+    variance, range2 = np.diag(track.covariance), track.motion[:3] @ track.motion[:3]
+    near = variance[:3].max() <= LARGEST_SHARE_OF_RANGE**2 * range2
+    return not near or bool(variance[6:9].max() > LARGEST_TURN_RAD**2)
+
+
+def _attitudes_apart(held: PoseTrack, found: PoseTrack) -> float:
+    """Chi-square between the attitudes of a hypothesis, with what is considered in it, and of a pose."""
+    off = turn_between(found.dcm, held.dcm)
+    spread = held.covariance + held.considered.T @ held.considered + found.covariance
+    return float(off @ np.linalg.solve(spread[6:9, 6:9], off))

@@ -1,0 +1,103 @@
+"""Poses that explain one image, as hypotheses of `engine="filterpy"`: the sensor's closed form, the rest done anew."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from relnav.arrays import Codes, Flags, Matrix
+from relnav.estimation.gating import chi_square_limit
+from relnav.geometry.linear_algebra import cross_matrix
+from relnav.mission import VisionMission
+from relnav.navigation.pose_filter import DROP
+from relnav.navigation.pose_roots import WIDENED
+from relnav.navigation.reference_bank import Exposure, turn_between, turned_by
+from relnav.navigation.reference_markers import SEEN, MarkerOptics, PoseTrack
+from relnav.sensors.three_marker.measure import measure
+from relnav.sensors.three_marker.outcome import MISFIT_PROBABILITY
+from relnav.sensors.three_marker.pose import Pose
+
+
+@dataclass(frozen=True)
+class Found:
+    """Hypotheses of an image, which markers they rest on (n,), whether one was left out for contradicting the view."""
+
+    tracks: list[PoseTrack]
+    used: Flags
+    contradicted: bool
+
+
+def find_poses(
+    optics: MarkerOptics,
+    mission: VisionMission,
+    image: Exposure,
+    believed: PoseTrack | None,
+    near: Sequence[Matrix],
+    view_sigma_rad: float,
+) -> Found:
+    """Hypotheses on the poses that explain an image and are not a million times less credible than the best.
+
+    A pose farther from the expected view, and from every attitude of `near` (dcm_cam_from_target), than chance allows
+    to view_sigma_rad is none. believed: the hypothesis whose velocity they take.
+    """
+    own = image.covariances if len(image.covariances) else None
+    spots = np.where(np.isfinite(image.spots).all(axis=1, keepdims=True), image.spots, np.nan)
+    result = measure(spots, mission, spot_covariance_px2=own)
+    used = np.array(result.labels) >= 0
+    worst = chi_square_limit(1.0 - MISFIT_PROBABILITY, result.dof) if result.dof > 0 else math.inf
+    tracks, contradicted = [], False
+    for root in result.roots:
+        if root.score - result.roots[0].score > DROP or root.misfit > worst:
+            continue
+        if any(_agrees(root.pose, dcm, view_sigma_rad) for dcm in (mission.view.dcm_cam_from_target, *near)):
+            tracks.append(_track_on(optics, mission, image, root.pose, np.flatnonzero(used), believed))
+        else:
+            contradicted = True
+    return Found(tracks, used, contradicted)
+
+
+def _agrees(pose: Pose, dcm: Matrix, sigma_rad: float) -> bool:
+    off = turn_between(pose.dcm_cam_from_target, dcm)
+    spread = pose.covariance[3:, 3:] + sigma_rad**2 * np.eye(3)
+    return bool(off @ np.linalg.solve(spread, off) <= chi_square_limit(1.0 - MISFIT_PROBABILITY, 3))
+
+
+def _track_on(
+    optics: MarkerOptics,
+    mission: VisionMission,
+    image: Exposure,
+    pose: Pose,
+    used: Codes,
+    believed: PoseTrack | None,
+) -> PoseTrack:
+    """A hypothesis on a pose joined with the expected view: at rest in the turning frame, or as one believed."""
+    settings, mount, back = mission.filter, mission.camera.dcm_cam_from_chaser, image.chaser.T
+    spots = np.linalg.inv(pose.covariance)
+    known = np.zeros((6, 6))
+    known[3:, 3:] = np.eye(3) / mission.view.attitude_sigma_rad**2
+    joined = np.linalg.inv(spots + known)
+    off = turn_between(mission.view.dcm_cam_from_target, pose.dcm_cam_from_target)
+    shift = joined[:, 3:] @ off / mission.view.attitude_sigma_rad**2
+    in_cam = turned_by(pose.dcm_cam_from_target, shift[3:])
+    place = mount.T @ (pose.position_m + shift[:3]) + np.array(mission.camera.position_m)  # chaser axes
+    dcm = back @ mount.T @ in_cam
+    by_pose = np.eye(6)
+    by_pose[:3, :3] = -back @ mount.T
+    of_spots = by_pose @ joined @ by_pose.T
+    by_chaser = np.vstack([back @ cross_matrix(place), (mount.T @ in_cam).T])
+    covariance = np.zeros((12, 12))
+    covariance[np.ix_(SEEN, SEEN)] = WIDENED * of_spots + mission.chaser.attitude_noise_rad**2 * by_chaser @ by_chaser.T
+    covariance[3:6, 3:6] = settings.initial_velocity_sigma_m_s**2 * np.eye(3)
+    covariance[9:, 9:] = settings.initial_rate_sigma_rad_s**2 * np.eye(3)
+    motion, considered = np.concatenate([-back @ place, np.zeros(3)]), np.zeros((optics.considered, 12))
+    track = PoseTrack(motion, dcm, -mission.orbit.mean_motion_rad_s * dcm[1], covariance, considered)
+    _, slopes = optics.derivatives(track, image.chaser, used)
+    left = optics.by_lasting(slopes, used).reshape(len(used), 2, -1)
+    for i, marker in enumerate(used):
+        own = image.covariances[marker] if len(image.covariances) else optics.spot_noise**2 * np.eye(2)
+        considered[:, SEEN] += left[i].T @ np.linalg.solve(own, slopes[i, :, :6]) @ of_spots
+    if believed is not None:  # the velocity is common to all: unknown, its width alone would cost the odds
+        motion[3:], considered[:, 3:6] = believed.motion[3:], believed.considered[:, 3:6]
+        covariance[3:6, 3:6] = WIDENED * believed.covariance[3:6, 3:6]
+    return track
