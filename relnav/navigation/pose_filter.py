@@ -24,6 +24,7 @@ from relnav.estimation.considered import update_sensitivities
 from relnav.estimation.factored import orthogonalise, spread
 from relnav.estimation.rows import Observed, copy_track, gate_groups, log_determinant, pair_covariance, sweep
 from relnav.geometry.rotation_vector import rotation_vector_into, turn_by_rotation_vector
+from relnav.navigation.marker_monitors import gather_markers, let_pass, watch_markers, watch_new_track
 from relnav.navigation.marker_observation import aim_camera, has_spot, observe_markers
 from relnav.navigation.pose_epoch import SETTLED_S
 from relnav.navigation.pose_exchange import gates_share, is_exchanged
@@ -200,9 +201,9 @@ def order_bank(m: PoseMemory, bank: Record, sensitivities: Stack, count: int) ->
 
 @kernel
 def _correct_bank(
-    m: PoseMemory, bank: Record, sensitivities: Stack, count: int, spots: Matrix, covariances: Stack
+    m: PoseMemory, bank: Record, sensitivities: Stack, count: int, spots: Matrix, covariances: Stack, watched: bool
 ) -> tuple[int, bool, bool]:
-    """Correct all hypotheses; result and `accepted` are of the one that leads.
+    """Correct all hypotheses; result and `accepted` are of the one that leads; watched: so are the monitors' rows.
 
     Returns how many remain, whether the leading one's gates were small, so that a glint would hardly pass, and whether
     it is too wide to tell roots apart, or has not led before.
@@ -211,6 +212,8 @@ def _correct_bank(
     for k in range(count):
         copy_pose(bank[k], m.best)
         seen, groups, used, nis = spot_update(m, bank[k], sensitivities[k], spots, covariances)
+        if watched and k == 0:
+            gather_markers(m, m.best, groups, covariances)
         if k == 0 or bank[k]["score"] < least:
             least = bank[k]["score"]
             result["nis"], result["dof"], result["seen"], result["used"] = nis, 2 * groups, seen, used
@@ -248,14 +251,16 @@ def _confirm(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) -> int:
     clock, result = m.clock, m.result
     if clock["trial"] == 0:
         return CONTRADICTED
-    remain, telling, blurred = _correct_bank(m, m.trial, m.trial_sensitivities, clock["trial"], spots, covariances)
+    remain, telling, blurred = _correct_bank(
+        m, m.trial, m.trial_sensitivities, clock["trial"], spots, covariances, False
+    )
     if result["used"] < 3 or result["used"] < result["seen"]:
         clock["trial"] = 0
         return CONTRADICTED
     clock["trial"] = remain
     _mark_used(m.trial_used_s, m.accepted, t)
     clock["agreed"] += 1
-    if not telling or (clock["rejected"] > 0 and clock["agreed"] < AGREED):
+    if not telling or ((clock["rejected"] > 0 or m.watch["restart"] > 0) and clock["agreed"] < AGREED):
         return GOES_ON
     for k in range(remain):
         copy_pose(m.trial[k], m.bank[k])
@@ -281,6 +286,7 @@ def _advance(m: PoseMemory, t: float) -> None:
         clock["trial"] = advance_bank(
             body, step, scratch, orbit, m.trial, m.trial_sensitivities, clock["trial"], at, taken
         )
+        let_pass(m, dt)
     if math.isnan(clock["begun"]):
         clock["begun"] = t
     clock["t"] = t
@@ -290,23 +296,29 @@ def _advance(m: PoseMemory, t: float) -> None:
 def _use(m: PoseMemory, t: float, spots: Matrix, covariances: Stack, seen: int) -> int:
     """Correct the bank with an image; what is then to be looked for: nothing, poses to restart from, or others."""
     clock, result = m.clock, m.result
-    clock["running"], _, blurred = _correct_bank(m, m.bank, m.bank_sensitivities, clock["running"], spots, covariances)
+    clock["running"], _, blurred = _correct_bank(
+        m, m.bank, m.bank_sensitivities, clock["running"], spots, covariances, True
+    )
     used = result["used"]
     result["status"] = REJECTED if used == 0 else (UPDATED if used == result["seen"] else PARTIAL)
     if used > 0:
         _mark_used(m.used_s, m.accepted, t)
         if blurred:
             clock["blurred"] = t
+    watch_markers(m, t, spots, covariances)
+    anew = m.watch["restart"] > 0
     if 2 * used <= seen:
         clock["rejected"] += 1
     else:
-        clock["rejected"], clock["trial"] = 0, 0
+        clock["rejected"] = 0
+        if not anew:
+            clock["trial"] = 0
     if seen - used >= 2:
         lead, effects = m.bank[0], m.bank_sensitivities[0]
         if is_exchanged(m, lead, effects, spots, covariances, seen, TELLING_SHARE):
             result["alarm"], clock["trial"] = EXCHANGED, 0
             return NOTHING
-    if clock["rejected"] >= m.fixed["restart_after"]:
+    if clock["rejected"] >= m.fixed["restart_after"] or anew:
         return ROOTS
     # of an image that was used whole alone: another one's poses are those of its glints
     often = RENEWED_BLURRED_S if t - clock["blurred"] <= SETTLED_S else RENEWED_S
@@ -316,19 +328,10 @@ def _use(m: PoseMemory, t: float, spots: Matrix, covariances: Stack, seen: int) 
     return NOTHING
 
 
-@shared_entry
-def pose_step(block: Vector, t: float, chaser: Matrix, spots: Matrix, covariances: Stack) -> int:
-    """Go on to t and use the spots (n, 2) px of an image taken there, (0, 2) = none; what to look for afterwards.
-
-    The control in `motion` acts since the last event: the acceleration all the time, the impulse at its end. chaser
-    (3, 3): its attitude. covariances (n, 2, 2) or (0, 2, 2). The status stands in the result.
-    """
-    m = pose_views(block)
-    clock, result = m.clock, m.result
-    _clear(result, m.accepted)
-    _advance(m, t)
-    aim_camera(m.camera, chaser)
-    seen = 0
+@kernel
+def _look(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) -> int:
+    """Use the spots, or look for a start on them; what the caller is to look for."""
+    clock, result, seen = m.clock, m.result, 0
     for i in range(spots.shape[0]):
         seen += 1 if has_spot(spots, i) else 0
     running = clock["running"] > 0
@@ -350,6 +353,7 @@ def pose_step(block: Vector, t: float, chaser: Matrix, spots: Matrix, covariance
         m.accepted_aside[i] = m.accepted[i]
     outcome = _confirm(m, t, spots, covariances)
     if outcome == CONFIRMED:
+        watch_new_track(m, running)
         result["status"] = STARTED
         return NOTHING
     result["nis"], result["dof"], result["used"], result["status"] = nis, dof, used, status
@@ -357,3 +361,20 @@ def pose_step(block: Vector, t: float, chaser: Matrix, spots: Matrix, covariance
     for i in range(spots.shape[0]):
         m.accepted[i] = m.accepted_aside[i]
     return NOTHING if outcome == GOES_ON else ROOTS
+
+
+@shared_entry
+def pose_step(block: Vector, t: float, chaser: Matrix, spots: Matrix, covariances: Stack) -> int:
+    """Go on to t and use the spots (n, 2) px of an image taken there, (0, 2) = none; what to look for afterwards.
+
+    The control in `motion` acts since the last event: the acceleration all the time, the impulse at its end. chaser
+    (3, 3): its attitude. covariances (n, 2, 2) or (0, 2, 2). The status stands in the result.
+    """
+    m = pose_views(block)
+    _clear(m.result, m.accepted)
+    _advance(m, t)
+    aim_camera(m.camera, chaser)
+    wants = _look(m, t, spots, covariances)
+    if m.clock["running"] > 0:
+        m.result["alarm"] |= m.watch["alarm"]
+    return wants
