@@ -173,9 +173,8 @@ def lines(figures: dict[str, Any], name: str) -> list[str]:
         )
     said = [f"{one.name} {figures[f'epochs_{name}']}" for name, one in _MONITORS.items() if figures[f"epochs_{name}"]]
     if said:
-        out.append(
-            f"ALARM in {figures['epochs_alarmed']} epochs (epochs: {', '.join(said)}): states there are not to be relied on"
-        )
+        alarmed = f"ALARM in {figures['epochs_alarmed']} epochs (epochs: {', '.join(said)})"
+        out.append(f"{alarmed}: states there are not to be relied on")
     if figures["epochs_exchanged"]:
         seen = figures["epochs_exchanged"]
         out.append(f"{seen} images of markers that look exchanged, not used: 'alarm' {int(Alarm.EXCHANGED)}")
