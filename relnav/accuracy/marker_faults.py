@@ -1,7 +1,8 @@
 """Faults of markers that last: as `faults.py`, for the filter of position and attitude.
 
 Sensors are flown as drawn, the filter knowing of noise and of the chaser's attitude sigma alone, and built within the
-model's tolerances, which the filter considers. The chaser's attitude error is drawn where built.
+model's tolerances, which the filter considers. The chaser's attitude error is drawn where built. Position and
+attitude are judged where records say that the pose is to be relied on, `ambiguity` of 18.4 or more.
 """
 
 import dataclasses
@@ -17,6 +18,7 @@ from relnav.arrays import Matrix
 from relnav.mission import VisionMission
 from relnav.navigation.pose_log import filter_marker_epochs
 from relnav.navigation.pose_record import PoseSolution
+from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
 from relnav.simulation.as_built import markers_as_built
 from relnav.simulation.lasting_faults import (
     ATTITUDE_RAD,
@@ -95,7 +97,9 @@ def run_once(mission: VisionMission, flown: str, fault: Fault, seed: int) -> Ver
         q_chaser_from_lvlh=Rotation.from_matrix(known).as_quat(),
     )
     sigma = np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2))[:, [0, 1, 2, 6, 7, 8]]
-    return judge(flight.t_s, pose_errors(track, flight), sigma, track.alarm, track.status, end_of(fault, from_s))
+    errors = pose_errors(track, flight)
+    errors[track.ambiguity < AMBIGUITY_LIMIT] = 0.0  # said to be not relied on
+    return judge(flight.t_s, errors, sigma, track.alarm, track.status, end_of(fault, from_s))
 
 
 def pose_errors(track: PoseSolution, flight: MarkerFlight) -> Matrix:

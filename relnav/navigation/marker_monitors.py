@@ -3,9 +3,10 @@
 Each spot against the mean of the others is a group of two rows, and the mean of all is another: what turns the camera
 is in the mean alone, and little of what the state does not know is in the differences. They are those of the leading
 hypothesis; rivals that are taken up beside it change nothing. While it is so wide that it may cover other roots, what
-is usual is learnt anew. Two more things are said as SHIFTED. Another hypothesis takes the lead from one that was long
-settled, and keeps it for a second: what is wrong has made another root the better one. And a spot that was refused for
-long is used again though it surprises: not the spot has come back, the gate has grown.
+is usual is learnt anew, as after three seconds without an image that was used. Two more things are said as SHIFTED.
+Another hypothesis has taken the lead from one that was long settled, by odds that are not ambiguous any more: what is
+wrong has made another root the better one. And a spot that was refused for long, others being used, is used again
+though it surprises: not the spot has come back, the gate has grown.
 
 Three spots are six numbers and a pose is six unknowns: an error that has come to stay is taken up by the pose, and its
 innovations are again what they were. That they are quiet does not say that a fault is over. What says it is a witness:
@@ -35,9 +36,11 @@ from relnav.estimation.monitors import (
 )
 from relnav.estimation.rows import Observed, pair_covariance, sweep
 from relnav.navigation.marker_observation import has_spot, new_noise, observe_markers
+from relnav.navigation.pose_epoch import odds_of
 from relnav.navigation.pose_memory import NEWEST, OLDER, WITNESS, PoseMemory
 from relnav.navigation.pose_propagation import advance_pose, carry_motion, carry_sensitivities, copy_pose, copy_rows
 from relnav.navigation.propagation import prepare_step
+from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
 
 KEPT_S = 5.0
 """How often a copy of the track is kept, of which the one before the last may become the witness."""
@@ -47,6 +50,8 @@ WINDOW_S, WINDOW_IMAGES = 5.0, 10
 BENDS = 0.5
 """Of ln |R| by the second order: the leader then may cover roots that it cannot tell apart."""
 USURPED_S = 1.0
+LONGEST_JUMP_S = 10.0
+"""Of a clock, that is told from a gap by what spots show; after a longer step the state is no longer known so well."""
 FALLEN = 1.0 / 3.0
 OUTLYING = 100.0
 """Times the gate's limit: a spot so far off is a glint, and no part of a mean."""
@@ -282,7 +287,7 @@ def _is_usurped(m: PoseMemory, t: float) -> bool:
         return False
     if math.isnan(clock["usurped"]):
         clock["usurped"] = t
-    if warm and t - clock["usurped"] < USURPED_S:
+    if warm and (t - clock["usurped"] < USURPED_S or odds_of(m) < AMBIGUITY_LIMIT):
         return False
     clock["leader"], clock["usurped"], m.watch["pause"] = added, math.nan, AWAY_S
     return bool(warm)
@@ -290,14 +295,14 @@ def _is_usurped(m: PoseMemory, t: float) -> bool:
 
 @kernel
 def _comes_back(m: PoseMemory, spots: Matrix, dt: float) -> bool:
-    """Count how long spots are refused; whether one that was for long is used again though it surprises."""
+    """Count how long spots are refused, others not; whether one that was for long is used though it surprises."""
     surprises = False
     for i in range(m.spots.shape[0]):
         spot = m.spots[i]
         if m.accepted[i] > 0.0:
             surprises = surprises or (spot["refused"] > AWAY_S and spot["surprise"] > SURPRISE)
             spot["refused"] = 0.0
-        elif has_spot(spots, i):
+        elif has_spot(spots, i) and m.result["used"] > 0:
             spot["refused"] += dt
     return surprises
 
@@ -318,6 +323,11 @@ def watch_markers(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) ->
     watch, clock = m.watch, m.clock
     dt, before = t - clock["watched"], watch["on"]
     clock["watched"] = t
+    if m.result["used"] > 0:
+        gap = t - clock["used"]
+        if gap > AWAY_S and (gap > LONGEST_JUMP_S or watch["jumped"] >= JUMP_S):
+            watch["pause"] = AWAY_S
+        clock["used"] = t
     stuck, usurped, back = _is_stuck(m, spots, dt), _is_usurped(m, t), _comes_back(m, spots, dt)
     watch_image(watch, m.watched[: m.points.shape[0] + 1], dt)
     if usurped or back:
@@ -343,7 +353,12 @@ def watch_new_track(m: PoseMemory, again: bool) -> None:
     stays, and the witness.
     """
     watch, clock = m.watch, m.clock
-    clock["watched"], clock["leader"], clock["usurped"] = clock["t"], m.bank[0]["added"], math.nan
+    clock["watched"], clock["used"], clock["leader"], clock["usurped"] = (
+        clock["t"],
+        clock["t"],
+        m.bank[0]["added"],
+        math.nan,
+    )
     for i in range(m.spots.shape[0]):
         m.spots[i]["refused"] = 0.0
     asked = again and (watch["restart"] > 0 or watch["jumped"] < JUMP_S)

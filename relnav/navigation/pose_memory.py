@@ -99,6 +99,7 @@ POSE_CLOCK = np.dtype(
         ("agreed", _I),  # images that have confirmed the trial
         ("markers", _I),
         ("watched", _F),  # time of the latest image under watch
+        ("used", _F),  # and of the latest that was used
         ("window", _F),  # when the witness began to compare images
         ("compared", _I),  # images since
         ("over", _I),  # the witness agrees again
@@ -271,4 +272,4 @@ def watch_markers_anew(m: PoseMemory) -> None:
     """Let the monitors know nothing yet; the first image is watched from the clock's time on."""
     watch_anew(m.watch, m.watched)
     m.spots["refused"], m.past["added"] = 0.0, np.nan
-    fill(m.clock, watched=m.clock["t"], leader=-np.inf, usurped=np.nan)
+    fill(m.clock, watched=m.clock["t"], used=m.clock["t"], leader=-np.inf, usurped=np.nan)
