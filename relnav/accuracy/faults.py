@@ -1,7 +1,8 @@
 """Is an estimate ever silently wrong: many approaches with faults that last, and what the filter said of them.
 
 A run is silent where, for a second or more, the position is beyond five of its reported sigmas (in any axis) and
-nothing was flagged within three seconds: no alarm, nothing rejected, no start that replaced a track. Sensors are flown
+nothing was flagged within three seconds: no alarm, nothing rejected, no start that replaced a track. Of markers
+(`marker_faults.py`) the attitude counts too. Sensors are flown
 twice: as drawn, with the filter of published figures, which knows of noise (and of the attitude's sigma) alone; and
 built within the model's tolerances, drawn once a run, which the filter considers.
 """
@@ -16,17 +17,17 @@ import numpy as np
 
 from relnav.accuracy.campaign import SEED_STRIDE
 from relnav.accuracy.statistics import wilson_bounds
-from relnav.arrays import Flags, Matrix, Vector
+from relnav.arrays import Codes, Flags, Matrix, Vector
 from relnav.mission import Model
 from relnav.navigation.log import filter_epochs
-from relnav.navigation.record import Solution
 from relnav.navigation.status import PARTIAL, REJECTED, STARTED
 from relnav.simulation.as_built import attitude_off, built
-from relnav.simulation.detector import Faults, image
+from relnav.simulation.detector import Faults, image, project_beacons
 from relnav.simulation.lasting_faults import (
     ATTITUDE_RAD,
     FOCAL_LENGTH_SHARE,
     PLACED_M,
+    REFLECTION_M,
     Fault,
     direction,
     end_of,
@@ -56,6 +57,8 @@ class FaultRow:
     ----------
     flown, fault, method : str
         As drawn or built, what goes wrong, and the measurement model.
+    observable : bool
+        Whether images can tell.
     runs, beyond, alarmed, silent : int
         How many; beyond five sigma for a second; with any alarm; silently wrong.
     silent_low, silent_high : float
@@ -75,11 +78,7 @@ class FaultRow:
     silent_high: float
     recovery_s: float
     recovery_worst_s: float
-
-    @property
-    def observable(self) -> bool:
-        """Whether images can tell."""
-        return (self.flown, self.fault) not in NOT_OBSERVABLE
+    observable: bool
 
     @property
     def ok(self) -> bool:
@@ -105,7 +104,7 @@ class FaultsReport:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
-        rows = [dataclasses.asdict(row) | {"observable": row.observable, "ok": row.ok} for row in self.rows]
+        rows = [dataclasses.asdict(row) | {"ok": row.ok} for row in self.rows]
         return {"model": self.model, "runs": self.runs, "seed": self.seed, "ok": self.ok, "rows": rows}
 
     def lines(self) -> list[str]:
@@ -148,14 +147,16 @@ def told_model(model: Model, flown: str, fault: Fault) -> Model:
 
 
 @dataclass(frozen=True)
-class _Verdict:
+class Verdict:
+    """What became of a run; as in `FaultRow`."""
+
     beyond: bool
     alarmed: bool
     silent: bool
     recovery_s: float
 
 
-def run_once(model: Model, flown: str, fault: Fault, seed: int) -> tuple[_Verdict, ...]:
+def run_once(model: Model, flown: str, fault: Fault, seed: int) -> tuple[Verdict, ...]:
     """One flight with a fault, judged for each method."""
     told, rng = told_model(model, flown, fault), np.random.default_rng([seed, list(Fault).index(fault)])
     assert told.tolerances is not None
@@ -170,11 +171,13 @@ def run_once(model: Model, flown: str, fault: Fault, seed: int) -> tuple[_Verdic
     approach = Approach(start_m=start, final_range_m=4.2, thrust_scale_error=thrust, assumed_noise=True)
     t, truth, command = fly(told, approach, rng)
     from_s = float(rng.uniform(*FROM_S))
-    t_log, spots = with_fault(real, t, truth, image(real, truth, Faults(), rng), fault, from_s, rng)
+    spots, last, noise = image(real, truth, Faults(), rng), project_beacons(real, truth)[:, 2], real.sensor.spot_noise_m
+    t_log, spots = with_fault(t, spots, fault, from_s, noise, last, REFLECTION_M, rng)
     out = []
     for method in METHODS:
         track = filter_epochs(told, t_log, spots, acceleration_m_s2=command, method=method)
-        out.append(_judge(track, truth, t, end_of(fault, from_s)))
+        error, end_s = (track.state - truth)[:, :3], end_of(fault, from_s)
+        out.append(judge(t, error, track.sigma[:, :3], track.alarm, track.status, end_s))
     return tuple(out)
 
 
@@ -184,21 +187,21 @@ def _longest(flags: Flags) -> int:
     return int((ends - begins).max()) if len(begins) else 0
 
 
-def _judge(track: Solution, truth: Matrix, t: Vector, end_s: float) -> _Verdict:
-    """Judge a track against its truth (n, 6) at the true times of its images (n,)."""
-    known = np.isfinite(track.state[:, 0])
-    beyond = known & (np.abs(track.state - truth)[:, :3] > BEYOND_SIGMAS * track.sigma[:, :3]).any(axis=1)
-    flagged = (track.alarm != 0) | np.isin(track.status, (PARTIAL, REJECTED, STARTED))
+def judge(t: Vector, error: Matrix, sigma: Matrix, alarm: Codes, status: Codes, end_s: float) -> Verdict:
+    """Judge a track's errors (n, k) at the true times of its images (n,); NaN: no state."""
+    known = np.isfinite(error[:, 0])
+    beyond = known & (np.abs(error) > BEYOND_SIGMAS * sigma).any(axis=1)
+    flagged = (alarm != 0) | np.isin(status, (PARTIAL, REJECTED, STARTED))
     flagged[: int(np.argmax(known)) + 1] = False
     rate = 1.0 / float(t[1] - t[0])
     reach = round(NEAR_S * rate)
     near = np.convolve(flagged, np.ones(2 * reach + 1), "same") > 0
     late = t > end_s
-    bad = np.flatnonzero(late & (beyond | (track.alarm != 0)))
+    bad = np.flatnonzero(late & (beyond | (alarm != 0)))
     recovery = math.nan if math.isnan(end_s) else (float(t[bad[-1]]) - end_s if len(bad) else 0.0)
-    return _Verdict(
+    return Verdict(
         beyond=_longest(beyond) >= SILENT_S * rate,
-        alarmed=bool((track.alarm != 0).any()),
+        alarmed=bool((alarm != 0).any()),
         silent=_longest(beyond & ~near) >= SILENT_S * rate,
         recovery_s=recovery,
     )
@@ -224,7 +227,8 @@ def measure_faults(
             if progress is not None:
                 progress(1)
         for k, method in enumerate(METHODS):
-            rows.append(_row(flown, fault, method, [verdict[k] for verdict in verdicts]))
+            observable = (flown, fault) not in NOT_OBSERVABLE
+            rows.append(row_of(flown, fault.value, method, [verdict[k] for verdict in verdicts], observable))
     return FaultsReport(model.name, runs, seed, tuple(rows))
 
 
@@ -237,12 +241,13 @@ def cases() -> list[tuple[str, Fault]]:
     ]
 
 
-def _row(flown: str, fault: Fault, method: str, verdicts: list[_Verdict]) -> FaultRow:
+def row_of(flown: str, fault: str, method: str, verdicts: list[Verdict], observable: bool) -> FaultRow:
+    """What became of all runs of a fault."""
     silent, recovery = sum(v.silent for v in verdicts), np.array([v.recovery_s for v in verdicts])
     low, high = wilson_bounds(silent, len(verdicts))
     return FaultRow(
         flown=flown,
-        fault=fault.value,
+        fault=fault,
         method=method,
         runs=len(verdicts),
         beyond=sum(v.beyond for v in verdicts),
@@ -252,4 +257,5 @@ def _row(flown: str, fault: Fault, method: str, verdicts: list[_Verdict]) -> Fau
         silent_high=high,
         recovery_s=float(np.median(recovery)),
         recovery_worst_s=float(np.max(recovery)),
+        observable=observable,
     )

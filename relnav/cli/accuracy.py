@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 @click.option(
     "--faults",
     is_flag=True,
-    help="Faults that last, of a beacons' sensor or a vehicle: how often the estimate is silently wrong.",
+    help="Faults that last, of beacons, markers or a vehicle: how often the estimate is silently wrong.",
 )
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
@@ -80,12 +80,12 @@ def command(
 
 def _faults(mission: Any, runs: int | None, seed: int, json_path: Path | None, plot: Path | None, quiet: bool) -> int:
     """Faults that last; exit code 1 if a bar is not met."""
-    from relnav.accuracy import faults, vehicle_faults
+    from relnav.accuracy import faults, marker_faults, vehicle_faults
     from relnav.cli import NOT_MET
     from relnav.errors import UsageError
     from relnav.files.atomic import Outputs
     from relnav.files.tables import write_json
-    from relnav.mission import Model
+    from relnav.mission import Model, VisionMission
     from relnav.spacecraft import Vehicle
 
     if plot is not None:
@@ -96,9 +96,11 @@ def _faults(mission: Any, runs: int | None, seed: int, json_path: Path | None, p
         cases, usual, measure = vehicle_faults.cases(mission), vehicle_faults.RUNS, vehicle_faults.measure_faults
     elif isinstance(mission, Model) and mission.tolerances is not None:
         cases, usual, measure = faults.cases(), faults.RUNS, faults.measure_faults
+    elif isinstance(mission, VisionMission) and mission.tolerances is not None:
+        cases, usual, measure = marker_faults.cases(), faults.RUNS, marker_faults.measure_faults
     else:
         raise UsageError(
-            f"--faults flies a three-beacon mission with [tolerances] or a vehicle; {mission.name} is none"
+            f"--faults flies a mission of beacons or markers with [tolerances], or a vehicle; {mission.name} is none"
         )
     count = usual if runs is None else runs
     with click.progressbar(

@@ -70,7 +70,8 @@ def counted(parts: "Iterable[PoseSolution]", progress: Callable[[int], None]) ->
         yield part
 
 
-_ALARMS = {"exchanged": Alarm.EXCHANGED, "out_of_view": Alarm.OUT_OF_VIEW}
+_ALARMS = {str(one.name).lower(): one for one in Alarm if one is not Alarm.UNWATCHED}
+_MONITORS = {name: one for name, one in _ALARMS.items() if one not in (Alarm.EXCHANGED, Alarm.OUT_OF_VIEW)}
 
 
 class Summary:
@@ -81,7 +82,16 @@ class Summary:
         self._mission, self._nis, self._dof, self._attitude = mission, 0.0, 0, ""
         self._last: tuple[Vector, Vector] | None = None
         self._smoothed = False
-        names = ("epochs", "with_state", "with_rejected_spots", "unobservable", "ambiguous", "too_late", *_ALARMS)
+        names = (
+            "epochs",
+            "with_state",
+            "with_rejected_spots",
+            "unobservable",
+            "ambiguous",
+            "too_late",
+            "alarmed",
+            *_ALARMS,
+        )
         self._counts = dict.fromkeys(names, 0)
 
     def passing(self, parts: "Iterable[PoseSolution]") -> "Iterator[PoseSolution]":
@@ -104,7 +114,8 @@ class Summary:
                 "unobservable": started & ~part.observable,
                 "ambiguous": np.isfinite(part.ambiguity),
                 "too_late": part.too_late,
-            } | {name: (part.alarm & code) > 0 for name, code in _ALARMS.items()}
+                "alarmed": part.alarm != 0,
+            } | {name: part.alarm & int(code) > 0 for name, code in _ALARMS.items()}
             for name, flag in flags.items():
                 self._counts[name] += int(flag.sum())
             self._nis += float(part.nis[whole].sum())
@@ -164,6 +175,10 @@ def lines(figures: dict[str, Any], name: str) -> list[str]:
             f"{figures['epochs_unobservable']} epochs long after three markers off one line were last used: attitude "
             "hardly observed, column 'observable'"
         )
+    said = [f"{one.name} {figures[f'epochs_{name}']}" for name, one in _MONITORS.items() if figures[f"epochs_{name}"]]
+    if said:
+        alarmed = f"ALARM in {figures['epochs_alarmed']} epochs (epochs: {', '.join(said)})"
+        out.append(f"{alarmed}: states there are not to be relied on")
     if figures["epochs_exchanged"]:
         seen = figures["epochs_exchanged"]
         out.append(f"{seen} images of markers that look exchanged, not used: 'alarm' {int(Alarm.EXCHANGED)}")

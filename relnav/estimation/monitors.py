@@ -53,6 +53,8 @@ SCATTER_LIMIT = 8.0
 JUMP_S = 5.0
 """A jump of the clock is looked for so long after a step that was too long; these are rare, so that four sigma do."""
 EXPLAINED, LATE_LIMIT2 = 0.25, 16.0
+REPEATS, LEAST_MOTION = 10, 0.1
+"""A spot that is read alike so often, to the last bit, has no noise; where it should have moved too, it is stuck."""
 
 _F, _I = np.float64, np.int64
 
@@ -241,8 +243,21 @@ def _looks_late(watch: Record, groups: Record) -> bool:
 
 
 @kernel
-def _note_step(watch: Record, dt: float) -> None:
-    """Notice a step that is much longer than usual."""
+def repeats(group: Record, x: float, y: float, dt: float) -> bool:
+    """Note a reading dt s after the last; whether it now has been the same ten times or more, for `since` s."""
+    reading = group["reading"]
+    if x == reading[0] and y == reading[1]:
+        group["repeated"] += 1
+        group["since"] += dt
+    else:
+        reading[0], reading[1] = x, y
+        group["repeated"], group["since"] = 0, 0.0
+    return bool(group["repeated"] >= REPEATS)
+
+
+@kernel
+def note_step(watch: Record, dt: float) -> None:
+    """Let dt s pass, and notice a step that is much longer than usual."""
     watch["jumped"] += dt
     watch["hold"] = max(0.0, watch["hold"] - dt)
     watch["contradicted"] = max(0.0, watch["contradicted"] - dt)
@@ -277,7 +292,6 @@ def _come_and_go(groups: Record, dt: float) -> tuple[bool, bool]:
 @kernel
 def watch_image(watch: Record, groups: Record, dt: float) -> None:
     """Take what the groups say of an image dt s after the last into the monitors, and write the alarm."""
-    _note_step(watch, dt)
     changed, whole = _come_and_go(groups, dt)
     if watch["pause"] > 0.0:
         watch["pause"] -= dt
@@ -312,6 +326,12 @@ def watch_image(watch: Record, groups: Record, dt: float) -> None:
             watch["restart"] = 1
     if watch["on"] == 0 and watch["hold"] == 0.0:
         watch["clock"] = 0
+    write_alarm(watch)
+
+
+@kernel
+def write_alarm(watch: Record) -> None:
+    """Write the alarm, STUCK apart."""
     watch["alarm"] = (
         (SHIFTED if watch["on"] > 0 else 0)
         | (CONTRADICTED if watch["contradicted"] > 0.0 else 0)

@@ -12,15 +12,13 @@ is not its place, and what the others say depends on how often it is seen.
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
 from relnav.estimation.factored import innovation_variance
-from relnav.estimation.monitors import AWAY_S, STUCK, watch_image, watch_start
+from relnav.estimation.monitors import AWAY_S, LEAST_MOTION, STUCK, note_step, repeats, watch_image, watch_start
 from relnav.navigation.beacon_geometry import see_beacon, uses_coordinates
 from relnav.navigation.memory import Memory
 from relnav.navigation.status import PARTIAL, UPDATED
 
 EDGE_SIGMAS = 2.0
 """So far from the edge noise cut off there moves a mean by 0.06 sigma."""
-REPEATS, LEAST_MOTION = 10, 0.1
-"""A spot that is read alike so often, to the last bit, has no noise; where it should have moved too, it is stuck."""
 
 
 @kernel
@@ -83,14 +81,7 @@ def _is_stuck(m: Memory, i: int, spots: Matrix, dt: float) -> bool:
     Noise alone never repeats a reading; a log without noise may, of a spot that does not move.
     """
     group, x = m.watched[i], m.track["state"]
-    reading = group["reading"]
-    if spots[i, 0] == reading[0] and spots[i, 1] == reading[1]:
-        group["repeated"] += 1
-        group["since"] += dt
-    else:
-        reading[0], reading[1] = spots[i, 0], spots[i, 1]
-        group["repeated"], group["since"] = 0, 0.0
-    if group["repeated"] < REPEATS:
+    if not repeats(group, spots[i, 0], spots[i, 1], dt):
         return False
     h, residual, rate2 = m.scratch["six"], m.scratch["vectors"][0], 0.0
     focal_length, position = m.sensor["focal_length"], m.beacons[i]["position"]
@@ -110,6 +101,7 @@ def watch(m: Memory, spots: Matrix, dt: float, status: int) -> None:
         if not used or (not coordinates and i > 1):
             groups[i]["seen"] = 0
         stuck = _is_stuck(m, i, spots, dt) or stuck
+    note_step(m.watch, dt)
     watch_image(m.watch, groups, dt)
     if stuck:
         m.watch["alarm"] |= STUCK

@@ -215,6 +215,18 @@ def _half_log_determinant(noise: Matrix, factor: Matrix) -> float:
 
 
 @kernel
+def new_noise(m: PoseMemory, row: int, other: int, covariances: Stack) -> float:
+    """What is new in an image of the covariance of two rows: the chaser's attitude and the spots themselves."""
+    a, b, noise, attitude = m.turns[row], m.turns[other], m.camera["noise"], m.camera["attitude_noise"]
+    total = attitude * attitude * (a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+    if covariances.shape[0] == 0:
+        total += noise * noise if row == other else 0.0
+    elif row // 2 == other // 2:
+        total += covariances[int(m.which[row // 2]), row % 2, other % 2]
+    return float(total)
+
+
+@kernel
 def observe_markers(
     m: PoseMemory, track: Record, sensitivities: Matrix, spots: Matrix, covariances: Stack
 ) -> tuple[int, int]:
@@ -235,17 +247,9 @@ def observe_markers(
                 m.which[count], group["rows"], group["tested"] = marker, 2, 1
                 _write_lasting(m.camera, m.scratch, m.lasting, marker, q, turns, m.by_error[i:j])
                 count += 1
-    noise2, sigma2 = m.camera["noise"] * m.camera["noise"], m.camera["attitude_noise"] * m.camera["attitude_noise"]
     for row in range(2 * count):
-        a = m.turns[row]
         for other in range(row + 1):
-            b = m.turns[other]
-            total = sigma2 * (a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
-            if covariances.shape[0] == 0:
-                total += noise2 if row == other else 0.0
-            elif row // 2 == other // 2:
-                total += covariances[int(m.which[row // 2]), row % 2, other % 2]
-            m.noise[row, other] = total
+            m.noise[row, other] = new_noise(m, row, other, covariances)
     by_error = m.by_error[: 2 * count]
     subtract_taken(m.groups[:count], by_error, sensitivities, 0, by_error.shape[1])
     add_lasting_noise(by_error, m.noise)

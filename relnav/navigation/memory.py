@@ -258,7 +258,7 @@ def new_memory(model: Model, method: str, projection: str) -> Vector:
             beacon_placement=tolerances.beacon_placement_sigma_m,
         )
     m.step["dt"], m.clock["t"] = np.nan, -np.inf
-    watch_anew(m)
+    watch_anew(m.watch, m.watched)
     m.gate[:] = gate_limits(settings.gate_probability, 2 * count)
     m.kept["dock"][:, :3], m.kept["dock"][:, 3] = model.dcm_dock_from_lvlh, model.port_position_m
     m.kept["mount"][:, :3], m.kept["mount"][:, 3] = model.dcm_cam_from_lvlh, model.camera_lever_cam_m
@@ -300,12 +300,12 @@ def write_motion_model(motion: Record, orbit: Orbit, noise: ProcessNoise, settin
     )
 
 
-def watch_anew(m: Memory) -> None:
-    """Let the monitors know nothing yet."""
-    fill(m.watch, **dict.fromkeys(WATCH.names or (), 0))
-    m.watch["jumped"] = np.inf
-    m.watched[:] = np.zeros(1, dtype=WATCHED)
-    m.watched["reading"] = np.nan
+def watch_anew(watch: Record, watched: Record) -> None:
+    """Let monitors know nothing yet."""
+    fill(watch, **dict.fromkeys(WATCH.names or (), 0))
+    watch["jumped"] = np.inf
+    watched[:] = np.zeros(1, dtype=WATCHED)
+    watched["reading"] = np.nan
 
 
 def fill(record: Record, **values: Any) -> None:

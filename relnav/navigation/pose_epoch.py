@@ -111,15 +111,22 @@ def write_covariance(
 
 
 @kernel
-def ambiguity_of(m: PoseMemory) -> float:
-    """Odds of the leading hypothesis against the next, less what the next may have lost by its bending.
-
-    Zero at most while the leader is, or was until lately, so wide that it covers roots that it cannot tell apart, and
-    where poses that were beaten have not had their second chance yet.
-    """
-    odds, clock = math.inf, m.clock
-    for k in range(1, clock["running"]):
+def odds_of(m: PoseMemory) -> float:
+    """Odds of the leading hypothesis against the next, less what the next may have lost by its bending."""
+    odds = math.inf
+    for k in range(1, m.clock["running"]):
         odds = min(odds, m.bank[k]["score"] - m.bank[k]["doubt"] - m.bank[0]["score"])
+    return odds
+
+
+@kernel
+def ambiguity_of(m: PoseMemory) -> float:
+    """These odds; zero at most where they do not count yet.
+
+    That is while the leader is, or was lately, so wide that it may cover several roots, and where a pose that was
+    beaten has not had its second hypothesis.
+    """
+    odds, clock = odds_of(m), m.clock
     undecided = clock["t"] - clock["blurred"] <= SETTLED_S or clock["renewed"] == -math.inf
     return min(odds, 0.0) if undecided else odds
 

@@ -12,9 +12,10 @@ from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.memory_layout import Layout
 from relnav.dynamics.rigid_body import BODY_ROWS, RigidBody
 from relnav.estimation.gating import gate_limits
+from relnav.estimation.monitors import WATCH
 from relnav.estimation.rows import group_type
 from relnav.mission import VisionMission
-from relnav.navigation.memory import MOTION_MODEL, STEP, fill, write_motion_model
+from relnav.navigation.memory import MOTION_MODEL, STEP, WATCHED, fill, watch_anew, write_motion_model
 
 POSE = 12
 MOST_POSES = 8
@@ -98,8 +99,27 @@ POSE_CLOCK = np.dtype(
         ("rejected", _I),
         ("agreed", _I),  # images that have confirmed the trial
         ("markers", _I),
+        ("watched", _F),  # time of the latest image under watch
+        ("used", _F),  # and of the latest that was used
+        ("window", _F),  # when the witness began to compare images
+        ("compared", _I),  # images since
+        ("over", _I),  # the witness agrees again
+        ("contrast", _F, 2),  # its NIS of the last two windows, the latest first; NaN: none
+        ("leader", _F),  # `added` of the hypothesis under watch
+        ("usurped", _F),  # since when another one leads; NaN: it does not
     ]
 )
+SPOT = np.dtype(
+    [
+        ("sums", _F, 2),  # of what it is off the witness'
+        ("count", _F),  # of how many images
+        ("speed", _F),  # px/s, as predicted
+        ("refused", _F),  # s for which it has been seen and not used
+        ("surprise", _F),  # NIS of its own, where it was refused for long
+    ]
+)
+NEWEST, OLDER, WITNESS = 0, 1, 2
+"""Tracks as they were, by which it is told whether a fault is over (`marker_monitors.py`)."""
 POSE_RESULT = np.dtype(
     [("nis", _F), ("dof", _I), ("status", _I), ("used", _I), ("seen", _I), ("wants", _I), ("alarm", _I)]
 )
@@ -118,6 +138,7 @@ POSE_FIXED = np.dtype(
         ("best", POSE_TRACK),
         ("clock", POSE_CLOCK),
         ("result", POSE_RESULT),
+        ("watch", WATCH),
     ]
 )
 
@@ -136,6 +157,7 @@ class PoseMemory(NamedTuple):
     best: Record
     clock: Record
     result: Record
+    watch: Record
     bank: Record  # (MOST_POSES,), the most credible first
     trial: Record  # (MOST_POSES,)
     spare: Record  # (MOST_POSES,), scratch
@@ -160,6 +182,10 @@ class PoseMemory(NamedTuple):
     by_error: Matrix  # (2 n, m), what it does to each row
     news: Matrix  # (m, 12), scratch
     exchanged: Matrix  # (n, 2), spots that have changed places, scratch
+    watched: Record  # (2 n,), groups of rows under watch, of which n + 1 are used
+    past: Record  # (3,), the track as it was; `added`: when
+    past_sensitivities: Stack  # (3, m, 12)
+    spots: Record  # (n,), what is known of each marker's spot
 
 
 _LAYOUT = Layout(
@@ -192,6 +218,10 @@ _LAYOUT = Layout(
         "by_error": ("2n", "m"),
         "news": ("m", POSE),
         "exchanged": ("n", 2),
+        "watched": (WATCHED, "2n"),
+        "past": (POSE_TRACK, 3),
+        "past_sensitivities": (3, "m", POSE),
+        "spots": (SPOT, "n"),
     },
 )
 pose_views = _LAYOUT.views
@@ -236,4 +266,12 @@ def new_pose_memory(mission: VisionMission) -> Vector:
     m.clock["tried"] = -np.inf
     m.gate[:] = gate_limits(mission.filter.gate_probability, 2 * count)
     m.points[:], m.used_s[:], m.trial_used_s[:] = mission.markers.points_m, np.nan, np.nan
+    watch_markers_anew(m)
     return block
+
+
+def watch_markers_anew(m: PoseMemory) -> None:
+    """Let the monitors know nothing yet; the first image is watched from the clock's time on."""
+    watch_anew(m.watch, m.watched)
+    m.spots["refused"], m.past["added"] = 0.0, np.nan
+    fill(m.clock, watched=m.clock["t"], used=m.clock["t"], leader=-np.inf, usurped=np.nan)

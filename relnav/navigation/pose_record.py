@@ -110,7 +110,7 @@ class PoseRecord:
 
     @property
     def alarm(self) -> Alarm:
-        """What was noticed beyond the status: markers exchanged, or an image from which no start is believed."""
+        """What monitors say, or an image shows: unless it is NONE (0) the state is not to be relied on."""
         return Alarm(int(self.epoch["alarm"]))
 
     @property

@@ -11,8 +11,9 @@ from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.estimation.reference import ReferenceTrack, believed
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.mission import VisionMission
-from relnav.navigation.pose_filter import DROP, JOINED, LONE_SHARE, SETTLING_S, TELLING_SHARE
+from relnav.navigation.pose_filter import DROP, JOINED, TELLING_SHARE
 from relnav.navigation.pose_propagation import MEMORY_S
+from relnav.navigation.pose_update import LONE_SHARE, SETTLING_S
 from relnav.navigation.reference_markers import MarkerImage, MarkerOptics, PoseTrack
 from relnav.navigation.reference_motion import orbit_rate, predict_motion, predict_rotation
 

@@ -25,7 +25,7 @@ from relnav.navigation.arguments import not_negative, refuse_another_version, re
 from relnav.navigation.memory import fill, orbit_values
 from relnav.navigation.pose_epoch import EPOCH, JOINED, read_epoch
 from relnav.navigation.pose_filter import NEW_ROOTS, NOTHING, pose_step
-from relnav.navigation.pose_memory import POSE, PoseMemory, new_pose_memory, pose_views
+from relnav.navigation.pose_memory import POSE, PoseMemory, new_pose_memory, pose_views, watch_markers_anew
 from relnav.navigation.pose_propagation import is_wide
 from relnav.navigation.pose_record import PoseRecord
 from relnav.navigation.pose_roots import add_uncovered, open_trial, roots, state_of, view_at
@@ -165,6 +165,7 @@ class PoseNavigator:
         m.bank_sensitivities[0] = 0.0
         fill(m.clock, t=t, begun=t, renewed=t, tried=-math.inf, blurred=-math.inf, running=1, trial=0, rejected=0)
         m.used_s[:] = t
+        watch_markers_anew(m)
         if self._reference is not None:
             self._reference.start(t, motion, attitude, rate, compose(ld))
         self._timeline = Timeline(self.memory.copy(), t)
@@ -302,7 +303,7 @@ class PoseNavigator:
         if delay_s > 0.0 and rate is not None:
             relative = rate - lvlh_rate(dcm.T, frame_rate(orbit_values(self.mission.orbit), event.t_s))
             dcm = turned(dcm.T, delay_s * relative).T
-        status, running, one["alarm"] = outcome.status, one["hypotheses"] > 0, outcome.alarm
+        status, running, one["alarm"] = outcome.status, one["hypotheses"] > 0, outcome.alarm | int(one["alarm"])
         if too_late or not running:
             status = EpochStatus.PREDICTED if running else EpochStatus.WAITING
         elif status is EpochStatus.WAITING:  # a trial that a later image, here before it, has confirmed
@@ -357,7 +358,7 @@ def look_for_roots(m: PoseMemory, mission: VisionMission, event: Event, wants: i
     elif found:
         open_trial(m, found, used)
     elif contradicted:
-        m.result["alarm"] = OUT_OF_VIEW
+        m.result["alarm"] |= OUT_OF_VIEW
 
 
 def _vector(name: str, value: ArrayLike) -> Vector:

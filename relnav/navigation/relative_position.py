@@ -115,7 +115,7 @@ class Navigator:
         m = self._named
         fill(m.track, state=x, ld=ld)
         m.sensitivities[:] = 0.0
-        watch_anew(m)
+        watch_anew(m.watch, m.watched)
         fill(m.clock, t=t, running=1, trial=0, rejected=0, starts=m.clock["starts"] + 1)
         if self._reference is not None:
             self._reference.take_over(t, x, ld)

@@ -38,7 +38,11 @@ class Alarm(IntFlag):
     NONE = 0
     """Nothing."""
     SHIFTED = monitors.SHIFTED
-    """Innovations of a beacon or an image are not what they were: something has begun that lasts."""
+    """Innovations of a beacon, a marker or an image are not what they were: something has begun that lasts.
+
+    Of markers it stays until images agree again with what was before, or for good after a minute; it also says that
+    another pose has taken the lead from a settled one, or that a spot long refused is used again though it surprises.
+    """
     CONTRADICTED = monitors.CONTRADICTED
     """Images contradict the stated attitude, or beacons, by more than their lasting errors explain."""
     NOISY = monitors.NOISY

@@ -1,4 +1,4 @@
-"""Faults of the beacons' sensor that last: no single image tells them, and a filter may follow them without a word."""
+"""Faults of spots that last, of beacons or markers: no single image tells them, a filter may follow without a word."""
 
 from dataclasses import replace
 from enum import StrEnum
@@ -6,13 +6,12 @@ from enum import StrEnum
 import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
-from relnav.mission import Model
+from relnav.mission import Model, VisionMission
 from relnav.simulation.as_built import BuiltSensor
-from relnav.simulation.detector import project_beacons
 
 
 class Fault(StrEnum):
-    """What goes wrong; the word is what reports say."""
+    """What goes wrong; the word is what reports say of beacons."""
 
     HEALTHY = "healthy"
     STUCK = "one beacon stuck for 20 s"
@@ -28,7 +27,7 @@ class Fault(StrEnum):
 
 STUCK_S, REFLECTION_S, JUMP_S, LATE_S = 20.0, 10.0, 3.0, 0.5
 REFLECTION_M = 300e-6
-"""1-sigma of each coordinate of a reflection from where C is when it begins."""
+"""1-sigma of each coordinate of a reflection from where C is when it begins; that of markers begins where one is."""
 FOCAL_LENGTH_SHARE, PLACED_M, ATTITUDE_RAD = 0.01, 5e-3, np.radians(1.0)
 BIAS_SIGMAS = {Fault.BIAS_SMALL: 3.0, Fault.BIAS_LARGE: 10.0}
 
@@ -55,6 +54,21 @@ def faulty_sensor(model: Model, fault: Fault, rng: np.random.Generator) -> Model
     return model
 
 
+def faulty_camera(mission: VisionMission, fault: Fault, rng: np.random.Generator) -> VisionMission:
+    """The same of a marker mission."""
+    camera, markers = mission.camera, mission.markers
+    if fault == Fault.FOCAL_LENGTH:
+        scale = 1.0 + FOCAL_LENGTH_SHARE * float(rng.choice([-1.0, 1.0]))
+        fx, fy = camera.focal_length_px
+        return replace(mission, camera=replace(camera, focal_length_px=(scale * fx, scale * fy)))
+    if fault == Fault.PLACED:
+        moved = markers.points_m.copy()
+        moved[rng.integers(len(moved))] += PLACED_M * direction(rng, 3)
+        places = tuple((float(x), float(y), float(z)) for x, y, z in moved)
+        return replace(mission, markers=replace(markers, positions_m=places))
+    return mission
+
+
 def end_of(fault: Fault, from_s: float) -> float:
     """When a fault that begins at a time is over; NaN for one that stays."""
     lasts = {Fault.STUCK: STUCK_S, Fault.REFLECTION: REFLECTION_S, Fault.CLOCK: 0.0}.get(fault, np.nan)
@@ -62,17 +76,28 @@ def end_of(fault: Fault, from_s: float) -> float:
 
 
 def with_fault(
-    model: Model, t_s: Vector, truth: Matrix, spots_m: Stack, fault: Fault, from_s: float, rng: np.random.Generator
+    t_s: Vector,
+    seen: Stack,
+    fault: Fault,
+    from_s: float,
+    noise: float,
+    last: Matrix,
+    reflection: float,
+    rng: np.random.Generator,
 ) -> tuple[Vector, Stack]:
-    """Times (n,) and spots (n, 3, 2) m as a log has them with a fault from a time on; model, truth: as it really is."""
-    t, spots, noise = t_s.copy(), spots_m.copy(), model.sensor.spot_noise_m
+    """Times (n,) and spots (n, 3, 2) as a log has them with a fault from a time on.
+
+    noise: 1-sigma of a spot's coordinates; last (n, 2): the third one's true places; reflection: 1-sigma of each
+    coordinate of a reflection from there when it begins.
+    """
+    t, spots = t_s.copy(), seen.copy()
     first = int(np.searchsorted(t_s, from_s))
     if fault == Fault.STUCK:
         beacon = rng.integers(3)
         spots[(t_s >= from_s) & (t_s < from_s + STUCK_S), beacon] = spots[first - 1, beacon]
     elif fault == Fault.REFLECTION:
         lit = (t_s >= from_s) & (t_s < from_s + REFLECTION_S)
-        place = project_beacons(model, truth[first : first + 1])[0, 2] + REFLECTION_M * rng.normal(size=2)
+        place = last[first] + reflection * rng.normal(size=2)
         spots[lit, 2] = place + noise * rng.normal(size=(int(lit.sum()), 2))
     elif fault == Fault.CLOCK:
         t[first:] += JUMP_S
@@ -80,6 +105,6 @@ def with_fault(
         spots[first:, rng.integers(3)] += BIAS_SIGMAS[fault] * noise * direction(rng, 2)
     elif fault == Fault.LATE:
         shift = round(LATE_S / float(t_s[1] - t_s[0]))
-        spots[shift:] = spots_m[:-shift]
+        spots[shift:] = seen[:-shift]
         spots[:shift] = np.nan
     return t, spots

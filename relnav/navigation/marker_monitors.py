@@ -1,0 +1,371 @@
+"""What of an image of markers is watched (`estimation/monitors.py`), and when a fault of it is over.
+
+Each spot against the mean of the others is a group of two rows, and the mean of all is another: what turns the camera
+is in the mean alone, and little of what the state does not know is in the differences. They are those of the leading
+hypothesis; rivals that are taken up beside it change nothing. While it is so wide that it may cover other roots, what
+is usual is learnt anew, as after three seconds without an image that was used. Two more things are said as SHIFTED.
+Another hypothesis has taken the lead from one that was long settled, by odds that are not ambiguous any more: what is
+wrong has made another root the better one. And a spot that was refused for long, others being used, is used again
+though it surprises: not the spot has come back, the gate has grown.
+
+Three spots are six numbers and a pose is six unknowns: an error that has come to stay is taken up by the pose, and its
+innovations are again what they were. That they are quiet does not say that a fault is over. What says it is a witness:
+the track as it was five to ten seconds before the alarm, carried on without any image. The means of spots over five
+seconds and ten images are compared with it. That they agree proves something only where they did not before, or never
+disagreed: as the witness knows less and less, what is off by a constant fits it better and better. Once the chi-square
+has fallen to a third within two windows, and is credible, a new start is asked for, the track having followed what was
+wrong. After a minute the witness knows too little, and the alarm stays for good.
+"""
+
+import math
+
+from relnav.arrays import Matrix, Record, Stack, Vector
+from relnav.codegen.kernel import kernel
+from relnav.dynamics.rigid_body import MEAN_MOTION
+from relnav.estimation.monitors import (
+    AWAY_S,
+    JUMP_S,
+    LEAST_MOTION,
+    STUCK,
+    WARM_S,
+    note_step,
+    repeats,
+    watch_image,
+    watch_start,
+    write_alarm,
+)
+from relnav.estimation.rows import Observed, pair_covariance, sweep
+from relnav.navigation.marker_observation import has_spot, new_noise, observe_markers
+from relnav.navigation.pose_epoch import odds_of
+from relnav.navigation.pose_memory import NEWEST, OLDER, WITNESS, PoseMemory
+from relnav.navigation.pose_propagation import advance_pose, carry_motion, carry_sensitivities, copy_pose, copy_rows
+from relnav.navigation.propagation import prepare_step
+from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
+
+KEPT_S = 5.0
+"""How often a copy of the track is kept, of which the one before the last may become the witness."""
+WITNESS_S = 60.0
+WINDOW_S, WINDOW_IMAGES = 5.0, 10
+"""Over which spots are averaged before the witness is asked."""
+BENDS = 0.5
+"""Of ln |R| by the second order: the leader then may cover roots that it cannot tell apart."""
+USURPED_S = 1.0
+LONGEST_JUMP_S = 10.0
+"""Of a clock, that is told from a gap by what spots show; after a longer step the state is no longer known so well."""
+FALLEN = 1.0 / 3.0
+OUTLYING = 100.0
+"""Times the gate's limit: a spot so far off is a glint, and no part of a mean."""
+SURPRISE = -2.0 * math.log(0.01)
+"""Chi-square of two, of a spot that comes back: a good one is beyond it once in a hundred."""
+
+
+@kernel
+def _note_spots(m: PoseMemory, lead: Record, count: int) -> None:
+    """Note how fast each spot is to move and, of one that was refused for long, how surprising it is."""
+    v, rate, dcm, mean_motion = lead["motion"], lead["rate"], lead["dcm"], m.body["values"][MEAN_MOTION, 0]
+    for g in range(count):
+        source, spot = m.groups[g], m.spots[int(m.which[g])]
+        residual, speed = source["residual"], m.scratch["error"]
+        for k in range(2):
+            h, speed[k] = source["gradient"][k], 0.0
+            for j in range(3):  # the orbit turns by -n about y
+                speed[k] += h[j] * v[3 + j] + h[6 + j] * (rate[j] + mean_motion * dcm[1, j])
+            source["innovation"][k] = speed[k]
+        spot["speed"] = math.hypot(speed[0], speed[1])
+        if spot["refused"] > AWAY_S:
+            xx, xy, yy = pair_covariance(lead["ld"], source["gradient"], source["variance"], m.noise[2 * g, 2 * g + 1])
+            x, y = residual[0], residual[1]
+            spot["surprise"] = (x * x * yy - 2.0 * x * y * xy + y * y * xx) / (xx * yy - xy * xy)
+
+
+@kernel
+def _add_up(m: PoseMemory, k: int, count: int, sums: Vector, gradient: Vector, covariances: Stack) -> None:
+    """Write sums (4,) over the spots in use of axis k: values, motions, new noise, all noise; gradients (12,) likewise.
+
+    The noise of each with all stands in `independent`: new in `residual`, all of it in `spread`.
+    """
+    for j in range(4):
+        sums[j] = 0.0
+    for j in range(gradient.shape[0]):
+        gradient[j] = 0.0
+    for g in range(count):
+        source, own = m.groups[g], m.independent[g]
+        if source["tested"] == 0:
+            continue
+        new, every, h = 0.0, 0.0, source["gradient"][k]
+        for other in range(count):
+            if m.groups[other]["tested"] > 0:
+                new += new_noise(m, 2 * g + k, 2 * other + k, covariances)
+                every += m.noise[2 * g + k, 2 * other + k]
+        own["residual"][k], own["spread"][k] = new, every
+        sums[0], sums[1] = sums[0] + source["residual"][k], sums[1] + source["innovation"][k]
+        sums[2], sums[3] = sums[2] + new, sums[3] + every
+        for j in range(3):
+            gradient[j] += h[j]
+            gradient[6 + j] += h[6 + j]
+
+
+@kernel
+def gather_markers(m: PoseMemory, lead: Record, count: int, covariances: Stack) -> None:
+    """Hand over the rows of the groups (count,) of an image as they stood at the prediction; lead: the track there.
+
+    A spot against the mean of the other n - 1: (n e - 1) / (n - 1) times all, e its own unit vector.
+    """
+    used, markers, sums = 0, m.points.shape[0], m.scratch["noise"]
+    both, rows = m.independent[0]["gradient"], m.independent[1]["gradient"]
+    for i in range(markers + 1):
+        m.watched[i]["seen"] = 0
+    if lead["added"] != m.clock["leader"]:
+        return
+    if m.scratch["bending"] >= BENDS:
+        m.watch["pause"] = AWAY_S
+    _note_spots(m, lead, count)
+    for g in range(count):
+        used += 1 if m.groups[g]["tested"] > 0 else 0
+    if used == 0:
+        return
+    for k in range(2):
+        _add_up(m, k, count, sums[k], both[k], covariances)
+    zero = m.independent[0]["variance"]
+    zero[0], zero[1] = 0.0, 0.0
+    for i in range(count + 1):
+        mean = i == count
+        if not mean and (used < 2 or m.groups[i]["tested"] == 0):
+            continue
+        group, source = m.watched[markers if mean else int(m.which[i])], m.groups[0 if mean else i]
+        alone, others = (0.0, 1.0 / used) if mean else (used / (used - 1.0), -1.0 / (used - 1.0))
+        group["rows"], group["seen"] = 2, 1
+        for k in range(2):
+            own, h, row = 2 * i + k, source["gradient"][k], rows[k]
+            noise, total = others * others * sums[k, 2], others * others * sums[k, 3]
+            if not mean:
+                noise += alone * alone * new_noise(m, own, own, covariances)
+                noise += 2.0 * alone * others * m.independent[i]["residual"][k]
+                total += alone * (alone * m.noise[own, own] + 2.0 * others * m.independent[i]["spread"][k])
+            for j in range(3):
+                row[j] = alone * h[j] + others * both[k, j]
+                row[6 + j] = alone * h[6 + j] + others * both[k, 6 + j]
+            group["value"][k] = alone * source["residual"][k] + others * sums[k, 0]
+            group["motion"][k] = -alone * source["innovation"][k] - others * sums[k, 1]
+            group["noise"][k], group["lasting"][k] = noise, max(0.0, total - noise)
+        xx, _, yy = pair_covariance(lead["ld"], rows, zero, 0.0)
+        group["state"][0], group["state"][1] = xx, yy
+
+
+@kernel
+def let_pass(m: PoseMemory, dt: float) -> None:
+    """Carry what is kept over the step that has been prepared."""
+    step, past, watch = m.step, m.past, m.watch
+    note_step(watch, dt)
+    write_alarm(watch)
+    carry_motion(past[NEWEST]["motion"], step["phi"], step["effect"])
+    carry_motion(past[OLDER]["motion"], step["phi"], step["effect"])
+    if watch["on"] > 0 and past[WITNESS]["added"] == past[WITNESS]["added"]:
+        at = m.clock["t"]
+        if advance_pose(m.body, step, m.scratch, m.motion["orbit"], past[WITNESS], at, step["dt"]):
+            carry_sensitivities(m.scratch["phi"], m.past_sensitivities[WITNESS])
+        else:
+            past[WITNESS]["added"] = math.nan
+
+
+@kernel
+def _remember(m: PoseMemory, t: float) -> None:
+    """Keep the track as it is, now and then; motions go along from step to step, the rest when it is needed."""
+    past, kept = m.past, m.past_sensitivities
+    if t - past[NEWEST]["added"] < KEPT_S or m.clock["usurped"] == m.clock["usurped"]:
+        return
+    copy_pose(past[NEWEST], past[OLDER])
+    copy_rows(kept[NEWEST], kept[OLDER])
+    copy_pose(m.bank[0], past[NEWEST])
+    copy_rows(m.bank_sensitivities[0], kept[NEWEST])
+    past[NEWEST]["added"] = t
+
+
+@kernel
+def _call_witness(m: PoseMemory, t: float) -> None:
+    """Carry the older copy of the track to t, as what was before the fault."""
+    past, kept, clock, motion = m.past, m.past_sensitivities, m.clock, m.scratch["error"]
+    witness, since = past[WITNESS], past[OLDER]["added"]
+    clock["window"], clock["compared"], clock["over"] = t, 0, 0
+    clock["contrast"][0], clock["contrast"][1] = math.nan, math.nan
+    copy_pose(past[OLDER], witness)
+    copy_rows(kept[OLDER], kept[WITNESS])
+    if not t - since <= WITNESS_S:
+        witness["added"] = math.nan
+        return
+    for i in range(6):
+        motion[i] = witness["motion"][i]
+    prepare_step(m.step, m.motion, m.scratch, since, t - since)
+    if advance_pose(m.body, m.step, m.scratch, m.motion["orbit"], witness, since, m.step["dt"]):
+        carry_sensitivities(m.scratch["phi"], kept[WITNESS])
+    else:
+        witness["added"] = math.nan
+    for i in range(6):
+        witness["motion"][i] = motion[i]
+    m.step["dt"] = math.nan  # what was prepared is not of the next step
+
+
+@kernel
+def _compare(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) -> int:
+    """Add what spots are off the witness' to their sums; returns how many were observed, as `groups` hold them."""
+    clock, witness = m.clock, m.past[WITNESS]
+    if clock["compared"] == 0:
+        clock["window"] = t
+        for i in range(m.spots.shape[0]):
+            m.spots[i]["sums"][0], m.spots[i]["sums"][1], m.spots[i]["count"] = 0.0, 0.0, 0.0
+    clock["compared"] += 1
+    _, count = observe_markers(m, witness, m.past_sensitivities[WITNESS], spots, covariances)
+    for g in range(count):
+        group, spot = m.groups[g], m.spots[int(m.which[g])]
+        sums = spot["sums"]
+        x, y = group["residual"][0], group["residual"][1]
+        xx, xy, yy = pair_covariance(witness["ld"], group["gradient"], group["variance"], m.noise[2 * g, 2 * g + 1])
+        if x * x * yy - 2.0 * x * y * xy + y * y * xx <= OUTLYING * m.gate[1] * (xx * yy - xy * xy):
+            sums[0], sums[1], spot["count"] = sums[0] + x, sums[1] + y, spot["count"] + 1.0
+    return count
+
+
+@kernel
+def _contrast(m: PoseMemory, count: int, covariances: Stack) -> tuple[float, int]:
+    """Chi-square of the means of spots against the witness, and its degrees of freedom; infinite without three."""
+    telling, least = 0, math.inf
+    for g in range(count):
+        spot, group = m.spots[int(m.which[g])], m.groups[g]
+        sums, images, group["tested"] = spot["sums"], spot["count"], 0
+        if 2.0 * images > m.clock["compared"]:
+            telling, least, group["tested"] = telling + 1, min(least, images), 1
+            group["residual"][0], group["residual"][1] = sums[0] / images, sums[1] / images
+    if telling < 3:
+        return math.inf, 0
+    n = 2 * count
+    for i in range(n):
+        for j in range(i + 1):
+            m.noise[i, j] -= (1.0 - 1.0 / least) * new_noise(m, i, j, covariances)
+            m.noise[j, i] = m.noise[i, j]
+        m.groups[i // 2]["variance"][i % 2] = m.noise[i, i]
+    image = Observed(m.groups[:count], m.noise[:n, :n], m.factor[:n, :n], m.independent[:count])
+    return sweep(m.past[WITNESS], m.past[WITNESS]["state"], image, m.work)
+
+
+@kernel
+def _agrees(m: PoseMemory, count: int, covariances: Stack) -> bool:
+    """Whether the means of a window agree with the witness, as those before did not, or always did."""
+    before = m.clock["contrast"]
+    nis, dof = _contrast(m, count, covariances)
+    never, highest = math.isnan(before[0]), before[0] if math.isnan(before[1]) else max(before[0], before[1])
+    before[1], before[0] = before[0], nis
+    if dof == 0:
+        return False
+    if never:
+        return bool(nis <= dof + 2.0 * math.sqrt(2.0 * dof))  # mean and two sigma
+    return bool(nis <= m.gate[dof - 1] and nis <= FALLEN * highest)
+
+
+@kernel
+def _ask_witness(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) -> None:
+    """Let the witness say whether the fault is over."""
+    clock, watch = m.clock, m.watch
+    watch["quiet"] = 0.0  # says nothing here
+    if t - m.past[WITNESS]["added"] <= WITNESS_S:
+        count = _compare(m, t, spots, covariances)
+        if clock["compared"] >= WINDOW_IMAGES and t - clock["window"] >= WINDOW_S:
+            clock["compared"] = 0
+            if _agrees(m, count, covariances):
+                clock["over"] = 1
+        if clock["over"] > 0:
+            watch["restart"] = 1
+
+
+@kernel
+def _is_usurped(m: PoseMemory, t: float) -> bool:
+    """Whether another hypothesis has taken the lead from one that was long settled, and kept it."""
+    clock, added, warm = m.clock, m.bank[0]["added"], m.watch["age"] > WARM_S
+    if added == clock["leader"]:
+        clock["usurped"] = math.nan
+        if not warm and clock["blurred"] == t:  # among those of a start
+            m.watch["pause"] = AWAY_S
+        return False
+    if math.isnan(clock["usurped"]):
+        clock["usurped"] = t
+    if warm and (t - clock["usurped"] < USURPED_S or odds_of(m) < AMBIGUITY_LIMIT):
+        return False
+    clock["leader"], clock["usurped"], m.watch["pause"] = added, math.nan, AWAY_S
+    return bool(warm)
+
+
+@kernel
+def _comes_back(m: PoseMemory, spots: Matrix, dt: float) -> bool:
+    """Count how long spots are refused, others not; whether one that was for long is used though it surprises."""
+    surprises = False
+    for i in range(m.spots.shape[0]):
+        spot = m.spots[i]
+        if m.accepted[i] > 0.0:
+            surprises = surprises or (spot["refused"] > AWAY_S and spot["surprise"] > SURPRISE)
+            spot["refused"] = 0.0
+        elif has_spot(spots, i) and m.result["used"] > 0:
+            spot["refused"] += dt
+    return surprises
+
+
+@kernel
+def _is_stuck(m: PoseMemory, spots: Matrix, dt: float) -> bool:
+    """Whether a spot reads the same though it should have moved, by a tenth of its noise."""
+    stuck = False
+    for i in range(m.spots.shape[0]):
+        if repeats(m.watched[i], spots[i, 0], spots[i, 1], dt):
+            stuck = stuck or m.spots[i]["speed"] * m.watched[i]["since"] > LEAST_MOTION * m.camera["noise"]
+    return stuck
+
+
+@kernel
+def watch_markers(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) -> None:
+    """Take an image (n, 2) px that the bank was corrected with, or not, into the monitors."""
+    watch, clock = m.watch, m.clock
+    dt, before = t - clock["watched"], watch["on"]
+    clock["watched"] = t
+    if m.result["used"] > 0:
+        gap = t - clock["used"]
+        if gap > AWAY_S and (gap > LONGEST_JUMP_S or watch["jumped"] >= JUMP_S):
+            watch["pause"] = AWAY_S
+        clock["used"] = t
+    stuck, usurped, back = _is_stuck(m, spots, dt), _is_usurped(m, t), _comes_back(m, spots, dt)
+    watch_image(watch, m.watched[: m.points.shape[0] + 1], dt)
+    if usurped or back:
+        watch["on"] = 1
+        if watch["jumped"] < JUMP_S:
+            watch["clock"], watch["restart"] = 1, 1
+        write_alarm(watch)
+    if watch["on"] > 0:
+        if before == 0:
+            _call_witness(m, t)
+        _ask_witness(m, t, spots, covariances)
+    elif not (stuck or watch["alarm"] > 0 or watch["pause"] > 0.0 or m.result["used"] < m.result["seen"]):
+        _remember(m, t)
+    if stuck:
+        watch["alarm"] |= STUCK
+
+
+@kernel
+def watch_new_track(m: PoseMemory, again: bool) -> None:
+    """A track has started; again: it replaced one.
+
+    After a lock-out nothing is held against it: two images have confirmed it. Amid a fault that is not over the alarm
+    stays, and the witness.
+    """
+    watch, clock = m.watch, m.clock
+    clock["watched"], clock["used"], clock["leader"], clock["usurped"] = (
+        clock["t"],
+        clock["t"],
+        m.bank[0]["added"],
+        math.nan,
+    )
+    for i in range(m.spots.shape[0]):
+        m.spots[i]["refused"] = 0.0
+    asked = again and (watch["restart"] > 0 or watch["jumped"] < JUMP_S)
+    if again and watch["on"] > 0 and not asked:
+        for i in range(m.watched.shape[0]):
+            m.watched[i]["images"] = 0
+        return
+    watch_start(watch, m.watched, asked, False)
+    write_alarm(watch)
+    m.past[NEWEST]["added"], m.past[OLDER]["added"], m.past[WITNESS]["added"] = math.nan, math.nan, math.nan

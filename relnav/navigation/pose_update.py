@@ -1,0 +1,119 @@
+"""One hypothesis of the marker filter corrected by an image: gate, update, score, and the errors folded into the state."""
+
+import math
+
+import numpy as np
+
+from relnav.arrays import Matrix, Record, Stack
+from relnav.codegen.kernel import kernel, straight_line
+from relnav.codegen.trace import Shape
+from relnav.estimation.considered import update_sensitivities
+from relnav.estimation.factored import orthogonalise, spread
+from relnav.estimation.rows import Observed, copy_track, gate_groups, log_determinant, pair_covariance, sweep
+from relnav.geometry.rotation_vector import turn_by_rotation_vector
+from relnav.navigation.marker_observation import observe_markers
+from relnav.navigation.pose_exchange import gates_share
+from relnav.navigation.pose_memory import POSE, PoseMemory
+
+LONE_SHARE = 0.001
+"""Of the image that the gate of a spot may cover that is seen alone."""
+SETTLING_S = 10.0
+"""After a pose was taken up beside others: what it learns of velocity and rate is not held against it."""
+
+_RESET: Shape = tuple(
+    "".join("*" if 6 <= i < 9 and 6 <= j < 9 else "1" if i == j else "0" for j in range(POSE)) for i in range(POSE)
+)
+
+
+@straight_line(ld=(POSE, POSE), turn=_RESET)
+def turn_errors(ld: Matrix, turn: Matrix) -> None:
+    """Replace the factors of P by those of G P G^T."""
+    n = ld.shape[0]
+    w, weights = np.zeros((n, n)), np.zeros(n)
+    spread(turn, ld, w, weights)
+    orthogonalise(w, weights, ld)
+
+
+@kernel
+def take_in(scratch: Record, track: Record, sensitivities: Matrix) -> None:
+    """Fold the errors that an update has estimated into motion, attitude and rate; covariance then is about these.
+
+    P <- G P G^T and S <- G S, G = I - [theta x] / 2 (Markley and Crassidis 2014, ch. 6).
+    """
+    x, motion, rate, dcm = track["state"], track["motion"], track["rate"], track["dcm"]
+    turned, g = scratch["turned"], scratch["phi"]
+    for i in range(6):
+        motion[i] += x[i]
+    turn_by_rotation_vector(dcm, x[6:9], turned)
+    for i in range(3):
+        rate[i] += x[9 + i]
+        for j in range(3):
+            dcm[i, j] = turned[i, j]
+    for i in range(POSE):
+        for j in range(POSE):
+            g[i, j] = 1.0 if i == j else 0.0
+    a, b, c = 0.5 * x[6], 0.5 * x[7], 0.5 * x[8]
+    g[6, 7], g[6, 8], g[7, 6], g[7, 8], g[8, 6], g[8, 7] = c, -b, -c, a, b, -a
+    turn_errors(track["ld"], g)
+    for k in range(sensitivities.shape[0]):
+        s = sensitivities[k]
+        u, v, w = s[6], s[7], s[8]
+        s[6], s[7], s[8] = u + c * v - b * w, v - c * u + a * w, w + b * u - a * v
+    for i in range(POSE):
+        x[i] = 0.0
+
+
+@kernel
+def _noise_log_determinant(image: Observed) -> float:
+    """Of the noise of all rows that the last sweep took in."""
+    total = 0.0
+    for i in range(image.groups.shape[0]):
+        if image.independent[i]["tested"] > 0:
+            variance = image.independent[i]["variance"]
+            total += math.log(variance[0]) + math.log(variance[1])
+    return total
+
+
+@kernel
+def spot_update(
+    m: PoseMemory, track: Record, sensitivities: Matrix, spots: Matrix, covariances: Stack
+) -> tuple[int, int, int, float]:
+    """Correct a hypothesis by an image; (markers seen, groups, groups used, NIS), its score counted on.
+
+    sensitivities (m, 12) of the hypothesis. Which groups were used stands in `groups`. A rejected spot costs what one
+    at the gate's limit would. Of an image of which half the spots or more contradict the hypothesis nothing is used:
+    those that pass may be glints as well; nor is a lone spot through a wide gate.
+    """
+    limit = m.gate[1]
+    seen, count = observe_markers(m, track, sensitivities, spots, covariances)
+    track["score"] += (seen - count) * (limit + 4.0 * math.log(m.camera["noise"]))
+    if count == 0:
+        return seen, 0, 0, math.nan
+    n = 2 * count
+    image = Observed(m.groups[:count], m.noise[:n, :n], m.factor[:n, :n], m.independent[:count])
+    nis, dof = sweep(track, track["state"], image, m.work)
+    used = gate_groups(track, image, m.gate, m.work, nis, dof)
+    taken, wide = nis, seen == 1 and used == 1 and not gates_share(m, track["ld"], 1) < LONE_SHARE
+    if (seen > 1 and 2 * used <= seen) or wide:
+        used = 0
+        for k in range(count):
+            m.groups[k]["tested"] = 0
+    if used < count:
+        for k in range(count):
+            if m.groups[k]["tested"] == 0:
+                xx, xy, yy = pair_covariance(
+                    track["ld"], m.groups[k]["gradient"], m.groups[k]["variance"], m.noise[2 * k, 2 * k + 1]
+                )
+                track["score"] += limit + math.log(xx * yy - xy * xy)
+        if used > 0:
+            taken, _ = sweep(track, track["state"], image, m.work)
+    if used > 0:
+        bending, width = m.scratch["bending"], log_determinant(image)
+        track["score"] += taken + width
+        track["doubt"] += bending + min(1.0, bending) * max(0.0, taken - 2.0 * used)
+        if m.clock["t"] - track["added"] <= SETTLING_S:
+            track["doubt"] += max(0.0, width - _noise_log_determinant(image))
+        copy_track(m.work, track)
+        update_sensitivities(track["ld"], image, m.by_error[:n], m.news, sensitivities)
+        take_in(m.scratch, track, sensitivities)
+    return seen, count, used, nis
