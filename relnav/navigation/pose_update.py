@@ -1,4 +1,4 @@
-"""One hypothesis of the marker filter corrected by an image: gate, update, score, and the errors folded into the state."""
+"""One hypothesis of the marker filter corrected by an image: gate, update, score, errors folded into the state."""
 
 import math
 
