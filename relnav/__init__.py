@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from relnav.files.sun_calibration import load_sun_calibration as load_sun_calibration
     from relnav.files.tracks import write as write
     from relnav.mission import Model as Model
-    from relnav.navigation.late_log import filter_late_images as filter_late_images
     from relnav.navigation.log import filter_epochs as filter_epochs
     from relnav.navigation.record import FilterRecord as FilterRecord
     from relnav.navigation.record import Solution as Solution

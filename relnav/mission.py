@@ -79,9 +79,8 @@ class Attitude:
     q_cam_from_lvlh : (4,)
         Rotation v_cam = R v_lvlh, scalar last.
     sigma_rad : float
-        1-sigma about each axis of the error of this attitude, or of the one that comes with an image, between chaser
-        and target, as far as it lasts: by it `fix` tells an image that contradicts the attitude, and with `spots` the
-        filter's covariance includes it.
+        1-sigma about each axis of what lasts in the error of this attitude, or of the one that comes with an image: by
+        it `fix` tells an image that contradicts it, and with `spots` the filter's covariance includes it.
     noise_rad : float
         1-sigma about each axis of what is new in it at every image.
     """
@@ -105,8 +104,7 @@ class Orbit:
         sqrt(mu / a^3).
     eccentricity : float
     true_anomaly_rad : float
-        At zero of the log's clock, 0 = perigee. On a circular orbit it has no effect, but for where a simulated flight
-        begins: this far from the ascending node.
+        At zero of the log's clock, 0 = perigee; on a circular orbit only where a simulated flight begins, from the node.
     """
 
     mean_motion_rad_s: Positive
@@ -147,7 +145,7 @@ class FilterSettings:
     restart_after_epochs : int
         Consecutive epochs with at least half of the spots rejected, after which a new start is looked for.
     longest_delay_s : float
-        An image may arrive this long after its exposure; what came since is kept for it. 0: images come at once.
+        An image may come this long after its exposure; 0: at once.
     """
 
     initial_velocity_sigma_m_s: Positive

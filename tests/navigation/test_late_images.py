@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import relnav
+from relnav.navigation.late_log import filter_late_images
 from relnav.sensors.measurement import Status
 
 PERIOD_S = 0.2
@@ -172,7 +173,7 @@ def lived(flown):
 
 def test_a_log_is_filtered_as_it_was_lived(patient, lived):
     t, spots, image_t, push, _ = lived
-    solution = relnav.filter_late_images(patient, t, spots, image_t, acceleration_m_s2=push)
+    solution = filter_late_images(patient, t, spots, image_t, acceleration_m_s2=push)
     navigator = relnav.Navigator(patient)
     for k in range(len(t)):
         record = navigator.step(t[k], spots[k], image_t_s=image_t[k], acceleration_m_s2=push[k])
@@ -186,7 +187,7 @@ def test_a_log_is_filtered_as_it_was_lived(patient, lived):
 def test_smoothed_it_is_the_log_of_exposures(patient, lived):
     """Every image where it was exposed, but for the one that came too late: smoothed in that order."""
     t, spots, image_t, push, truth = lived
-    solution = relnav.filter_late_images(patient, t, spots, image_t, acceleration_m_s2=push, smooth=True)
+    solution = filter_late_images(patient, t, spots, image_t, acceleration_m_s2=push, smooth=True)
     rows = [(time, None, push[k]) for k, time in enumerate(t)]
     images = [
         (time, spots[k], push[min(int(np.searchsorted(t, time)), len(t) - 1)])
@@ -205,7 +206,7 @@ def test_smoothed_it_is_the_log_of_exposures(patient, lived):
     at = [k for k, (_, image, _) in enumerate(events) if image is None]
     np.testing.assert_array_equal(solution.state, track.state[at])
     np.testing.assert_array_equal(solution.covariance, track.covariance[at])
-    filtered = relnav.filter_late_images(patient, t, spots, image_t, acceleration_m_s2=push)
+    filtered = filter_late_images(patient, t, spots, image_t, acceleration_m_s2=push)
     error = np.linalg.norm((solution.state - truth)[10:, :3], axis=1).mean()
     assert error < np.linalg.norm((filtered.state - truth)[10:, :3], axis=1).mean()
     np.testing.assert_array_equal(solution.nis, filtered.nis)
@@ -218,7 +219,7 @@ def test_a_file_that_says_when_images_were_exposed(patient, vbar, lived, tmp_pat
     path = tmp_path / "log.csv"
     path.write_text("\n".join([header, *(",".join(map(repr, row)) for row in table.tolist())]) + "\n")
     read = relnav.filter_log(path, patient)
-    held = relnav.filter_late_images(patient, t, spots, image_t)
+    held = filter_late_images(patient, t, spots, image_t)
     np.testing.assert_allclose(read.state, held.state, rtol=1e-9)
     assert read.metadata["log"] == "log.csv"
     with pytest.raises(relnav.LogError, match=r"column 'image_t_s' says when .* give its \[filter\] a longest_delay_s"):
