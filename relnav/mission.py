@@ -104,7 +104,7 @@ class Orbit:
         sqrt(mu / a^3).
     eccentricity : float
     true_anomaly_rad : float
-        At zero of the log's clock, 0 = perigee; on a circular orbit only where a simulated flight begins, from the node.
+        At zero of the log's clock, 0 = perigee; on a circular orbit, from the node, where a simulated flight begins.
     """
 
     mean_motion_rad_s: Positive
