@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 import relnav
-from relnav.navigation.target_attitude import METHODS
+from relnav.navigation.attitude.target_attitude import METHODS
 
 TESTS = Path(__file__).parents[1] / "tests" / "navigation" / "test_target_attitude_honesty.py"
 INERTIA, N = np.diag([3000.0, 4200.0, 4700.0]), 1.1313666536110223e-3

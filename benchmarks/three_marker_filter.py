@@ -16,12 +16,12 @@ import numpy as np
 import relnav
 from relnav.accuracy.pose_filter import flown, joined, loose_errors, smoothed_errors, tight_errors
 from relnav.accuracy.target_attitude import attitude_trials
+from relnav.navigation.attitude.target_attitude import METHODS
+from relnav.navigation.observation.marker_poses import Root, state_of, write_root
 from relnav.navigation.pose_filter import pose_step
 from relnav.navigation.pose_memory import new_pose_memory, pose_views
-from relnav.navigation.pose_roots import Root, state_of, write_root
 from relnav.navigation.pose_state import PoseState, sensitivities_from_pose, state_from_pose
 from relnav.navigation.relative_pose import PoseNavigator
-from relnav.navigation.target_attitude import METHODS
 from relnav.sensors.three_marker import measure
 from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
 from relnav.simulation.marker_flight import MarkerFaults, simulate_flight

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from relnav.files.sun_calibration import load_sun_calibration as load_sun_calibration
     from relnav.files.tracks import write as write
     from relnav.mission import Model as Model
+    from relnav.navigation.attitude.target_attitude import TargetAttitude as TargetAttitude
     from relnav.navigation.log import filter_epochs as filter_epochs
     from relnav.navigation.record import FilterRecord as FilterRecord
     from relnav.navigation.record import Solution as Solution
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
     from relnav.navigation.relative_position import Navigator as Navigator
     from relnav.navigation.status import Alarm as Alarm
     from relnav.navigation.status import EpochStatus as EpochStatus
-    from relnav.navigation.target_attitude import TargetAttitude as TargetAttitude
     from relnav.sensors import aps_sun as aps_sun
     from relnav.sensors import birefringent_sun as birefringent_sun
     from relnav.sensors import dual_field as dual_field

@@ -18,7 +18,7 @@ from relnav.arrays import Matrix, Vector
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.spherical import position_from_angles
 from relnav.mission import Model
-from relnav.navigation.measurement_matrices import field_errors
+from relnav.navigation.observation.measurement_matrices import field_errors
 from relnav.sensors.three_beacon.measure import measure
 
 RANGES_M = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 6.5, 7.0, 8.0, 9.0, 10.0)

@@ -11,7 +11,7 @@ from relnav.arrays import Matrix
 from relnav.estimation.consistency import nees
 from relnav.geometry.rotation_vector import rotation_vector_between
 from relnav.mission import Orbit
-from relnav.navigation.target_attitude import TargetAttitude
+from relnav.navigation.attitude.target_attitude import TargetAttitude
 from relnav.simulation.target_rotation import rotate_target
 
 SETTLED = 0.5

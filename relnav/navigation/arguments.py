@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 from relnav.arrays import LARGEST, Matrix, Vector, number, numbers
 from relnav.estimation.factored import factorize
 from relnav.mission import Model, VisionMission
-from relnav.navigation.beacon_geometry import attitude_changed
 from relnav.navigation.memory import METHODS, new_memory, views
+from relnav.navigation.observation.beacon_geometry import attitude_changed
 from relnav.sensors.three_beacon.measure import PROJECTIONS
 
 ENGINES = ("compiled", "filterpy")

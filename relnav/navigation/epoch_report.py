@@ -12,10 +12,10 @@ from relnav.arrays import LARGEST, Matrix, Record, Vector
 from relnav.codegen.kernel import entry, kernel
 from relnav.estimation.rows import copy_track
 from relnav.geometry.rotation import are_a_rotation
-from relnav.navigation.beacon_geometry import attitude_changed
-from relnav.navigation.considered import add_considered
 from relnav.navigation.docking_view import VIEW_ROWS, view_epoch
 from relnav.navigation.memory import Memory, views
+from relnav.navigation.observation.beacon_considered import add_considered
+from relnav.navigation.observation.beacon_geometry import attitude_changed
 from relnav.navigation.smoothing import pack_factors
 from relnav.navigation.step import step, wrong_use
 

@@ -14,8 +14,8 @@ import numpy as np
 from relnav.arrays import Codes, Matrix
 from relnav.mission import Model
 from relnav.navigation.arguments import choose
-from relnav.navigation.beacon_geometry import uses_coordinates
 from relnav.navigation.memory import views
+from relnav.navigation.observation.beacon_geometry import uses_coordinates
 from relnav.navigation.record import Solution
 from relnav.navigation.status import REJECTED, UPDATED
 from relnav.navigation.steady_state_filter import rows_at

@@ -14,11 +14,11 @@ from relnav.estimation.rows import copy_track
 from relnav.geometry.rotation import dcm_from_quaternion_into
 from relnav.mission import Model
 from relnav.navigation.arguments import choose, controls, quaternions
-from relnav.navigation.beacon_geometry import attitude_changed
-from relnav.navigation.considered import add_considered
 from relnav.navigation.memory import Memory, views
+from relnav.navigation.observation.beacon_considered import add_considered
+from relnav.navigation.observation.beacon_geometry import attitude_changed
 from relnav.navigation.record import Solution
-from relnav.navigation.reference_engine import ReferenceEngine, run_reference
+from relnav.navigation.reference.beacon_filter import ReferenceEngine, run_reference
 from relnav.navigation.smoothing import new_models, nothing_later, pack_factors, smooth_run, unpack_factors
 from relnav.navigation.step import step
 

@@ -139,7 +139,7 @@ FIXED = np.dtype(
     [
         ("restart_after", _I),
         ("considered", _I),  # how many lasting errors
-        ("first_error", _I),  # which of them all stands in the first row (`considered.py`)
+        ("first_error", _I),  # which of them all stands in the first row (`beacon_considered.py`)
         ("sensor", SENSOR),
         ("tolerances", TOLERANCES),
         ("motion", MOTION_MODEL),
@@ -268,7 +268,7 @@ def new_memory(model: Model, method: str, projection: str) -> Vector:
 
 
 def considered_errors(model: Model, method: str) -> tuple[int, int]:
-    """Which of all lasting errors a filter considers: from the first to before the last, as `considered.py` has them.
+    """Which of all lasting errors a filter considers: from the first to before the last (`beacon_considered.py`).
 
     The attitude's turns what `spots` see of a state; of a `fix` it turns the arm to the camera.
     """

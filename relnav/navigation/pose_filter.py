@@ -20,10 +20,10 @@ import math
 from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import kernel, shared_entry
 from relnav.geometry.rotation_vector import rotation_vector_into
-from relnav.navigation.marker_monitors import gather_markers, let_pass, watch_markers, watch_new_track
-from relnav.navigation.marker_observation import aim_camera, has_spot
+from relnav.navigation.observation.marker_exchange import gates_share, is_exchanged
+from relnav.navigation.observation.marker_monitors import gather_markers, let_pass, watch_markers, watch_new_track
+from relnav.navigation.observation.marker_rows import aim_camera, has_spot
 from relnav.navigation.pose_epoch import SETTLED_S
-from relnav.navigation.pose_exchange import gates_share, is_exchanged
 from relnav.navigation.pose_memory import POSE, PoseMemory, pose_views
 from relnav.navigation.pose_propagation import MEMORY_S, advance_bank, copy_pose, copy_rows, is_wide
 from relnav.navigation.pose_update import spot_update

@@ -11,8 +11,8 @@ from relnav.estimation.considered import update_sensitivities
 from relnav.estimation.factored import orthogonalise, spread
 from relnav.estimation.rows import Observed, copy_track, gate_groups, log_determinant, pair_covariance, sweep
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
-from relnav.navigation.marker_observation import observe_markers
-from relnav.navigation.pose_exchange import gates_share
+from relnav.navigation.observation.marker_exchange import gates_share
+from relnav.navigation.observation.marker_rows import observe_markers
 from relnav.navigation.pose_memory import POSE, PoseMemory
 
 LONE_SHARE = 0.001

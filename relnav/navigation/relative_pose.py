@@ -23,15 +23,15 @@ from relnav.geometry.rotation_vector import turned
 from relnav.mission import VisionMission
 from relnav.navigation.arguments import not_negative, refuse_another_version, refuse_unknown_engine, start_values
 from relnav.navigation.memory import fill, orbit_values
+from relnav.navigation.observation.marker_poses import add_uncovered, open_trial, roots, state_of, view_at
 from relnav.navigation.pose_epoch import EPOCH, JOINED, read_epoch
 from relnav.navigation.pose_filter import NEW_ROOTS, NOTHING, pose_step
 from relnav.navigation.pose_memory import POSE, PoseMemory, new_pose_memory, pose_views, watch_markers_anew
 from relnav.navigation.pose_propagation import is_wide
 from relnav.navigation.pose_record import PoseRecord
-from relnav.navigation.pose_roots import add_uncovered, open_trial, roots, state_of, view_at
 from relnav.navigation.pose_state import PoseState
-from relnav.navigation.reference_bank import Exposure
-from relnav.navigation.reference_pose import ReferencePose
+from relnav.navigation.reference.bank import Exposure
+from relnav.navigation.reference.marker_filter import ReferencePose
 from relnav.navigation.status import OUT_OF_VIEW, EpochStatus
 from relnav.sensors.three_marker.camera import usable_covariance
 

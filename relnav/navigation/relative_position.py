@@ -27,7 +27,7 @@ from relnav.navigation.epoch_report import (
 from relnav.navigation.late_images import Image, Inputs, LateImages
 from relnav.navigation.memory import MOTION, fill, views, watch_anew
 from relnav.navigation.record import FilterRecord
-from relnav.navigation.reference_engine import ReferenceEngine
+from relnav.navigation.reference.beacon_filter import ReferenceEngine
 from relnav.navigation.step import wrong_use
 
 NOTHING, NO_MATRIX = np.empty(0), np.empty((0, 0))

@@ -8,10 +8,10 @@ from relnav.dynamics.process_noise import acceleration_noise
 from relnav.estimation.steady_state import SteadyState, steady_state
 from relnav.mission import Model
 from relnav.navigation.arguments import choose, vector
-from relnav.navigation.beacon_geometry import locate
-from relnav.navigation.beacon_observation import observe
-from relnav.navigation.measurement_matrices import rows_in_use
 from relnav.navigation.memory import Memory, views
+from relnav.navigation.observation.beacon_geometry import locate
+from relnav.navigation.observation.beacon_rows import observe
+from relnav.navigation.observation.measurement_matrices import rows_in_use
 from relnav.sensors.measurement import Status
 
 

@@ -17,10 +17,10 @@ import math
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, shared_entry
 from relnav.estimation.rows import copy_track
-from relnav.navigation.beacon_geometry import prior_is_tight, uses_coordinates
-from relnav.navigation.beacon_monitors import watch, watch_new_track
-from relnav.navigation.beacon_start import start
 from relnav.navigation.memory import Memory, views
+from relnav.navigation.observation.beacon_geometry import prior_is_tight, uses_coordinates
+from relnav.navigation.observation.beacon_monitors import watch, watch_new_track
+from relnav.navigation.observation.beacon_start import start
 from relnav.navigation.propagation import advance, prepare_step
 from relnav.navigation.status import LOST, PARTIAL, REJECTED, STARTED, UPDATED, WAITING
 from relnav.navigation.update import clear_results, correct

@@ -10,12 +10,12 @@ from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
 from relnav.estimation.factored import innovation_variance
 from relnav.estimation.rows import copy_track, gate_groups, sweep
-from relnav.navigation.attitude_check import attitude_is_credible
-from relnav.navigation.beacon_geometry import locate, uses_coordinates
-from relnav.navigation.beacon_monitors import gather_rows
-from relnav.navigation.beacon_observation import observe, observe_again
-from relnav.navigation.considered import add_considered_noise, consider, observed
 from relnav.navigation.memory import Memory
+from relnav.navigation.observation.attitude_check import attitude_is_credible
+from relnav.navigation.observation.beacon_considered import add_considered_noise, consider, observed
+from relnav.navigation.observation.beacon_geometry import locate, uses_coordinates
+from relnav.navigation.observation.beacon_monitors import gather_rows
+from relnav.navigation.observation.beacon_rows import observe, observe_again
 from relnav.navigation.status import LOST, PARTIAL, PREDICTED, REJECTED, UPDATED
 from relnav.sensors.measurement import MISALIGNED
 

@@ -12,9 +12,9 @@ import relnav
 from relnav.accuracy.campaign import noise_alone
 from relnav.files.filter_log import filter_log
 from relnav.navigation.docking_port import DockingState, docking_states
-from relnav.navigation.marker_observation import aim_camera, observe_markers
+from relnav.navigation.observation.marker_poses import state_of, write_state
+from relnav.navigation.observation.marker_rows import aim_camera, observe_markers
 from relnav.navigation.pose_memory import new_pose_memory, pose_views
-from relnav.navigation.pose_roots import state_of, write_state
 from relnav.navigation.pose_update import spot_update
 from relnav.simulation.detector import Faults
 from relnav.simulation.scenario import simulate

@@ -18,9 +18,9 @@ from relnav.estimation.attitude import ATTITUDE_TRACK, CHASER, COMPARED, LASTING
 from relnav.estimation.factored import factorize
 from relnav.geometry.rotation_vector import attitude_error
 from relnav.geometry.wahba import solve_wahba
-from relnav.navigation.attitude_prediction import take_if_near
+from relnav.navigation.attitude.prediction import take_if_near
+from relnav.navigation.attitude.target_attitude import METHODS, TargetAttitude
 from relnav.navigation.pose_state import PoseState, state_from_pose
-from relnav.navigation.target_attitude import METHODS, TargetAttitude
 from relnav.sensors.dual_field.camera_fit import _Camera
 from relnav.sensors.dual_field.matching import turn
 from relnav.sensors.dual_field.optics import project

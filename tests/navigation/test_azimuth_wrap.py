@@ -5,8 +5,8 @@ import pytest
 
 from relnav.geometry.spherical import position_from_angles
 from relnav.navigation.arguments import choose
-from relnav.navigation.beacon_observation import linearise_position
 from relnav.navigation.memory import views
+from relnav.navigation.observation.beacon_rows import linearise_position
 
 
 def innovation(model, measured_rae, position):

@@ -17,8 +17,8 @@ from relnav.errors import UsageError
 from relnav.files.filter_log import filter_log
 from relnav.files.marker_logs import write_marker_log
 from relnav.mission import MarkerTolerances
-from relnav.navigation import reference_bank
 from relnav.navigation.pose_log import filter_marker_epochs
+from relnav.navigation.reference import bank as reference_bank
 from relnav.navigation.status import Alarm, EpochStatus
 from relnav.simulation.detector import Faults
 from relnav.simulation.marker_flight import MarkerFaults, simulate_flight

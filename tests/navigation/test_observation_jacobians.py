@@ -8,10 +8,10 @@ from scipy.spatial.transform import Rotation
 
 import relnav
 from relnav.navigation.arguments import choose
-from relnav.navigation.beacon_geometry import locate
-from relnav.navigation.beacon_observation import observe, observe_again
-from relnav.navigation.measurement_matrices import rows_in_use
 from relnav.navigation.memory import views
+from relnav.navigation.observation.beacon_geometry import locate
+from relnav.navigation.observation.beacon_rows import observe, observe_again
+from relnav.navigation.observation.measurement_matrices import rows_in_use
 
 METHODS = ["spots", "spots, one beacon", "fix", "invariants", "pair AB", "pair BC", "pair AC"]
 LOST = {"spots, one beacon": [1], "pair AB": [2], "pair BC": [0], "pair AC": [1]}

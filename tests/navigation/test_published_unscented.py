@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from relnav.dynamics.rigid_body import RigidBody
 from relnav.mission import Orbit
-from relnav.navigation.target_attitude import TargetAttitude
+from relnav.navigation.attitude.target_attitude import TargetAttitude
 from relnav.simulation.target_rotation import rotate_target
 
 N = 1.1313666536110223e-3

@@ -13,7 +13,7 @@ from relnav.accuracy.target_attitude import attitude_trials
 from relnav.estimation.attitude import settled_sigmas
 from relnav.geometry.rotation_vector import rotation_vector_between
 from relnav.mission import Orbit
-from relnav.navigation.target_attitude import METHODS, TargetAttitude
+from relnav.navigation.attitude.target_attitude import METHODS, TargetAttitude
 from relnav.simulation.target_rotation import rotate_target
 
 N = 1.1313666536110223e-3

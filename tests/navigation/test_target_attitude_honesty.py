@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import relnav
-from relnav.navigation.target_attitude import METHODS
+from relnav.navigation.attitude.target_attitude import METHODS
 
 N = 1.1313666536110223e-3
 INERTIA = np.diag([3000.0, 4200.0, 4700.0])

@@ -6,8 +6,8 @@ import numpy as np
 
 from relnav.arrays import Matrix, Vector
 from relnav.mission import Model
-from relnav.navigation.measurement_matrices import field_errors
-from relnav.navigation.reference_beacons import (
+from relnav.navigation.observation.measurement_matrices import field_errors
+from relnav.navigation.reference.beacon_rows import (
     BEACONS,
     CAMERA,
     ERRORS,
@@ -18,7 +18,7 @@ from relnav.navigation.reference_beacons import (
     BeaconImage,
     BeaconOptics,
 )
-from relnav.navigation.reference_numbers import ALL, to_angles
+from relnav.navigation.reference.numbers import ALL, to_angles
 from relnav.sensors.measurement import DEGENERATE, NOT_SEEN, OK
 from relnav.sensors.three_beacon.parallel import solve_parallel_jacobian
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
-from relnav.navigation.reference_motion import cross
+from relnav.navigation.reference.motion import cross
 
 ALL = [0, 1, 2]
 """Beacons whose three numbers are meant; two of them: the one number of a pair."""

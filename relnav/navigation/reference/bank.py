@@ -14,8 +14,8 @@ from relnav.mission import VisionMission
 from relnav.navigation.pose_filter import DROP, JOINED, TELLING_SHARE
 from relnav.navigation.pose_propagation import MEMORY_S
 from relnav.navigation.pose_update import LONE_SHARE, SETTLING_S
-from relnav.navigation.reference_markers import MarkerImage, MarkerOptics, PoseTrack
-from relnav.navigation.reference_motion import orbit_rate, predict_motion, predict_rotation
+from relnav.navigation.reference.marker_rows import MarkerImage, MarkerOptics, PoseTrack
+from relnav.navigation.reference.motion import orbit_rate, predict_motion, predict_rotation
 
 _TURN, _RATE = slice(6, 9), slice(9, 12)
 

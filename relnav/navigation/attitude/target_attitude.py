@@ -4,7 +4,7 @@ The paper is Liu, Xu, Xu (2013),
 "Vision-based relative navigation for autonomous rendezvous and docking of spacecraft".
 `method="unscented"` is the paper's reduced-order UKF (`estimation/unscented_attitude.py`); `method="multiplicative"` is
 an extended Kalman filter of a small rotation vector. They differ in the prediction alone, and in the paper's case give
-the same figures. Start, gate, restart and what lasts are one: `attitude_step.py`.
+the same figures. Start, gate, restart and what lasts are one: `step.py`.
 """
 
 import math
@@ -19,10 +19,10 @@ from relnav.estimation.gating import chi_square_limit
 from relnav.geometry.linear_algebra import cholesky
 from relnav.geometry.rotation import is_rotation
 from relnav.navigation.arguments import not_negative, vector
-from relnav.navigation.attitude_inputs import ASYMMETRY, LARGEST_RAD2, LEAST_PIVOT, can_be_used
-from relnav.navigation.attitude_prediction import MEMORY, advance
-from relnav.navigation.attitude_record import NOT_COMPARED, NOT_KNOWN, AttitudeRecord
-from relnav.navigation.attitude_step import use
+from relnav.navigation.attitude.inputs import ASYMMETRY, LARGEST_RAD2, LEAST_PIVOT, can_be_used
+from relnav.navigation.attitude.prediction import MEMORY, advance
+from relnav.navigation.attitude.record import NOT_COMPARED, NOT_KNOWN, AttitudeRecord
+from relnav.navigation.attitude.step import use
 from relnav.navigation.status import STARTED, UPDATED
 
 METHODS = ("multiplicative", "unscented")
@@ -41,7 +41,7 @@ class TargetAttitude:
     Attributes
     ----------
     memory : (1,)
-        All that the filter was told and has learnt, of type `attitude_prediction.MEMORY`.
+        All that the filter was told and has learnt, of type `prediction.MEMORY`.
     """
 
     def __init__(

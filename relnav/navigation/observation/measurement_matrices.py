@@ -3,8 +3,8 @@
 import numpy as np
 
 from relnav.arrays import Codes, Matrix, Vector
-from relnav.navigation.beacon_geometry import uses_coordinates
 from relnav.navigation.memory import NODES, Memory
+from relnav.navigation.observation.beacon_geometry import uses_coordinates
 
 
 def rows_in_use(m: Memory) -> tuple[Matrix, Vector, Matrix, Codes]:

@@ -14,7 +14,7 @@ import numpy as np
 from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.mission import VisionMission
 from relnav.navigation.pose_state import PoseState
-from relnav.navigation.reference_motion import IMAGINARY, cross
+from relnav.navigation.reference.motion import IMAGINARY, cross
 
 POSITION, TURN, CHASER, MOUNTING, FOCAL, PLACE = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12), 12, slice(13, 16)
 ERRORS = 16

@@ -35,7 +35,7 @@ from relnav.estimation.monitors import (
     write_alarm,
 )
 from relnav.estimation.rows import Observed, pair_covariance, sweep
-from relnav.navigation.marker_observation import has_spot, new_noise, observe_markers
+from relnav.navigation.observation.marker_rows import has_spot, new_noise, observe_markers
 from relnav.navigation.pose_epoch import odds_of
 from relnav.navigation.pose_memory import NEWEST, OLDER, WITNESS, PoseMemory
 from relnav.navigation.pose_propagation import advance_pose, carry_motion, carry_sensitivities, copy_pose, copy_rows

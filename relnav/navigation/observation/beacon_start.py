@@ -11,15 +11,15 @@ from relnav.codegen.kernel import kernel, straight_line
 from relnav.estimation.factored import factorize_into
 from relnav.geometry.linear_algebra import invert_three
 from relnav.geometry.spherical import position_from_angles_jacobian
-from relnav.navigation.beacon_geometry import fix_of_spots, uses_coordinates
-from relnav.navigation.beacon_observation import linearise_coordinates, spot_sigmas, take_in_coordinates
-from relnav.navigation.considered import (
+from relnav.navigation.memory import Memory
+from relnav.navigation.observation.beacon_considered import (
     add_attitude_noise,
     add_considered_noise,
     start_sensitivities_of_fix,
     start_sensitivities_of_planes,
 )
-from relnav.navigation.memory import Memory
+from relnav.navigation.observation.beacon_geometry import fix_of_spots, uses_coordinates
+from relnav.navigation.observation.beacon_rows import linearise_coordinates, spot_sigmas, take_in_coordinates
 from relnav.sensors.measurement import DEGENERATE, NOT_SEEN, OK
 from relnav.sensors.three_beacon.fix import fix_jacobian
 

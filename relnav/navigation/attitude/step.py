@@ -20,7 +20,7 @@ from relnav.arrays import Matrix, Record
 from relnav.dynamics.rigid_body import MEAN_MOTION, lvlh_rate
 from relnav.estimation.attitude import CHASER
 from relnav.estimation.factored import compose, factorize
-from relnav.navigation.attitude_prediction import LARGEST_SIGMA_RAD, take_if_near
+from relnav.navigation.attitude.prediction import LARGEST_SIGMA_RAD, take_if_near
 from relnav.navigation.status import REJECTED, STARTED, UPDATED, WAITING
 
 UNKNOWN_TURN_RAD = 0.5
@@ -35,7 +35,7 @@ MOST_CONTRADICTED = 3
 def use(memory: Record, measured: Matrix, noise: Matrix, chaser: Matrix) -> tuple[int, bool]:
     """Use an attitude measured now, with its covariance (3, 3); returns the status, and whether a track was compared.
 
-    What was found stands in `compared`. memory (1,) of type `attitude_prediction.MEMORY`, here and below; chaser (3, 3)
+    What was found stands in `compared`. memory (1,) of type `prediction.MEMORY`, here and below; chaser (3, 3)
     is dcm_chaser_from_lvlh.
     """
     m = memory[0]

@@ -9,9 +9,9 @@ to A lies.
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
 from relnav.estimation.rows import pair_covariance
-from relnav.navigation.beacon_geometry import see_beacon
-from relnav.navigation.beacon_monitors import gather_attitude
 from relnav.navigation.memory import FIX, Memory
+from relnav.navigation.observation.beacon_geometry import see_beacon
+from relnav.navigation.observation.beacon_monitors import gather_attitude
 
 
 @kernel

@@ -18,7 +18,8 @@ from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, straight_line
 from relnav.estimation.factored import decorrelate
 from relnav.geometry.spherical import docking_difference, range_azimuth_elevation_jacobian
-from relnav.navigation.beacon_geometry import (
+from relnav.navigation.memory import FIX, SPOTS, Memory
+from relnav.navigation.observation.beacon_geometry import (
     camera_position_dock,
     fix_of_spots,
     implied_attitude,
@@ -27,7 +28,6 @@ from relnav.navigation.beacon_geometry import (
     see_beacon,
     uses_coordinates,
 )
-from relnav.navigation.memory import FIX, SPOTS, Memory
 from relnav.sensors.measurement import BEHIND, DEGENERATE, NO_CONVERGENCE, NOT_SEEN, OFF_DETECTOR, OK, OUTSIDE_DOMAIN
 from relnav.sensors.three_beacon.fix import PERSPECTIVE, coordinate_usable, image_rays, image_usable
 from relnav.sensors.three_beacon.implied import turn_of_rays

@@ -1,8 +1,7 @@
 """`engine="filterpy"` for beacons: the filter's decisions in plain Python over filterpy's algebra, for comparison.
 
-It is written from the model (`reference_beacons`, `reference_lasting`, `reference_motion`) and reads nothing of the
-compiled filter's memory; what comes out is written there, from where records are made. Prediction, rows, noise, update,
-NIS, gate, iteration, start and restart are done here a second time on purpose, in covariance form; the monitors are not
+It is written from the model (`beacon_rows`, `lasting_errors`, `motion`, beside) and reads nothing of the compiled
+filter's memory; what comes out is written there, from where records are made. Prediction, rows, noise, update, NIS, gate, iteration, start and restart are done here a second time on purpose, in covariance form; the monitors are not
 (its alarm is UNWATCHED). On well-conditioned logs both engines agree to 1e-9 sigma.
 """
 
@@ -23,10 +22,10 @@ from relnav.mission import Model
 from relnav.navigation.docking_view import LOWER
 from relnav.navigation.epoch_report import ACCELERATION, ATTITUDE, ATTITUDE_NOISE, DELTA_V, SPOT_SIGMA
 from relnav.navigation.memory import fill, views
-from relnav.navigation.reference_attitude import attitude_is_credible
-from relnav.navigation.reference_beacons import POSITION, BeaconImage, BeaconOptics, Prior
-from relnav.navigation.reference_lasting import begin, errors_of
-from relnav.navigation.reference_motion import predict_motion, step_between
+from relnav.navigation.reference.attitude_check import attitude_is_credible
+from relnav.navigation.reference.beacon_rows import POSITION, BeaconImage, BeaconOptics, Prior
+from relnav.navigation.reference.lasting_errors import begin, errors_of
+from relnav.navigation.reference.motion import predict_motion, step_between
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
 from relnav.navigation.update import LONE_GATE_SHARE, MAX_ITERATIONS
 from relnav.sensors.measurement import MISALIGNED, OK

@@ -13,8 +13,8 @@ from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
 from relnav.estimation.factored import innovation_variance
 from relnav.estimation.monitors import AWAY_S, LEAST_MOTION, STUCK, note_step, repeats, watch_image, watch_start
-from relnav.navigation.beacon_geometry import see_beacon, uses_coordinates
 from relnav.navigation.memory import Memory
+from relnav.navigation.observation.beacon_geometry import see_beacon, uses_coordinates
 from relnav.navigation.status import PARTIAL, UPDATED
 
 EDGE_SIGMAS = 2.0

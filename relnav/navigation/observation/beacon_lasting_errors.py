@@ -1,4 +1,4 @@
-"""What one sigma of an error that lasts does to what the beacons' sensor measures: columns of E in `considered.py`."""
+"""What one sigma of an error that lasts does to what the beacons' sensor measures: columns of `beacon_considered.py`."""
 
 import math
 
@@ -6,8 +6,8 @@ from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
 from relnav.geometry.linear_algebra import invert_three
 from relnav.geometry.spherical import range_azimuth_elevation_jacobian
-from relnav.navigation.beacon_geometry import camera_position_dock
 from relnav.navigation.memory import ATTITUDE_ERRORS, FIELD_ERRORS, FIX, NODES, TOLERANCES_SHARED, Memory
+from relnav.navigation.observation.beacon_geometry import camera_position_dock
 from relnav.sensors.three_beacon.invariants import beacon_gradients, position_gradient, rays_from_position
 
 TOLERANCES = FIELD_ERRORS + ATTITUDE_ERRORS

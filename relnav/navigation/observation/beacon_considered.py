@@ -35,15 +35,15 @@ from relnav.estimation.considered import add_covariance_times, subtract_taken, u
 from relnav.estimation.factored import add_rank_one
 from relnav.estimation.rows import Observed
 from relnav.geometry.spherical import position_from_angles_jacobian
-from relnav.navigation.beacon_geometry import uses_coordinates
-from relnav.navigation.lasting_errors import (
+from relnav.navigation.memory import ATTITUDE_ERRORS, FIELD_ERRORS, TOLERANCES_SHARED, Memory
+from relnav.navigation.observation.beacon_geometry import uses_coordinates
+from relnav.navigation.observation.beacon_lasting_errors import (
     error_of_numbers,
     errors_of_coordinates,
     errors_of_position,
     place_in_field,
     position_by_beacon,
 )
-from relnav.navigation.memory import ATTITUDE_ERRORS, FIELD_ERRORS, TOLERANCES_SHARED, Memory
 from relnav.navigation.propagation import moves
 
 

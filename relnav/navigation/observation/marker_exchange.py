@@ -5,7 +5,7 @@ import math
 from relnav.arrays import Matrix, Record, Stack
 from relnav.codegen.kernel import kernel
 from relnav.estimation.rows import Observed, pair_covariance, sweep
-from relnav.navigation.marker_observation import has_spot, observe_markers
+from relnav.navigation.observation.marker_rows import has_spot, observe_markers
 from relnav.navigation.pose_memory import PoseMemory
 
 

@@ -10,10 +10,10 @@ from relnav.arrays import Codes, Flags, Matrix
 from relnav.estimation.gating import chi_square_limit
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.mission import VisionMission
+from relnav.navigation.observation.marker_poses import WIDENED
 from relnav.navigation.pose_filter import DROP
-from relnav.navigation.pose_roots import WIDENED
-from relnav.navigation.reference_bank import Exposure, turn_between, turned_by
-from relnav.navigation.reference_markers import SEEN, MarkerOptics, PoseTrack
+from relnav.navigation.reference.bank import Exposure, turn_between, turned_by
+from relnav.navigation.reference.marker_rows import SEEN, MarkerOptics, PoseTrack
 from relnav.sensors.three_marker.measure import measure
 from relnav.sensors.three_marker.outcome import MISFIT_PROBABILITY
 from relnav.sensors.three_marker.pose import Pose

@@ -5,7 +5,7 @@ import numpy as np
 from relnav.arrays import Matrix, Vector
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.pinhole import central_projection, central_projection_jacobian
-from relnav.navigation.reference_beacons import BeaconOptics
+from relnav.navigation.reference.beacon_rows import BeaconOptics
 
 
 def attitude_is_credible(optics: BeaconOptics, limits: Vector, x: Vector, p: Matrix, spots: Matrix) -> bool:

@@ -2,9 +2,9 @@
 
 It is written from the mission and the documented model (ARCHITECTURE.md, "Six degrees of freedom"), reads nothing of
 the compiled filter's memory and uses none of its derivatives: the equations of motion are integrated
-(`reference_motion`), rows come from one formula of the spots by complex steps (`reference_markers`), the update is
-filterpy's ExtendedKalmanFilter in covariance form (`reference_bank`). Shared are the sensor's closed form, from which
-poses are taken up (`reference_start`), the limits by which the filter's decisions are defined, and the layout of a
+(`reference.motion`), rows come from one formula of the spots by complex steps (`reference.marker_rows`), the update is
+filterpy's ExtendedKalmanFilter in covariance form (`reference.bank`). Shared are the sensor's closed form, from which
+poses are taken up (`reference.poses`), the limits by which the filter's decisions are defined, and the layout of a
 record.
 
 It follows the bank of hypotheses of a flat pattern too. It does not take late images, smooth, or watch: its alarm says
@@ -21,12 +21,12 @@ from relnav.estimation.factored import factorize
 from relnav.estimation.gating import gate_limits
 from relnav.estimation.monitors import UNWATCHED
 from relnav.mission import VisionMission
+from relnav.navigation.observation.marker_poses import COVERED, view_at
 from relnav.navigation.pose_epoch import LOWER, SETTLED_S
 from relnav.navigation.pose_filter import AGREED, BLURRED, DROP, RENEWED_BLURRED_S, RENEWED_S, TELLING_SHARE
 from relnav.navigation.pose_memory import MOST_POSES
 from relnav.navigation.pose_propagation import LARGEST_SHARE_OF_RANGE, LARGEST_TURN_RAD, MEMORY_S
-from relnav.navigation.pose_roots import COVERED, view_at
-from relnav.navigation.reference_bank import (
+from relnav.navigation.reference.bank import (
     Corrected,
     Exposure,
     carried,
@@ -35,9 +35,9 @@ from relnav.navigation.reference_bank import (
     ordered,
     turn_between,
 )
-from relnav.navigation.reference_markers import MarkerOptics, PoseTrack
-from relnav.navigation.reference_motion import step_between
-from relnav.navigation.reference_start import Found, find_poses
+from relnav.navigation.reference.marker_rows import MarkerOptics, PoseTrack
+from relnav.navigation.reference.motion import step_between
+from relnav.navigation.reference.poses import Found, find_poses
 from relnav.navigation.status import EXCHANGED, OUT_OF_VIEW, PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
 from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
 from relnav.sensors.three_marker.sensor import View, span_a_plane

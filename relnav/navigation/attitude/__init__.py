@@ -1,0 +1,1 @@
+"""The target's attitude and rate from measured attitudes, without its position."""

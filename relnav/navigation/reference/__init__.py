@@ -1,0 +1,1 @@
+"""The filters a second time, on filterpy (`engine="filterpy"`): a second opinion, for comparison."""
