@@ -1,4 +1,4 @@
-"""What one sigma of an error that lasts does to what the beacons' sensor measures: columns of `beacon_considered.py`."""
+"""What one sigma of a lasting error does to what the beacons' sensor measures: columns of `beacon_considered.py`."""
 
 import math
 

@@ -1,8 +1,9 @@
 """`engine="filterpy"` for beacons: the filter's decisions in plain Python over filterpy's algebra, for comparison.
 
 It is written from the model (`beacon_rows`, `lasting_errors`, `motion`, beside) and reads nothing of the compiled
-filter's memory; what comes out is written there, from where records are made. Prediction, rows, noise, update, NIS, gate, iteration, start and restart are done here a second time on purpose, in covariance form; the monitors are not
-(its alarm is UNWATCHED). On well-conditioned logs both engines agree to 1e-9 sigma.
+filter's memory; what comes out is written there, from where records are made. Prediction, rows, noise, update, NIS,
+gate, iteration, start and restart are done here a second time on purpose, in covariance form; the monitors are not (its
+alarm is UNWATCHED). On well-conditioned logs both engines agree to 1e-9 sigma.
 """
 
 import copy
