@@ -20,7 +20,8 @@ from relnav.codegen.kernel import (
     vector,
 )
 from relnav.codegen.trace import LANES, Trace
-from relnav.navigation import log, pose_log, target_attitude  # noqa: F401  (registers the filters' functions)
+from relnav.navigation import log, pose_log  # noqa: F401  (registers the filters' functions)
+from relnav.navigation.attitude import target_attitude  # noqa: F401  (as above)
 
 NAMES = {
     f"{function.__module__}.{function.__name__}" + (f" of {n}" if n else ""): (function, n)
