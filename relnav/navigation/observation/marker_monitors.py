@@ -330,9 +330,9 @@ def watch_markers(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) ->
         clock["used"] = t
     stuck, usurped, back = _is_stuck(m, spots, dt), _is_usurped(m, t), _comes_back(m, spots, dt)
     watch_image(watch, m.watched[: m.points.shape[0] + 1], dt)
-    if usurped or back:
+    if usurped or back or stuck:  # a spot that was stuck leaves a pose that it has pulled away
         watch["on"] = 1
-        if watch["jumped"] < JUMP_S:
+        if watch["jumped"] < JUMP_S and not stuck:
             watch["clock"], watch["restart"] = 1, 1
         write_alarm(watch)
     if watch["on"] > 0:
