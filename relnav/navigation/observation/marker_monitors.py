@@ -308,13 +308,14 @@ def _comes_back(m: PoseMemory, spots: Matrix, dt: float) -> bool:
 
 
 @kernel
-def _is_stuck(m: PoseMemory, spots: Matrix, dt: float) -> bool:
-    """Whether a spot reads the same though it should have moved, by a tenth of its noise."""
-    stuck = False
+def _is_stuck(m: PoseMemory, spots: Matrix, dt: float) -> tuple[bool, bool]:
+    """Whether a spot reads the same though it should have moved, by a tenth of its noise; whether one that is used."""
+    stuck, pulls = False, False
     for i in range(m.spots.shape[0]):
         if repeats(m.watched[i], spots[i, 0], spots[i, 1], dt):
-            stuck = stuck or m.spots[i]["speed"] * m.watched[i]["since"] > LEAST_MOTION * m.camera["noise"]
-    return stuck
+            stays = m.spots[i]["speed"] * m.watched[i]["since"] > LEAST_MOTION * m.camera["noise"]
+            stuck, pulls = stuck or stays, pulls or (stays and m.accepted[i] > 0.0)
+    return stuck, pulls
 
 
 @kernel
@@ -328,11 +329,12 @@ def watch_markers(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) ->
         if gap > AWAY_S and (gap > LONGEST_JUMP_S or watch["jumped"] >= JUMP_S):
             watch["pause"] = AWAY_S
         clock["used"] = t
-    stuck, usurped, back = _is_stuck(m, spots, dt), _is_usurped(m, t), _comes_back(m, spots, dt)
+    stuck, pulls = _is_stuck(m, spots, dt)
+    usurped, back = _is_usurped(m, t), _comes_back(m, spots, dt)
     watch_image(watch, m.watched[: m.points.shape[0] + 1], dt)
-    if usurped or back or stuck:  # a spot that was stuck leaves a pose that it has pulled away
+    if usurped or back or pulls:  # a spot that was stuck leaves a pose that it has pulled away
         watch["on"] = 1
-        if watch["jumped"] < JUMP_S and not stuck:
+        if watch["jumped"] < JUMP_S and not pulls:
             watch["clock"], watch["restart"] = 1, 1
         write_alarm(watch)
     if watch["on"] > 0:
