@@ -9,7 +9,7 @@ built within the model's tolerances, drawn once a run, which the filter consider
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -217,19 +217,46 @@ def measure_faults(
     ValueError
         For fewer than two runs, or a model without tolerances.
     """
+
+    def once(flown: str, fault: Fault, seed: int) -> tuple[Verdict, ...]:
+        return run_once(model, flown, fault, seed)
+
+    rows = fly_faults(cases(), once, METHODS, NOT_OBSERVABLE, {}, runs, seed, progress)
+    return FaultsReport(model.name, runs, seed, rows)
+
+
+def fly_faults(
+    cases: list[tuple[str, Fault]],
+    once: Callable[[str, Fault, int], tuple[Verdict, ...]],
+    methods: tuple[str, ...],
+    not_observable: Container[tuple[str, Fault]],
+    names: Mapping[Fault, str],
+    runs: int,
+    seed: int,
+    progress: Callable[[int], None] | None,
+) -> tuple[FaultRow, ...]:
+    """A row for each way to fly with a fault, and each method: `once` gives the verdicts of a run, one a method.
+
+    names: of faults that are called otherwise here.
+
+    Raises
+    ------
+    ValueError
+        For fewer than two runs.
+    """
     if runs < 2:
         raise ValueError(f"runs must be 2 or more; got {runs}")
     rows: list[FaultRow] = []
-    for flown, fault in cases():
+    for flown, fault in cases:
         verdicts = []
         for run in range(runs):
-            verdicts.append(run_once(model, flown, fault, seed * SEED_STRIDE + run))
+            verdicts.append(once(flown, fault, seed * SEED_STRIDE + run))
             if progress is not None:
                 progress(1)
-        for k, method in enumerate(METHODS):
-            observable = (flown, fault) not in NOT_OBSERVABLE
-            rows.append(row_of(flown, fault.value, method, [verdict[k] for verdict in verdicts], observable))
-    return FaultsReport(model.name, runs, seed, tuple(rows))
+        for k, method in enumerate(methods):
+            observable, name = (flown, fault) not in not_observable, names.get(fault, fault.value)
+            rows.append(_row_of(flown, name, method, [verdict[k] for verdict in verdicts], observable))
+    return tuple(rows)
 
 
 def cases() -> list[tuple[str, Fault]]:
@@ -241,7 +268,7 @@ def cases() -> list[tuple[str, Fault]]:
     ]
 
 
-def row_of(flown: str, fault: str, method: str, verdicts: list[Verdict], observable: bool) -> FaultRow:
+def _row_of(flown: str, fault: str, method: str, verdicts: list[Verdict], observable: bool) -> FaultRow:
     """What became of all runs of a fault."""
     silent, recovery = sum(v.silent for v in verdicts), np.array([v.recovery_s for v in verdicts])
     low, high = wilson_bounds(silent, len(verdicts))

@@ -12,8 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from relnav.accuracy.campaign import SEED_STRIDE
-from relnav.accuracy.faults import BUILT, DRAWN, FROM_S, RUNS, TOLD, FaultRow, FaultsReport, Verdict, judge, row_of
+from relnav.accuracy.faults import BUILT, DRAWN, FROM_S, RUNS, TOLD, FaultsReport, Verdict, fly_faults, judge
 from relnav.arrays import Matrix
 from relnav.mission import VisionMission
 from relnav.navigation.pose_log import filter_marker_epochs
@@ -45,11 +44,6 @@ NAMES = {
 UNSEEN = (Fault.ATTITUDE, Fault.FOCAL_LENGTH, Fault.PLACED)
 NOT_OBSERVABLE = {(DRAWN, Fault.LATE), *((flown, fault) for flown in (DRAWN, BUILT) for fault in UNSEEN)}
 """What images cannot tell (`docs/validation.md` says why); told as a sigma it is in the covariance."""
-
-
-def name_of(fault: Fault) -> str:
-    """What reports say."""
-    return NAMES.get(fault, fault.value)
 
 
 def cases() -> list[tuple[str, Fault]]:
@@ -122,14 +116,9 @@ def measure_faults(
     ValueError
         For fewer than two runs, or a model without tolerances.
     """
-    if runs < 2:
-        raise ValueError(f"runs must be 2 or more; got {runs}")
-    rows: list[FaultRow] = []
-    for flown, fault in cases():
-        verdicts = []
-        for run in range(runs):
-            verdicts.append(run_once(mission, flown, fault, seed * SEED_STRIDE + run))
-            if progress is not None:
-                progress(1)
-        rows.append(row_of(flown, name_of(fault), METHOD, verdicts, (flown, fault) not in NOT_OBSERVABLE))
-    return FaultsReport(mission.name, runs, seed, tuple(rows))
+
+    def once(flown: str, fault: Fault, seed: int) -> tuple[Verdict, ...]:
+        return (run_once(mission, flown, fault, seed),)
+
+    rows = fly_faults(cases(), once, (METHOD,), NOT_OBSERVABLE, NAMES, runs, seed, progress)
+    return FaultsReport(mission.name, runs, seed, rows)

@@ -10,6 +10,7 @@ from typing import Any
 from numba.core import types
 from numba.core.datamodel import models
 from numba.core.registry import cpu_target
+from numba.core.typing import Context
 from numba.extending import register_model
 
 
@@ -36,7 +37,7 @@ class _Remembering(types.Function):
 register_model(_Remembering)(models.OpaqueModel)
 
 
-class _Context(type(cpu_target.typing_context)):  # type: ignore[misc]  # numba has no types
+class _Context(Context):
     """numba's knowledge of types, shared with it."""
 
     def _lookup_global(self, gv: Any) -> Any:

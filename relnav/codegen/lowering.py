@@ -32,7 +32,7 @@ def register(
         known = [kinds[k].shape[-1] for k in places if isinstance(kinds[k], types.NestedArray)]
         return trace_of(0 if not places else known[0] if known else default)
 
-    class Template(AbstractTemplate):  # type: ignore[misc]  # numba has no types
+    class Template(AbstractTemplate):
         key = name
 
         def generic(self, arguments: Any, _keywords: Any) -> Any:
@@ -46,7 +46,7 @@ def register(
 
     infer_global(name, types.Function(Template))
 
-    @lower_builtin(name, types.VarArg(types.Any))  # type: ignore[untyped-decorator]  # numba has no types
+    @lower_builtin(name, types.VarArg(types.Any))
     def lower(context: Any, builder: Any, signed: Any, arguments: Any) -> Any:
         trace = the_trace(signed.args)
         results = _write(trace, context, builder, signed.args, arguments, split)

@@ -15,7 +15,7 @@ from numba.np.arrayobj import populate_array
 _LONG, _BYTE = ir.IntType(64), ir.IntType(8)
 
 
-class MemoryType(types.Type):  # type: ignore[misc]  # numba has no types, here and below
+class MemoryType(types.Type):
     """A memory in compiled code."""
 
     def __init__(self, layout: Any) -> None:
@@ -32,14 +32,14 @@ class MemoryType(types.Type):  # type: ignore[misc]  # numba has no types, here 
 
 
 @register_model(MemoryType)
-class _Model(models.StructModel):  # type: ignore[misc]
+class _Model(models.StructModel):
     def __init__(self, manager: Any, kind: MemoryType) -> None:
         members = [("data", types.CPointer(types.uint8)), *((name, types.int64) for name in kind.layout.counts)]
         super().__init__(manager, kind, members)
 
 
 @infer_getattr
-class _Parts(AttributeTemplate):  # type: ignore[misc]
+class _Parts(AttributeTemplate):
     key = MemoryType
 
     def generic_resolve(self, kind: MemoryType, name: str) -> Any:
@@ -50,7 +50,7 @@ def register(layout: Any) -> None:
     """Tell numba of the views of a layout, which kernels call on their array."""
     kind = MemoryType(layout)
 
-    class Template(AbstractTemplate):  # type: ignore[misc]
+    class Template(AbstractTemplate):
         key = layout.views
 
         def generic(self, arguments: Any, _keywords: Any) -> Any:
@@ -58,7 +58,7 @@ def register(layout: Any) -> None:
 
     infer_global(layout.views, types.Function(Template))
 
-    @lower_builtin(layout.views, types.Array)  # type: ignore[untyped-decorator]  # as above
+    @lower_builtin(layout.views, types.Array)
     def lower(context: Any, builder: Any, signed: Any, arguments: Any) -> Any:
         block = context.make_array(signed.args[0])(context, builder, arguments[0])
         memory = cgutils.create_struct_proxy(kind)(context, builder)
@@ -70,7 +70,7 @@ def register(layout: Any) -> None:
         return memory._getvalue()
 
 
-@lower_getattr_generic(MemoryType)  # type: ignore[untyped-decorator]  # as above
+@lower_getattr_generic(MemoryType)
 def _part(context: Any, builder: Any, kind: MemoryType, value: Any, name: str) -> Any:
     memory = cgutils.create_struct_proxy(kind)(context, builder, value=value)
     part = kind.layout.parts[name]

@@ -39,7 +39,7 @@ _PASSES = (
 )
 
 
-class KernelCompiler(CompilerBase):  # type: ignore[misc]  # numba has no types
+class KernelCompiler(CompilerBase):
     """numba's compiler with these passes."""
 
     def define_pipelines(self) -> list[PassManager]:

@@ -28,7 +28,7 @@ from relnav.codegen.python_call import write_python_call
 _TYPING = typing_context()
 
 
-class _Unfinished(JITCodeLibrary):  # type: ignore[misc]  # numba has no types, here and below
+class _Unfinished(JITCodeLibrary):
     """Code that is only ever linked into other code."""
 
     def _optimize_functions(self, ll_module: Any) -> None:
@@ -44,7 +44,7 @@ class _Unfinished(JITCodeLibrary):  # type: ignore[misc]  # numba has no types, 
         return 0
 
 
-class _Whole(JITCodeLibrary):  # type: ignore[misc]
+class _Whole(JITCodeLibrary):
     """Finished code, linked with all that it calls and what that calls."""
 
     is_shared = False
@@ -107,7 +107,7 @@ def _digest(data: bytes) -> bytes:
     return hashlib.blake2b(data, digest_size=8).digest()
 
 
-class _Place(_CacheLocator):  # type: ignore[misc]
+class _Place(_CacheLocator):
     """numba's files lie in our folder, under our stamp too: numba's own is that of the defining file alone."""
 
     def __init__(self, function: Callable[..., Any], file: Path) -> None:
@@ -127,11 +127,11 @@ class _Place(_CacheLocator):  # type: ignore[misc]
         return f"{_digest(bytes(self._file)).hex()}-{self._line}"
 
 
-class _Files(CompileResultCacheImpl):  # type: ignore[misc]
+class _Files(CompileResultCacheImpl):
     _locator_classes = (_Place,)
 
 
-class _Cache(FunctionCache):  # type: ignore[misc]
+class _Cache(FunctionCache):
     """A damaged file is as if it were not there, and a full disk is no error."""
 
     _impl_class = _Files
@@ -152,13 +152,13 @@ class _Cache(FunctionCache):  # type: ignore[misc]
             self.flush()
 
 
-class _Inner(CPUDispatcher):  # type: ignore[misc]
+class _Inner(CPUDispatcher):
     """A kernel as other kernels see it."""
 
     targetdescr = _Target(_Unfinished)
 
 
-class Outer(CPUDispatcher):  # type: ignore[misc]
+class Outer(CPUDispatcher):
     """A kernel as Python sees it."""
 
     targetdescr = _Target(_Whole)

@@ -33,7 +33,7 @@ def _register(function: Callable[[int, int], int], write: Callable[[Any, Any, An
     from numba.core.typing.templates import AbstractTemplate, infer_global, signature
     from numba.extending import lower_builtin
 
-    class Template(AbstractTemplate):  # type: ignore[misc]  # numba has no types
+    class Template(AbstractTemplate):
         key = function
 
         def generic(self, arguments: Any, _keywords: Any) -> Any:
@@ -41,7 +41,7 @@ def _register(function: Callable[[int, int], int], write: Callable[[Any, Any, An
 
     infer_global(function, types.Function(Template))
 
-    @lower_builtin(function, types.uint64, types.uint64)  # type: ignore[untyped-decorator]  # numba has no types
+    @lower_builtin(function, types.uint64, types.uint64)
     def lower(_context: Any, builder: Any, _signed: Any, arguments: Any) -> Any:
         return write(builder, *arguments)
 

@@ -102,7 +102,9 @@ def filter_file(
         whole = filter_raw_log(source, mission, **way)
     else:
         log = source if isinstance(source, LogFile) else LogFile(source)
-        whole = filter_late_log(log, mission, **way) if says_exposures(log) else None
+        if says_exposures(log):
+            refuse_late(engine)
+            whole = filter_late_log(log, mission, **way)
     if whole is not None:
         if watch is not None:
             watch(whole)
@@ -158,6 +160,18 @@ def refuse_raw(engine: str) -> None:
     """
     if engine != "compiled":
         raise UsageError(f'engine "{engine}" filters logs of spots, not raw ones of a detector: leave it out')
+
+
+def refuse_late(engine: str) -> None:
+    """Refuse another engine for a log whose images came late.
+
+    Raises
+    ------
+    UsageError
+        Saying what to do.
+    """
+    if engine != "compiled":
+        raise UsageError(f'engine "{engine}" takes images at once: leave it out, or the log\'s image_t_s')
 
 
 def engine_words(engine: str) -> dict[str, str]:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, overload
 
 from relnav.errors import UsageError
-from relnav.files.filter_file import engine_words, refuse_raw
+from relnav.files.filter_file import engine_words, refuse_late, refuse_raw
 from relnav.files.frame_logs import FrameLog, log_in_memory
 from relnav.files.late_log import filter_late_log, says_exposures
 from relnav.files.log_columns import log_metadata
@@ -116,6 +116,7 @@ def filter_log(
         return filter_raw_log(source, mission, method=method, projection=projection, smooth=smooth)
     opened_log = source if isinstance(source, LogFile) else LogFile(source)
     if says_exposures(opened_log):
+        refuse_late(engine)
         return filter_late_log(opened_log, mission, method=method, projection=projection, smooth=smooth)
     log = read_log(opened_log)
     check_beacons(log.path, log.spots_m.shape[1], mission.name, len(mission.beacons_lvlh_m))

@@ -138,10 +138,12 @@ def _charts(view: RunView) -> list[dict[str, Any]]:
     ]  # fmt: skip
     for quantity in view.innovations:
         gate = f"gate_{quantity.column}"
-        lines = [{"column": quantity.column, "label": "innovation", "colour": "dots", "kind": "dots"}]
+        lines: list[dict[str, Any]] = [
+            {"column": quantity.column, "label": "innovation", "colour": "dots", "kind": "dots"}
+        ]
         if view.has(gate):
             lines += [
-                {"column": gate, "times": sign, "label": f"{'+' if sign > 0 else '-'} gate", "colour": "gate"}  # type: ignore[dict-item]
+                {"column": gate, "times": sign, "label": f"{'+' if sign > 0 else '-'} gate", "colour": "gate"}
                 for sign in (1.0, -1.0)
             ]
         charts.append(

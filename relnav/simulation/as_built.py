@@ -63,13 +63,20 @@ class BuildErrors(Protocol):
     """1-sigma of each error that a sensor is built with; a model's `Tolerances` say them too."""
 
     @property
-    def focal_length_relative_sigma(self) -> float: ...  # noqa: D102
+    def focal_length_relative_sigma(self) -> float:
+        """As of `Tolerances`."""
+
     @property
-    def camera_mounting_sigma_rad(self) -> float: ...  # noqa: D102
+    def camera_mounting_sigma_rad(self) -> float:
+        """As of `Tolerances`."""
+
     @property
-    def beacon_mounting_sigma_rad(self) -> float: ...  # noqa: D102
+    def beacon_mounting_sigma_rad(self) -> float:
+        """As of `Tolerances`."""
+
     @property
-    def beacon_placement_sigma_m(self) -> float: ...  # noqa: D102
+    def beacon_placement_sigma_m(self) -> float:
+        """As of `Tolerances`."""
 
 
 def built(model: Model, t: BuildErrors, draws: Vector) -> Model:

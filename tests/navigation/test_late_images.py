@@ -67,7 +67,7 @@ def test_the_order_of_arrival_does_not_matter(patient, flown, method, seed):
 
 
 def test_a_late_image_taken_for_a_present_one_is_off(patient, vbar, flown):
-    """0.07 s at 20 mm/s is 1.4 mm: as much as the filter's sigma; here one second late is 20 mm."""
+    """Images 0.87 s late at 20 mm/s are 17 mm off, ten times the filter's sigma."""
     t, truth, _, _ = flown
     errors = {"replayed": [], "as present": []}
     replayed, naive = relnav.Navigator(patient, "spots"), relnav.Navigator(vbar, "spots")
@@ -222,5 +222,7 @@ def test_a_file_that_says_when_images_were_exposed(patient, vbar, lived, tmp_pat
     held = filter_late_images(patient, t, spots, image_t)
     np.testing.assert_allclose(read.state, held.state, rtol=1e-9)
     assert read.metadata["log"] == "log.csv"
+    with pytest.raises(relnav.UsageError, match="takes images at once"):
+        relnav.filter_log(path, patient, engine="filterpy")
     with pytest.raises(relnav.LogError, match=r"column 'image_t_s' says when .* give its \[filter\] a longest_delay_s"):
         relnav.filter_log(path, vbar)
