@@ -18,7 +18,7 @@ from relnav.navigation.memory import Memory, views
 from relnav.navigation.observation.beacon_considered import add_considered
 from relnav.navigation.observation.beacon_geometry import attitude_changed
 from relnav.navigation.record import Solution
-from relnav.navigation.reference.beacon_filter import ReferenceEngine, run_reference
+from relnav.navigation.reference import for_beacons
 from relnav.navigation.smoothing import new_models, nothing_later, pack_factors, smooth_run, unpack_factors
 from relnav.navigation.step import step
 
@@ -153,7 +153,7 @@ class LogFilter:
         """As for `Navigator`."""
         self.model, self.method = model, method
         self.block = choose(model, method, projection, engine)
-        self._reference = ReferenceEngine(model, method, projection, self.block) if engine == "filterpy" else None
+        self._reference = for_beacons(engine, model, method, projection, self.block)
         self._named = views(self.block)
         self._considered = len(self._named.sensitivities)
 
@@ -196,7 +196,7 @@ class LogFilter:
         if self._reference is None:
             _run(*arguments)
         else:
-            run_reference(self._reference, *arguments[1:])
+            self._reference.run(*arguments[1:])
 
     def backward(self, t: Vector, control: Matrix, epochs: Epochs, later: Vector) -> None:
         """Smooth filtered epochs in place; `later` is what stands after them, and then what stands at their first."""

@@ -30,8 +30,7 @@ from relnav.navigation.pose_memory import POSE, PoseMemory, new_pose_memory, pos
 from relnav.navigation.pose_propagation import is_wide
 from relnav.navigation.pose_record import PoseRecord
 from relnav.navigation.pose_state import PoseState
-from relnav.navigation.reference.bank import Exposure
-from relnav.navigation.reference.marker_filter import ReferencePose
+from relnav.navigation.reference import for_markers
 from relnav.navigation.status import OUT_OF_VIEW, EpochStatus
 from relnav.sensors.three_marker.camera import usable_covariance
 
@@ -101,7 +100,7 @@ class PoseNavigator:
             )
         refuse_unknown_engine(engine)
         self.mission = mission
-        self._reference = ReferencePose(mission) if engine == "filterpy" else None
+        self._reference = for_markers(engine, mission)
         self.memory = new_pose_memory(mission)
         self._named = pose_views(self.memory)
         self._held, self._nothing = mission.dcm_chaser_from_lvlh, np.zeros(3)
@@ -268,9 +267,8 @@ class PoseNavigator:
     def _take(self, before: Vector, event: Event) -> "tuple[Vector, Outcome]":
         """Take an event into the filter as it was: the compiled step, and what it wants of the closed form."""
         if self._reference is not None:
-            control, noise = (event.acceleration_m_s2, event.delta_v_m_s), event.attitude_noise_rad
-            image = Exposure(event.t_s, event.dcm_chaser_from_lvlh, noise, event.spots_px, event.covariance_px2)
-            done = self._reference.take(image, *control)
+            image = event.dcm_chaser_from_lvlh, event.attitude_noise_rad, event.spots_px, event.covariance_px2
+            done = self._reference.take(event.t_s, *image, event.acceleration_m_s2, event.delta_v_m_s)
             return before, Outcome(EpochStatus(done.status), done.accepted, done.nis, done.dof, done.alarm)
         m = self._named
         self.memory[:] = before

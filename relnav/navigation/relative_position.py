@@ -27,7 +27,7 @@ from relnav.navigation.epoch_report import (
 from relnav.navigation.late_images import Image, Inputs, LateImages
 from relnav.navigation.memory import MOTION, fill, views, watch_anew
 from relnav.navigation.record import FilterRecord
-from relnav.navigation.reference.beacon_filter import ReferenceEngine
+from relnav.navigation.reference import for_beacons
 from relnav.navigation.step import wrong_use
 
 NOTHING, NO_MATRIX = np.empty(0), np.empty((0, 0))
@@ -77,7 +77,7 @@ class Navigator:
         self._named = views(self._block)
         self._beacons = len(self._named.beacons)
         self._report, self._kept = new_report(self._beacons)
-        self._reference = ReferenceEngine(model, method, projection, self._block) if engine == "filterpy" else None
+        self._reference = for_beacons(engine, model, method, projection, self._block)
         given = self._block, 0.0, NO_MATRIX, 0, NOTHING, NOTHING, NO_MATRIX, NO_MATRIX, 0.0, self._report
         self._navigate: Callable[..., Any] = ready(navigate, *given) if self._reference is None else self._by_reference
         self._calibration = model.calibration

@@ -258,6 +258,44 @@ class ReferenceEngine:
         seen = sorted(set(image.groups.tolist()))
         return rows(believed(seen, lambda beacons: self._update(track, image, x, x, p, rows(beacons)), limit))
 
+    def run(
+        self,
+        t: Vector,
+        spots: Stack,
+        control: Matrix,
+        quaternion: Matrix,
+        sigma: Stack,
+        lasting: Matrix,
+        state: Matrix,
+        factor: Matrix,
+        innovation: Matrix,
+        nis: Vector,
+        codes: Codes,
+        considered: Stack,
+    ) -> None:
+        """The log loop, with the arguments of the compiled one behind its memory."""
+        nothing, none = np.zeros(3), np.zeros((0, 0))
+        for e in range(len(t)):
+            told = (ACCELERATION | DELTA_V if len(control) else 0) | (ATTITUDE if len(quaternion) else 0)
+            push, impulse = (control[e, :3], control[e, 3:]) if len(control) else (nothing, nothing)
+            dcm = dcm_from_quaternion(quaternion[e]) if len(quaternion) else none
+            noise = sigma[e] if len(sigma) else none
+            self.tell(told | (SPOT_SIGMA if len(sigma) else 0), push, impulse, dcm, noise, 0.0)
+            if len(lasting):
+                self.optics.lasting = lasting[e]
+            status = self.step(float(t[e]), spots[e])
+            codes[e] = self.result["dof"], status, self.result["reason"], UNWATCHED
+            nis[e], innovation[e] = self.result["nis"], self.innovations
+            track = self.track
+            state[e] = math.nan if track is None else track.state
+            if considered.shape[1]:
+                considered[e] = math.nan if track is None else track.considered
+            if track is None:
+                factor[e] = math.nan
+                continue
+            own = track.covariance if considered.shape[1] else track.covariance + track.considered.T @ track.considered
+            factor[e] = factorize(0.5 * (own + own.T))[LOWER]
+
 
 def _values(track: ReferenceTrack | None) -> tuple[Vector, Matrix, Matrix] | None:
     return None if track is None else (track.state.copy(), track.covariance.copy(), track.considered.copy())
@@ -269,42 +307,3 @@ def _track(values: tuple[Vector, Matrix, Matrix] | None) -> ReferenceTrack | Non
     track = ReferenceTrack(*values[:2])
     track.considered = values[2]
     return track
-
-
-def run_reference(
-    engine: ReferenceEngine,
-    t: Vector,
-    spots: Stack,
-    control: Matrix,
-    quaternion: Matrix,
-    sigma: Stack,
-    lasting: Matrix,
-    state: Matrix,
-    factor: Matrix,
-    innovation: Matrix,
-    nis: Vector,
-    codes: Codes,
-    considered: Stack,
-) -> None:
-    """The log loop over the reference engine, with the arguments of the compiled one behind its memory."""
-    nothing, none = np.zeros(3), np.zeros((0, 0))
-    for e in range(len(t)):
-        told = (ACCELERATION | DELTA_V if len(control) else 0) | (ATTITUDE if len(quaternion) else 0)
-        push, impulse = (control[e, :3], control[e, 3:]) if len(control) else (nothing, nothing)
-        dcm = dcm_from_quaternion(quaternion[e]) if len(quaternion) else none
-        noise = sigma[e] if len(sigma) else none
-        engine.tell(told | (SPOT_SIGMA if len(sigma) else 0), push, impulse, dcm, noise, 0.0)
-        if len(lasting):
-            engine.optics.lasting = lasting[e]
-        status = engine.step(float(t[e]), spots[e])
-        codes[e] = engine.result["dof"], status, engine.result["reason"], UNWATCHED
-        nis[e], innovation[e] = engine.result["nis"], engine.innovations
-        track = engine.track
-        state[e] = math.nan if track is None else track.state
-        if considered.shape[1]:
-            considered[e] = math.nan if track is None else track.considered
-        if track is None:
-            factor[e] = math.nan
-            continue
-        own = track.covariance if considered.shape[1] else track.covariance + track.considered.T @ track.considered
-        factor[e] = factorize(0.5 * (own + own.T))[LOWER]

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from relnav.arrays import Flags, Matrix, Record, Vector
+from relnav.arrays import Flags, Matrix, Record, Stack, Vector
 from relnav.estimation.factored import factorize
 from relnav.estimation.gating import gate_limits
 from relnav.estimation.monitors import UNWATCHED
@@ -87,8 +87,18 @@ class ReferencePose:
         self.blurred_s = self.tried_s = -math.inf
         self._used_s[:] = t_s
 
-    def take(self, image: Exposure, acceleration: Vector, delta_v: Vector) -> Result:
-        """Go on to an image, or to a time without one (spots (0, 2)), the control acting as of an `Event`."""
+    def take(
+        self,
+        t_s: float,
+        chaser: Matrix,
+        attitude_noise: float,
+        spots: Matrix,
+        covariances: Stack,
+        acceleration: Vector,
+        delta_v: Vector,
+    ) -> Result:
+        """Go on to an image (`Exposure`), or to a time without one (spots (0, 2)), the control acting until then."""
+        image = Exposure(t_s, chaser, attitude_noise, spots, covariances)
         self.result = Result(np.zeros(len(self._used_s), dtype=bool))
         self._control, self._chaser = np.concatenate([acceleration, delta_v]), image.chaser
         self._advance(image.t_s)
