@@ -17,6 +17,8 @@ State = TypeVar("State")
 Result = TypeVar("Result")
 
 LONGEST_GAP_S = 3600.0
+LATEST_S = 1e12
+"""Doubles stand 0.1 ms apart there; a time that is larger was counted in ms or ns."""
 
 
 class Observed(IntEnum):
@@ -64,6 +66,8 @@ class Timeline(Generic[State, Result]):
     def __init__(
         self, start: State, start_s: float, window_s: float, apply: Callable[[State, Event], tuple[State, Result]]
     ) -> None:
+        if not abs(start_s) <= LATEST_S:
+            raise ValueError(f"t_s of the start is a time in seconds, at most {LATEST_S:g} in size; got {start_s!r}")
         self._base, self._start_s, self._window_s, self._apply = start, start_s, window_s, apply
         self._events: list[Event] = []
         self._times: list[float] = []

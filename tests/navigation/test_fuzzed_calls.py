@@ -167,6 +167,18 @@ def test_an_infinite_spot_has_no_positions():
     assert relnav.three_beacon.positions(spots, relnav.load_model("three_beacon_psd")).shape == (0, 3)
 
 
+@pytest.mark.parametrize("start", [np.nan, np.inf, -np.inf, 1e300, 1.8e18])
+def test_a_vehicle_that_starts_at_no_time(start):
+    """Its first answer took for ever: a second more was the same time."""
+    with pytest.raises(ValueError, match="t_s of the start is a time in seconds"):
+        relnav.VehicleNavigator(relnav.load_model("rendezvous_demo"), t_s=start)
+
+
+def test_a_vehicle_far_from_time_zero_answers():
+    navigator = relnav.VehicleNavigator(relnav.load_model("rendezvous_demo"), t_s=1e12, monitor=False)
+    assert np.isfinite(navigator.state(1e12 + 3.0).covariance).all()
+
+
 @pytest.mark.parametrize("wrong", [np.eye(3)[:2], np.diag([np.inf, 1.0, 1.0]), np.full((3, 3), np.nan)])
 def test_a_sun_whose_covariance_is_none_leaves_a_vehicle_as_it_was(wrong):
     """Of another shape it was refused after it had been taken in, and an infinite one was a warning."""
