@@ -1,6 +1,6 @@
 """Bytes that are still coming: a file that another program writes, a pipe, standard input; a signal is their end.
 
-A file of a disk has no end until a signal comes; what was appended is looked for every half millisecond. A pipe ends
+A file of a disk has no end until a signal comes; what was appended is looked for every 0.2 ms. A pipe ends
 when its last writer has closed it.
 """
 
@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 from relnav.errors import LogError
 from relnav.files.atomic import ENDING, is_stream
 
-POLL_S = 0.0005
+POLL_S = 0.0002
 LOOK_AGAIN_S = 1.0
 """So often: whether the name still leads to the file that is open."""
 BYTES_AT_ONCE = 1_000_000

@@ -17,8 +17,8 @@ State = TypeVar("State")
 Result = TypeVar("Result")
 
 LONGEST_GAP_S = 3600.0
-LATEST_S = 1e12
-"""Doubles stand 0.1 ms apart there; a time that is larger was counted in ms or ns."""
+LATEST_S = 1e11
+"""As of a log: a larger one was counted in ms or ns; doubles stand 15 us apart there."""
 
 
 class Observed(IntEnum):

@@ -175,8 +175,8 @@ def test_a_vehicle_that_starts_at_no_time(start):
 
 
 def test_a_vehicle_far_from_time_zero_answers():
-    navigator = relnav.VehicleNavigator(relnav.load_model("rendezvous_demo"), t_s=1e12, monitor=False)
-    assert np.isfinite(navigator.state(1e12 + 3.0).covariance).all()
+    navigator = relnav.VehicleNavigator(relnav.load_model("rendezvous_demo"), t_s=1e11, monitor=False)
+    assert np.isfinite(navigator.state(1e11 + 3.0).covariance).all()
 
 
 @pytest.mark.parametrize("wrong", [np.eye(3)[:2], np.diag([np.inf, 1.0, 1.0]), np.full((3, 3), np.nan)])
