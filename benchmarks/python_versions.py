@@ -17,7 +17,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 VERSIONS = ("3.11", "3.12", "3.13", "3.14")
-NEEDED = ("pytest>=9,<10", "hypothesis>=6.100", "mpmath>=1.3")
+NEEDED = ("pytest>=9,<10", "pytest-timeout>=2.4", "hypothesis>=6.100", "mpmath>=1.3")
 QUICK = (
     "tests/geometry",
     "tests/cli/test_models_command.py",

@@ -16,6 +16,9 @@ not divided by the number of images: E - H S squared (`considered.py`), their ef
 
 The third is scatter: squared innovations about their own mean of the last second, over three seconds, for each group.
 
+A step that was too long may be a gap in the images, or a jump of the clock. If a jump by all of it would matter, the
+clock is doubted until images have decided (`clock_monitor.py`).
+
 While an alarm of the first kind lasts the older mean is not carried on: it stands for the time before. The alarm ends
 when the innovations are again what they were, for five seconds; what was learnt meanwhile is not believed, and the
 filter is asked to start anew (`restart`). Where what changed does not change back, the alarm stays.
@@ -45,7 +48,9 @@ QUIET_S = 5.0
 HOLD_S = 10.0
 """After a start that replaced a track."""
 SAID_S, LASTING_SAID_S = 3.0, 100.0
-"""An alarm of the third kind, and of the second, stays for so long after its last cause."""
+"""An alarm of the third kind, and of the second, stays for so long after its last cause; after the second the filter is
+asked to start anew, as a state that has taken the error up agrees with what it contradicted, and the start is watched
+for WARM_S before it is believed."""
 SHIFT_LIMIT2, CALM_LIMIT2 = 25.0, 16.0
 LASTING_LIMIT2, LASTING_CALM2 = 20.25, 6.25
 SCATTER_LIMIT = 8.0
@@ -68,11 +73,16 @@ WATCH = np.dtype(
         ("quiet", _F),  # since the innovations are what they were
         ("hold", _F),  # left of it
         ("pause", _F),  # left of it: set by the sensor while means would not be what they seem
-        ("contradicted", _F),
+        ("contradicted", _F),  # left of it
+        ("unproven", _F),  # left of what a start after it is watched before it is believed
         ("noisy", _F),
         ("interval", _F),  # usual step
         ("jumped", _F),  # since a step that was too long
         ("offset", _F),  # s, by which an image seems late where `clock`
+        ("doubted", _F),  # s, a step that may be the clock's; 0 if none is
+        ("unsure", _F),  # variance of the position over the square of its jump
+        ("shown", _F),  # what images since would show of the jump, in squared sigmas
+        ("along", _F),  # the same of what they do show
     ]
 )
 """What is known of all groups."""
@@ -82,7 +92,8 @@ def watched_type() -> np.dtype[np.void]:
     """A group of at most three rows.
 
     Handed over for each image: rows; seen; value, z - h(x); variances of what is new in each image (noise), of the
-    state's part H P H' (state), of what lasts (lasting); motion, what an image that is one second late adds to value.
+    state's part H P H' (state), of what lasts (lasting); motion, what an image that is one second late adds to value;
+    taken, while a step is doubted, what images since have put into h(x).
     """
     return np.dtype(
         [
@@ -98,6 +109,7 @@ def watched_type() -> np.dtype[np.void]:
             ("state", _F, 3),
             ("lasting", _F, 3),
             ("motion", _F, 3),
+            ("taken", _F, 3),
             ("fast", _F, 3),
             ("middle", _F, 3),
             ("usual", _F, 3),
@@ -132,10 +144,13 @@ def watch_start(watch: Record, groups: Record, again: bool, comparable: bool) ->
         forget(watch, groups)
         watch["hold"], watch["alarm"], watch["jumped"], watch["interval"] = 0.0, 0, math.inf, 0.0
         watch["contradicted"], watch["noisy"], watch["pause"] = 0.0, 0.0, 0.0
+        watch["doubted"], watch["unproven"] = 0.0, 0.0
         return
+    watch["doubted"] = 0.0
     clock = 1 if watch["clock"] > 0 or watch["jumped"] < JUMP_S else 0
     watch["hold"], watch["alarm"] = HOLD_S, RESTARTED | (CLOCK if clock > 0 else 0)
     if watch["restart"] > 0:  # asked for: what was wrong is over
+        watch["unproven"] = WARM_S if watch["contradicted"] > 0.0 else 0.0
         watch["contradicted"], watch["noisy"] = 0.0, 0.0
     if not comparable or not watch["age"] > WARM_S:
         forget(watch, groups)
@@ -260,7 +275,6 @@ def note_step(watch: Record, dt: float) -> None:
     """Let dt s pass, and notice a step that is much longer than usual."""
     watch["jumped"] += dt
     watch["hold"] = max(0.0, watch["hold"] - dt)
-    watch["contradicted"] = max(0.0, watch["contradicted"] - dt)
     watch["noisy"] = max(0.0, watch["noisy"] - dt)
     if watch["interval"] > 0.0 and dt > 2.5 * watch["interval"]:
         watch["jumped"] = 0.0
@@ -298,9 +312,10 @@ def watch_image(watch: Record, groups: Record, dt: float) -> None:
         changed, whole = True, False
     if changed and watch["on"] == 0 and watch["hold"] == 0.0:
         forget(watch, groups)
-    lasting2 = LASTING_CALM2 if watch["contradicted"] > 0.0 else LASTING_LIMIT2
+    lasting2 = LASTING_CALM2 if watch["contradicted"] > 0.0 or watch["unproven"] > 0.0 else LASTING_LIMIT2
     limit2, shifted = CALM_LIMIT2 if watch["on"] > 0 else SHIFT_LIMIT2, False
-    learning, warm = watch["on"] == 0 and watch["hold"] == 0.0, watch["age"] > WARM_S
+    learning = watch["on"] == 0 and watch["hold"] == 0.0 and watch["doubted"] == 0.0
+    warm = watch["age"] > WARM_S
     for g in range(groups.shape[0]):
         group = groups[g]
         if group["seen"] == 0 or not whole:
@@ -314,7 +329,11 @@ def watch_image(watch: Record, groups: Record, dt: float) -> None:
         if group["images"] >= 10 and _is_noisy(group):
             watch["noisy"] = SAID_S
     if whole and learning:
-        watch["age"] += dt
+        watch["age"], watch["unproven"] = watch["age"] + dt, max(0.0, watch["unproven"] - dt)
+    if whole and watch["contradicted"] > dt:  # nothing ends unwatched
+        watch["contradicted"] -= dt
+    elif whole and watch["contradicted"] > 0.0:  # stays until that start
+        watch["restart"] = 1
     late = whole and warm and watch["jumped"] < JUMP_S and watch["hold"] == 0.0 and _looks_late(watch, groups)
     if late:
         watch["clock"] = 1
@@ -334,8 +353,8 @@ def write_alarm(watch: Record) -> None:
     """Write the alarm, STUCK apart."""
     watch["alarm"] = (
         (SHIFTED if watch["on"] > 0 else 0)
-        | (CONTRADICTED if watch["contradicted"] > 0.0 else 0)
+        | (CONTRADICTED if watch["contradicted"] > 0.0 or watch["unproven"] > 0.0 else 0)
         | (NOISY if watch["noisy"] > 0.0 else 0)
-        | (CLOCK if watch["clock"] > 0 else 0)
+        | (CLOCK if watch["clock"] > 0 or watch["doubted"] > 0.0 else 0)
         | (RESTARTED if watch["hold"] > 0.0 else 0)
     )

@@ -152,6 +152,7 @@ FIXED = np.dtype(
         ("at", _F, MOTION),
         ("set_aside", RESULT),
         ("watch", WATCH),
+        ("unseen", _F, MOTION),  # the prediction; while a step is doubted, what it would be without images since
         ("kept", KEPT),
     ]
 )

@@ -96,6 +96,7 @@ def moves(sensitivity: Vector) -> bool:
 
 
 carry_eccentric = variant(carry, "carry_eccentric", phi=ECCENTRIC_PATTERN)
+carry_state_eccentric = variant(carry_state, "carry_state_eccentric", phi=ECCENTRIC_PATTERN)
 multiply_eccentric = variant(multiply, "multiply_eccentric", phi=ECCENTRIC_PATTERN)
 
 
@@ -113,3 +114,12 @@ def advance(step: Record, orbit: Vector, track: Record, sensitivities: Matrix) -
                 multiply(phi, sensitivities[j])
             else:
                 multiply_eccentric(phi, sensitivities[j])
+
+
+@kernel
+def advance_state(step: Record, orbit: Vector, state: Vector) -> None:
+    """Carry a state (6,) alone over the prepared step."""
+    if depends_on_dt_alone(orbit):
+        carry_state(state, step["phi"], step["effect"], state)
+    else:
+        carry_state_eccentric(state, step["phi"], step["effect"], state)

@@ -50,7 +50,7 @@ class Alarm(IntFlag):
     STUCK = monitors.STUCK
     """A spot does not move although the predicted one does."""
     CLOCK = monitors.CLOCK
-    """After a long step images look late or early: the clock has jumped."""
+    """After a long step: the clock has jumped, or images have not decided yet whether it has, where it would matter."""
     RESTARTED = monitors.RESTARTED
     """A new start has replaced the track less than 10 s ago."""
     UNWATCHED = monitors.UNWATCHED

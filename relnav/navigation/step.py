@@ -21,7 +21,7 @@ from relnav.navigation.memory import Memory, views
 from relnav.navigation.observation.beacon_geometry import prior_is_tight, uses_coordinates
 from relnav.navigation.observation.beacon_monitors import watch, watch_new_track
 from relnav.navigation.observation.beacon_start import start
-from relnav.navigation.propagation import advance, prepare_step
+from relnav.navigation.propagation import advance, advance_state, prepare_step
 from relnav.navigation.status import LOST, PARTIAL, REJECTED, STARTED, UPDATED, WAITING
 from relnav.navigation.update import clear_results, correct
 from relnav.sensors.measurement import OK
@@ -106,6 +106,8 @@ def step(block: Vector, t: float, spots: Matrix) -> int:
         prepare_step(m.step, m.motion, m.scratch, clock["t"], dt)
     if running:
         advance(m.step, m.motion["orbit"], m.track, m.sensitivities)
+        if m.watch["doubted"] > 0.0:
+            advance_state(m.step, m.motion["orbit"], m.fixed["unseen"])
     if clock["trial"] > 0:
         advance(m.step, m.motion["orbit"], m.trial, m.trial_sensitivities)
     clock["t"] = t

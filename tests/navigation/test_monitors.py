@@ -81,6 +81,35 @@ def test_a_jump_of_the_clock_is_named_and_recovered(model, log):
     assert solution.restarts == 1
 
 
+@pytest.mark.parametrize("method", ["fix", "spots"])
+def test_a_jump_that_a_slow_approach_hides(model, method):
+    """Closing at 4 mm/s, 3 s are 12 mm: 7 sigma of the state, half a sigma of an image. Silent for 40 s before."""
+    flight = simulate(model, Approach(duration_s=250.0, start_m=(7.0, 0.1, -0.1), speed_m_s=0.004), seed=1)
+    t = flight.t_s + 3.0 * (flight.t_s >= 200.0)
+    solution = relnav.filter_epochs(model, t, flight.spots_m, acceleration_m_s2=flight.acceleration_m_s2, method=method)
+    doubted = flight.t_s[solution.alarm & int(relnav.Alarm.CLOCK) > 0]
+    assert doubted[0] == pytest.approx(200.0, abs=0.05)
+    assert solution.restarts == 1
+    off = np.abs(solution.state - flight.truth)[:, :3] / solution.sigma[:, :3]
+    believed = (solution.alarm == 0) & (flight.t_s > 1.0)
+    assert off[believed].max() < 5.0
+    assert believed[-1]
+
+
+@pytest.mark.parametrize("method", ["fix", "spots"])
+@pytest.mark.parametrize("gap_s", [0.5, 3.0, 20.0])
+def test_a_gap_is_not_taken_for_a_jump(model, log, method, gap_s):
+    """Rows are missing, their mean acceleration is in the next: the clock is doubted for seconds, and then not."""
+    left_out = (log.t_s > 80.0) & (log.t_s < 80.0 + gap_s)
+    after, kept = int(np.flatnonzero(log.t_s >= 80.0 + gap_s)[0]), ~left_out
+    control = log.acceleration_m_s2.copy()
+    control[after] = control[int(np.argmax(left_out)) : after + 1].mean(axis=0)
+    t, spots = log.t_s[kept], log.spots_m[kept]
+    solution = relnav.filter_epochs(model, t, spots, acceleration_m_s2=control[kept], method=method)
+    assert solution.restarts == 0
+    assert not solution.alarm[(t <= 80.0) | (t > 90.0 + gap_s)].any()
+
+
 def test_an_attitude_beyond_its_sigma_is_contradicted(model, log):
     off = np.radians(1.0)
     turn = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(off), np.sin(off)], [0.0, -np.sin(off), np.cos(off)]])

@@ -11,6 +11,7 @@ is not its place, and what the others say depends on how often it is seen.
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
+from relnav.estimation.clock_monitor import doubt_clock, weigh_jump
 from relnav.estimation.factored import innovation_variance
 from relnav.estimation.monitors import AWAY_S, LEAST_MOTION, STUCK, note_step, repeats, watch_image, watch_start
 from relnav.navigation.memory import Memory
@@ -22,23 +23,30 @@ EDGE_SIGMAS = 2.0
 
 
 @kernel
-def _write_row(group: Record, k: int, residual: float, noise: float, lasting: float, ld: Matrix, h: Vector) -> None:
-    group["value"][k], group["noise"][k], group["lasting"][k] = residual, noise, lasting
-    group["state"][k] = innovation_variance(ld, h, h)
+def _write_row(m: Memory, group: Record, k: int, residual: float, noise: float, lasting: float, h: Vector) -> None:
+    x, unseen, taken = m.track["state"], m.fixed["unseen"], 0.0
+    if m.watch["doubted"] > 0.0:
+        for j in range(6):
+            taken += h[j] * (x[j] - unseen[j])
+    group["value"][k], group["noise"][k], group["lasting"][k], group["taken"][k] = residual, noise, lasting, taken
+    group["state"][k] = innovation_variance(m.track["ld"], h, h)
+    group["motion"][k] = -(h[0] * x[3] + h[1] * x[4] + h[2] * x[5])
 
 
 @kernel
 def gather_rows(m: Memory, track: Record, spots: Matrix) -> None:
     """Hand over the rows of an image as they stand at the prediction."""
-    x, ld, half = track["state"], track["ld"], m.sensor["half_width"]
+    half, unseen = m.sensor["half_width"], m.fixed["unseen"]
+    if m.watch["doubted"] == 0.0:
+        for j in range(6):
+            unseen[j] = track["state"][j]
     if not uses_coordinates(m.sensor):
         group, source = m.watched[0], m.groups[0]
         group["rows"], group["seen"], m.watched[1]["seen"] = 3, 1 if source["variance"][2] > 0.0 else 0, 0
         if group["seen"] > 0:
             for k in range(3):
                 h = source["gradient"][k]
-                _write_row(group, k, source["residual"][k], source["variance"][k], 0.0, ld, h)
-                group["motion"][k] = -(h[0] * x[3] + h[1] * x[4] + h[2] * x[5])
+                _write_row(m, group, k, source["residual"][k], source["variance"][k], 0.0, h)
         return
     turned = m.sensor["attitude_noise"] ** 2
     for i in range(m.groups.shape[0]):
@@ -52,8 +60,7 @@ def gather_rows(m: Memory, track: Record, spots: Matrix) -> None:
             if turned > 0.0:
                 turn = m.turns[2 * i + k]
                 noise += turned * (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
-            _write_row(group, k, residual[k], noise, max(0.0, variance[k] - noise), ld, h)
-            group["motion"][k] = -(h[0] * x[3] + h[1] * x[4] + h[2] * x[5])
+            _write_row(m, group, k, residual[k], noise, max(0.0, variance[k] - noise), h)
             expected = spots[i, k] - residual[k] + (fast[k] if group["images"] > 0 else 0.0)
             if abs(expected) > half[k] - EDGE_SIGMAS * own[k]:
                 m.watch["pause"] = AWAY_S
@@ -65,7 +72,7 @@ def gather_attitude(m: Memory, value: Vector, noise: Vector, state: Vector, last
     group, half, fast = m.watched[1], m.sensor["half_width"], m.watched[1]["fast"]
     group["rows"], group["seen"] = 3, 1
     for k in range(3):
-        group["value"][k], group["noise"][k], group["motion"][k] = value[k], noise[k], 0.0
+        group["value"][k], group["noise"][k], group["motion"][k], group["taken"][k] = value[k], noise[k], 0.0, 0.0
         group["state"][k], group["lasting"][k] = state[k], lasting[k]
     for i in range(3):
         for k in range(2):
@@ -95,13 +102,15 @@ def _is_stuck(m: Memory, i: int, spots: Matrix, dt: float) -> bool:
 def watch(m: Memory, spots: Matrix, dt: float, status: int) -> None:
     """Take an image (n, 2) m that the running track was updated with, or not, into the monitors."""
     stuck, groups = False, m.watched
+    note_step(m.watch, dt)
+    doubt_clock(m.watch, dt, m.track["state"], m.track["ld"])
+    weigh_jump(m.watch, groups)
     coordinates = uses_coordinates(m.sensor)
     for i in range(groups.shape[0]):
         used = status == UPDATED or (status == PARTIAL and (not coordinates or m.groups[i]["tested"] > 0))
         if not used or (not coordinates and i > 1):
             groups[i]["seen"] = 0
         stuck = _is_stuck(m, i, spots, dt) or stuck
-    note_step(m.watch, dt)
     watch_image(m.watch, groups, dt)
     if stuck:
         m.watch["alarm"] |= STUCK
