@@ -1,4 +1,4 @@
-"""The package on every Python it is meant for: installed into a fresh environment each, and a quick part of the tests.
+"""The package on every Python it is meant for: installed into a fresh environment, called, and a part of the tests.
 
 Looks for python3.11 to python3.14 on the path, under pyenv, and through uv where that is there; says which are missing.
 
@@ -17,7 +17,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 VERSIONS = ("3.11", "3.12", "3.13", "3.14")
-NEEDED = ("pytest>=9,<10", "pytest-timeout>=2.4", "hypothesis>=6.100", "mpmath>=1.3")
+NEEDED = ("pytest>=9,<10", "pytest-timeout>=2.4", "hypothesis>=6.100", "mpmath>=1.3", "pyerfa>=2.0.1,<3")
 QUICK = (
     "tests/geometry",
     "tests/cli/test_models_command.py",
@@ -56,12 +56,13 @@ def tried(version: str, tests: list[str]) -> dict[str, object]:
             "environment": [place, "-m", "venv", folder],
             "installation": [python, "-m", "pip", "install", "-q", str(ROOT), *NEEDED],
             "first call": [python, "-c", TRIED],
+            "compiled call": [python, "-c", TRIED],
             "tests": [python, "-m", "pytest", "-q", "-p", "no:xdist", "-o", "addopts=--import-mode=importlib", *tests],
         }
         said = ""
         for name, command in steps.items():
-            plain = {"RELNAV_PREBUILD": "0", "RELNAV_JIT": "0"} if name != "first call" else {"RELNAV_JIT": "0"}
-            environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"} | plain
+            ways = {"RELNAV_PREBUILD": "0", "RELNAV_JIT": str(int(name == "compiled call")), "NUMBA_CACHE_DIR": folder}
+            environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"} | ways
             done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
             said = (done.stdout.strip() or done.stderr.strip()).splitlines()[-1:] or [""]
             if done.returncode != 0:

@@ -155,8 +155,8 @@ the reason.
 | --- | ---: | ---: | ---: | ---: | ---: | --- |"""
 PYTHONS = """## Pythons
 
-`python benchmarks/python_versions.py`: installed into a fresh environment each, a first call, and a quick part of the
-tests.
+`python benchmarks/python_versions.py`: installed into a fresh environment each, a call in plain Python, one that is
+compiled, and a quick part of the tests.
 
 | Python | what came | tried on |
 | --- | --- | --- |"""

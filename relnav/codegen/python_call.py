@@ -17,8 +17,9 @@ from numba.np.arrayobj import populate_array
 _BYTE, _INT, _WORD, _DOUBLE = ir.IntType(8), ir.IntType(32), ir.IntType(64), ir.DoubleType()
 _OBJECT = _BYTE.as_pointer()
 
-# Offsets of numpy 2 (PyArrayObject_fields, PyVoidScalarObject, PyArray_Descr) and of CPython (PyObject, PyTupleObject).
-_TYPE, _TUPLE_ITEM = 8, 24
+# Offsets of numpy 2 (PyArrayObject_fields, PyVoidScalarObject, PyArray_Descr) and of CPython (PyObject, PyTupleObject:
+# items stand behind all else, which since Python 3.14 is the hash too).
+_TYPE, _TUPLE_ITEM = 8, tuple.__basicsize__
 _ARRAY = {"data": 16, "dimensions": 24, "shape": 32, "strides": 40, "descr": 56, "flags": 64}
 _VOID = {"data": 24, "descr": 32}
 _DESCR = {"byteorder": 26, "number": 28, "itemsize": 40}

@@ -69,6 +69,7 @@ WATCH = np.dtype(
         ("on", _I),  # innovations have shifted
         ("clock", _I),  # as if by a jump of the clock
         ("restart", _I),  # the filter is asked to start anew
+        ("pulled", _I),  # a spot that was stuck was used
         ("age", _F),  # of the older means
         ("quiet", _F),  # since the innovations are what they were
         ("hold", _F),  # left of it
@@ -144,7 +145,7 @@ def watch_start(watch: Record, groups: Record, again: bool, comparable: bool) ->
         forget(watch, groups)
         watch["hold"], watch["alarm"], watch["jumped"], watch["interval"] = 0.0, 0, math.inf, 0.0
         watch["contradicted"], watch["noisy"], watch["pause"] = 0.0, 0.0, 0.0
-        watch["doubted"], watch["unproven"] = 0.0, 0.0
+        watch["doubted"], watch["unproven"], watch["pulled"] = 0.0, 0.0, 0
         return
     watch["doubted"] = 0.0
     clock = 1 if watch["clock"] > 0 or watch["jumped"] < JUMP_S else 0
@@ -154,7 +155,7 @@ def watch_start(watch: Record, groups: Record, again: bool, comparable: bool) ->
         watch["contradicted"], watch["noisy"] = 0.0, 0.0
     if not comparable or not watch["age"] > WARM_S:
         forget(watch, groups)
-    watch["on"], watch["restart"], watch["quiet"], watch["clock"] = 0, 0, 0.0, clock
+    watch["on"], watch["restart"], watch["quiet"], watch["clock"], watch["pulled"] = 0, 0, 0.0, clock, 0
     for g in range(groups.shape[0]):
         groups[g]["images"] = 0
 

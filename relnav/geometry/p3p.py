@@ -180,4 +180,5 @@ def p3p(rays: Matrix, points_m: Matrix, *, near: bool = False) -> Stack:
     if u.shape != (3, 3) or s.shape != (3, 3):
         raise ValueError(f"three rays and three points, rows of (3, 3), are expected; got shapes {u.shape}, {s.shape}")
     poses = np.empty((BLOCK, 4, 3))
-    return poses[: solve_p3p(u, s, near, poses)]
+    finite = bool(np.isfinite(u).all() and np.isfinite(s).all())  # infinities would be a warning in plain Python
+    return poses[: solve_p3p(u, s, near, poses) if finite else 0]

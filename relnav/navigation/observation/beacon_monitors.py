@@ -110,9 +110,13 @@ def watch(m: Memory, spots: Matrix, dt: float, status: int) -> None:
         used = status == UPDATED or (status == PARTIAL and (not coordinates or m.groups[i]["tested"] > 0))
         if not used or (not coordinates and i > 1):
             groups[i]["seen"] = 0
-        stuck = _is_stuck(m, i, spots, dt) or stuck
+        if _is_stuck(m, i, spots, dt):
+            stuck = True
+            m.watch["pulled"] = 1 if used else m.watch["pulled"]
     watch_image(m.watch, groups, dt)
-    if stuck:
+    if m.watch["pulled"] > 0 and not stuck:  # it is over, and has pulled the state away
+        m.watch["restart"] = 1
+    if stuck or m.watch["pulled"] > 0:
         m.watch["alarm"] |= STUCK
 
 
