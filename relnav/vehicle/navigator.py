@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Vector, number, numbers
+from relnav.arrays import LARGEST, Matrix, Vector, number, numbers
 from relnav.spacecraft import GYRO, POINTS, RESERVED, STAR, THRUST, Vehicle
 from relnav.vehicle.directions import StarTracker, SunSensor
 from relnav.vehicle.flying_sensor import Flown, FlyingSensor
@@ -24,6 +24,8 @@ from relnav.vehicle.timeline import ACCEPTED, REJECTED, REPLAYED, TOO_OLD, Event
 from relnav.vehicle.update import Outcome, Updater
 
 LONGEST_PREDICTION_S = 60.0
+MOST = {GYRO: 1e3, THRUST: 1e4}
+"""Of a rate, rad/s, and an acceleration, m/s^2: more is a mistake."""
 _NOTHING = np.zeros((0, 0))
 
 
@@ -339,9 +341,9 @@ class VehicleNavigator:
 
 
 def _three(name: str, value: ArrayLike) -> tuple[float, float, float]:
-    array = numbers(name, value)
+    array, most = numbers(name, value), MOST.get(name, LARGEST)
     if array.shape == (3,):
         x, y, z = array.tolist()
-        if isfinite(x) and isfinite(y) and isfinite(z):
+        if abs(x) <= most and abs(y) <= most and abs(z) <= most:
             return x, y, z
-    raise ValueError(f"{name}: three finite numbers are expected; got {array.tolist()}")
+    raise ValueError(f"{name}: three finite numbers up to {most:g} in size are expected; got {array.tolist()}")

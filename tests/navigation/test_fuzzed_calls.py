@@ -174,6 +174,14 @@ def test_a_vehicle_that_starts_at_no_time(start):
         relnav.VehicleNavigator(relnav.load_model("rendezvous_demo"), t_s=start)
 
 
+@pytest.mark.parametrize(("source", "value"), [("gyro", 1e155), ("gyro", np.inf), ("thrust", 1e200)])
+def test_a_vehicle_is_not_told_what_no_sensor_says(source, value):
+    """The port's covariance overflowed with a warning."""
+    navigator = relnav.VehicleNavigator(relnav.load_model("rendezvous_demo"), monitor=False)
+    with pytest.raises(ValueError, match=rf"{source}: three finite numbers up to 1e\+0[34] in size"):
+        navigator.observe(source, 0.1, [value, 0.0, 0.0])
+
+
 def test_a_vehicle_far_from_time_zero_answers():
     navigator = relnav.VehicleNavigator(relnav.load_model("rendezvous_demo"), t_s=1e11, monitor=False)
     assert np.isfinite(navigator.state(1e11 + 3.0).covariance).all()
