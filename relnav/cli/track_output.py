@@ -38,9 +38,11 @@ class TrackOutput:
             return
         from relnav.files.atomic import check_folder
         from relnav.files.tables import TRACKS, check_format
+        from relnav.files.tracks import check_frame
 
         if not self._exchanged:
             check_format(self.path, TRACKS)
+        check_frame(self.path, self.frame)
         check_folder(self.path)
 
     @property

@@ -141,13 +141,15 @@ def parse_header(names: list[str], where: str, layout: Layout = BEACONS) -> Colu
     return Columns(tuple(names), index, factor, tuple(ignored), layout)
 
 
-RSW = {"r": "radial out is -z", "s": "along-track is x", "t": "along-track is x", "w": "+h is -y", "n": "+h is -y"}
-"""Axes of another frame (RSW, RTN) that a log of controls may be in, as they lie in `lvlh_ccsds`."""
+_ALONG = {"radial out is -z": "r radial", "along-track is x": "s t i along tangential transverse intrack"}
+_ALONG |= {"+h is -y": "w n c normal cross crosstrack"}
+RSW = {axis: lies for lies, axes in _ALONG.items() for axis in axes.split()}
+"""Axes of another frame (RSW, RTN, RIC) that a log of controls may be in, as they lie in `lvlh_ccsds`."""
 
 
 def _refuse_others(name: str, where: str, layout: Layout) -> None:
     """A column of another frame, or of another kind of log."""
-    base, unit = split_unit(name)
+    base, unit = split_unit(name.lower())
     quantity, _, axis = base.rpartition("_")
     if quantity in ("accel", "delta_v") and axis in RSW:
         raise LogError(

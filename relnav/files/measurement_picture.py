@@ -7,7 +7,7 @@ import numpy as np
 
 from relnav.arrays import Flags, Vector
 from relnav.files.picture_style import ESTIMATE, GATE, INK, PUBLISHED, QUIET, SPREAD, one_legend
-from relnav.files.run_view import FLAGS, RunView
+from relnav.files.run_view import ALARMS, FLAGS, RunView
 
 WORDS = ("no state yet", "used whole", "used in part", "rejected", "no measurement", "started")
 COLOURS = (QUIET, SPREAD, PUBLISHED, GATE, "#b9c2cc", ESTIMATE)
@@ -108,17 +108,22 @@ def _draw_bars(axis: Any, view: RunView) -> None:
 
 
 def _draw_status(axis: Any, view: RunView) -> None:
-    codes = [code for code in range(len(FLAGS)) if view.counts[code]]
+    shown = [
+        (FLAGS[code], f"{WORDS[code]} ({view.counts[code]})", COLOURS[code])
+        for code in range(len(FLAGS))
+        if view.counts[code]
+    ]
+    shown += [(name, f"ALARM {ALARMS[name].name} ({count})", GATE) for name, count in view.alarmed.items()]
     begin, end = view.thin.begin, view.thin.end
     step = float(np.median(np.diff(begin))) if len(begin) > 1 else 1.0
-    for row, code in enumerate(reversed(codes)):
-        here = view.thin.high[view.names[FLAGS[code]]] > 0.0
+    for row, (name, _, colour) in enumerate(reversed(shown)):
+        here = view.thin.high[view.names[name]] > 0.0
         spans = [(b, max(e - b, 0.0) + step) for b, e in zip(begin[here], end[here], strict=True)]
-        axis.broken_barh(_joined(spans), (row - 0.36, 0.72), color=COLOURS[code], lw=0)
-    axis.set_yticks(range(len(codes)), [f"{WORDS[code]} ({view.counts[code]})" for code in reversed(codes)])
+        axis.broken_barh(_joined(spans), (row - 0.36, 0.72), color=colour, lw=0)
+    axis.set_yticks(range(len(shown)), [label for _, label, _ in reversed(shown)])
     axis.set_title("What became of the epochs")
     axis.grid(axis="y", visible=False)
-    axis.set_ylim(-0.6, len(codes) - 0.4)
+    axis.set_ylim(-0.6, len(shown) - 0.4)
 
 
 def _joined(spans: list[tuple[float, float]]) -> list[tuple[float, float]]:

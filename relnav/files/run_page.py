@@ -11,7 +11,7 @@ from relnav.arrays import Matrix, Vector
 from relnav.files.measurement_picture import WORDS
 from relnav.files.models import model_values
 from relnav.files.report_page import paragraph, section, table, tile, write_page
-from relnav.files.run_view import FLAGS, TURNS, Quantity, RunView
+from relnav.files.run_view import ALARMS, FLAGS, TURNS, Quantity, RunView
 from relnav.navigation.status import EpochStatus
 
 GROUPS = 8192
@@ -155,6 +155,9 @@ def _charts(view: RunView) -> list[dict[str, Any]]:
         {"label": f"{WORDS[code]} ({view.counts[code]})", "column": FLAGS[code], "colour": ROW_COLOURS[code]}
         for code in range(len(FLAGS))
         if view.counts[code]
+    ] + [
+        {"label": f"ALARM {ALARMS[name].name} ({count})", "column": name, "colour": "gate"}
+        for name, count in view.alarmed.items()
     ]
     charts.append({"section": "timeline", "title": "What became of the epochs", "wide": True, "rows": rows})
     return charts
@@ -240,15 +243,16 @@ def _short(values: Vector) -> list[float]:
 
 
 def _events(view: RunView) -> str:
-    rows = [
-        (f"{event.begin_s:.9g}", f"{event.end_s:.9g}", event.epochs, WORDS[EpochStatus[event.what]])
-        for event in view.events
-    ]
+    rows = [(f"{event.begin_s:.9g}", f"{event.end_s:.9g}", event.epochs, _said(event.what)) for event in view.events]
     if not rows:
         return paragraph("Nothing was refused, and the filter never started: there is nothing to tell.")
     more = f"And {view.events_left_out} more; the timeline shows them all." if view.events_left_out else ""
     rows_of_all = table(("from, s", "to, s", "epochs", "what"), rows, (0, 1, 2))
     return f'<div class="long">{rows_of_all}</div>' + paragraph(more)
+
+
+def _said(what: str) -> str:
+    return what if what.startswith("ALARM") else WORDS[EpochStatus[what]]
 
 
 def _claims(view: RunView) -> str:

@@ -5,7 +5,7 @@ A `RunView` is gathered part after part from solutions, or from the columns of a
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -20,9 +20,11 @@ from relnav.files.tables import COLUMNS, DOCKING_COLUMNS, STATE_COLUMNS, rows_of
 from relnav.files.thinning import Thin, Thinning
 from relnav.mission import Model
 from relnav.navigation.record import Solution
-from relnav.navigation.status import EpochStatus
+from relnav.navigation.status import Alarm, EpochStatus
 
 FLAGS = tuple(f"is_{status.name.lower()}" for status in EpochStatus)
+ALARMS = {f"alarm_{one.name.lower()}": one for one in Alarm if one.name}
+"""Columns of 0 and 1, and what they tell."""
 MOST_EVENTS = 200
 MOST_STEPS = 30
 """Of a bound that changes with the number of spots seen, before it is a thicket."""
@@ -93,6 +95,8 @@ class RunView:
         Published figures of range, azimuth, elevation.
     counts : Counter
         Epochs by EpochStatus.
+    alarmed : dict
+        Epochs with each alarm that there was, by its column (`ALARMS`).
     nis : Consistency
         Over all epochs used whole.
     events, events_left_out : list of Event, int
@@ -108,6 +112,7 @@ class RunView:
     thin: Thin
     names: dict[str, int]
     counts: Counter[int]
+    alarmed: dict[str, int]
     nis: Consistency
     gate_probability: float = math.nan
     claims: tuple[Claim, ...] = ()
@@ -176,6 +181,30 @@ class RunView:
         return out
 
 
+class _Spans:
+    """Stretches of epochs with one code, gathered part after part; of some codes there is nothing to tell."""
+
+    def __init__(self, quiet: tuple[int, ...], what: Callable[[int], str]) -> None:
+        self.events: list[Event] = []
+        self.left_out, self._quiet, self._what, self._last = 0, quiet, what, -1
+
+    def take(self, t: Vector, codes: Any) -> None:
+        """Go on with the next epochs."""
+        begins = np.append(0, np.flatnonzero(np.diff(codes)) + 1)
+        ends = np.append(begins[1:], len(codes)) - 1
+        for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
+            code, last = int(codes[begin]), self.events[-1] if self.events else None
+            if code in self._quiet:
+                continue
+            if begin == 0 and code == self._last and last is not None and self.left_out == 0:
+                self.events[-1] = replace(last, end_s=float(t[end]), epochs=last.epochs + end + 1)
+            elif len(self.events) < MOST_EVENTS:
+                self.events.append(Event(float(t[begin]), float(t[end]), self._what(code), end - begin + 1))
+            else:
+                self.left_out += 1
+        self._last = int(codes[-1])
+
+
 def watcher_of(mission: Any, most: int) -> "RunWatcher":
     """A watcher of a mission's runs, with the figures published for it."""
     from relnav.files.models import load_published
@@ -189,10 +218,12 @@ class RunWatcher:
     def __init__(self, most: int, model: Any = None, claims: tuple[Claim, ...] = ()) -> None:
         """Keep about so many groups; the model, if it is known, tells gates, its published figures are drawn."""
         self._thinning, self._model = Thinning(most), model
-        self._claims, self._left, self._last_status = claims, 0, -1
+        self._claims = claims
         self._names: list[str] = []
-        self._events: list[Event] = []
+        self._decisions = _Spans((EpochStatus.UPDATED, EpochStatus.PREDICTED), lambda code: EpochStatus(code).name)
+        self._alarms = _Spans((0,), lambda code: f"ALARM {Alarm(code).words}")
         self._counts: Counter[int] = Counter()
+        self._alarmed: Counter[str] = Counter()
         self._total, self._dof, self._title = 0.0, 0, ""
         self._innovations: Innovations | None = None
         self._metadata: dict[str, str] = {}
@@ -217,6 +248,9 @@ class RunWatcher:
         """Go on with the next epochs as columns of a track, `t_s` and `nis`, `dof`, `status` among them."""
         status = np.asarray(columns["status"])
         flags = {name: (status == code).astype(np.float64) for code, name in enumerate(FLAGS)}
+        alarm = np.nan_to_num(columns.get("alarm", np.zeros(len(status)))).astype(np.int64)
+        flags |= {name: (alarm & int(one) > 0).astype(np.float64) for name, one in ALARMS.items()}
+        self._alarmed.update({name: int(flags[name].sum()) for name in ALARMS})
         kept = {
             name: column for name, column in columns.items() if not name.startswith("cov_") and name != "t_s"
         } | flags
@@ -227,24 +261,10 @@ class RunWatcher:
         sums = np.stack([np.where(whole, nis, 0.0), np.where(whole, dof, 0), np.ones(len(t))])
         self._total, self._dof = self._total + float(sums[0].sum()), self._dof + int(sums[1].sum())
         self._thinning.take(t, np.stack([np.asarray(kept[name], dtype=np.float64) for name in self._names]), sums)
-        self._count(t, status)
-
-    def _count(self, t: Vector, status: Any) -> None:
         codes, numbers = np.unique(status, return_counts=True)
         self._counts.update(dict(zip(codes.tolist(), numbers.tolist(), strict=True)))
-        begins = np.append(0, np.flatnonzero(np.diff(status)) + 1)
-        ends = np.append(begins[1:], len(status)) - 1
-        for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
-            code, last = int(status[begin]), self._events[-1] if self._events else None
-            if code in (EpochStatus.UPDATED, EpochStatus.PREDICTED):
-                continue
-            if begin == 0 and code == self._last_status and last is not None and self._left == 0:
-                self._events[-1] = replace(last, end_s=float(t[end]), epochs=last.epochs + end + 1)
-            elif len(self._events) < MOST_EVENTS:
-                self._events.append(Event(float(t[begin]), float(t[end]), EpochStatus(code).name, end - begin + 1))
-            else:
-                self._left += 1
-        self._last_status = int(status[-1])
+        self._decisions.take(t, status)
+        self._alarms.take(t, alarm)
 
     def view(self, log: str = "", title: str = "", metadata: dict[str, str] | None = None) -> RunView:
         """What was gathered; log, title and metadata in place of the solution's own, if given."""
@@ -258,11 +278,12 @@ class RunWatcher:
             thin=self._thinning.thin(),
             names={name: k for k, name in enumerate(self._names)},
             counts=self._counts,
+            alarmed={name: self._alarmed[name] for name in ALARMS if self._alarmed[name]},
             nis=consistency_of_sum("NIS", self._total, self._dof),
             gate_probability=math.nan if settings is None else settings.gate_probability,
             claims=self._claims,
-            events=self._events,
-            events_left_out=self._left,
+            events=sorted(self._decisions.events + self._alarms.events, key=lambda event: event.begin_s),
+            events_left_out=self._decisions.left_out + self._alarms.left_out,
             innovations=self._compared(),
         )
 

@@ -28,6 +28,8 @@ EXCHANGE = {
     ".bc": "relnav.files.spice:write_ck",
 }
 """Ending -> what writes it, as a function of (solution, path, settings)."""
+TURNED = (".oem", ".bsp")
+"""Of these, those that turn states into another frame."""
 
 
 def clock_beside(path: Path) -> Path | None:
@@ -67,6 +69,7 @@ def write(
         For another ending, a folder that does not exist, a package that is missing, or a frame that cannot be.
     """
     target = Path(path)
+    check_frame(target, frame)
     settings = {"frame": frame, "orientation_deg": orientation_deg, "model": model, "epoch": epoch}
     if target.suffix.lower() in EXCHANGE:
         write_exchange(solution, target, settings | {"clock": clock_beside(target)})
@@ -94,6 +97,21 @@ def write(
             yield rows_of(part, in_frame(part, frame, mission, orientation_deg) if turned else None)
 
     write_table(target, COLUMNS, parts(), stated, INTEGERS)
+
+
+def check_frame(path: Path, frame: str) -> None:
+    """Refuse another frame where a format has the states as the filter has them.
+
+    Raises
+    ------
+    UsageError
+        Naming the file.
+    """
+    ending = path.suffix.lower()
+    if frame != "lvlh_ccsds" and ending in EXCHANGE and ending not in TURNED:
+        raise UsageError(
+            f"{path}: {ending} holds what the filter has, in lvlh_ccsds; frame {frame} is for .csv, .oem and .bsp"
+        )
 
 
 def write_exchange(solution: Any, path: Path, settings: dict[str, Any]) -> None:

@@ -154,6 +154,14 @@ def test_parts_joined_are_the_whole(solution):
         ("a.oem", {"epoch": "yesterday"}, "epoch is an ISO date and time"),
         ("a.oem", {"epoch": "9999-12-31T23:59:59"}, "lies beyond the year 9999"),
         ("a.oem", {"epoch": EPOCH, "frame": "dock"}, "an OEM holds frames rsw, eci_relative, eci; got 'dock'"),
+        *(
+            (
+                f"a{ending}",
+                {"frame": "rsw"},
+                rf"a\{ending}: \{ending} holds what the filter has, in lvlh_ccsds; frame rsw",
+            )
+            for ending in (".mat", ".nc", ".h5", ".mcap", ".rosbag2", ".bc")
+        ),
         ("a.aem", {"epoch": EPOCH}, "which a three-beacon track does not estimate"),
         ("a.xyz", {}, r"a table ends in \.csv, \.jsonl or \.parquet"),
     ],

@@ -8,6 +8,7 @@ import shutil
 import numpy as np
 import pytest
 
+import relnav
 import relnav.cli
 from relnav.files.report_page import data_block, words
 
@@ -67,6 +68,25 @@ def test_numbers_are_those_of_the_track(page, track):
     np.testing.assert_array_equal(t, rows["t_s"])
     shown = np.frombuffer(base64.b64decode(data["columns"]["range_m"]), "<f4")
     np.testing.assert_allclose(shown[1:], rows["range_m"][1:], rtol=1e-6)
+
+
+def test_alarms_are_on_the_timeline(track, tmp_path):
+    """Beside what became of the images: a stuck spot is used whole."""
+    lines = track.read_text().splitlines()
+    head = next(k for k, line in enumerate(lines) if line.startswith("t_s,"))
+    column = lines[head].split(",").index("alarm")
+    for k in range(head + 60, head + 80):
+        cells = lines[k].split(",")
+        cells[column] = str(int(relnav.Alarm.STUCK | relnav.Alarm.SHIFTED))
+        lines[k] = ",".join(cells)
+    path = tmp_path / "alarmed.csv"
+    path.write_text("\n".join(lines) + "\n")
+    assert relnav.cli.run(["report", str(path), "--out", str(tmp_path / "page.html"), "--quiet"]) == 0
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    rows = next(chart["rows"] for chart in data_of(page)["charts"] if "rows" in chart)
+    assert {row["label"] for row in rows if "ALARM" in row["label"]} == {"ALARM SHIFTED (20)", "ALARM STUCK (20)"}
+    assert "ALARM SHIFTED+STUCK" in page
+    assert {row["column"] for row in rows} <= set(data_of(page)["columns"])
 
 
 def test_the_same_run_gives_the_same_page(page, track):

@@ -1,5 +1,7 @@
 """Pictures of a run: every kind of file, nothing clipped, what lies beyond an axis shown, the same bytes twice."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -35,6 +37,21 @@ def test_counts_and_events(view, solution):
     assert {"STARTED", "REJECTED"} <= {event.what for event in view.events}
     assert str(view.nis) == str(solution.nis_consistency())
     np.testing.assert_array_equal(view.line("range_m"), solution.range_m)
+
+
+def test_alarms_are_told_beside_what_became_of_images(solution, tmp_path):
+    """One stretch, over the parts in which it came; in the picture a row of its own."""
+    number = np.arange(len(solution))
+    alarm = np.where((number >= 190) & (number < 210), int(relnav.Alarm.STUCK), 0)
+    alarmed = replace(solution, alarm=alarm)
+    watcher = watcher_of(relnav.load_model("three_beacon_psd"), 1500)
+    for begin in range(0, 300, 100):
+        watcher.take(alarmed.part(begin, begin + 100))
+    told = [event for event in watcher.view().events if event.what.startswith("ALARM")]
+    assert [(event.what, event.epochs) for event in told] == [("ALARM STUCK", 20)]
+    assert (told[0].begin_s, told[0].end_s) == (solution.t_s[190], solution.t_s[209])
+    figure = alarmed.plot(tmp_path / "a.svg")
+    assert "ALARM STUCK (20)" in {text.get_text() for axis in figure.axes for text in axis.get_yticklabels()}
 
 
 @pytest.fixture(scope="module")

@@ -178,7 +178,7 @@ def test_a_vehicle_that_starts_at_no_time(start):
 def test_a_vehicle_is_not_told_what_no_sensor_says(source, value):
     """The port's covariance overflowed with a warning."""
     navigator = relnav.VehicleNavigator(relnav.load_model("rendezvous_demo"), monitor=False)
-    with pytest.raises(ValueError, match=rf"{source}: three finite numbers up to 1e\+0[34] in size"):
+    with pytest.raises(ValueError, match=rf"{source}: three finite numbers up to 10000? in size"):
         navigator.observe(source, 0.1, [value, 0.0, 0.0])
 
 
