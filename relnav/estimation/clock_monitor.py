@@ -11,18 +11,26 @@ the filter takes a jump up within seconds, into its velocity too, and its own in
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
 
+LOST = 10.0
+"""Usual steps: two or three images in a row are often lost, so many seldom."""
 MATTERS2, DECIDED, DOUBTED_S = 25.0, 8.0, 60.0
 """A jump that would move the position by five sigma is doubted, a minute at most, until it is e^8 times as likely as
 none, or as unlikely."""
 
 
 @kernel
+def is_doubtful(watch: Record, dt: float) -> bool:
+    """Whether a step of dt s is so long that the clock may have jumped."""
+    return bool(watch["interval"] > 0.0 and dt > LOST * watch["interval"])
+
+
+@kernel
 def doubt_clock(watch: Record, dt: float, state: Vector, ld: Matrix) -> None:
-    """Doubt a step that was too long, if a jump of the clock by all of it would matter.
+    """Doubt a step that was much too long, if a jump of the clock by all of it would matter.
 
     State: position and velocity ahead of all else; ld: factors L D L^T of its covariance.
     """
-    if watch["jumped"] > 0.0:
+    if not is_doubtful(watch, dt):
         return
     watch["doubted"], watch["shown"], watch["along"], watch["unsure"] = 0.0, 0.0, 0.0, 1.0 / MATTERS2
     for k in range(3):

@@ -111,6 +111,22 @@ def test_a_gap_is_not_taken_for_a_jump(model, log, method, gap_s):
     assert not solution.alarm[(t <= 80.0) | (t > 90.0 + gap_s)].any()
 
 
+@pytest.mark.parametrize("method", ["fix", "spots"])
+def test_gaps_again_and_again(model, log, method):
+    """Each is weighed from its own prediction: one that is as old as the first gap would drift away from the images."""
+    left_out = (log.t_s > 20.0) & (log.t_s % 6.0 < 1.5)
+    control = log.acceleration_m_s2.copy()
+    for after in np.flatnonzero(~left_out[1:] & left_out[:-1]) + 1:
+        begin = after - int(np.argmin(left_out[:after][::-1]))
+        control[after] = control[begin : after + 1].mean(axis=0)
+    t, kept = log.t_s, ~left_out
+    solution = relnav.filter_epochs(model, t[kept], log.spots_m[kept], acceleration_m_s2=control[kept], method=method)
+    assert np.diff(t[kept]).max() > 1.4
+    assert solution.restarts == 0
+    off = np.abs(solution.state - log.truth[kept])[:, :3] / solution.sigma[:, :3]
+    assert off[1:].max() < 5.0
+
+
 def test_an_attitude_beyond_its_sigma_is_contradicted(model, log):
     off = np.radians(1.0)
     turn = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(off), np.sin(off)], [0.0, -np.sin(off), np.cos(off)]])

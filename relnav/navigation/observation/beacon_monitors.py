@@ -11,7 +11,7 @@ is not its place, and what the others say depends on how often it is seen.
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
-from relnav.estimation.clock_monitor import doubt_clock, weigh_jump
+from relnav.estimation.clock_monitor import doubt_clock, is_doubtful, weigh_jump
 from relnav.estimation.factored import innovation_variance
 from relnav.estimation.monitors import AWAY_S, LEAST_MOTION, STUCK, note_step, repeats, watch_image, watch_start
 from relnav.navigation.memory import Memory
@@ -37,7 +37,7 @@ def _write_row(m: Memory, group: Record, k: int, residual: float, noise: float, 
 def gather_rows(m: Memory, track: Record, spots: Matrix) -> None:
     """Hand over the rows of an image as they stand at the prediction."""
     half, unseen = m.sensor["half_width"], m.fixed["unseen"]
-    if m.watch["doubted"] == 0.0:
+    if m.watch["doubted"] == 0.0 or is_doubtful(m.watch, m.step["dt"]):
         for j in range(6):
             unseen[j] = track["state"][j]
     if not uses_coordinates(m.sensor):
