@@ -124,7 +124,7 @@
       width: box.clientWidth, height: 34 + 26 * n, legend: { show: false },
       series: [{}, { stroke: "transparent", points: { show: false } }],
       scales: { x: { time: false }, y: { range: [0, n] } },
-      axes: [axes("", false)[0], { stroke: colour("soft"), size: 150, font: "11px system-ui, sans-serif", grid: { show: false }, ticks: { show: false },
+      axes: [axes("", false)[0], { stroke: colour("soft"), size: 185, font: "11px system-ui, sans-serif", grid: { show: false }, ticks: { show: false },
         splits: () => rows.map((r, i) => n - i - 0.5), values: () => rows.map(r => r.label) }],
       cursor: { sync: { key: "run", filters: { pub: kind => kind === "mousemove" || kind === "mouseleave" } }, drag: { x: true, y: false } },
       hooks: {
