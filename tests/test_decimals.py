@@ -9,13 +9,16 @@ from relnav.files.compiled_text import texts_of
 N = 20_000
 RNG = np.random.default_rng(5)
 BITS = RNG.integers(0, 2**64, N, dtype=np.uint64).view(np.float64)
+TENS = np.array([float(f"1e{power}") for power in range(-30, 30)])  # `10.0**power` differs between processors
 FAMILIES = {
     "any bits": np.where(np.isnan(BITS), np.inf, BITS),
     "as measured": RNG.normal(size=N) * 10.0 ** RNG.integers(-20, 20, N),
     "few digits": np.round(RNG.normal(size=N) * 100.0, 3),
     "integers": RNG.integers(-(10**17), 10**17, N).astype(np.float64),
     "powers of two": np.ldexp(1.0, RNG.integers(-1074, 1024, N)),
-    "beside powers of ten": np.nextafter(10.0 ** RNG.integers(-30, 30, N), np.where(RNG.random(N) < 0.5, 0.0, np.inf)),
+    "beside powers of ten": np.nextafter(
+        TENS[RNG.integers(0, len(TENS), N)], np.where(RNG.random(N) < 0.5, 0.0, np.inf)
+    ),
     "ties": np.ldexp(RNG.integers(2**50, 2**53, N).astype(np.float64), RNG.integers(-60, 10, N)),
     "ends": np.tile(
         [0.0, -0.0, 5e-324, 1.7976931348623157e308, np.inf, -np.inf, 1e16, 1e-4, 9999999999999998.0, 1e-5], 2

