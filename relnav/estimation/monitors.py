@@ -52,6 +52,9 @@ SAID_S, LASTING_SAID_S = 3.0, 100.0
 asked to start anew, as a state that has taken the error up agrees with what it contradicted, and the start is watched
 for WARM_S before it is believed."""
 SHIFT_LIMIT2, CALM_LIMIT2 = 25.0, 16.0
+SUM_LIMIT, SUM_CALM = 4.75, 3.75
+"""Of a mean of one row, in squared sigmas, and of the sum over all rows, in sigmas of a normal number (`_sum_limit`): an
+error that the state takes up in part is spread over them all. While an alarm lasts, the lower ones."""
 LASTING_LIMIT2, LASTING_CALM2 = 20.25, 6.25
 SCATTER_LIMIT = 8.0
 """Of the mean of squares, in 1-sigma of such a mean."""
@@ -111,6 +114,7 @@ def watched_type() -> np.dtype[np.void]:
             ("lasting", _F, 3),
             ("motion", _F, 3),
             ("taken", _F, 3),
+            ("offset", _F, 3),  # mean of value over a second, watched or not
             ("fast", _F, 3),
             ("middle", _F, 3),
             ("usual", _F, 3),
@@ -201,18 +205,28 @@ def _take(group: Record, dt: float, learning: bool) -> None:
 
 
 @kernel
-def _has_shifted(group: Record, limit2: float) -> bool:
-    """Whether a mean of the group is not what it usually was."""
+def _shift(group: Record) -> tuple[float, float, float]:
+    """How far means of the group are from what they usually were, in squared sigmas.
+
+    The largest of all rows and both means, and the sums over rows of the shorter and of the longer mean.
+    """
     mean, longer, usual = group["fast"], group["middle"], group["usual"]
+    largest, short, long = 0.0, 0.0, 0.0
     for k in range(group["rows"]):
         noise, common = group["noise"][k], 0.5 * (group["state"][k] + group["usual_state"][k])
         off = mean[k] - usual[k]
-        if off * off > limit2 * (noise * (group["fast_share"] + group["usual_share"]) + common):
-            return True
+        one = off * off / (noise * (group["fast_share"] + group["usual_share"]) + common)
         off = longer[k] - usual[k]
-        if off * off > limit2 * (noise * (group["middle_share"] + group["usual_share"]) + common):
-            return True
-    return False
+        two = off * off / (noise * (group["middle_share"] + group["usual_share"]) + common)
+        largest, short, long = max(largest, one, two), short + one, long + two
+    return largest, short, long
+
+
+@kernel
+def _sum_limit(rows: int, sigmas: float) -> float:
+    """Limit of a sum of `rows` squares, as improbable as a normal number above `sigmas` (Wilson and Hilferty)."""
+    spread = 2.0 / (9.0 * rows)
+    return float(rows * (1.0 - spread + sigmas * math.sqrt(spread)) ** 3)
 
 
 @kernel
@@ -256,6 +270,14 @@ def _looks_late(watch: Record, groups: Record) -> bool:
         return False
     watch["offset"] = along / scale
     return bool(along * along > scale * max(EXPLAINED * total, LATE_LIMIT2))
+
+
+@kernel
+def follow(group: Record, k: int, dt: float) -> float:
+    """Carry the mean of a row's value on, also while nothing is watched: where its next one will be."""
+    offset = group["offset"]
+    offset[k] += dt / (dt + FAST_S) * (group["value"][k] - offset[k])
+    return float(offset[k])
 
 
 @kernel
@@ -314,7 +336,8 @@ def watch_image(watch: Record, groups: Record, dt: float) -> None:
     if changed and watch["on"] == 0 and watch["hold"] == 0.0:
         forget(watch, groups)
     lasting2 = LASTING_CALM2 if watch["contradicted"] > 0.0 or watch["unproven"] > 0.0 else LASTING_LIMIT2
-    limit2, shifted = CALM_LIMIT2 if watch["on"] > 0 else SHIFT_LIMIT2, False
+    limit2, sigmas = (CALM_LIMIT2, SUM_CALM) if watch["on"] > 0 else (SHIFT_LIMIT2, SUM_LIMIT)
+    largest, short, long, rows = 0.0, 0.0, 0.0, 0
     learning = watch["on"] == 0 and watch["hold"] == 0.0 and watch["doubted"] == 0.0
     warm = watch["age"] > WARM_S
     for g in range(groups.shape[0]):
@@ -324,11 +347,13 @@ def watch_image(watch: Record, groups: Record, dt: float) -> None:
         _take(group, group["away"], learning)
         group["away"] = 0.0
         if group["learnt"] > 0:
-            shifted = shifted or (warm and _has_shifted(group, limit2))
+            one, two, three = _shift(group)
+            largest, short, long, rows = max(largest, one), short + two, long + three, rows + group["rows"]
             if group["learnt"] >= 10 and _contradicts(group, lasting2):
                 watch["contradicted"] = LASTING_SAID_S
         if group["images"] >= 10 and _is_noisy(group):
             watch["noisy"] = SAID_S
+    shifted = warm and (largest > limit2 or max(short, long) > _sum_limit(max(rows, 1), sigmas))
     if whole and learning:
         watch["age"], watch["unproven"] = watch["age"] + dt, max(0.0, watch["unproven"] - dt)
     if whole and watch["contradicted"] > dt:  # nothing ends unwatched

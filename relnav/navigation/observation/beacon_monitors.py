@@ -13,7 +13,16 @@ from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
 from relnav.estimation.clock_monitor import doubt_clock, is_doubtful, weigh_jump
 from relnav.estimation.factored import innovation_variance
-from relnav.estimation.monitors import AWAY_S, LEAST_MOTION, STUCK, note_step, repeats, watch_image, watch_start
+from relnav.estimation.monitors import (
+    AWAY_S,
+    LEAST_MOTION,
+    STUCK,
+    follow,
+    note_step,
+    repeats,
+    watch_image,
+    watch_start,
+)
 from relnav.navigation.memory import Memory
 from relnav.navigation.observation.beacon_geometry import see_beacon, uses_coordinates
 from relnav.navigation.status import PARTIAL, UPDATED
@@ -50,7 +59,7 @@ def gather_rows(m: Memory, track: Record, spots: Matrix) -> None:
         return
     turned = m.sensor["attitude_noise"] ** 2
     for i in range(m.groups.shape[0]):
-        group, source, own, fast = m.watched[i], m.groups[i], m.beacons[i]["spot_sigma"], m.watched[i]["fast"]
+        group, source, own = m.watched[i], m.groups[i], m.beacons[i]["spot_sigma"]
         residual, variance = source["residual"], source["variance"]
         group["rows"], group["seen"] = 2, 1 if variance[0] > 0.0 and variance[1] > 0.0 else 0
         if group["seen"] == 0:
@@ -61,7 +70,7 @@ def gather_rows(m: Memory, track: Record, spots: Matrix) -> None:
                 turn = m.turns[2 * i + k]
                 noise += turned * (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
             _write_row(m, group, k, residual[k], noise, max(0.0, variance[k] - noise), h)
-            expected = spots[i, k] - residual[k] + (fast[k] if group["images"] > 0 else 0.0)
+            expected = spots[i, k] - residual[k] + follow(group, k, m.step["dt"])
             if abs(expected) > half[k] - EDGE_SIGMAS * own[k]:
                 m.watch["pause"] = AWAY_S
 
@@ -69,14 +78,15 @@ def gather_rows(m: Memory, track: Record, spots: Matrix) -> None:
 @kernel
 def gather_attitude(m: Memory, value: Vector, noise: Vector, state: Vector, lasting: Vector, predicted: Matrix) -> None:
     """Hand over what an image says of the stated attitude: where it lies and its roll, (3,); predicted spots (3, 2)."""
-    group, half, fast = m.watched[1], m.sensor["half_width"], m.watched[1]["fast"]
+    group, half = m.watched[1], m.sensor["half_width"]
     group["rows"], group["seen"] = 3, 1
     for k in range(3):
         group["value"][k], group["noise"][k], group["motion"][k], group["taken"][k] = value[k], noise[k], 0.0, 0.0
         group["state"][k], group["lasting"][k] = state[k], lasting[k]
-    for i in range(3):
-        for k in range(2):
-            expected = predicted[i, k] + (fast[k] if group["images"] > 0 else 0.0)
+    for k in range(2):
+        offset = follow(group, k, m.step["dt"])
+        for i in range(3):
+            expected = predicted[i, k] + offset
             if abs(expected) > half[k] - EDGE_SIGMAS * m.beacons[i]["spot_sigma"][k]:
                 m.watch["pause"] = AWAY_S
 
