@@ -115,6 +115,7 @@ SPOT = np.dtype(
         ("count", _F),  # of how many images
         ("speed", _F),  # px/s, as predicted
         ("refused", _F),  # s for which it has been seen and not used
+        ("off", _F, 2),  # mean of its residual, px, over the last images that refused it
         ("surprise", _F),  # NIS of its own, where it was refused for long
     ]
 )

@@ -6,7 +6,7 @@ hypothesis; rivals that are taken up beside it change nothing. While it is so wi
 is usual is learnt anew, as after three seconds without an image that was used. Two more things are said as SHIFTED.
 Another hypothesis has taken the lead from one that was long settled, by odds that are not ambiguous any more: what is
 wrong has made another root the better one. And a spot that was refused for long, others being used, is used again
-though it surprises: not the spot has come back, the gate has grown.
+though it surprises, or lies to the side where it lay: not the spot has come back, the gate has grown.
 
 Three spots are six numbers and a pose is six unknowns: an error that has come to stay is taken up by the pose, and its
 innovations are again what they were. That they are quiet does not say that a fault is over. What says it is a witness:
@@ -57,6 +57,8 @@ OUTLYING = 100.0
 """Times the gate's limit: a spot so far off is a glint, and no part of a mean."""
 SURPRISE = -2.0 * math.log(0.01)
 """Chi-square of two, of a spot that comes back: a good one is beyond it once in a hundred."""
+REMEMBERED, LEFT = 0.2, 0.25
+"""Weight of an image in the mean of what a refused spot is off; the share of it that noise may hide, no more."""
 
 
 @kernel
@@ -72,10 +74,14 @@ def _note_spots(m: PoseMemory, lead: Record, count: int) -> None:
                 speed[k] += h[j] * v[3 + j] + h[6 + j] * (rate[j] + mean_motion * dcm[1, j])
             source["innovation"][k] = speed[k]
         spot["speed"] = math.hypot(speed[0], speed[1])
+        x, y, off = residual[0], residual[1], spot["off"]
+        along, length2 = x * off[0] + y * off[1], off[0] * off[0] + off[1] * off[1]
         if spot["refused"] > AWAY_S:
             xx, xy, yy = pair_covariance(lead["ld"], source["gradient"], source["variance"], m.noise[2 * g, 2 * g + 1])
-            x, y = residual[0], residual[1]
-            spot["surprise"] = (x * x * yy - 2.0 * x * y * xy + y * y * xx) / (xx * yy - xy * xy)
+            surprise = (x * x * yy - 2.0 * x * y * xy + y * y * xx) / (xx * yy - xy * xy)
+            spot["surprise"] = math.inf if along > LEFT * length2 else surprise
+        weight = REMEMBERED if spot["refused"] > 0.0 else 1.0
+        off[0], off[1] = off[0] + weight * (x - off[0]), off[1] + weight * (y - off[1])
 
 
 @kernel
