@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 from relnav.accuracy.claims import ClaimRow, ClaimsReport, claim_row
 from relnav.accuracy.dual_field_patent import cross_angle_error, detector_use, spurious_quadruples
 from relnav.accuracy.dual_field_runs import FieldRuns, calibrated, fly_frames, identification_rates
 from relnav.accuracy.published import Claim, Published
-from relnav.sensors.dual_field.prediction import patent_roll_sigma
+from relnav.sensors.dual_field.prediction import patent_roll_readings
 from relnav.sensors.dual_field.sensor import StarSensor
 from relnav.simulation.star_field import SkyConditions
 
@@ -76,12 +77,14 @@ def _single_rows(claims: dict[str, Claim], published: Published, single: FieldRu
         _plain_row(f"attitude about {axis}", "one field", float(error), "rad", "rms error", f"{single.stars:.1f} stars")
         for axis, error in zip(AXES, single.rms_rad, strict=True)
     ]
-    if "single-field roll" in claims:
-        rows.append(
-            claim_row(
-                claims["single-field roll"], published, "one field", float(single.rms_rad[2]), statistic="rms error"
-            )
-        )
+    across = float(math.sqrt(0.5 * (single.rms_rad[0] ** 2 + single.rms_rad[1] ** 2)))
+    roll = float(single.rms_rad[2])
+    if "single-field pitch and yaw" in claims:
+        rows.append(claim_row(claims["single-field pitch and yaw"], published, "one field", across))
+    for quantity, value in (("single-field roll over pitch and yaw", roll / across), ("single-field roll", roll)):
+        if quantity in claims:  # the patent says that it is so bad: at least the figure
+            claim = claims[quantity]
+            rows.append(replace(claim_row(claim, published, "one field", value), met=value >= claim.value_si))
     return rows
 
 
@@ -114,14 +117,16 @@ def _formula_rows(
     sensor: StarSensor, claims: dict[str, Claim], published: Published, single: FieldRuns, runs: int, seed: int
 ) -> list[ClaimRow]:
     width = 2.0 * SkyConditions().field_radius_rad
-    printed = patent_roll_sigma(single.stars, width, single.sigma_rad)
-    error = abs(printed / float(single.rms_rad[2]) - 1.0)
+    readings = patent_roll_readings(single.stars, width, single.sigma_rad)
     angle = cross_angle_error(sensor, width, 20 * runs, seed)
     ratio = detector_use(sensor, width, runs, seed)
     use = claims["detector use"]
     expected, reason = published.expected(use, "as printed", 0.0)
     return [
-        claim_row(claims["roll formula"], published, "as printed", error),
+        *(
+            claim_row(claims["roll formula"], published, reading, abs(sigma / float(single.rms_rad[2]) - 1.0))
+            for reading, sigma in readings.items()
+        ),
         claim_row(claims["cross-field angle"], published, "as printed", angle),
         ClaimRow(
             use.quantity,

@@ -2,13 +2,20 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from relnav.accuracy.claims import ClaimRow, ClaimsReport, claim_row, information
-from relnav.accuracy.published import Published
+from relnav.accuracy.published import Claim, Published
 from relnav.accuracy.three_marker_filters import COST, filter_rows
-from relnav.accuracy.three_marker_trials import depth_iteration_success, pose_trials, small_angle_errors
+from relnav.accuracy.three_marker_trials import (
+    depth_iteration_success,
+    mean_number_of_poses,
+    pose_trials,
+    scaled_orthography_errors,
+    small_angle_errors,
+)
 from relnav.mission import VisionMission
 from relnav.sensors.measurement import Status
 
@@ -23,6 +30,8 @@ _NEES_BAND = 0.1
 _LEAST_VALUES = 30
 
 PUBLISHED = "small-angle solution as published"
+QUARTIC = "every root of the quartic"
+ORTHOGRAPHY = "scaled orthography"
 ITERATION = "depth iteration that the paper criticises"
 RELINEARISED = "small-angle solution, 3 passes"
 EXACT = "exact pose (P3P and Gauss-Newton)"
@@ -61,6 +70,7 @@ def measure(
     if "iteration that reaches the truth" in claims:
         share = depth_iteration_success(model, ITERATION_RANGES_M, math.radians(ITERATION_LARGEST_DEG), runs, seed)
         rows.append(claim_row(claims["iteration that reaches the truth"], published, ITERATION, share))
+    rows.extend(_criticised(model, published, claims, runs, seed))
     rows.extend(filter_rows(model, published, max(2, runs // 100), seed))
     spare = runs
     for r in SHOT_RANGES_M:
@@ -77,6 +87,31 @@ def measure(
         "explains as well gives no value, and is counted as such",
     )
     return ClaimsReport(model.name, runs, seed, tuple(rows), notes)
+
+
+def _criticised(
+    model: VisionMission, published: Published, claims: dict[str, Claim], runs: int, seed: int
+) -> list[ClaimRow]:
+    """What the paper says of the analytic solution before it: several roots, and orthography that fails close in."""
+    rows = []
+    figures = {}
+    if "poses of one image" in claims:
+        largest = math.radians(ITERATION_LARGEST_DEG)
+        figures["poses of one image"] = QUARTIC, mean_number_of_poses(model, ITERATION_RANGES_M, largest, runs, seed)
+    if "error of scaled orthography close in" in claims:
+        angle = math.radians(GROWTH_ANGLE_DEG)
+        errors = {
+            r: float(np.median(scaled_orthography_errors(model, r, angle, runs, seed)))
+            for r in (GROWTH_NEAR_M, *GROWTH_RANGES_M)
+        }
+        figures["error of scaled orthography close in"] = ORTHOGRAPHY, errors[GROWTH_NEAR_M]
+        where = f"{GROWTH_ANGLE_DEG:g} deg off nominal, on the boresight, no noise"
+        for r, value in errors.items():
+            rows.append(information("attitude error", ORTHOGRAPHY, f"{r:g} m, {where}", value, "deg", "median", r))
+    for quantity, (method, value) in figures.items():  # the paper says that it is so bad: at least the figure
+        claim = claims[quantity]
+        rows.append(replace(claim_row(claim, published, method, value), met=value >= claim.value_si))
+    return rows
 
 
 def _exact_rows(model: VisionMission, range_m: float, runs: int, seed: int) -> list[ClaimRow]:

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relnav.arrays import Codes, Matrix, Vector
+from relnav.arrays import Codes, Matrix, Stack, Vector
+from relnav.geometry.p3p import p3p
 from relnav.geometry.pinhole import central_projection
 from relnav.geometry.rotation_vector import rotation_vector_between, turned
 from relnav.sensors.measurement import Status
@@ -102,6 +103,56 @@ def depth_iteration_success(
         d, _ = depth_iteration(unit_rays(image_of(model, truth)[:3]), points, np.full(3, range_m))
         reached += bool(np.abs(d - distance).max() < 1e-6 * range_m)
     return reached / runs
+
+
+def mean_number_of_poses(
+    model: ThreeMarkerModel, ranges_m: tuple[float, ...], largest_rad: float, runs: int, seed: int
+) -> float:
+    """Mean number of poses from which three markers look as they do in random views: the real roots of the quartic."""
+    rng = np.random.default_rng(seed)
+    points, found = model.markers.points_m[:3], 0
+    for k in range(runs):
+        range_m = ranges_m[k % len(ranges_m)]
+        truth = random_pose(model, range_m, rng.uniform(0.0, largest_rad) * random_axis(rng), rng)
+        found += len(p3p(unit_rays(image_of(model, truth)[:3]), points))
+    return found / runs
+
+
+def scaled_orthography(xy: Matrix, points_m: Matrix) -> Stack:
+    """Both attitudes (2, 3, 3) dcm_cam_from_target that an image (3, 2) of markers (3, 3) has if all have one depth.
+
+    With the markers in axes e of their own plane the image is A = B / depth, B the first two rows of the attitude's
+    columns e_1, e_2; of a unit vector's two images the longer one is not foreshortened, so that 1 / depth is A's larger
+    singular value. The third row makes the columns unit vectors at a right angle, with either sign.
+    """
+    a, b = points_m[1] - points_m[0], points_m[2] - points_m[0]
+    normal = np.cross(a, b)
+    e = np.stack([a / np.linalg.norm(a), np.cross(normal, a) / np.linalg.norm(np.cross(normal, a))])
+    e = np.vstack([e, np.cross(e[0], e[1])])
+    in_plane = np.column_stack([e[:2] @ a, e[:2] @ b])
+    A = np.column_stack([xy[1] - xy[0], xy[2] - xy[0]]) @ np.linalg.inv(in_plane)
+    B = A / np.linalg.svd(A, compute_uv=False)[0]
+    depth = np.sqrt(np.maximum(0.0, 1.0 - np.sum(B**2, axis=0)))
+    depth[1] *= -1.0 if B[:, 0] @ B[:, 1] > 0.0 else 1.0
+    columns = [np.vstack([B, sign * depth]).T for sign in (1.0, -1.0)]
+    return np.stack([np.column_stack([*c, np.cross(c[0], c[1])]) @ e for c in columns])
+
+
+def scaled_orthography_errors(
+    model: ThreeMarkerModel, range_m: float, angle_rad: float, runs: int, seed: int
+) -> Vector:
+    """Attitude errors (runs,) rad of the better of both attitudes by scaled orthography, no noise, three markers.
+
+    The target is on the boresight: off it scaled orthography errs by the angle of the line of sight as well.
+    """
+    rng = np.random.default_rng(seed)
+    out = np.empty(runs)
+    for k in range(runs):
+        truth = random_pose(model, range_m, angle_rad * random_axis(rng), rng)
+        truth[3, :2] = 0.0
+        both = scaled_orthography(image_of(model, truth)[:3], model.markers.points_m[:3])
+        out[k] = min(float(np.linalg.norm(rotation_vector_between(truth[:3], turn))) for turn in both)
+    return out
 
 
 def pose_trials(model: ThreeMarkerModel, range_m: float, runs: int, seed: int, *, noise: float = 1.0) -> PoseTrials:

@@ -85,7 +85,7 @@ def test_messages_of_ones_own_type_and_their_stamps(log, tmp_path):
 
 
 @pytest.mark.usefixtures("rosbags")
-def test_a_beacon_track_as_a_bag(rosbags, log, tmp_path):
+def test_a_beacon_track_as_a_bag(rosbags, log, tmp_path, outside):
     solution = relnav.filter_log(log, "three_beacon_psd")
     assert relnav.cli.run(
         ["filter", str(log), "--model", "three_beacon_psd", "--quiet", "--out", str(tmp_path / "track.rosbag2")]
@@ -102,7 +102,8 @@ def test_a_beacon_track_as_a_bag(rosbags, log, tmp_path):
         assert message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec == pytest.approx(
             solution.t_s[e], abs=1e-9
         )
-        assert [pose.position.x, pose.position.y, pose.position.z] == solution.state[e, :3].tolist()
+        position = np.array([pose.position.x, pose.position.y, pose.position.z])
+        outside("rosbags", "bag read back, positions, m", np.abs(position - solution.state[e, :3]).max(), 0.0)
         np.testing.assert_array_equal(covariance[:3, :3], solution.covariance[e, :3, :3])
         assert (covariance.diagonal()[3:] == 1e6).all()
     with pytest.raises(UsageError, match="is a folder"):

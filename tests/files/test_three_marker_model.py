@@ -39,6 +39,8 @@ def test_claims_are_complete():
         assert set(claims) == {
             "error growth with range",
             "iteration that reaches the truth",
+            "poses of one image",
+            "error of scaled orthography close in",
             "filtered over raw attitude error",
         }
         assert claims["error growth with range"].expected == expected

@@ -3,28 +3,33 @@
 import numpy as np
 import pytest
 
+FLOWN = "Basilisk, an approach flown and imaged by it"
+
 
 def rms(values):
     return np.sqrt(np.mean(values**2, axis=0))
 
 
-def test_spots_reach_the_promised_accuracy(basilisk):
+def test_spots_reach_the_promised_accuracy(basilisk, outside):
     flight = basilisk("spots")
     error = flight.error[flight.t_s >= 50.0]
     position_mm, velocity_mm_s = 1e3 * rms(error[:, :3]), 1e3 * rms(error[:, 3:])
-    assert np.all(position_mm <= [2.5, 0.2, 0.2]), position_mm
-    assert np.all(velocity_mm_s <= 0.1), velocity_mm_s
+    for axis, error_mm, bound_mm in zip("xyz", position_mm, (2.5, 0.2, 0.2), strict=True):
+        outside(FLOWN, f"`spots` filter after 50 s, rms of {axis}, mm", error_mm, bound_mm)
+    outside(FLOWN, "`spots` filter after 50 s, largest rms of velocity, mm/s", velocity_mm_s.max(), 0.1)
 
 
-def test_fix_reaches_the_promised_accuracy(basilisk):
+def test_fix_reaches_the_promised_accuracy(basilisk, outside):
     flight = basilisk("fix")
     late = flight.t_s >= 50.0
     x, y, z = flight.truth[late, :3].T  # V-bar: the docking frame is lvlh_ccsds
     horizontal = np.hypot(x, y)
     solution = flight.solution
-    assert rms(solution.range_m[late] - np.hypot(horizontal, z)) <= 0.005
-    assert np.degrees(rms(solution.azimuth_rad[late] - np.arctan2(y, x))) <= 0.04
-    assert np.degrees(rms(solution.elevation_rad[late] - np.arctan2(-z, horizontal))) <= 0.04
+    azimuth = np.degrees(rms(solution.azimuth_rad[late] - np.arctan2(y, x)))
+    elevation = np.degrees(rms(solution.elevation_rad[late] - np.arctan2(-z, horizontal)))
+    outside(FLOWN, "`fix` filter after 50 s, rms range, m", rms(solution.range_m[late] - np.hypot(horizontal, z)), 0.005)
+    outside(FLOWN, "`fix` filter after 50 s, rms azimuth, deg", azimuth, 0.04)
+    outside(FLOWN, "`fix` filter after 50 s, rms elevation, deg", elevation, 0.04)
 
 
 @pytest.mark.parametrize("method", ["spots", "fix"])

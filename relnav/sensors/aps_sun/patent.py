@@ -1,12 +1,14 @@
 """The patent's two-stage compensation as written: a cubic radial correction, then tables by whole degree.
 
 The patent is "Error compensation method for the APS sun sensor of a Mars rover" (Chinese patent, 2021).
-The text lost its plus signs and three images; equations are numbered here as they are restored:
+It numbers paragraphs and no formula; the numbers here are ours, in the order of its steps. The text lost its signs and
+the images of r, of (7) and of the tables' layout, which are restored. (1), the centre of light, is `spot_centroid`.
 
 (2) dx = x - x0,  dy = y - y0,  r = sqrt(dx^2 + dy^2)                                  [0027]-[0030]
 (3) x_th = h tan(alpha) + x0,  y_th = h tan(beta) + y0                                 [0030]-[0031]
-(4) x_c = x + xp0 dx r + xp1 dx r^2 + xp2 dx r^3, likewise y                           [0012]-[0013]
-(5) xp, yp by least squares of x_c = x_th over the whole grid                          [0015]
+(4) x_th = x + xp0 dx r + xp1 dx r^2 + xp2 dx r^3, likewise y                          [0012]-[0013]
+(5) xp, yp by least squares of (4) over the whole grid                                 [0015]
+(6) x_c = x + xp0 dx r + xp1 dx r^2 + xp2 dx r^3 with them, likewise y                 [0034]-[0035]
 (7) alpha_b = atan((x_c - x0)/h), beta_b likewise                                      [0016]-[0018]
 (8) residuals alpha - alpha_b, beta - beta_b                                           [0036]-[0037]
 (9) one polynomial of degree 7 in alpha_b for every whole degree of beta, likewise y   [0038]-[0039]
@@ -150,7 +152,7 @@ def fit_patent(
 
 
 def stage_one_angles(tables: PatentTables, spots_px: ArrayLike) -> Matrix:
-    """(alpha, beta) after the first stage alone, eqs (4) and (7), (..., 2) rad."""
+    """(alpha, beta) after the first stage alone, eqs (6) and (7), (..., 2) rad."""
     d = numbers("spots_px", spots_px) - np.array([tables.x0_px, tables.y0_px])
     return _stage_one(d, np.hypot(d[..., 0], d[..., 1]), tables.radial, tables.h_px) / DEG
 
@@ -180,7 +182,7 @@ def patent_batch(
     spots: Matrix, x0: float, y0: float, h: float, radial: Matrix, rows: Stack, limit: int, interpolate: bool,
     out: Matrix,
 ) -> None:  # fmt: skip
-    """Write (alpha, beta) rad of every spot (n, 2) px into out (n, 2): eqs (2), (4), (7), (10)."""
+    """Write (alpha, beta) rad of every spot (n, 2) px into out (n, 2): eqs (2), (6), (7), (10)."""
     last = 2 * limit
     powers = rows.shape[2]
     for i in range(spots.shape[0]):
@@ -208,7 +210,7 @@ def patent_batch(
 
 
 def _stage_one(d: Matrix, r: Vector, radial: Matrix, h: float) -> Matrix:
-    """Eqs (4) and (7) for offsets d (..., 2) px and their lengths r (...): degrees."""
+    """Eqs (6) and (7) for offsets d (..., 2) px and their lengths r (...): degrees."""
     scale = 1.0 + r[..., None] * (radial[:, 0] + r[..., None] * (radial[:, 1] + r[..., None] * radial[:, 2]))
     degrees: Matrix = DEG * np.arctan(d * scale / h)
     return degrees

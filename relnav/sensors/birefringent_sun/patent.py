@@ -2,9 +2,10 @@
 
 The patent is "Birefringent sun sensor and its measurement of three-axis attitude" (Chinese patent).
 In the patent's frame x lies in the plane of incidence, so that its phi_p is the azimuth of the axis from the sun's, not
-a constant of the crystal. The three image formulas (8), (9) and the angles are restored:
+a constant of the crystal. The text that we have shows (1), (4), (5) and (7); the others are images in it, restored from
+the sentences about them. Step 6 gives no numbers: its three formulas are (11) to (13) here.
 
-(8), (9)  e_r = [sin(th_rp) e_k + sin(th_kp - th_rp) e_p] / sin(th_kp)
+(7)-(10)  e_r = [sin(th_rp) e_k + sin(th_kp - th_rp) e_p] / sin(th_kp)
 (11)      theta_j = atan(y_j / f),  psi_j = atan(x_j / f),  j = o, e      (f of the lens; d for hole and dot)
 (12)      phi_m = atan2(y_e - y_o, x_e - x_o)
 (13)      (theta, psi, phi)_b = T_bm (theta_m, psi_m, phi_m)
