@@ -5,16 +5,19 @@ loader's dataclasses, public names from `relnav/__init__.py`. A line `<!-- file:
 checkout. Links to files that have a page lead to the page.
 """
 
+import dataclasses
 import os
 import re
+import typing
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
 
 import click
 import keys
 
 import relnav
 from relnav.cli import root
+from relnav.files.systems import SYSTEMS, resolve
 
 ROOT = Path(__file__).parents[2]
 MARK = re.compile(r"^<!-- generated: ([a-z ]+) -->$", re.MULTILINE)
@@ -65,8 +68,63 @@ def _directive(path: str, value: object) -> list[str]:
     return [f".. auto{'function' if callable(value) else 'data'}:: {path}", ""]
 
 
+def public() -> dict[str, object]:
+    """Every public name of the package and of its sensor packages (relnav.aps_sun.measure), and what it is."""
+    found: dict[str, object] = {}
+    for name in relnav.__all__:
+        value = getattr(relnav, name)
+        found[f"relnav.{name}"] = value
+        if isinstance(value, ModuleType):
+            found |= {f"{value.__name__}.{member}": getattr(value, member) for member in value.__all__}
+    return found
+
+
+def returned() -> list[type]:
+    """Classes of relnav that public names give out and that have no public name: by return annotations, and on by the
+    fields of what is given out. Sections of models are left out: they are read from files, and have their page of keys."""
+    known = [value for value in public().values() if not isinstance(value, ModuleType)]
+    sections = {cls for system in SYSTEMS.values() for cls in _reached(resolve(system.mission), set())}
+    found: list[type] = []
+    waiting = list(known)
+    while waiting:
+        for cls in _given_out(waiting.pop(0), sections):
+            if cls not in known and cls not in sections:
+                known.append(cls)
+                found.append(cls)
+                waiting.append(cls)
+    return sorted(found, key=lambda cls: cls.__name__)
+
+
+def _reached(cls: type, seen: set[type]) -> set[type]:
+    """A model's dataclass and all classes in its fields."""
+    if cls not in seen and dataclasses.is_dataclass(cls):
+        seen.add(cls)
+        for hint in typing.get_type_hints(cls).values():
+            for inner in _classes(hint):
+                _reached(inner, seen)
+    return seen
+
+
+def _given_out(value: object, sections: set[type]) -> list[type]:
+    """Classes that a call of a function, a method or a property of a class, or a field of it, hands over."""
+    if not isinstance(value, type):
+        return _classes(typing.get_type_hints(value).get("return")) if callable(value) else []
+    hints = [] if value in sections else list(typing.get_type_hints(value).values())
+    for name, member in vars(value).items():
+        call = getattr(member, "fget", None) or getattr(member, "func", None) or getattr(member, "__func__", member)
+        if not name.startswith("_") and isinstance(call, FunctionType):
+            hints.append(typing.get_type_hints(call).get("return"))
+    return [cls for hint in hints for cls in _classes(hint)]
+
+
+def _classes(hint: object) -> list[type]:
+    """Classes of relnav that a type hint names."""
+    own = isinstance(hint, type) and hint.__module__.split(".")[0] == "relnav"
+    return [typing.cast("type", hint)] * own + [cls for part in typing.get_args(hint) for cls in _classes(part)]
+
+
 def names() -> str:
-    """Every public name with its docstring: functions, classes, errors, then the sensor packages."""
+    """Every public name with its docstring: functions, classes, errors, the sensor packages, and what calls return."""
     found = {name: getattr(relnav, name) for name in relnav.__all__}
     modules = {name: value for name, value in found.items() if isinstance(value, ModuleType)}
     errors = [name for name, value in found.items() if isinstance(value, type) and issubclass(value, Exception)]
@@ -81,7 +139,11 @@ def names() -> str:
     told: set[int] = set()
     for name, module in modules.items():
         lines += _sensor_package(name, module, told)
-    return "\n".join(lines)
+    lines += ["## What calls return", "", "Classes without a public name, which what stands above gives out.", ""]
+    lines += ["```{eval-rst}"]
+    for cls in returned():
+        lines += _directive(f"{cls.__module__}.{cls.__name__}", cls)
+    return "\n".join([*lines, "```", ""])
 
 
 MAKERS = {"commands": commands, "names": names, "keys": keys.keys, "shipped models": keys.shipped}

@@ -86,7 +86,15 @@ class ClaimException:
 
 @dataclass(frozen=True)
 class Published:
-    """Everything that a paper claims, with our findings."""
+    """Everything that a paper claims, with our findings.
+
+    Attributes
+    ----------
+    claims : tuple of Claim
+        Its figures.
+    exceptions : tuple of ClaimException
+        Ways of measuring that are not expected to meet them.
+    """
 
     claims: tuple[Claim, ...]
     exceptions: tuple[ClaimException, ...]

@@ -46,7 +46,29 @@ SHOTS = (
 
 @dataclass(frozen=True)
 class Row:
-    """One quantity of one way at one range, in the claim's unit, beside the claim."""
+    """One quantity of one way at one range, in the claim's unit, beside the claim.
+
+    Attributes
+    ----------
+    quantity, method : str
+        What, by which way of measuring.
+    range_m : float
+        Distance, or the middle of a bin of distances.
+    published, measured : float
+        The claim, and the rms error, in `unit`.
+    unit, statistic : str
+        Of both figures.
+    bias, sigma, three_sigma : float
+        Mean error, standard deviation, and what 99.73 % of the errors lie below, in `unit`.
+    coverage_1, coverage_3 : float
+        Share of errors within one and three reported sigma.
+    count : int
+        Errors used.
+    met : bool
+        Whether the rms error is the claim or less.
+    expected, reason : str
+        "met" or "not met", and why.
+    """
 
     quantity: str
     method: str
@@ -73,7 +95,24 @@ class Row:
 
 @dataclass(frozen=True)
 class ConsistencyRow:
-    """NEES of one way against its bands, and NIS over its degrees of freedom; truth as the filter believes it."""
+    """NEES of one way against its bands, and NIS over its degrees of freedom; truth as the filter believes it.
+
+    Attributes
+    ----------
+    method : str
+        The way of filtering.
+    nees : NeesBand
+        Mean over runs, epoch by epoch, against chi-square.
+    nis : Consistency
+        Over all epochs that were used whole.
+    expected_consistent : bool
+        Whether it should be; `reason` says why not.
+    reason : str
+    one_sided : bool
+        Truth is quieter than the filter assumes: it may be pessimistic, and must not be overconfident.
+    lasting : bool
+        The filter considers errors that last: all epochs of a run are one draw of them, only runs are independent.
+    """
 
     method: str
     nees: NeesBand
@@ -81,9 +120,7 @@ class ConsistencyRow:
     expected_consistent: bool
     reason: str
     one_sided: bool = False
-    """Truth is quieter than the filter assumes: it may be pessimistic, and must not be overconfident."""
     lasting: bool = False
-    """The filter considers errors that last: all epochs of a run are one draw of them, only runs are independent."""
 
     @property
     def consistent(self) -> bool:
@@ -111,12 +148,16 @@ class SettledRow:
 
     Attributes
     ----------
+    method : str
+        "fix" or "spots".
+    range_m : float
+        Where it is held.
     sigma_range_m, sigma_azimuth_rad, sigma_elevation_rad : float
         From the Riccati equation.
     reached_range_m, reached_azimuth_rad, reached_elevation_rad : float
         Reported by the filter itself after `SETTLING_RUN_S` of images.
     observability : (6,)
-        Singular values of the observability matrix of six steps.
+        Singular values of the observability matrix of six steps: SI, position and velocity together.
     gain : (6, m)
         Long-run filter gain.
     """
@@ -137,8 +178,23 @@ class SettledRow:
 class AccuracyReport:
     """Everything that was measured.
 
-    `envelopes` holds, by way, true range (n,) m, rms error (n, 3) and rms reported sigma (n, 3) over the runs, SI.
-    `attitude_sigma_rad`: what the model states, and every row leaves out (`noise_alone`).
+    Attributes
+    ----------
+    model : str
+        Its name.
+    runs, seed : int
+        Flights of each kind, and the seed of everything random.
+    rows : tuple of Row
+        Errors of every way by range, beside the claims.
+    consistency : tuple of ConsistencyRow
+        Whether each filter's covariance is honest.
+    settled : tuple of SettledRow
+        Where each filter settles that holds a range.
+    attitude_sigma_rad : float
+        Error of the camera's attitude that the model states, and every row leaves out (`noise_alone`).
+    envelopes : dict
+        By way: true range (n,) m, rms error (n, 3) and rms reported sigma (n, 3) over the runs, of (range m, azimuth rad,
+        elevation rad).
     """
 
     model: str

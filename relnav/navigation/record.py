@@ -100,7 +100,7 @@ class FilterRecord:
 
     @property
     def innovation(self) -> Vector:
-        """Measured minus predicted, two numbers a beacon: A'x, A'y, B'x, ... m, or range m, azimuth, elevation rad.
+        """Measured minus predicted, (2 n,), two numbers a beacon: A'x, A'y, B'x, ... m, or range m, azimuth, elevation rad.
 
         Of everything that was seen, before the gate; NaN for the rest.
         """
@@ -108,7 +108,7 @@ class FilterRecord:
 
     @property
     def nis(self) -> float:
-        """Normalised innovation squared of everything that was seen, before the gate; NaN if nothing was."""
+        """Normalised innovation squared (NIS) of everything that was seen, before the gate; NaN if nothing was."""
         return _real(self._memory, _NIS)[0]
 
     @property

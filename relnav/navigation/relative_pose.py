@@ -39,7 +39,15 @@ NO_SPOTS, NO_COVARIANCES = np.empty((0, 2)), np.empty((0, 2, 2))
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A pose that is still possible, and minus twice its log-likelihood, the past fading."""
+    """A pose that is still possible.
+
+    Attributes
+    ----------
+    state : PoseState
+        Its state and covariance.
+    score : float
+        Minus twice its log-likelihood, as of chi-square, the past fading.
+    """
 
     state: PoseState
     score: float

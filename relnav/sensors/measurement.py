@@ -58,7 +58,15 @@ TOO_LATE = int(Status.TOO_LATE)
 
 @dataclass(frozen=True)
 class ImpliedPose:
-    """What an image implies: dcm_cam_from_dock (3, 3), and the covariance (6, 6) of (position m, theta rad)."""
+    """What an image implies.
+
+    Attributes
+    ----------
+    dcm_cam_from_dock : (3, 3)
+        Attitude of the camera, v_cam = R v_dock.
+    covariance : (6, 6)
+        Of (position m, theta rad).
+    """
 
     dcm_cam_from_dock: Matrix
     covariance: Matrix

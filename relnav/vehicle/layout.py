@@ -69,7 +69,13 @@ class Block:
 
 @dataclass(frozen=True)
 class Layout:
-    """All blocks, in order."""
+    """All blocks of a vehicle's errors.
+
+    Attributes
+    ----------
+    blocks : tuple of Block
+        In order.
+    """
 
     blocks: tuple[Block, ...]
 

@@ -12,5 +12,9 @@ def test_every_row_is_as_expected():
     assert met["gain over one spot", "over the extraordinary, same noise in each spot"] is False
     assert met["gain over one spot", "light shared by the spots"] is False
     assert met["gain over a conventional sun sensor", "hole on the same detector"] is False
+    wide = {row.method: row for row in report.rows if row.quantity == "sigma of a wide field over that of a narrow one"}
+    assert wide["same crystal"].met
+    assert not wide["same detector"].met
+    assert 1.5 < wide["same detector"].measured < 2.0  # tan 60 deg / tan 30 deg = 3 for a plain hole's depth
     assert {row.measured for row in report.rows if row.unit == "ratio" and row.statistic == "rank"} == {2.0}
     assert any("a polarised beacon on the target shows 3 axes" in note for note in report.notes)

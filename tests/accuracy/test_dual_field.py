@@ -22,6 +22,12 @@ def test_the_figures(report):
     for axis in "xyz":
         assert rows[f"attitude about {axis}", "two fields"].measured < 3.5e-6
     assert rows["attitude about z", "one field"].measured > 5 * rows["attitude about z", "two fields"].measured
+    assert rows["single-field roll over pitch and yaw", "one field"].measured == pytest.approx(12.0, rel=0.15)
+    assert rows["single-field pitch and yaw", "one field"].measured < 2.5e-6
+    assert not rows["single-field roll", "one field"].met  # of this sensor; the patent's word on others is not tested
+    roll = [row for row in report.rows if row.quantity == "roll formula"]
+    assert len(roll) == 3
+    assert min(row.measured for row in roll) > 0.2
     assert 1e-6 < rows["misidentification", "patent, exact angle"].measured < 2e-5
     assert not rows["misidentification", "patent, exact angle"].met
     assert rows["detector use", "as printed"].measured == pytest.approx(0.85, abs=0.1)

@@ -8,10 +8,15 @@ import numpy as np
 import pytest
 
 import relnav
-from relnav.accuracy.three_marker import EXACT, ITERATION, PUBLISHED
+from relnav.accuracy.three_marker import EXACT, ITERATION, ORTHOGRAPHY, PUBLISHED, QUARTIC
 from relnav.accuracy.three_marker_budget import budget, danger_ranges, field_exit
 from relnav.accuracy.three_marker_filters import COST, MEKF, UKF
-from relnav.accuracy.three_marker_trials import pose_trials, small_angle_errors
+from relnav.accuracy.three_marker_trials import (
+    pose_trials,
+    scaled_orthography,
+    scaled_orthography_errors,
+    small_angle_errors,
+)
 from relnav.cli import run
 
 RUNS = 60
@@ -54,6 +59,28 @@ def test_not_limited_by_range_holds_for_a_raised_marker_only(reports):
     assert not flat.met
     assert flat.expected == "not met"
     assert flat.measured > 4.0
+
+
+def test_what_the_paper_holds_against_the_solution_before_it(reports):
+    """Several roots, and scaled orthography that is wrong close in and better far away."""
+    for name, poses in (("three_marker_vision", 2.0), ("three_marker_vision_flat", 3.0)):
+        assert row(reports[name], QUARTIC, "poses of one image").measured == pytest.approx(poses, abs=0.3)
+        assert row(reports[name], ORTHOGRAPHY, "error of scaled orthography close in").met
+        near, far = (row(reports[name], ORTHOGRAPHY, "attitude error", r).measured for r in (1.5, 30.0))
+        assert near > 8.0 * far
+
+
+def test_scaled_orthography_is_exact_where_all_markers_have_one_depth(raised, flat):
+    """Its own image, of random attitudes, drawn here; and from very far the lens' image is that one."""
+    rng = np.random.default_rng(2)
+    for points in (raised.markers.points_m, flat.markers.points_m):
+        for _ in range(20):
+            turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+            turn *= np.sign(np.linalg.det(turn))
+            both = scaled_orthography((points @ turn.T)[:, :2] / 7.0 + rng.normal(size=2), points)
+            np.testing.assert_allclose(both @ np.swapaxes(both, 1, 2), [np.eye(3)] * 2, atol=1e-9)
+            assert min(np.abs(each - turn).max() for each in both) < 1e-6
+    assert scaled_orthography_errors(raised, 3e4, np.radians(5.0), 5, 1).max() < 1e-5
 
 
 def test_the_iteration_depends_on_its_start(reports):

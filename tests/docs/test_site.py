@@ -30,6 +30,16 @@ def site(tmp_path_factory):
     return out
 
 
+def returned_classes():
+    """Classes that calls give out, as the page's maker finds them (`docs/_ext/generated.py`)."""
+    sys.path.insert(0, str(ROOT / "docs" / "_ext"))
+    try:
+        import generated
+    finally:
+        sys.path.pop(0)
+    return generated.returned()
+
+
 @pytest.fixture(scope="module")
 def text(site):
     """text(page) -> the page's HTML without its tags."""
@@ -40,6 +50,8 @@ def test_every_public_name_is_there(text):
     page = text("reference/python.html")
     for name in relnav.__all__:
         assert re.search(rf"relnav\.(sensors\.)?{name}\b", page), name
+    for cls in returned_classes():
+        assert f"relnav.{cls.__name__}" in page or f"{cls.__module__}.{cls.__name__}" in page, cls
     assert "Raises" in page
     assert "system message" not in page.lower()
 

@@ -58,7 +58,7 @@ class Calibration:
 
     @cached_property
     def largest_tangent(self) -> float:
-        """Of the directions that are given."""
+        """Of the directions that are given: the ratio of their part across the boresight to that along it."""
         return math.tan(self.field_half_angle_rad + MARGIN_RAD)
 
 

@@ -58,7 +58,7 @@ class PhysicalFit:
     chi2_per_dof : float
         1 if the model is right and the spot noise as stated.
     condition : float
-        Of the Jacobian with columns of unit length.
+        Ratio of the largest to the smallest singular value of the Jacobian with columns of unit length.
     """
 
     model: ApsSunModel

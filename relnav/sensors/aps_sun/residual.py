@@ -47,9 +47,16 @@ class SplineResidual:
 
 @dataclass(frozen=True)
 class ResidualChoice:
-    """The spline that cross-validation chose, None for none, and what was tried.
+    """The spline that cross-validation chose, and what was tried.
 
-    `tried` maps stiffness (infinity: no spline) to the mean square of one held-out residual coordinate, px^2.
+    Attributes
+    ----------
+    spline : SplineResidual or None
+        None: no spline is better.
+    stiffness : float
+        The one chosen, a factor of its curvature in the sum of squares; infinity: no spline.
+    tried : dict
+        Stiffness to the mean square of one held-out residual coordinate, px^2.
     """
 
     spline: SplineResidual | None

@@ -53,7 +53,7 @@ class DirectionTable:
 
     @cached_property
     def grid(self) -> Vector:
-        """(x of the first node, cells per px, y of the first node, cells per px)."""
+        """(4,): x of the first node px, cells per px, y of the first node px, cells per px."""
         return np.array(
             [self.x_px[0], 1.0 / (self.x_px[1] - self.x_px[0]), self.y_px[0], 1.0 / (self.y_px[1] - self.y_px[0])]
         )

@@ -34,7 +34,7 @@ class StarLens:
     Attributes
     ----------
     focal_length_px, principal_point_px, distortion : float, (2,), (2,)
-        As of `StarCamera`.
+        As of `StarCamera`: px, px, and factors without unit.
     dcm_from_icrs : (3, 3)
         Attitude of the axes whose z is the optical axis. A solution's own z looks through the picture's centre where
         the principal point is estimated.

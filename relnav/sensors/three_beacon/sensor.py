@@ -48,6 +48,6 @@ class ThreeBeaconSensor:
 
     @property
     def beacons_dock_m(self) -> Matrix:
-        """All beacons in the docking frame, rows A, B, C and the further ones, m."""
+        """All beacons (n, 3) in the docking frame, rows A, B, C and the further ones, m."""
         a, b = self.beacon_half_spacing_m, self.beacon_c_distance_m
         return np.array([[0.0, a, 0.0], [0.0, -a, 0.0], [b, 0.0, 0.0], *self.extra_beacons_m])

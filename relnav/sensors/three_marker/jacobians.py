@@ -37,31 +37,31 @@ class SpotJacobians:
 
     @cached_property
     def marker(self) -> Stack:
-        """By the marker's own position, target axes."""
+        """(n, 2, 3) by the marker's own position, target axes."""
         by_marker: Stack = self.position @ self.dcm_cam_from_target
         return by_marker
 
     @property
     def attitude(self) -> Stack:
-        """By a turn of the target, C = C_hat exp([theta x]), target axes."""
+        """(n, 2, 3) by a turn of the target, C = C_hat exp([theta x]), target axes."""
         by_attitude: Stack = -self.marker @ cross_matrix(self.points_m)
         return by_attitude
 
     @property
     def lever_arm(self) -> Stack:
-        """By the camera's position in the chaser, chaser axes, chaser and target held."""
+        """(n, 2, 3) by the camera's position in the chaser, chaser axes, chaser and target held."""
         by_lever: Stack = -self.position @ self.camera.dcm_cam_from_chaser
         return by_lever
 
     @property
     def mounting(self) -> Stack:
-        """By a turn of the camera, C_KB = exp(-[eps x]) C_KB_hat, camera axes, its lens held."""
+        """(n, 2, 3) by a turn of the camera, C_KB = exp(-[eps x]) C_KB_hat, camera axes, its lens held."""
         by_mounting: Stack = self.position @ cross_matrix(self.in_camera_m)
         return by_mounting
 
     @property
     def chaser_attitude(self) -> Stack:
-        """By a turn of the chaser about its centre of mass, C_BI = exp(-[alpha x]) C_BI_hat, chaser axes."""
+        """(n, 2, 3) by a turn of the chaser about its centre of mass, C_BI = exp(-[alpha x]) C_BI_hat, chaser axes."""
         mount = self.camera.dcm_cam_from_chaser
         from_chaser = self.in_camera_m @ mount + np.array(self.camera.position_m)
         by_chaser: Stack = self.position @ mount @ cross_matrix(from_chaser)

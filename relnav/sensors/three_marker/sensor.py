@@ -37,7 +37,7 @@ class MarkerCamera:
     spot_noise_px : float
         1-sigma of each coordinate of a spot, unless a spot comes with its own covariance.
     distortion : (5,)
-        k1, k2, p1, p2, k3 as in `relnav.geometry.distortion`.
+        k1, k2, p1, p2, k3 as in `relnav.geometry.distortion`: factors of powers of the normalised radius.
     position_m : (3,)
         Lens from the chaser's centre of mass, chaser axes.
     q_cam_from_chaser : (4,)
@@ -123,7 +123,7 @@ class View:
 
     @cached_property
     def belief(self) -> Vector:
-        """The expected view as the compiled code reads it (`roots.BELIEF`): of the attitude alone."""
+        """The expected view as the compiled code reads it (`roots.BELIEF`), (49,): of the attitude alone."""
         covariance = np.diag([0.0] * 3 + [self.attitude_sigma_rad**2] * 3)
         return np.concatenate([self.dcm_cam_from_target.ravel(), np.zeros(3), covariance.ravel(), [0.0]])
 

@@ -46,7 +46,7 @@ class Spots:
 
     @property
     def usable(self) -> Flags:
-        """Neither saturated, blended nor clipped."""
+        """Neither saturated, blended nor clipped, (k,)."""
         return ~(self.saturated | self.blended | self.clipped)
 
 

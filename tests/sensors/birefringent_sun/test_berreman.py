@@ -18,8 +18,8 @@ from relnav.sensors.birefringent_sun.crystal import (
 def berreman_modes(xi, e):
     """Both waves that go in, o and e in no order: k_z (2,), (Ex, Hy, Ey, -Hx) columns (4, 2), rays (2, 3).
 
-    z is the face's normal, x in the plane of incidence, xi the transverse part of k, e (3, 3) the permittivity; k in units
-    of 2 pi / wavelength. d psi / dz = i Delta psi, so that Delta's eigenvalues are the k_z.
+    z is the face's normal, x in the plane of incidence, xi the transverse part of k, e (3, 3) the permittivity; k is in
+    units of 2 pi / wavelength. d psi / dz = i Delta psi, so that Delta's eigenvalues are the k_z.
     """
     e33 = e[2, 2]
     delta = np.array([

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from relnav.geometry.wahba import solve_wahba
-from relnav.sensors.dual_field.prediction import attitude_sigma, patent_roll_sigma
+from relnav.sensors.dual_field.prediction import attitude_sigma, patent_roll_readings, patent_roll_sigma
 
 ARCSEC = np.radians(1.0 / 3600.0)
 SIGMA = 1.73 * ARCSEC
@@ -41,3 +41,16 @@ def test_the_patents_formula_falls_where_the_roll_gets_worse():
     assert patent_roll_sigma(10, narrow, SIGMA) < patent_roll_sigma(10, wide, SIGMA)
     right = np.sqrt(2.0) * SIGMA / (np.sqrt(10) * np.sin(0.5 * narrow))
     assert attitude_sigma(10, 0, narrow, SIGMA)[2] == pytest.approx(right, rel=0.001)
+
+
+def test_no_reading_of_the_patents_formula_is_right_and_those_with_a_fraction_have_the_trend():
+    shown, *fractions = (
+        [patent_roll_readings(13, np.radians(width), SIGMA)[name] for width in (5.0, 14.0, 20.0)]
+        for name in patent_roll_readings(13, 0.1, SIGMA)
+    )
+    right = [attitude_sigma(13, 0, np.radians(width), SIGMA)[2] for width in (5.0, 14.0, 20.0)]
+    assert shown == sorted(shown)
+    assert right == sorted(right, reverse=True)
+    for share, values in zip((0.7, 0.5), fractions, strict=True):
+        assert values == sorted(values, reverse=True)
+        assert np.array(values) / right == pytest.approx([share] * 3, rel=0.05)
