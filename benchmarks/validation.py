@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[1]
 MODELS = ("three_beacon_psd", "dual_field_star", "aps_sun", "three_marker_vision", "birefringent_sun")
 AT_M = (6.5, 10.0)
 """Of a claim that is measured at many ranges, those that are shown: where the paper's figures meet, and the edge of the
-range for which it states them. Of a filter's bins the nearest: the farthest one ends at 9.5 m, where tracks have settled."""
+range for which it states them. Of a filter the nearest bin: the farthest ends at 9.5 m, where tracks have settled."""
 
 
 def claims(folder: Path | None) -> tuple[list[str], bool]:

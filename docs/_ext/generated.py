@@ -80,8 +80,11 @@ def public() -> dict[str, object]:
 
 
 def returned() -> list[type]:
-    """Classes of relnav that public names give out and that have no public name: by return annotations, and on by the
-    fields of what is given out. Sections of models are left out: they are read from files, and have their page of keys."""
+    """Classes of relnav that public names give out and that have no public name.
+
+    By return annotations, and on by the fields of what is given out. Sections of models are left out: they are read
+    from files, and have their page of keys.
+    """
     known = [value for value in public().values() if not isinstance(value, ModuleType)]
     sections = {cls for system in SYSTEMS.values() for cls in _reached(resolve(system.mission), set())}
     found: list[type] = []

@@ -193,8 +193,8 @@ class AccuracyReport:
     attitude_sigma_rad : float
         Error of the camera's attitude that the model states, and every row leaves out (`noise_alone`).
     envelopes : dict
-        By way: true range (n,) m, rms error (n, 3) and rms reported sigma (n, 3) over the runs, of (range m, azimuth rad,
-        elevation rad).
+        By way: true range (n,) m, rms error (n, 3) and rms reported sigma (n, 3) over the runs, of (range m, azimuth
+        rad, elevation rad).
     """
 
     model: str

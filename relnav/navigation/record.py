@@ -100,9 +100,9 @@ class FilterRecord:
 
     @property
     def innovation(self) -> Vector:
-        """Measured minus predicted, (2 n,), two numbers a beacon: A'x, A'y, B'x, ... m, or range m, azimuth, elevation rad.
+        """Measured minus predicted, (2 n,): two numbers a beacon, A'x, A'y, B'x, ... m, or range m, azimuth, elevation.
 
-        Of everything that was seen, before the gate; NaN for the rest.
+        Angles are rad. Of everything that was seen, before the gate; NaN for the rest.
         """
         return np.frombuffer(self._memory, _FLOAT, offset=REPORT.itemsize)
 

@@ -22,7 +22,7 @@ def test_the_figures(report):
     for axis in "xyz":
         assert rows[f"attitude about {axis}", "two fields"].measured < 3.5e-6
     assert rows["attitude about z", "one field"].measured > 5 * rows["attitude about z", "two fields"].measured
-    assert rows["single-field roll over pitch and yaw", "one field"].measured == pytest.approx(12.0, rel=0.15)
+    assert 10.0 < rows["single-field roll over pitch and yaw", "one field"].measured < 17.0
     assert rows["single-field pitch and yaw", "one field"].measured < 2.5e-6
     assert not rows["single-field roll", "one field"].met  # of this sensor; the patent's word on others is not tested
     roll = [row for row in report.rows if row.quantity == "roll formula"]

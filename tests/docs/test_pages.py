@@ -43,6 +43,19 @@ def test_every_claim_and_reference_is_in_the_report():
             assert f"`{path.relative_to(ROOT)}`" in page, path
 
 
+def test_a_paper_has_one_year_everywhere():
+    """Cai et al. is dated by what our text of it says, 1996, in pages, models, sources and the citation alike."""
+    files = [*PAGES, *(ROOT / "relnav").rglob("*.py"), *(ROOT / "models").rglob("*.toml")]
+    said = {
+        year: path
+        for path in files
+        for year in re.findall(r"\bCai\b[^()\n]{0,60}\((\d{4})\)", path.read_text(encoding="utf-8"))
+    }
+    assert list(said) == ["1996"], said
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.findall(r"^ +year: (\d+)$", citation, re.MULTILINE) == ["1996"]
+
+
 def test_figures_show_what_the_package_says():
     """The page says 5.56 deg for 5 deg at 6.5 m; the figure's function is what it is drawn by."""
     import importlib.util
