@@ -50,22 +50,18 @@ class Row:
 
     Attributes
     ----------
-    quantity, method : str
-        What, by which way of measuring.
+    quantity, method, unit, statistic : str
+        What, by which way of measuring; of both figures.
     range_m : float
         Distance, or the middle of a bin of distances.
     published, measured : float
         The claim, and the rms error, in `unit`.
-    unit, statistic : str
-        Of both figures.
     bias, sigma, three_sigma : float
         Mean error, standard deviation, and what 99.73 % of the errors lie below, in `unit`.
     coverage_1, coverage_3 : float
         Share of errors within one and three reported sigma.
-    count : int
-        Errors used.
-    met : bool
-        Whether the rms error is the claim or less.
+    count, met : int, bool
+        Errors used; whether the rms error is the claim or less.
     expected, reason : str
         "met" or "not met", and why.
     """
@@ -101,13 +97,10 @@ class ConsistencyRow:
     ----------
     method : str
         The way of filtering.
-    nees : NeesBand
-        Mean over runs, epoch by epoch, against chi-square.
-    nis : Consistency
-        Over all epochs that were used whole.
-    expected_consistent : bool
-        Whether it should be; `reason` says why not.
-    reason : str
+    nees, nis : NeesBand, Consistency
+        Mean over runs, epoch by epoch, against chi-square; over all epochs that were used whole.
+    expected_consistent, reason : bool, str
+        Whether it should be, and why not.
     one_sided : bool
         Truth is quieter than the filter assumes: it may be pessimistic, and must not be overconfident.
     lasting : bool
@@ -148,10 +141,8 @@ class SettledRow:
 
     Attributes
     ----------
-    method : str
-        "fix" or "spots".
-    range_m : float
-        Where it is held.
+    method, range_m : str, float
+        "fix" or "spots", and where it is held.
     sigma_range_m, sigma_azimuth_rad, sigma_elevation_rad : float
         From the Riccati equation.
     reached_range_m, reached_azimuth_rad, reached_elevation_rad : float
@@ -180,10 +171,8 @@ class AccuracyReport:
 
     Attributes
     ----------
-    model : str
-        Its name.
-    runs, seed : int
-        Flights of each kind, and the seed of everything random.
+    model, runs, seed : str, int, int
+        Its name, flights of each kind, and the seed of everything random.
     rows : tuple of Row
         Errors of every way by range, beside the claims.
     consistency : tuple of ConsistencyRow

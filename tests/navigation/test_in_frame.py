@@ -67,7 +67,7 @@ def test_states_and_covariances_against_brahe(track, mission, outside):
         turn = brahe.jacobian_eci_to_rtn(chief[e], brahe.OrbitRelativeFrameVariant.ROTATING)
         np.testing.assert_allclose(turn @ relative.state[e], rsw.state[e], rtol=1e-9, atol=1e-10)
         off = np.abs(turn @ relative.state[e] - rsw.state[e]).max()
-        outside("brahe", "state from inertial axes into RTN, 100 m away, m and m/s", off, 1e-7)
+        outside("brahe", "state from inertial axes into RTN, 100 m away, m and m/s", off, 1e-9)
         expected = turn @ relative.covariance[e] @ turn.T
         scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
         off = np.abs(rsw.covariance[e] / scale - expected / scale).max()
