@@ -24,7 +24,7 @@ when the innovations are again what they were, for five seconds; what was learnt
 filter is asked to start anew (`restart`). Where what changed does not change back, the alarm stays.
 
 Limits of single tests: five sigma, 6e-7, with six rows and two means a test a second of 300 s would alarm in 1 of 500
-runs. Nothing here knows a sensor: it hands over rows in groups (`watched_type`).
+runs; the sums, at 1e-6, in 1 of 1,700. Nothing here knows a sensor: it hands over rows in groups (`watched_type`).
 """
 
 import math
@@ -53,8 +53,8 @@ asked to start anew, as a state that has taken the error up agrees with what it 
 for WARM_S before it is believed."""
 SHIFT_LIMIT2, CALM_LIMIT2 = 25.0, 16.0
 SUM_LIMIT, SUM_CALM = 4.75, 3.75
-"""Of a mean of one row, in squared sigmas, and of the sum over all rows, in sigmas of a normal number (`_sum_limit`): an
-error that the state takes up in part is spread over them all. While an alarm lasts, the lower ones."""
+"""Of a mean of one row, in squared sigmas, and of the sum over all rows, in sigmas of a normal number (`_sum_limit`):
+an error that the state takes up in part is spread over them all. While an alarm lasts, the lower ones."""
 LASTING_LIMIT2, LASTING_CALM2 = 20.25, 6.25
 SCATTER_LIMIT = 8.0
 """Of the mean of squares, in 1-sigma of such a mean."""
