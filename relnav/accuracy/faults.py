@@ -168,7 +168,13 @@ def run_once(model: Model, flown: str, fault: Fault, seed: int) -> tuple[Verdict
         real = attitude_off(real, ATTITUDE_RAD * direction(rng, 3))
     start = (10.0, float(rng.uniform(-0.4, 0.4)), float(rng.uniform(-0.4, 0.4)))
     thrust = float(rng.normal()) * told.process_noise.control_magnitude_sigma
-    approach = Approach(start_m=start, final_range_m=4.2, thrust_scale_error=thrust, assumed_noise=True)
+    approach = Approach(
+        start_m=start,
+        final_range_m=4.2,
+        thrust_scale_error=thrust,
+        assumed_noise=True,
+        assumed_start=fault == Fault.HEALTHY,  # a velocity that the filter does not know
+    )
     t, truth, command = fly(told, approach, rng)
     from_s = float(rng.uniform(*FROM_S))
     spots, last, noise = image(real, truth, Faults(), rng), project_beacons(real, truth)[:, 2], real.sensor.spot_noise_m
