@@ -89,7 +89,32 @@ def one_legend(figure: Any) -> None:
     if entries:
         inches = figure.bbox.width / figure.dpi if hasattr(figure, "dpi") else WIDTH_OF_LEGEND
         columns = _columns([len(label) for label in entries], inches)
-        figure.legend(list(entries.values()), list(entries), loc="outside lower left", ncols=columns)
+        legend = figure.legend(list(entries.values()), list(entries), loc="outside lower left", ncols=columns)
+        for handle in legend.legend_handles:
+            if hasattr(handle, "set_markersize"):
+                handle.set_markersize(max(handle.get_markersize(), 4.0))  # dots as small as in the drawing are not seen
+
+
+def heading(figure: Any, text: str) -> None:
+    """What a sheet shows, above it at the left."""
+    figure.suptitle(text, x=0.01, ha="left", fontsize=11.5, fontweight="bold", color=INK)
+
+
+def named_line(
+    axis: Any, value: float, text: str, name: str = "published figure", at: float = 1.0, side: str = "right"
+) -> None:
+    """A published figure as a dashed line with its value, which ends (or begins: "left") at a share of the axis."""
+    axis.axhline(value, color=PUBLISHED, ls=(0, (5, 2)), label=name)
+    axis.annotate(
+        text,
+        (at, value),
+        xycoords=("axes fraction", "data"),
+        xytext=(-2, 3),
+        textcoords="offset points",
+        ha=side,
+        va="bottom",
+        color=PUBLISHED,
+    )
 
 
 def _columns(letters: list[int], inches: float) -> int:

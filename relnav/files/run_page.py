@@ -92,8 +92,8 @@ _SECTIONS = (
     ("docking", "Docking quantities", "Estimate within its 3-sigma envelope, and reported 1-sigma beside the figure "
      "published for the sensor. Drag across a chart to zoom all of them; a double click shows everything."),
     ("states", "State", "Chaser relative to target in lvlh_ccsds, velocity in the turning frame."),
-    ("ports", "Port from port", "Chaser's port from the target's, target axes: velocity in the turning target, attitude "
-     "as a turn from the nearest attitude with parallel axes, rate of the target relative to the chaser."),
+    ("ports", "Port from port", "Chaser's port from the target's, target axes: velocity in the turning target, "
+     "attitude as a turn from the nearest attitude with parallel axes, rate of the target relative to the chaser."),
     ("measurements", "Measurements", "Innovations are measured minus predicted, of everything seen; the gate is the "
      "half width of the ellipsoid outside which an image (or a spot) is refused. NIS should average to its degrees of "
      "freedom."),
@@ -127,6 +127,7 @@ def _tiles(view: RunView) -> list[str]:
         claim = view.claim(quantity)
         verdict = "" if claim is None else "good" if last <= claim.value else "bad"
         note = "" if claim is None else f"published {claim.value:g} {claim.unit}, statistic {claim.statistic}"
+        note += f"; {claim.condition}" if claim is not None and view.sensors else ""
         tiles.append(tile(f"{quantity.label}, 1-sigma at the end", f"{last:.3g} {quantity.unit}", note, verdict))
     return tiles
 

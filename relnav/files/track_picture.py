@@ -15,10 +15,11 @@ from relnav.files.picture_style import (
     ESTIMATE,
     GATE,
     INK,
-    PUBLISHED,
     QUIET,
     SPREAD,
     check_picture,
+    heading,
+    named_line,
     new_figure,
     one_legend,
     plain_decades,
@@ -87,7 +88,7 @@ def _sheets(view: RunView, corridor_deg: float) -> dict[str, Any]:
 def _head(figure: Any, view: RunView, title: str) -> None:
     log = view.metadata.get("log", "")
     said = f"{title}: {printable(view.title)}" + (f"; {printable(log)}" if log else "")
-    figure.suptitle(said, x=0.01, ha="left", fontsize=11.5, fontweight="bold", color=INK)
+    heading(figure, said)
 
 
 def _draw_approach(figure: Any, view: RunView, corridor_deg: float) -> None:
@@ -171,17 +172,7 @@ def _draw_spread(axis: Any, view: RunView, quantity: Quantity, times: float, cla
         axis.semilogy(view.thin.times(), level, color=GATE, lw=1.0, label=PROTECTION_SAID)
     if claim is not None:
         where = f": {claim.condition}" if view.sensors else ""
-        axis.axhline(claim.value, color=PUBLISHED, ls=(0, (5, 2)), label=f"published figure{where}")
-        axis.annotate(
-            f"published {claim.value:g} {claim.unit}",
-            (1.0, claim.value),
-            xycoords=("axes fraction", "data"),
-            xytext=(-2, 3),
-            textcoords="offset points",
-            ha="right",
-            va="bottom",
-            color=PUBLISHED,
-        )
+        named_line(axis, claim.value, f"published {claim.value:g} {claim.unit}", f"published figure{where}")
     plain_decades(axis)
     axis.set_title(title)
     axis.set_ylabel(quantity.unit)

@@ -29,7 +29,8 @@ def vehicle_tiles(view: RunView) -> list[str]:
     levels = [view.largest(q.protection) for q in PORTS if view.has(q.protection)]
     if levels:
         last = max(float(level[np.isfinite(level)][-1]) for level in levels)
-        tiles.append(tile("protection level at the end", f"{last:.3g} m", "largest axis; exceeded once in 1e7"))
+        said = "largest axis; exceeded with a probability of 1e-7"
+        tiles.append(tile("protection level at the end", f"{last:.3g} m", said))
     return tiles
 
 
@@ -52,7 +53,7 @@ def sensor_charts(view: RunView) -> list[dict[str, Any]]:
                 {"constant": 1.0, "label": "expected", "colour": "soft", "dash": True},
             ]
             limits = [0.0, max(2.0, 1.08 * _ends(view, nis)[1])]
-            charts.append(_chart(f"{name}: NIS per degree of freedom", "1", lines, limits))
+            charts.append(_chart(f"{name}: NIS per degree of freedom", "NIS per dof", lines, limits))
     return charts
 
 
