@@ -9,6 +9,11 @@ import relnav
 from relnav.files.picture_style import ESTIMATE, PUBLISHED, QUIET, named_line, new_figure, one_legend, save, styled
 
 RANGE_M, OFF_AXIS_DEG = 6.5, 5.0
+FLOWS = (
+    *((name, "measure") for name in ("beacons", "markers", "stars", "sun")),
+    *(("gyro, thrusters", "navigator"), ("measure", "navigator"), ("navigator", "solution"), ("navigator", "control")),
+    *(("solution", "files, pictures,"), ("solution", "accuracy"), ("control", "gyro, thrusters")),
+)
 
 
 def spots_of(model, range_m: float, azimuth_deg: float, elevation_deg: float = 0.0) -> np.ndarray:
@@ -62,20 +67,22 @@ def _whole(figure) -> None:
         "solution\na whole log,\nsmoothed": (3.0, 3.4), "control\nyours": (3.0, 1.6),
         "files, pictures,\nreport page": (4.0, 3.9), "accuracy\nagainst truth\nand the papers": (4.0, 2.9),
     }  # fmt: skip
+    drawn = {}
     for text, place in boxes.items():
-        mine = not text.startswith("control")
-        style = {"boxstyle": "round,pad=0.4", "facecolor": "#e8f0f8" if mine else "#ffffff", "edgecolor": ESTIMATE}
-        axes.text(*place, text, ha="center", va="center", fontsize=9, bbox=style)
-    lines = [((0.33, y), (0.68, 2.5)) for y in (4.0, 3.0, 2.0, 1.0)] + [((0.3, 0.0), (1.7, 2.1))]
-    lines += [((1.33, 2.5), (1.68, 2.5)), ((2.33, 2.6), (2.72, 3.3)), ((2.33, 2.4), (2.75, 1.7))]
-    lines += [((3.25, 3.5), (3.65, 3.9)), ((3.25, 3.3), (3.66, 3.0)), ((2.9, 1.3), (0.3, -0.1))]
-    for start, end in lines:
-        axes.annotate("", end, start, arrowprops={"arrowstyle": "->", "color": QUIET})
-    axes.set(xlim=(-0.5, 4.5), ylim=(-0.6, 4.6))
+        name = text.split("\n")[0]
+        filled = "#ffffff" if name == "control" else "#e8f0f8"
+        style = {"boxstyle": "round,pad=0.5", "facecolor": filled, "edgecolor": ESTIMATE}
+        drawn[name] = place, axes.text(*place, text, ha="center", va="center", fontsize=9, bbox=style)
+    axes.set(xlim=(-0.5, 4.5), ylim=(-0.5, 4.5))
     axes.axis("off")
+    figure.canvas.draw()  # where a box ends is known once it is drawn
+    for names in FLOWS:
+        (start, one), (end, other) = drawn[names[0]], drawn[names[1]]
+        ends = {"patchA": one.get_bbox_patch(), "patchB": other.get_bbox_patch(), "shrinkA": 3, "shrinkB": 3}
+        axes.annotate("", end, start, arrowprops={"arrowstyle": "->", "color": QUIET, "lw": 1.3, **ends})
 
 
-FIGURES = {"triangle": (_triangle, (7.0, 2.6)), "printed_form": (_printed, (6.0, 3.2)), "whole": (_whole, (8.4, 4.2))}
+FIGURES = {"triangle": (_triangle, (7.0, 2.6)), "printed_form": (_printed, (6.0, 3.2)), "whole": (_whole, (9.0, 4.4))}
 
 
 def draw(folder: Path) -> None:

@@ -3,13 +3,16 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from relnav.accuracy.budget import QUANTITIES, Budget
 from relnav.errors import UsageError
 from relnav.files.atomic import check_png
-from relnav.files.picture_style import INK, SERIES, heading, new_figure, one_legend, plain_decades, save, styled
+from relnav.files.picture_style import INK, QUIET, SERIES, heading, new_figure, one_legend, plain_decades, save, styled
 
-LEAST = 1e-5
-"""In m or deg: lines that are nowhere larger are left out."""
+LEAST = 1e-4
+"""Share of the largest total: lines that are nowhere larger are left out."""
+UNSEEN = "beacons out of view:\nno fix, and the curves end"
 
 
 def draw_budget(report: Any, path: Path, before: Any = None, change: str = "") -> None:
@@ -41,16 +44,22 @@ def draw_budget(report: Any, path: Path, before: Any = None, change: str = "") -
 def _draw(axis: Any, report: Budget, before: Any, change: str, which: str, row: int) -> None:
     places, (_, _, scale) = report.places, QUANTITIES[row]
     ranges = [place.range_m for place in places]
+    total = np.array([place.total(which)[row] * scale for place in places])
+    least = LEAST * float(np.nanmax(total)) if np.isfinite(total).any() else 0.0
     for number, line in enumerate(places[0].lines):
         values = [getattr(place.lines[number], which)[row] * scale for place in places]
-        if not any(value > LEAST for value in values):
+        if not any(value > least for value in values):
             continue
         style, width = ("-", 1.5) if line.counts else (":", 1.2)
         name = line.name if line.counts else f"({line.name})"
         axis.semilogy(ranges, values, style, lw=width, color=SERIES[number % len(SERIES)], label=name)
-    total = [place.total(which)[row] * scale for place in places]
     axis.semilogy(ranges, total, "-", color=INK, lw=3.0, label="total")
     if before is not None:
         earlier = [place.total(which)[row] * scale for place in before.places]
         axis.semilogy(ranges, earlier, color=INK, lw=1.5, ls=(0, (5, 2)), label=f"total before {change}")
+    unseen = [r for r, value in zip(ranges, total, strict=True) if not np.isfinite(value)]
+    if unseen and len(unseen) < len(ranges):
+        axis.axvspan(min(unseen), min(r for r in ranges if r > max(unseen)), color=QUIET, alpha=0.15, lw=0)
+        place = {"xycoords": ("data", "axes fraction"), "xytext": (4, 4), "textcoords": "offset points", "va": "bottom"}
+        axis.annotate(UNSEEN, (min(unseen), 0.0), color=INK, fontsize=8, **place)
     plain_decades(axis)

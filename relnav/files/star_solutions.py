@@ -9,7 +9,7 @@ import numpy as np
 from relnav.arrays import Matrix
 from relnav.files.atomic import check_png
 from relnav.files.images import Picture
-from relnav.files.picture_style import QUIET, SERIES, heading, new_figure, one_legend, save, styled
+from relnav.files.picture_style import INK, QUIET, SERIES, heading, new_figure, one_legend, save, styled
 from relnav.files.star_pictures import Seen
 from relnav.files.wording import printable
 from relnav.geometry.rotation import quaternion_from_dcm
@@ -90,13 +90,16 @@ def draw_solution(solution: StarSolution, seen: Seen, title: str, path: Path) ->
 def _draw_spots(axis: Any, solution: StarSolution, spots_px: Matrix, *, on_picture: bool) -> None:
     """Rings about stars with their numbers, in colours that are seen on paper, or on the dark of a picture."""
     colours = ON_DARK if on_picture else SERIES
-    axis.plot(*spots_px[solution.hip == 0].T, "x", color=QUIET, ms=6, label="spots without a star")
+    behind = {"facecolor": INK, "alpha": 0.75, "pad": 1.0, "lw": 0.0} if on_picture else None
+    beside: Any = {"textcoords": "offset points", "fontsize": 7.5, "zorder": 1.5}  # below the rings
+    if (solution.hip == 0).any():
+        axis.plot(*spots_px[solution.hip == 0].T, "x", color=QUIET, ms=6, label="spots without a star")
     for field in sorted({int(value) for value in solution.field if value >= 0}):
         chosen, colour = solution.field == field, colours[field % len(colours)]
         axis.plot(*spots_px[chosen].T, "o", mfc="none", ms=10, color=colour, label=f"stars of field {field}")
         for k in np.flatnonzero(chosen):
             name = f"HIP {solution.hip[k]}"
-            axis.annotate(name, spots_px[k], (6, 5), textcoords="offset points", fontsize=7, color=colour)
+            axis.annotate(name, spots_px[k], (7, 5), color=colour, bbox=behind, **beside)
     if on_picture:
         axis.grid(visible=False)
     else:
@@ -109,6 +112,6 @@ def _draw_picture(axis: Any, picture: Picture) -> None:
     step = max(1, max(width, height) // MOST_DRAWN_PX)
     part = picture.counts[: height // step * step, : width // step * step].astype(np.float32)
     shown = part.reshape(height // step, step, width // step, step).max(axis=(1, 3))
-    low, high = np.nanpercentile(shown, [5.0, 99.7])
+    low, high = np.nanpercentile(shown, [40.0, 99.9])
     edge = [-0.5 * width, 0.5 * width, 0.5 * height, -0.5 * height]
     axis.imshow(shown, cmap="gray", vmin=low, vmax=max(high, low + 1.0), extent=edge, interpolation="nearest")
