@@ -65,7 +65,8 @@ class TrackFile:
         for values, lines in self._file.rows():
             columns: dict[str, Any] = {name: values[:, k] for k, name in enumerate(self.names)}
             t = columns["t_s"]
-            late = np.flatnonzero(~(t > np.concatenate([[before], t[:-1]])))
+            last = np.concatenate([[before], t[:-1]])  # a vehicle's last row may be at the time of the one before
+            late = np.flatnonzero(~((t >= last) if self.of_vehicle else (t > last)))
             if late.size:
                 where = f"{self.path}:{int(lines[late[0]])}"
                 raise LogError(f"{where}: t_s does not increase; a track has one row an epoch")

@@ -51,7 +51,7 @@ def test_residuals_sigmas_and_nis(run):
     assert np.isfinite(innovation).any(axis=(1, 2)).sum() > 100
     for k in [3, 20, GLINT, HIDDEN, 110]:
         image, s = second_opinion(mission, solution, k)
-        np.testing.assert_allclose(innovation[k, image.which].ravel(), image.residual, atol=1e-5)
+        np.testing.assert_allclose(innovation[k, image.which].ravel(), image.residual, atol=1e-4)
         np.testing.assert_allclose(sigma[k, image.which].ravel(), np.sqrt(np.diagonal(s)), rtol=1e-3)
         assert image.residual @ np.linalg.solve(s, image.residual) == pytest.approx(solution.nis[k], rel=1e-6)
     assert np.abs(innovation[GLINT, 1]).min() > 25.0
