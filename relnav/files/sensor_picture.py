@@ -19,9 +19,7 @@ NIS_TITLE = "NIS per degree of freedom before the gate, faded over ten observati
 
 def draw_sensors(figure: Any, view: RunView) -> None:
     """Draw the sheet."""
-    deviating, told = (
-        [name for name in view.sensors if view.has(f"{what}_{name}")] for what in ("deviation", "nis")
-    )
+    deviating, told = ([name for name in view.sensors if view.has(f"{what}_{name}")] for what in ("deviation", "nis"))
     grid = figure.add_gridspec(3, 1, height_ratios=[0.3 + 0.13 * len(view.rows), 1.0, 1.0])
     timeline = figure.add_subplot(grid[0])
     draw_timeline(timeline, view, TIMELINE_TITLE)

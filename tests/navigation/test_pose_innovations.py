@@ -35,9 +35,7 @@ def second_opinion(mission, solution, k):
     """Residuals and S of an image by the reference's equations, from the epoch before."""
     before, epoch = solution.epochs[k - 1], solution.epochs[k]
     felt = before["by_chaser"].copy()
-    track = PoseTrack(
-        before["motion"], before["dcm"], before["rate"], solution.covariance[k - 1] - felt.T @ felt, felt
-    )
+    track = PoseTrack(before["motion"], before["dcm"], before["rate"], solution.covariance[k - 1] - felt.T @ felt, felt)
     dt = float(epoch["t"] - before["t"])
     there = carried(mission, track, float(before["t"]), dt, epoch["acceleration"], epoch["delta_v"])
     noise = mission.chaser.attitude_noise_rad
