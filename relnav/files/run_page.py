@@ -68,7 +68,7 @@ def _body(
     for key, title, said in _SECTIONS:
         if key not in shown:
             continue
-        said = _OF_VEHICLES.get(key, said) if view.sensors else said
+        said = _OF_VEHICLES.get(key, said) if view.of_vehicle else said
         parts.append(
             section(
                 title, paragraph(said), f'<div class="charts{" pairs" if key in _PAIRED else ""}" id="{key}"></div>'
@@ -121,13 +121,13 @@ def _epoch_tiles(view: RunView) -> list[str]:
 
 
 def _tiles(view: RunView) -> list[str]:
-    tiles = vehicle_tiles(view) if view.sensors else _epoch_tiles(view)
+    tiles = vehicle_tiles(view) if view.of_vehicle else _epoch_tiles(view)
     for quantity in view.docking():
         last = _last(view.largest(quantity.sigma)) if view.has(quantity.sigma) else math.nan
         claim = view.claim(quantity)
         verdict = "" if claim is None else "good" if last <= claim.value else "bad"
         note = "" if claim is None else f"published {claim.value:g} {claim.unit}, statistic {claim.statistic}"
-        note += f"; {claim.condition}" if claim is not None and view.sensors else ""
+        note += f"; {claim.condition}" if claim is not None and view.of_vehicle else ""
         tiles.append(tile(f"{quantity.label}, 1-sigma at the end", f"{last:.3g} {quantity.unit}", note, verdict))
     return tiles
 
@@ -167,9 +167,11 @@ def _charts(view: RunView) -> list[dict[str, Any]]:
             {"section": "measurements", "title": quantity.label, "unit": quantity.unit, "lines": lines,
              "limits": _robust(view, quantity.column, gate)}
         )  # fmt: skip
-    charts += sensor_charts(view) if view.sensors else [_nis(view)]
+    charts += sensor_charts(view) if view.of_vehicle else [_nis(view)]
     rows = [{"label": row.label, "column": row.column, "colour": row.colour} for row in view.rows]
-    title = "Which sensor when" if view.sensors else "What became of the epochs"
+    title = "Which sensor when" if view.of_vehicle else "What became of the epochs"
+    if not rows:  # a vehicle's track without columns of its sensors
+        return charts
     charts.append({"section": "timeline", "title": title, "wide": True, "rows": rows})
     return charts
 
@@ -213,7 +215,7 @@ def _nis(view: RunView) -> dict[str, Any]:
 
 
 def _limits(view: RunView) -> dict[str, Vector]:
-    if view.sensors:
+    if view.of_vehicle:
         return {}
     out = {"nis_limit_95": view.nis_bound(0.95)[0]}
     if not math.isnan(view.gate_probability):

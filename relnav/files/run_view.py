@@ -134,6 +134,8 @@ class RunView:
         Of the filter; NaN where it is not known.
     innovations : tuple of Quantity
         What an image was compared with, in columns of that name with gates in `gate_...`; empty if not known.
+    of_vehicle : bool
+        Whether it is a vehicle's.
     sensors : tuple of str
         Of a vehicle: with `used_...`, `nis_...` and `deviation_...` of each, as far as its track has them.
     """
@@ -152,6 +154,7 @@ class RunView:
     innovations: tuple[Quantity, ...] = ()
     rows: tuple[Row, ...] = ()
     sensors: tuple[str, ...] = ()
+    of_vehicle: bool = False
 
     def has(self, column: str) -> bool:
         """Whether the run has a column, with a number in it."""

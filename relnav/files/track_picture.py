@@ -81,7 +81,7 @@ def _sheets(view: RunView, corridor_deg: float) -> dict[str, Any]:
         "Measurements": draw_measurements,
         "Sensors": draw_sensors,
     }
-    there = [bool(view.docking()), bool(view.states()), bool(view.ports()), not view.sensors, bool(view.sensors)]
+    there = [bool(view.docking()), bool(view.states()), bool(view.ports()), not view.of_vehicle, bool(view.sensors)]
     return {title: draw for (title, draw), here in zip(sheets.items(), there, strict=True) if here}
 
 
@@ -171,7 +171,7 @@ def _draw_spread(axis: Any, view: RunView, quantity: Quantity, times: float, cla
         level = view.largest(quantity.protection)
         axis.semilogy(view.thin.times(), level, color=GATE, lw=1.0, label=PROTECTION_SAID)
     if claim is not None:
-        where = f": {claim.condition}" if view.sensors else ""
+        where = f": {claim.condition}" if view.of_vehicle else ""
         named_line(axis, claim.value, f"published {claim.value:g} {claim.unit}", f"published figure{where}")
     plain_decades(axis)
     axis.set_title(title)

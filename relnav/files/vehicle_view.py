@@ -87,7 +87,7 @@ class VehicleWatcher(RunWatcher):
         """What was gathered, as `RunWatcher.view`."""
         self._take_waiting()
         view = super().view(log, title, metadata)
-        view.sensors = self._sensors
+        view.sensors, view.of_vehicle = self._sensors, True
         return view
 
 

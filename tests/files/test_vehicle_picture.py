@@ -173,6 +173,18 @@ def test_page_of_a_vehicles_track(folder, alarmed):
     np.testing.assert_allclose(shown, table_of(alarmed)["x_m"], rtol=1e-6)
 
 
+def test_a_track_without_its_sensors_has_a_page_too(folder):
+    lines = [line.split(",") for line in (folder / "track.csv").read_text().splitlines()]
+    head = next(k for k, cells in enumerate(lines) if cells[0] == "t_s")
+    more = ("used_", "refused_", "nis_", "deviation_", "alarm_", "protection_", "gyro_")
+    kept = [k for k, name in enumerate(lines[head]) if not name.startswith(more) or name == "gyro_lost"]
+    rows = [",".join(cells[k] for k in kept) for cells in lines[head:]]
+    (folder / "few.csv").write_text("\n".join(rows) + "\n")
+    assert relnav.cli.run(["report", str(folder / "few.csv"), "--out", str(folder / "few.html"), "--quiet"]) == 0
+    charts = data_of((folder / "few.html").read_text(encoding="utf-8"))["charts"]
+    assert {chart["section"] for chart in charts} == {"docking", "ports", "timeline"}  # the gyro that was lost
+
+
 def test_page_of_a_vehicles_log_is_that_of_its_track(folder):
     pages = []
     for source in ("log.csv", "track.csv"):
