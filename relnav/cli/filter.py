@@ -155,7 +155,7 @@ def command(
         return run_live(Live(log, mission, track, method, projection, quiet), row_format)
     if isinstance(mission, Vehicle):
         refuse_others()
-        return filter_vehicle(log, mission, out, json_path, quiet=quiet)
+        return filter_vehicle(log, mission, out, json_path, picture, quiet=quiet)
     if isinstance(mission, VisionMission):
         return filter_markers(
             log,

@@ -160,14 +160,14 @@ def _vehicle(
     from relnav.files.live_log import Refusals
     from relnav.files.live_vehicle import live_rows
     from relnav.files.text_table import TextTable
-    from relnav.files.vehicle_log import filter_rows, write_port_track
+    from relnav.files.vehicle_log import filter_rows
+    from relnav.files.vehicle_track import write_port_track
 
     refuse_others()
     table, refusals = TextTable(asked.log, arriving), Refusals(asked.log, _telling(view))
     summary = Summary(vehicle)
     parts = filter_rows(summary.counted(live_rows(table, vehicle, refusals)), vehicle, refuse=refusals.refuse)
-    stated = {"model": vehicle.name, "log": asked.log.name}
-    write_port_track(summary.passing(parts), out, stated, writer)
+    write_port_track(summary.passing(parts), vehicle, out, {"log": asked.log.name}, writer)
     if not writer.rows:
         return [], True
     return [*summary.lines(asked.log.name), *_left_out(refusals.count)], True

@@ -66,7 +66,10 @@ def filter_marker_log(
     """
     parts = list(marker_solutions(path, mission, smooth=smooth, engine=engine))
     metadata = {} if engine == "compiled" else {"engine": engine}
-    return replace(parts[0], epochs=np.concatenate([part.epochs for part in parts]), metadata=metadata)
+    seen = [part.spots_px for part in parts if part.spots_px is not None]
+    spots = np.concatenate(seen) if len(seen) == len(parts) else None
+    epochs = np.concatenate([part.epochs for part in parts])
+    return replace(parts[0], epochs=epochs, metadata=metadata, spots_px=spots)
 
 
 def marker_solutions(
@@ -84,7 +87,8 @@ def marker_solutions(
     log = MarkerLogFilter(mission, keep=smooth, engine=engine)
     if not smooth:
         for chunk in _chunks(path, mission):
-            yield PoseSolution(mission, log.forward(*chunk))
+            exposed = chunk[-1]
+            yield PoseSolution(mission, log.forward(*chunk), spots_px=chunk[1] if exposed is None else None)
         return
     with Spool() as rows, Spool() as events:
         for chunk in _chunks(path, mission):

@@ -8,17 +8,16 @@ from typing import Any
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
-from relnav.files.measurement_picture import WORDS
 from relnav.files.models import model_values
 from relnav.files.report_page import paragraph, section, table, tile, write_page
-from relnav.files.run_view import ALARMS, FLAGS, TURNS, Quantity, RunView
+from relnav.files.run_view import TURNS, WORDS, Quantity, RunView
+from relnav.files.vehicle_page import SENSORS_SAID, TIMELINE_SAID, sensor_charts, vehicle_tiles
 from relnav.navigation.status import EpochStatus
 
 GROUPS = 8192
 """Of epochs, at most twice as many: what a browser draws without a wait."""
 PATH_POINTS = 1200
 ELLIPSOIDS = 9
-ROW_COLOURS = ("dots", "spread", "published", "gate", "soft", "estimate")
 
 
 def write_run_page(
@@ -48,10 +47,12 @@ def write_run_page(
     title = f"{view.title}: {log}" if log else view.title
     thinned = "" if view.thin.whole else f", drawn as the extremes of {len(view.thin.begin)} groups: no peak is lost"
     lead = f"{view.thin.epochs} epochs, {view.thin.begin[0]:.9g} s to {view.thin.end[-1]:.9g} s{thinned}."
-    write_page(path, title, lead, _body(view, model, corridor_deg, data["path"], notes), data)
+    write_page(path, title, lead, _body(view, model, corridor_deg, data["path"], notes, charts), data)
 
 
-def _body(view: RunView, model: Any, corridor_deg: float, path: Any, notes: tuple[str, ...]) -> str:
+def _body(
+    view: RunView, model: Any, corridor_deg: float, path: Any, notes: tuple[str, ...], charts: list[dict[str, Any]]
+) -> str:
     parts = [f'<div class="tiles">{"".join(_tiles(view))}</div>', *(paragraph(note) for note in notes)]
     parts.append(_TOOLS)
     if path is not None:
@@ -63,7 +64,11 @@ def _body(view: RunView, model: Any, corridor_deg: float, path: Any, notes: tupl
         said += "Drag, or use the arrow keys, to turn it."
         space = '<canvas id="space" tabindex="0" role="img" aria-label="Approach in the docking frame"></canvas>'
         parts.append(section("Approach in space", space, paragraph(said)))
+    shown = {chart["section"] for chart in charts}
     for key, title, said in _SECTIONS:
+        if key not in shown:
+            continue
+        said = _OF_VEHICLES.get(key, said) if view.of_vehicle else said
         parts.append(
             section(
                 title, paragraph(said), f'<div class="charts{" pairs" if key in _PAIRED else ""}" id="{key}"></div>'
@@ -81,11 +86,14 @@ _TOOLS = (
     '<button id="out">Zoom out (-)</button><button id="left">Earlier (,)</button><button id="right">Later (.)</button>'
     '<button id="all">All (0)</button><span class="soft" id="span"></span></div>'
 )
-_PAIRED = ("docking", "states")
+_PAIRED = ("docking", "states", "ports")
+_OF_VEHICLES = {"measurements": SENSORS_SAID, "timeline": TIMELINE_SAID}
 _SECTIONS = (
     ("docking", "Docking quantities", "Estimate within its 3-sigma envelope, and reported 1-sigma beside the figure "
      "published for the sensor. Drag across a chart to zoom all of them; a double click shows everything."),
     ("states", "State", "Chaser relative to target in lvlh_ccsds, velocity in the turning frame."),
+    ("ports", "Port from port", "Chaser's port from the target's, target axes: velocity in the turning target, "
+     "attitude as a turn from the nearest attitude with parallel axes, rate of the target relative to the chaser."),
     ("measurements", "Measurements", "Innovations are measured minus predicted, of everything seen; the gate is the "
      "half width of the ellipsoid outside which an image (or a spot) is refused. NIS should average to its degrees of "
      "freedom."),
@@ -93,7 +101,7 @@ _SECTIONS = (
 )  # fmt: skip
 
 
-def _tiles(view: RunView) -> list[str]:
+def _epoch_tiles(view: RunView) -> list[str]:
     counts = view.counts
     used = counts[EpochStatus.UPDATED] + counts[EpochStatus.STARTED]
     refused = counts[EpochStatus.PARTIAL] + counts[EpochStatus.REJECTED]
@@ -109,11 +117,17 @@ def _tiles(view: RunView) -> list[str]:
         verdict = "" if lasting else "bad" if view.nis.overconfident else "good"
         note = "lasting errors included: no interval" if lasting else str(view.nis).partition(", ")[2]
         tiles.append(tile("NIS per degree of freedom", f"{view.nis.ratio:.3f}", note, verdict))
+    return tiles
+
+
+def _tiles(view: RunView) -> list[str]:
+    tiles = vehicle_tiles(view) if view.of_vehicle else _epoch_tiles(view)
     for quantity in view.docking():
         last = _last(view.largest(quantity.sigma)) if view.has(quantity.sigma) else math.nan
-        claim = next((claim for claim in view.claims if claim.quantity == quantity.label.lower()), None)
+        claim = view.claim(quantity)
         verdict = "" if claim is None else "good" if last <= claim.value else "bad"
         note = "" if claim is None else f"published {claim.value:g} {claim.unit}, statistic {claim.statistic}"
+        note += f"; {claim.condition}" if claim is not None and view.of_vehicle else ""
         tiles.append(tile(f"{quantity.label}, 1-sigma at the end", f"{last:.3g} {quantity.unit}", note, verdict))
     return tiles
 
@@ -131,6 +145,9 @@ def _charts(view: RunView) -> list[dict[str, Any]]:
     for quantity in view.states():
         charts.append(_value(quantity, "states", view))
         charts.append(_spread(quantity, "states", 3.0, view))
+    for quantity in view.ports():
+        charts.append(_value(quantity, "ports", view))
+        charts.append(_spread(quantity, "ports", 3.0, view))
     charts += [
         {"section": "states", "title": f"Target attitude, {name[11]}: 3-sigma", "unit": "deg", "log": True,
          "lines": [{"column": name, "times": 3.0, "label": "3-sigma", "colour": "spread"}]}
@@ -150,16 +167,12 @@ def _charts(view: RunView) -> list[dict[str, Any]]:
             {"section": "measurements", "title": quantity.label, "unit": quantity.unit, "lines": lines,
              "limits": _robust(view, quantity.column, gate)}
         )  # fmt: skip
-    charts.append(_nis(view))
-    rows = [
-        {"label": f"{WORDS[code]} ({view.counts[code]})", "column": FLAGS[code], "colour": ROW_COLOURS[code]}
-        for code in range(len(FLAGS))
-        if view.counts[code]
-    ] + [
-        {"label": f"ALARM {ALARMS[name].name} ({count})", "column": name, "colour": "gate"}
-        for name, count in view.alarmed.items()
-    ]
-    charts.append({"section": "timeline", "title": "What became of the epochs", "wide": True, "rows": rows})
+    charts += sensor_charts(view) if view.of_vehicle else [_nis(view)]
+    rows = [{"label": row.label, "column": row.column, "colour": row.colour} for row in view.rows]
+    title = "Which sensor when" if view.of_vehicle else "What became of the epochs"
+    if not rows:  # a vehicle's track without columns of its sensors
+        return charts
+    charts.append({"section": "timeline", "title": title, "wide": True, "rows": rows})
     return charts
 
 
@@ -179,7 +192,9 @@ def _spread(quantity: Quantity, where: str, times: float, view: RunView) -> dict
     lines: list[dict[str, Any]] = []
     if view.has(quantity.sigma):
         lines.append({"column": quantity.sigma, "times": times, "label": label, "colour": "spread"})
-    claim = next((c for c in view.claims if c.quantity == quantity.label.lower()), None)
+    if times == 1.0 and view.has(quantity.protection):
+        lines.append({"column": quantity.protection, "label": "protection level, 1e-7", "colour": "gate"})
+    claim = view.claim(quantity)
     if claim is not None and times == 1.0:
         lines.append({"constant": claim.value, "label": "published", "colour": "published", "dash": True})
     return {"section": where, "title": f"{quantity.label}, {label}", "unit": quantity.unit, "log": True, "lines": lines}
@@ -200,6 +215,8 @@ def _nis(view: RunView) -> dict[str, Any]:
 
 
 def _limits(view: RunView) -> dict[str, Vector]:
+    if view.of_vehicle:
+        return {}
     out = {"nis_limit_95": view.nis_bound(0.95)[0]}
     if not math.isnan(view.gate_probability):
         out["nis_gate"] = view.nis_bound(view.gate_probability)[0]
@@ -252,7 +269,7 @@ def _events(view: RunView) -> str:
 
 
 def _said(what: str) -> str:
-    return what if what.startswith("ALARM") else WORDS[EpochStatus[what]]
+    return WORDS[EpochStatus[what]] if what in EpochStatus.__members__ else what
 
 
 def _claims(view: RunView) -> str:
