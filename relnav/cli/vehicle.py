@@ -4,6 +4,8 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import click
+
 from relnav.cli.epoch_bar import epoch_bar
 from relnav.cli.printing import say
 from relnav.cli.settings import given_options
@@ -14,7 +16,19 @@ if TYPE_CHECKING:
     from relnav.spacecraft import Vehicle
     from relnav.vehicle.navigator import VehicleEstimate
 
-OPTIONS = ("model", "out", "truth", "seed", "final_range_m", "quiet", "log", "json_path", "follow", "row_format")
+OPTIONS = (
+    "model",
+    "out",
+    "truth",
+    "seed",
+    "final_range_m",
+    "quiet",
+    "log",
+    "json_path",
+    "follow",
+    "row_format",
+    "frame",
+)
 
 
 def simulate_vehicle(
@@ -43,6 +57,12 @@ def simulate_vehicle(
         say([log, *([f"truth: {truth}"] if truth is not None else [])], out, truth)
 
 
+def asked_frame() -> str | None:
+    """The frame on the command line; None if none stands there, and a track holds port from port alone."""
+    given = any(name == "frame" for name, _ in given_options())
+    return str(click.get_current_context().params["frame"]) if given else None
+
+
 def filter_vehicle(log: Path, vehicle: "Vehicle", out: Path | None, json_path: Path | None, *, quiet: bool) -> int:
     """Filter LOG, write what was asked for, print a summary."""
     from relnav.files.atomic import Outputs
@@ -56,7 +76,8 @@ def filter_vehicle(log: Path, vehicle: "Vehicle", out: Path | None, json_path: P
     with Outputs() as outputs, epoch_bar(log, quiet=quiet, note=", one a second", from_bytes=200_000) as progress:
         parts = summary.passing(filter_rows(summary.counted(rows), vehicle), progress)
         if out is not None:
-            write_port_track(parts, outputs.path(out, ".csv"), {"model": vehicle.name, "log": log.name})
+            stated = {"model": vehicle.name, "log": log.name}
+            write_port_track(parts, outputs.path(out, ".csv"), stated, vehicle=vehicle, frame=asked_frame())
         for _ in parts:
             pass
         if json_path is not None:

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from relnav.arrays import Vector
+from relnav.dynamics.in_frame import FramedTrack
 from relnav.errors import UsageError
 from relnav.files.atomic import is_stream, replacing
 from relnav.files.compiled_text import texts_of, worth_writing
 from relnav.files.wording import printable
 from relnav.navigation.docking_view import UPPER
-from relnav.navigation.in_frame import FramedTrack
 from relnav.navigation.record import DIAGONAL, Solution
 from relnav.navigation.status import ALARM_TABLE
 

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from relnav.accuracy.rendezvous import true_port
 from relnav.arrays import Vector
+from relnav.dynamics.in_frame import AXES, frame_words
 from relnav.errors import LogError, UsageError
 from relnav.files.atomic import is_stream, replacing
 from relnav.files.tables import Table, Writer, relnav_version, write_table
@@ -38,6 +39,7 @@ TRACK_COLUMNS = (
     *(f"cov_{_NAMES[i]}_{_NAMES[j]}" for i, j in zip(*_UPPER_12, strict=True)),
 )
 """Port from port, target axes; the covariance in SI (m, m/s, rad, rad/s), turn as in `PortState`."""
+_CENTRE = tuple(f"{_NAMES[k]}_{_UNITS[k]}" for k in range(6))
 _DEGREES = np.array([1.0] * 6 + [180.0 / math.pi] * 6)
 
 Row = tuple[str, float, Value]
@@ -194,10 +196,49 @@ def filter_rows(
         yield nav.state()
 
 
+def columns_in(frame: str | None) -> tuple[str, ...]:
+    """The columns of a track: `TRACK_COLUMNS`, and, with a frame, centre of mass and the target's attitude in it."""
+    if frame is None:
+        return TRACK_COLUMNS
+    return (
+        *TRACK_COLUMNS,
+        *(f"com_{name}" for name in _CENTRE),
+        *(f"q_{AXES[frame]}_from_target_{axis}" for axis in "xyzw"),
+        *(f"target_rate_{axis}_deg_s" for axis in "xyz"),
+        *(f"sigma_com_{name}_{unit}" for name, unit in zip(_NAMES, _UNITS, strict=True)),
+        *(f"cov_com_{_NAMES[i]}_{_NAMES[j]}" for i, j in zip(*_UPPER_12, strict=True)),
+    )
+
+
+def _framed_row(one: VehicleEstimate, frame: str) -> list[float]:
+    """What an estimate has in the columns that a frame adds."""
+    track = one.in_frame(frame)
+    attitude, rate = track.q_frame_from_target, track.rate_rad_s
+    assert attitude is not None
+    assert rate is not None
+    row = [*track.state[0], *attitude[0], *np.degrees(rate[0]), *(_DEGREES * track.sigma[0])]
+    return [*row, *track.covariance[0][_UPPER_12]]
+
+
+def _framed_head(vehicle: Vehicle, frame: str | None) -> dict[str, str]:
+    """What the head says of these columns."""
+    if frame is None:
+        return {}
+    stated = frame_words(frame, vehicle, vehicle.orbit.orientation_deg)
+    of_columns = f"{stated.pop('frame')}; turn and rate of the target in its own axes"
+    return {"frame of com_, q_ and cov_com_ columns": of_columns} | stated
+
+
 def write_port_track(
-    estimates: Iterable[VehicleEstimate], path: Path, metadata: dict[str, str], writer: Writer = write_table
+    estimates: Iterable[VehicleEstimate],
+    path: Path,
+    metadata: dict[str, str],
+    writer: Writer = write_table,
+    *,
+    vehicle: Vehicle | None = None,
+    frame: str | None = None,
 ) -> None:
-    """Write estimates (.csv, .jsonl or .parquet), one row each, in `TRACK_COLUMNS`."""
+    """Write estimates (.csv, .jsonl or .parquet), one row each; of a vehicle in a frame, if that is asked for."""
 
     def parts() -> Iterator[Table]:
         for one in estimates:
@@ -205,9 +246,11 @@ def write_port_track(
             attitude = Rotation.from_matrix(port.dcm_target_from_chaser).as_quat(canonical=True)
             row = [one.t_s, *port.position_m, *port.velocity_m_s, *np.degrees(port.rate_rad_s), *attitude]
             row += [*(_DEGREES * port.sigma), float(one.gyro_lost), *port.covariance[_UPPER_12]]
+            row += [] if frame is None else _framed_row(one, frame)
             yield [np.array([value]) for value in row]
 
-    writer(path, TRACK_COLUMNS, parts(), _head(metadata), (TRACK_COLUMNS.index("gyro_lost"),))
+    stated = _head(metadata) | ({} if vehicle is None else _framed_head(vehicle, frame))
+    writer(path, columns_in(frame), parts(), stated, (TRACK_COLUMNS.index("gyro_lost"),))
 
 
 def write_port_truth(run: VehicleRun, path: Path, metadata: dict[str, str]) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from relnav.navigation.in_frame import FramedTrack, in_frame
+from relnav.dynamics.in_frame import FramedTrack, in_frame
 
 if TYPE_CHECKING:
     import os
@@ -71,7 +71,7 @@ class Presented:
         Parameters
         ----------
         frame : {"lvlh_ccsds", "rsw", "dock", "eci_relative", "eci"}
-            What each is: `relnav.navigation.in_frame.FRAMES`. `rsw` is RTN, RIC, Hill.
+            What each is: `relnav.dynamics.in_frame.FRAMES`. `rsw` is RTN, RIC, Hill.
         orientation_deg : (3,), optional
             Inertial frames: inclination, right ascension of the ascending node, argument of perigee of the target's
             orbit, whose shape and phase are the model's. The orbit is taken as exact and two-body.

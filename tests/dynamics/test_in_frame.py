@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from relnav.dynamics.in_frame import FRAMES, in_frame
 from relnav.dynamics.two_body import MU_EARTH_M3_S2, inertial_orbit
 from relnav.errors import UsageError
 from relnav.geometry.frames import relative_state_rsw
 from relnav.mission import Docking, Orbit
-from relnav.navigation.in_frame import FRAMES, in_frame
 
 ORIENTATION_DEG = (51.6, 130.0, 40.0)
 ORBIT = Orbit(1.1e-3, 0.12, math.radians(75.0))
