@@ -75,8 +75,8 @@ _input, _filter_options, _output, _picture = map(OptionsOf, ("Input", "Filter", 
     type=click.Choice(["lvlh_ccsds", "rsw", "dock", "eci_relative", "eci"]),
     default="lvlh_ccsds",
     show_default=True,
-    help="Frame of the track's states, attitudes and covariances; rsw is RTN, RIC, Hill. To a vehicle's track, port from "
-    "port, it adds the centre of mass and the target's attitude.",
+    help="Frame of the track's states, attitudes and covariances; rsw is RTN, RIC, Hill. A vehicle's track, port from "
+    "port in target axes, gets centre of mass and target's attitude in it beside.",
 )
 @_output(
     "--orbit-deg",

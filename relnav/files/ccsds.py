@@ -64,7 +64,7 @@ def check_attitude(settings: dict[str, Any], what: str, instead: str) -> None:
     """
     if not settings["attitude"]:
         raise UsageError(
-            f"{what} holds attitudes, which a three-beacon track does not estimate; write the states, {instead}"
+            f"{what} holds attitudes, which a three-beacon track does not estimate; write its states, {instead}"
         )
     if settings["frame"] != OWN:
         raise UsageError(f"{what} holds attitudes against inertial axes alone: leave frame {settings['frame']!r} out")
