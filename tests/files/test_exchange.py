@@ -1,6 +1,8 @@
 """Other programs' formats, each read back by a library that is not ours."""
 
 import json
+import os
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -34,11 +36,16 @@ def solution(log):
 
 
 @pytest.fixture(scope="module")
-def poses(tmp_path_factory):
-    mission = relnav.load_model("three_marker_vision")
+def marker_log(tmp_path_factory):
     path = tmp_path_factory.mktemp("poses") / "log.csv"
-    write_marker_log(simulate_flight(mission, Approach(duration_s=4.0, rate_hz=2.0), seed=1), path)
-    return filter_marker_log(path, mission)
+    flight = simulate_flight(relnav.load_model("three_marker_vision"), Approach(duration_s=4.0, rate_hz=2.0), seed=1)
+    write_marker_log(flight, path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def poses(marker_log):
+    return filter_marker_log(marker_log, relnav.load_model("three_marker_vision"))
 
 
 @pytest.mark.parametrize("frame", ["lvlh_ccsds", "rsw"])
@@ -195,20 +202,14 @@ def test_a_table_in_another_frame(log, solution, tmp_path):
     np.testing.assert_array_equal(rows["range_m"], solution.range_m)
 
 
-@pytest.fixture(scope="module")
-def marker_log(poses, tmp_path_factory):
-    path = tmp_path_factory.mktemp("markers") / "log.csv"
-    write_marker_log(simulate_flight(poses.mission, Approach(duration_s=4.0, rate_hz=2.0), seed=1), path)
-    return path
+def filtered_in_eci(log, out, *more):
+    arguments = ["filter", log, "--model", "three_marker_vision", "--out", out, "--frame", "eci_relative", "--quiet"]
+    assert relnav.cli.run([str(a) for a in [*arguments, "--orbit-deg", *ORIENTATION_DEG, *more]]) == 0
+    return out.read_text()
 
 
-@pytest.mark.parametrize("follow", [[], ["--follow"]])
-def test_a_table_of_markers_in_another_frame(marker_log, poses, tmp_path, follow):
-    out = tmp_path / "track.csv"
-    arguments = ["filter", marker_log, "--model", "three_marker_vision", "--out", out, "--frame", "eci_relative"]
-    asked = [*map(str, [*arguments, "--orbit-deg", *ORIENTATION_DEG]), "--quiet", *follow]
-    assert relnav.cli.run(asked) == 0
-    text = out.read_text()
+def test_a_table_of_markers_in_another_frame(marker_log, poses, tmp_path):
+    text = filtered_in_eci(marker_log, tmp_path / "track.csv")
     assert "# frame = eci_relative: chaser minus target in inertial axes" in text
     assert "; ports and turns in target axes\n" in text
     assert "# target orbit = two-body, mean motion" in text
@@ -224,6 +225,16 @@ def test_a_table_of_markers_in_another_frame(marker_log, poses, tmp_path, follow
     relnav.write(poses, tmp_path / "same.csv", frame="eci_relative", orientation_deg=ORIENTATION_DEG)
     lines = [line for line in (tmp_path / "same.csv").read_text().splitlines() if line[0] != "#"]
     assert lines == [line for line in text.splitlines() if line[0] != "#"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX pipes")
+def test_a_followed_log_of_markers_in_another_frame(marker_log, tmp_path):
+    os.mkfifo(tmp_path / "log.csv")
+    writer = threading.Thread(target=(tmp_path / "log.csv").write_text, args=(marker_log.read_text(),))
+    writer.start()
+    followed = filtered_in_eci(tmp_path / "log.csv", tmp_path / "live.csv", "--follow")
+    writer.join()
+    assert followed == filtered_in_eci(marker_log, tmp_path / "track.csv")
 
 
 NEEDS_DATE, NEEDS_ORBIT = "needs the date of the log's t = 0", "needs the orientation of the target's orbit"
