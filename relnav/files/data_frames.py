@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from relnav.dynamics.in_frame import OWN, FramedTrack
+from relnav.dynamics.in_frame import FramedTrack
 from relnav.files.optional import require
 from relnav.files.tables import COLUMNS, STATE, head, rows_of
 from relnav.files.units import split_unit
@@ -21,16 +21,6 @@ def unit_of(column: str) -> str:
     """Unit of a track's column, as CF spells it; "1" for a number without one."""
     unit = "" if column.startswith(("q_", "cov_")) else split_unit(column)[1]
     return CF_UNITS.get(unit, unit)
-
-
-def framed(solution: Any, settings: dict[str, Any]) -> FramedTrack | None:
-    """The solution in the frame that a format was asked for; None where that is its own."""
-    if settings["frame"] == OWN:
-        return None
-    found: FramedTrack = solution.in_frame(
-        settings["frame"], orientation_deg=settings["orientation_deg"], model=settings["model"]
-    )
-    return found
 
 
 def track_table(solution: Any, turned: FramedTrack | None = None) -> tuple[dict[str, Any], dict[str, str]]:

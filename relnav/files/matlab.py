@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from relnav.files.atomic import replacing
-from relnav.files.data_frames import framed, track_table, unit_of
+from relnav.files.data_frames import track_table, unit_of
+from relnav.files.tables import framed
 
 LONGEST_NAME = 31
 """Of a field, in MATLAB's files of version 5."""

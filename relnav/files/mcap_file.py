@@ -16,10 +16,9 @@ import numpy as np
 from relnav.dynamics.in_frame import OWN
 from relnav.errors import UsageError
 from relnav.files.atomic import replacing
-from relnav.files.data_frames import framed
 from relnav.files.optional import require
 from relnav.files.ros_bag import poses
-from relnav.files.tables import relnav_version
+from relnav.files.tables import framed, relnav_version
 
 NANOSECOND = 1e-9
 NEED = "An MCAP file needs mcap"
@@ -123,14 +122,18 @@ def _messages(solution: Any, settings: dict[str, Any]) -> Iterator[tuple[int, in
             state |= {"q_from_target": _named("xyzw", quaternions[e]), "rate_rad_s": rates[e].tolist()}
         state |= {"dof": int(solution.dof[e]), "status": int(solution.status[e])}
         state |= {"nis": float(solution.nis[e])} if np.isfinite(solution.nis[e]) else {}
-        yield e, stamp, {
-            "/relnav/pose": {"timestamp": time, "frame_id": frame, "pose": pose},
-            "/relnav/pose_with_covariance": {
-                "header": {"stamp": time, "frame_id": frame},
-                "pose": {"pose": pose, "covariance": covariances[e].ravel().tolist()},
+        yield (
+            e,
+            stamp,
+            {
+                "/relnav/pose": {"timestamp": time, "frame_id": frame, "pose": pose},
+                "/relnav/pose_with_covariance": {
+                    "header": {"stamp": time, "frame_id": frame},
+                    "pose": {"pose": pose, "covariance": covariances[e].ravel().tolist()},
+                },
+                "/relnav/state": state,
             },
-            "/relnav/state": state,
-        }
+        )
 
 
 def _named(names: str, values: Any) -> dict[str, float]:

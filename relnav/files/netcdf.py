@@ -4,8 +4,9 @@ from pathlib import Path
 from typing import Any
 
 from relnav.files.atomic import replacing
-from relnav.files.data_frames import framed, to_xarray
+from relnav.files.data_frames import to_xarray
 from relnav.files.optional import require
+from relnav.files.tables import framed
 
 
 def check_netcdf(settings: dict[str, Any]) -> None:  # noqa: ARG001  (all formats take them)

@@ -15,8 +15,8 @@ from relnav.arrays import Matrix, Stack
 from relnav.dynamics.in_frame import OWN, FramedTrack
 from relnav.errors import LogError, UsageError
 from relnav.files.atomic import replacing
-from relnav.files.data_frames import framed
 from relnav.files.optional import require
+from relnav.files.tables import framed
 from relnav.files.text_table import MOST_ROWS
 from relnav.files.wording import listed, shown
 

@@ -121,9 +121,7 @@ def poses(track):
     covariance = root @ np.swapaxes(root, 1, 2)
     for array in (attitude, rate, covariance):
         array[3] = np.nan
-    return SimpleNamespace(
-        **{**vars(track), "covariance": covariance}, dcm_lvlh_from_target=attitude, rate_rad_s=rate
-    )
+    return SimpleNamespace(**{**vars(track), "covariance": covariance}, dcm_lvlh_from_target=attitude, rate_rad_s=rate)
 
 
 def axes_of(frame, mission, t):
