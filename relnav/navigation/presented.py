@@ -66,7 +66,7 @@ class Presented:
     def in_frame(
         self, frame: str, *, orientation_deg: tuple[float, float, float] | None = None, model: Any = None
     ) -> FramedTrack:
-        """States and covariances turned into another frame.
+        """States, attitudes of the target and covariances turned into another frame.
 
         Parameters
         ----------
@@ -81,7 +81,8 @@ class Presented:
         Returns
         -------
         FramedTrack
-            `t_s`, `state` (n, 6), `covariance` (n, 6, 6), `frame`, `metadata`.
+            `t_s`, `state` (n, 6), `covariance` (n, 6, 6), `frame`, `metadata`; of markers `covariance` (n, 12, 12),
+            `dcm_frame_from_target`, `q_frame_from_target` and `rate_rad_s` too.
 
         Raises
         ------
