@@ -153,7 +153,7 @@ def command(
     check_distinct(log, out, track.clock, plot, json_path)
     mission = load_model(model)
     if isinstance(mission, Model | VisionMission):
-        track.check_settings(mission)
+        track.check_settings(mission, follow=follow)
     if follow:
         return run_live(Live(log, mission, track, method, projection, quiet), row_format)
     if isinstance(mission, Vehicle):

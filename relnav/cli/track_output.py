@@ -44,7 +44,7 @@ class TrackOutput:
             check_format(self.path, TRACKS)
         check_folder(self.path)
 
-    def check_settings(self, mission: Any) -> None:
+    def check_settings(self, mission: Any, *, follow: bool) -> None:
         """Refuse, before the log is read, what its format or its frame needs and was not given.
 
         Raises
@@ -55,7 +55,7 @@ class TrackOutput:
         from relnav.files.tracks import check_exchange, check_turning
 
         settings = self._settings(mission)
-        if self.path is None:
+        if self.path is None or follow:  # of what is followed only the frame counts: no format but a table is written
             check_turning(settings)
         else:
             check_exchange(self.path, settings)
