@@ -75,7 +75,8 @@ _input, _filter_options, _output, _picture = map(OptionsOf, ("Input", "Filter", 
     type=click.Choice(["lvlh_ccsds", "rsw", "dock", "eci_relative", "eci"]),
     default="lvlh_ccsds",
     show_default=True,
-    help="Frame of the track's states and covariances; rsw is RTN, RIC, Hill.",
+    help="Frame of the track's states, attitudes and covariances; rsw is RTN, RIC, Hill. A vehicle's track, port from "
+    "port in target axes, gets centre of mass and target's attitude in it beside.",
 )
 @_output(
     "--orbit-deg",
@@ -141,7 +142,7 @@ def command(
     from relnav.files.atomic import Outputs, check_distinct, check_folder
     from relnav.files.models import load_mission, load_model
     from relnav.files.tables import write_json
-    from relnav.mission import VisionMission
+    from relnav.mission import Model, VisionMission
     from relnav.spacecraft import Vehicle
 
     track = TrackOutput(out, frame, orbit_deg, epoch, row_format)
@@ -151,6 +152,8 @@ def command(
     picture = Picture(plot, corridor_deg)
     check_distinct(log, out, track.clock, plot, json_path)
     mission = load_model(model)
+    if isinstance(mission, Model | VisionMission):
+        track.check_settings(mission, follow=follow)
     if follow:
         return run_live(Live(log, mission, track, method, projection, quiet), row_format)
     if isinstance(mission, Vehicle):

@@ -4,6 +4,8 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import click
+
 from relnav.cli.epoch_bar import epoch_bar
 from relnav.cli.printing import say
 from relnav.cli.settings import given_options
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
 
 OPTIONS = (
     "model", "out", "truth", "seed", "final_range_m", "quiet", "log", "json_path", "follow", "row_format",
-    "plot", "corridor_deg",
+    "frame", "plot", "corridor_deg",
 )  # fmt: skip
 
 
@@ -48,6 +50,12 @@ def simulate_vehicle(
         say([log, *([f"truth: {truth}"] if truth is not None else [])], out, truth)
 
 
+def asked_frame() -> str | None:
+    """The frame on the command line; None if none stands there, and a track holds port from port alone."""
+    given = any(name == "frame" for name, _ in given_options())
+    return str(click.get_current_context().params["frame"]) if given else None
+
+
 def filter_vehicle(
     log: Path, vehicle: "Vehicle", out: Path | None, json_path: Path | None, picture: "Picture", *, quiet: bool
 ) -> int:
@@ -65,7 +73,7 @@ def filter_vehicle(
     with Outputs() as outputs, epoch_bar(log, quiet=quiet, note=", one a second", from_bytes=200_000) as progress:
         parts = picture.passing(summary.passing(filter_rows(summary.counted(rows), vehicle), progress))
         if out is not None:
-            write_port_track(parts, vehicle, outputs.path(out, ".csv"), {"log": log.name})
+            write_port_track(parts, vehicle, outputs.path(out, ".csv"), {"log": log.name}, frame=asked_frame())
         for _ in parts:
             pass
         picture.draw(outputs, log)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
+from relnav.dynamics.in_frame import AXES, OWN, FramedTrack, Turning
 from relnav.files.frame_logs import log_in_memory
 from relnav.files.log_columns import ACCELERATION, DELTA_V, IMAGE_TIME, Columns, markers, parse_header
 from relnav.files.logs import LogFile
@@ -154,30 +155,48 @@ def write_track(
     path: Path,
     metadata: dict[str, str] | None = None,
     writer: Writer = write_table,
+    turning: Turning | None = None,
 ) -> None:
-    """Write consecutive solutions (.csv, .jsonl or .parquet), one row an epoch.
+    """Write consecutive solutions (.csv, .jsonl or .parquet), one row an epoch; in another frame, if one is given.
 
     The covariance is in SI (m, m/s, rad, rad/s). An empty `ambiguity`: no other pose is possible. `alarm`: codes of
     `Alarm`, 0 = none.
     """
     check_format(path, TRACKS)
-    writer(path, TRACK_COLUMNS, map(_rows, parts), _head({"model": model} | (metadata or {})), _INTEGERS)
+    turning = turning or Turning()
+    tables = (_rows(part, turning(part)) for part in parts)
+    stated = _head({"model": model} | _words(turning.stated) | (metadata or {}))
+    writer(path, columns_in(turning.frame), tables, stated, _INTEGERS)
 
 
-def track_columns(solution: PoseSolution) -> dict[str, Vector]:
-    """The columns of a track by their names."""
-    return dict(zip(TRACK_COLUMNS, _rows(solution), strict=True))
+def columns_in(frame: str) -> tuple[str, ...]:
+    """The columns of a track in a frame: quaternions are named for its axes."""
+    return tuple(name.replace("q_lvlh_", f"q_{AXES[frame]}_") for name in TRACK_COLUMNS)
 
 
-def _rows(solution: PoseSolution) -> Table:
-    turns = _quaternions(np.concatenate([solution.dcm_lvlh_from_target, solution.dcm_target_from_chaser]))
+def track_columns(solution: PoseSolution, turned: FramedTrack | None = None) -> dict[str, Vector]:
+    """The columns of a track by their names; in another frame, if that is given."""
+    frame = OWN if turned is None else turned.frame
+    return dict(zip(columns_in(frame), _rows(solution, turned), strict=True))
+
+
+def _words(stated: dict[str, str]) -> dict[str, str]:
+    """What a frame states of itself, with what it leaves as it is."""
+    return stated | ({"frame": f"{stated['frame']}; ports and turns in target axes"} if stated else {})
+
+
+def _rows(solution: PoseSolution, turned: FramedTrack | None = None) -> Table:
+    state, covariance, attitude = solution.state, solution.covariance, solution.dcm_lvlh_from_target
+    if turned is not None and turned.dcm_frame_from_target is not None:
+        state, covariance, attitude = turned.state, turned.covariance, turned.dcm_frame_from_target
+    turns = _quaternions(np.concatenate([attitude, solution.dcm_target_from_chaser]))
     doubtful = np.where(np.isfinite(solution.ambiguity), solution.ambiguity, np.nan)
     return [
         solution.t_s,
-        *solution.state.T,
+        *state.T,
         *turns[: len(solution)].T,
         *np.degrees(solution.rate_rad_s).T,
-        *_sigmas(solution.covariance).T,
+        *_sigmas(covariance).T,
         *solution.port_m.T,
         *solution.port_velocity_m_s.T,
         *turns[len(solution) :].T,
@@ -185,7 +204,7 @@ def _rows(solution: PoseSolution) -> Table:
         *_sigmas(solution.docking_covariance).T,
         *(solution.nis, solution.dof, solution.used, solution.status, solution.hypotheses, doubtful),
         *(solution.observable, solution.too_late, solution.alarm),
-        *solution.covariance[:, _UPPER[0], _UPPER[1]].T,
+        *covariance[:, _UPPER[0], _UPPER[1]].T,
     ]
 
 
@@ -215,6 +234,7 @@ def _head(metadata: dict[str, str]) -> dict[str, str]:
     return {"relnav": relnav_version(), "frame": "lvlh_ccsds; ports and turns in target axes"} | metadata
 
 
-def track_head(solution: PoseSolution) -> dict[str, str]:
+def track_head(solution: PoseSolution, turned: FramedTrack | None = None) -> dict[str, str]:
     """What the head of its track states."""
-    return _head({"model": solution.model} | ({"smoothed": "yes"} if solution.smoothed else {}))
+    said = {} if turned is None else _words(turned.metadata)
+    return _head({"model": solution.model} | said | ({"smoothed": "yes"} if solution.smoothed else {}))

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from relnav.accuracy.rendezvous import true_port
+from relnav.dynamics.in_frame import AXES, frame_words
 from relnav.files.tables import Table, Writer, relnav_version, write_table
 from relnav.simulation.vehicle_sensors import VehicleRun
 from relnav.spacecraft import Vehicle
@@ -33,16 +34,50 @@ TRACK_COLUMNS = (
 Of every sensor there follow `OF_A_SENSOR`, as in `used_camera`: whether something of it was believed since the row
 before (0 or 1), observations in a row refused, NIS per degree of freedom, deviation in the filter that watches, alarm.
 """
+_CENTRE = tuple(f"{_NAMES[k]}_{_UNITS[k]}" for k in range(6))
 _DEGREES = np.array([1.0] * 6 + [180.0 / math.pi] * 6)
+
+
+def frame_columns(frame: str | None) -> tuple[str, ...]:
+    """What a frame adds to a track: centre of mass and the target's attitude in it; nothing for None."""
+    if frame is None:
+        return ()
+    return (
+        *(f"com_{name}" for name in _CENTRE),
+        *(f"q_{AXES[frame]}_from_target_{axis}" for axis in "xyzw"),
+        *(f"target_rate_{axis}_deg_s" for axis in "xyz"),
+        *(f"sigma_com_{name}_{unit}" for name, unit in zip(_NAMES, _UNITS, strict=True)),
+        *(f"cov_com_{_NAMES[i]}_{_NAMES[j]}" for i, j in zip(*_UPPER, strict=True)),
+    )
+
+
+def _framed_row(one: VehicleEstimate, frame: str) -> list[float]:
+    """What an estimate has in the columns that a frame adds."""
+    track = one.in_frame(frame)
+    attitude, rate = track.q_frame_from_target, track.rate_rad_s
+    assert attitude is not None
+    assert rate is not None
+    row = [*track.state[0], *attitude[0], *np.degrees(rate[0]), *(_DEGREES * track.sigma[0])]
+    return [*row, *track.covariance[0][_UPPER]]
+
+
+def _framed_head(vehicle: Vehicle, frame: str | None) -> dict[str, str]:
+    """What the head says of these columns."""
+    if frame is None:
+        return {}
+    stated = frame_words(frame, vehicle, vehicle.orbit.orientation_deg)
+    of_columns = f"{stated.pop('frame')}; turn and rate of the target in its own axes"
+    return {"frame of com_, q_ and cov_com_ columns": of_columns} | stated
 
 
 class TrackRows:
     """Estimates as rows of a track, one after the other."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        """Take the names of the sensors."""
-        self._last = dict.fromkeys(vehicle.sensor, math.nan)
-        self.columns = (*TRACK_COLUMNS, *(f"{what}_{name}" for name in self._last for what in OF_A_SENSOR))
+    def __init__(self, vehicle: Vehicle, frame: str | None = None) -> None:
+        """Take the names of the sensors, and a frame for further columns."""
+        self._last, self._frame = dict.fromkeys(vehicle.sensor, math.nan), frame
+        of_sensors = (f"{what}_{name}" for name in self._last for what in OF_A_SENSOR)
+        self.columns = (*TRACK_COLUMNS, *of_sensors, *frame_columns(frame))
 
     @property
     def whole_numbers(self) -> tuple[int, ...]:
@@ -62,7 +97,7 @@ class TrackRows:
             used = health.last_used_s == health.last_used_s and health.last_used_s != before
             self._last[name] = health.last_used_s
             row += [float(used), health.refused, health.nis_ratio, health.deviation, float(health.alarm)]
-        return row
+        return row if self._frame is None else [*row, *_framed_row(estimate, self._frame)]
 
 
 def write_port_track(
@@ -71,15 +106,17 @@ def write_port_track(
     path: Path,
     metadata: dict[str, str],
     writer: Writer = write_table,
+    frame: str | None = None,
 ) -> None:
     """Write estimates (.csv, .jsonl or .parquet), one row each, in the columns of `TrackRows`."""
-    rows = TrackRows(vehicle)
+    rows = TrackRows(vehicle, frame)
 
     def parts() -> Iterator[Table]:
         for one in estimates:
             yield [np.array([value]) for value in rows.of(one)]
 
-    writer(path, rows.columns, parts(), _head({"model": vehicle.name} | metadata), rows.whole_numbers)
+    stated = _head({"model": vehicle.name} | metadata) | _framed_head(vehicle, frame)
+    writer(path, rows.columns, parts(), stated, rows.whole_numbers)
 
 
 def write_port_truth(run: VehicleRun, path: Path, metadata: dict[str, str]) -> None:
