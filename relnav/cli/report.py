@@ -26,7 +26,19 @@ from relnav.cli.settings import given_options
     "--capture-m",
     type=click.FloatRange(min=0.0),
     default=0.0,
-    help="Radius of the port's capture limit, to draw; yours.",
+    help="Largest lateral misalignment that your port captures: farthest from its axis.",
+)
+@click.option(
+    "--capture-distance-m",
+    type=click.FloatRange(min=0.0),
+    default=0.0,
+    help="Farthest along the port's axis at which it captures.",
+)
+@click.option(
+    "--capture-deg",
+    type=click.FloatRange(min=0.0, max=180.0),
+    default=0.0,
+    help="Largest angular misalignment that it captures, where the run has a relative attitude.",
 )
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
@@ -37,6 +49,8 @@ def command(
     smooth: bool,
     corridor_deg: float,
     capture_m: float,
+    capture_distance_m: float,
+    capture_deg: float,
     quiet: bool,
 ) -> None:
     """Show SOURCE on one page: a track, an accuracy report (.json), a campaign's folder, or a log with its --model.
@@ -66,10 +80,12 @@ def command(
             write_accuracy_page(report, outputs.path(out, ".html"))
     else:
         view, mission, notes = _run(source, model, method, smooth)
+        from relnav.files.approach_view import CaptureLimits
         from relnav.files.run_page import write_run_page
 
+        capture = CaptureLimits(capture_m, capture_distance_m, capture_deg)
         with Outputs() as outputs:
-            write_run_page(view, mission, outputs.path(out, ".html"), corridor_deg, capture_m, notes)
+            write_run_page(view, mission, outputs.path(out, ".html"), corridor_deg, capture, notes)
     if not quiet:
         say([f"page: {out}"], out)
 

@@ -45,7 +45,7 @@ def data_block(data: Any) -> str:
 
 def table(head: Iterable[str], rows: Iterable[Iterable[object]], numeric: tuple[int, ...] = ()) -> str:
     """A table of words; columns named in `numeric` are set as numbers. `Markup` cells are taken as they are."""
-    top = "".join(f"<th>{words(cell)}</th>" for cell in head)
+    top = "".join(f"<th{' class=n' if k in numeric else ''}>{words(cell)}</th>" for k, cell in enumerate(head))
     body = "".join(
         "<tr>"
         + "".join(

@@ -184,7 +184,17 @@
   });
 
   /* The approach in space: x out of the port to the right, seen by an eye that turns about it. */
-  let turn = -0.62, tilt = 0.42;
+  let turn = -0.62, tilt = 0.42, closer = 1, magnified = 1;
+  const nice = v => { const p = 10 ** Math.floor(Math.log10(v)); return (v / p >= 5 ? 5 : v / p >= 2 ? 2 : 1) * p; };
+  const sizeOf = a => Math.hypot(a[0], a[1], a[2]);
+
+  /* How many times their size ellipsoids are drawn: a power of ten, so that the usual one in sight can be seen. */
+  function magnification(path, far) {
+    const near = path.ellipsoids.filter(e => sizeOf(e.at) <= far), some = near.length ? near : path.ellipsoids;
+    const sizes = some.map(e => Math.max(...e.axes.map(sizeOf))).sort((a, b) => a - b), usual = sizes[sizes.length >> 1];
+    return usual > 0 ? 10 ** Math.max(0, Math.floor(Math.log10(0.06 * far / usual))) : 1;
+  }
+
   function space() {
     const canvas = document.getElementById("space"), path = run.path;
     if (!canvas || !path) return;
@@ -192,7 +202,7 @@
     canvas.width = w * scale; canvas.height = h * scale;
     const c = canvas.getContext("2d");
     c.scale(scale, scale);
-    const far = path.far, size = Math.min(w / (far * 1.12), h / (far * 0.58));
+    const far = path.far / closer, size = Math.min(w / (far * 1.12), h / (far * 0.58));
     const ct = Math.cos(turn), st = Math.sin(turn), cp = Math.cos(tilt), sp = Math.sin(tilt);
     const at = (x, y, z) => { const u = x - far / 2, a = u * ct + y * st, b = -u * st + y * ct; return [w / 2 + a * size, h / 2 + (z * cp + b * sp) * size]; };
     const line = (points, style, width, dash) => {
@@ -201,46 +211,69 @@
     };
     const ring = (x, r) => Array.from({ length: 49 }, (_, k) => at(x, r * Math.cos(k * Math.PI / 24), r * Math.sin(k * Math.PI / 24)));
     const wide = Math.tan(run.corridor * Math.PI / 180);
-    const cone = Math.min(far, far);
     c.globalAlpha = 0.8;
-    for (let k = 1; k <= 4; k++) line(ring(cone * k / 4, wide * cone * k / 4), colour("spread"), 0.7);
-    for (let k = 0; k < 8; k++) { const a = k * Math.PI / 4; line([at(0, 0, 0), at(cone, wide * cone * Math.cos(a), wide * cone * Math.sin(a))], colour("spread"), 0.7); }
+    for (let k = 1; k <= 4; k++) line(ring(far * k / 4, wide * far * k / 4), colour("spread"), 0.7);
+    for (let k = 0; k < 8; k++) { const a = k * Math.PI / 4; line([at(0, 0, 0), at(far, wide * far * Math.cos(a), wide * far * Math.sin(a))], colour("spread"), 0.7); }
     c.globalAlpha = 1;
     line([at(0, 0, 0), at(far, 0, 0)], colour("soft"), 0.8, [4, 4]);
-    if (path.capture > 0) line(ring(0, path.capture), colour("published"), 1.6);
-    const unit = [[0, 1], [0, 2], [1, 2]];
-    for (const e of path.ellipsoids) for (const [i, j] of unit) {
-      line(Array.from({ length: 37 }, (_, k) => {
-        const p = e.at.slice(); p[i] += e.axes[i] * Math.cos(k * Math.PI / 18); p[j] += e.axes[j] * Math.sin(k * Math.PI / 18);
-        return at(p[0], p[1], p[2]);
-      }), colour("gate"), 0.9);
+    const r = path.capture || (path.distance ? wide * path.distance : 0);
+    if (path.capture > 0) line(ring(0, r), colour("published"), 1.8);
+    if (path.distance > 0) {
+      line(ring(path.distance, r), colour("published"), 1.8);
+      if (path.capture > 0) for (let k = 0; k < 8; k++) {
+        const a = k * Math.PI / 4, y = r * Math.cos(a), z = r * Math.sin(a);
+        line([at(0, y, z), at(path.distance, y, z)], colour("published"), 0.9);
+      }
     }
+    magnified = magnification(path, far);
+    c.globalAlpha = 0.85;
+    let before = null;
+    for (const e of path.ellipsoids) {
+      const final = e === path.ellipsoids[path.ellipsoids.length - 1];
+      if (before && !final && sizeOf(e.at.map((v, k) => v - before[k])) < 0.04 * far) continue;
+      before = e.at;
+      const most = magnified * Math.max(...e.axes.map(sizeOf)), times = magnified * Math.min(1, 0.16 * far / most);
+      for (const [i, j] of [[0, 1], [0, 2], [1, 2]]) line(Array.from({ length: 49 }, (_, k) => {
+        const p = times * Math.cos(k * Math.PI / 24), q = times * Math.sin(k * Math.PI / 24), a = e.axes[i], b = e.axes[j];
+        return at(e.at[0] + p * a[0] + q * b[0], e.at[1] + p * a[1] + q * b[1], e.at[2] + p * a[2] + q * b[2]);
+      }), colour("gate"), 0.9, times < magnified ? [3, 4] : []);
+    }
+    c.globalAlpha = 1;
     line(path.x.map((x, i) => (x == null ? null : at(x, path.y[i], path.z[i]))), colour("estimate"), 2.2);
     c.fillStyle = colour("ink"); c.font = "12px system-ui, sans-serif";
     const o = at(0, 0, 0); c.fillRect(o[0] - 4, o[1] - 4, 8, 8); c.fillText("port", o[0] - 12, o[1] + 20);
-    for (let d = path.tick; d < far; d += path.tick) { const p = at(d, 0, 0); c.fillRect(p[0] - 1, p[1] - 3, 2, 6); c.fillText(short(d) + " m", p[0] - 12, p[1] + 16); }
-    const last = path.x.length - 1, end = at(path.x[last], path.y[last], path.z[last]);
+    const tick = nice(far / 4);
+    for (let k = 1; k * tick < far; k++) { const p = at(k * tick, 0, 0); c.fillRect(p[0] - 1, p[1] - 3, 2, 6); c.fillText(short(k * tick) + " m", p[0] - 12, p[1] + 16); }
+    const last = path.ellipsoids[path.ellipsoids.length - 1].at, end = at(last[0], last[1], last[2]);
     c.beginPath(); c.fillStyle = colour("estimate"); c.arc(end[0], end[1], 4.5, 0, 7); c.fill();
     const length = far * 0.09, from = at(far * 0.5, 0, 0);
     [["x", [length, 0, 0]], ["y", [0, length, 0]], ["z", [0, 0, length]]].forEach(([name, d]) => {
       const p = at(far / 2 + d[0], d[1], d[2]), x = 60 + p[0] - from[0], y = h - 74 + p[1] - from[1];
       line([[60, h - 74], [x, y]], colour("soft"), 1.2); c.fillStyle = colour("soft"); c.fillText(name, x + 3, y + 3);
     });
+    document.getElementById("drawn").textContent = "ellipsoids " + (magnified > 1 ? "drawn " + magnified.toLocaleString("en") + " times their size" : "to scale") + "; " + (+far.toPrecision(3)) + " m from the port in sight";
   }
   const canvas = document.getElementById("space");
-  if (canvas) {
+  if (canvas && run.path) {
     let held = null;
+    const come = factor => { closer = factor ? Math.min(1e4, Math.max(1, closer * factor)) : 1; space(); };
     canvas.addEventListener("pointerdown", e => { held = [e.clientX, e.clientY, turn, tilt]; canvas.setPointerCapture(e.pointerId); });
     canvas.addEventListener("pointermove", e => {
       if (!held) return;
       turn = held[2] - (e.clientX - held[0]) / 160; tilt = Math.max(-1.5, Math.min(1.5, held[3] + (e.clientY - held[1]) / 160)); space();
     });
     canvas.addEventListener("pointerup", () => { held = null; });
+    canvas.addEventListener("pointercancel", () => { held = null; });
     canvas.addEventListener("keydown", e => {
+      if (e.ctrlKey || e.metaKey || e.altKey) return;
+      const factor = { "+": 2, "-": 0.5, "0": 0 }[e.key];
       const step = { ArrowLeft: [0.1, 0], ArrowRight: [-0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] }[e.key];
-      if (!step) return;
-      turn += step[0]; tilt = Math.max(-1.5, Math.min(1.5, tilt + step[1])); space(); e.preventDefault();
+      if (factor != null) come(factor);
+      else if (step) { turn += step[0]; tilt = Math.max(-1.5, Math.min(1.5, tilt + step[1])); space(); }
+      else return;
+      e.preventDefault();
     });
+    on("near", () => come(2)); on("far", () => come(0.5)); on("path", () => come(0));
     space();
   }
   show(whole[0], whole[1]);
