@@ -6,21 +6,28 @@ import numpy as np
 
 from relnav.arrays import Vector
 from relnav.files.approach_view import MISALIGNMENT, MISALIGNMENT_3_SIGMA, CaptureLimits, verdicts
-from relnav.files.report_page import paragraph, section, table
+from relnav.files.report_page import paragraph, section, table, toolbar
 from relnav.files.run_view import RunView
 
 PATH_POINTS = 1200
-_SPACE = (
-    '<div class="tools still" role="toolbar" aria-label="Approach in space"><button id="near">Closer to the port (+)'
-    '</button><button id="far">Farther (-)</button><button id="path">Whole approach (0)</button>'
-    '<span class="soft" id="drawn" role="status"></span></div>'
+_TOOLS = toolbar(
+    "Approach in space",
+    "drawn",
+    ("near", "Closer", "+"),
+    ("far", "Farther", "-"),
+    ("path", "Whole approach", "0"),
+    classes="tools still",
+)
+_CANVAS = (
     '<canvas id="space" tabindex="0" role="img" aria-label="Approach in the docking frame: arrow keys turn it, '
     'plus and minus come closer to the port and go away from it"></canvas>'
 )
 
+
 def approach_section(view: RunView, corridor_deg: float, capture: CaptureLimits) -> str:
     """The drawing, what it shows, and the end of the run beside the limits."""
-    return section("Approach in space", _SPACE, paragraph(_seen(view, corridor_deg)), _captured(view, capture))
+    said = paragraph(_seen(view, corridor_deg)), _captured(view, capture)
+    return section("Approach in space", _TOOLS, _CANVAS, *said)
 
 
 def _seen(view: RunView, corridor_deg: float) -> str:

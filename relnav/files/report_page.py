@@ -80,6 +80,16 @@ def section(title: str, *parts: str) -> str:
     return f"<section><h2>{words(title)}</h2>{''.join(parts)}</section>"
 
 
+def toolbar(label: str, said: str, *buttons: tuple[str, str, str], classes: str = "tools") -> str:
+    """Buttons by id, what they do and key, and a place with the id `said` for words."""
+    made = "".join(
+        f'<button id="{name}">{words(what)}<span class="key"> ({words(key)})</span></button>'
+        for name, what, key in buttons
+    )
+    room = f'<span class="soft" id="{said}" role="status"></span>'
+    return f'<div class="{classes}" role="toolbar" aria-label="{words(label)}">{made}{room}</div>'
+
+
 def write_page(path: Path, title: str, lead: str, body: str, data: Any = None) -> None:
     """Write the page, whole or not at all; with data it draws charts."""
     room = files("relnav.files") / "report"

@@ -12,7 +12,7 @@ from relnav.files.approach_page import approach_data, approach_section, misalign
 from relnav.files.approach_view import MISALIGNMENT, CaptureLimits
 from relnav.files.measurement_picture import WORDS
 from relnav.files.models import model_values
-from relnav.files.report_page import paragraph, section, table, tile, write_page
+from relnav.files.report_page import paragraph, section, table, tile, toolbar, write_page
 from relnav.files.run_view import ALARMS, FLAGS, TURNS, Quantity, RunView
 from relnav.navigation.status import EpochStatus
 
@@ -69,10 +69,14 @@ def _body(view: RunView, model: Any, corridor_deg: float, capture: CaptureLimits
     return "".join(parts)
 
 
-_TOOLS = (
-    '<div class="tools" role="toolbar" aria-label="Time"><button id="in">Zoom in (+)</button>'
-    '<button id="out">Zoom out (-)</button><button id="left">Earlier (,)</button><button id="right">Later (.)</button>'
-    '<button id="all">All (0)</button><span class="soft" id="span"></span></div>'
+_TOOLS = toolbar(
+    "Time",
+    "span",
+    ("in", "Zoom in", "+"),
+    ("out", "Zoom out", "-"),
+    ("left", "Earlier", ","),
+    ("right", "Later", "."),
+    ("all", "All", "0"),
 )
 _PAIRED = ("docking", "states")
 _SECTIONS = (

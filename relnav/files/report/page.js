@@ -65,7 +65,7 @@
 
   function axes(unit, log) {
     const one = { stroke: colour("soft"), grid: { stroke: colour("grid"), width: 1 }, ticks: { stroke: colour("line"), width: 1 }, font: "11px system-ui, sans-serif" };
-    return [Object.assign({ values: (u, vs) => vs.map(short) }, one),
+    return [Object.assign({ size: 30, values: (u, vs) => vs.map(v => short(v) + " s") }, one),
       Object.assign({ size: 62, label: unit, labelSize: 16, labelFont: "11px system-ui, sans-serif", values: (u, vs) => vs.map(v => (v == null ? "" : short(v))) }, one)];
   }
 
@@ -160,10 +160,22 @@
     if (entry.isIntersecting && stale.delete(entry.target) && charts.has(entry.target)) follow(charts.get(entry.target));
     if (entry.isIntersecting && waiting.has(entry.target)) { make(entry.target, waiting.get(entry.target)); waiting.delete(entry.target); }
   }), { rootMargin: "200px" });
+  /* With the keyboard: where the cursor would be, in steps of a hundredth. */
+  function values(box, event) {
+    const u = charts.get(box), way = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+    if (!u || !way || event.ctrlKey || event.metaKey || event.altKey) return;
+    const width = u.over.clientWidth, before = u.cursor.left >= 0 ? u.cursor.left : way > 0 ? 0 : width;
+    const left = Math.max(0, Math.min(width - 1, before + way * width / 100));
+    u.setCursor({ left, top: u.over.clientHeight / 2 });
+    event.preventDefault();
+  }
   const all = [];
   for (const chart of run.charts) {
     const card = document.createElement("div"), head = document.createElement("h3"), box = document.createElement("div");
     card.className = "chart" + (chart.wide ? " wide" : ""); box.className = "plot";
+    box.tabIndex = 0; box.setAttribute("role", "group");
+    box.setAttribute("aria-label", chart.title + ": left and right show values, plus and minus zoom, 0 shows everything");
+    box.addEventListener("keydown", event => values(box, event));
     head.textContent = chart.title; card.append(head, box);
     document.getElementById(chart.section).append(card);
     all.push([box, chart]); waiting.set(box, chart); watcher.observe(box);
@@ -172,7 +184,10 @@
   const again = () => { for (const [box, chart] of all) if (charts.has(box)) make(box, chart); space(); };
   new ResizeObserver(() => charts.forEach((u, box) => { if (Math.abs(u.width - box.clientWidth) > 1) u.setSize({ width: box.clientWidth, height: u.height }); space(); })).observe(document.body);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
-  addEventListener("beforeprint", finish);
+  /* Printed are all charts, and in the colours of paper. */
+  const paper = printed => { document.documentElement.classList.toggle("printing", printed); finish(); again(); };
+  addEventListener("beforeprint", () => paper(true));
+  addEventListener("afterprint", () => paper(false));
 
   const on = (id, action) => document.getElementById(id).addEventListener("click", action);
   on("in", () => zoom(0.5)); on("out", () => zoom(2)); on("left", () => move(-0.25)); on("right", () => move(0.25));
@@ -242,7 +257,7 @@
     line(path.x.map((x, i) => (x == null ? null : at(x, path.y[i], path.z[i]))), colour("estimate"), 2.2);
     c.fillStyle = colour("ink"); c.font = "12px system-ui, sans-serif";
     const o = at(0, 0, 0); c.fillRect(o[0] - 4, o[1] - 4, 8, 8); c.fillText("port", o[0] - 12, o[1] + 20);
-    const tick = nice(far / 4);
+    const tick = nice(far / (w < 560 ? 2.5 : 3.5));
     for (let k = 1; k * tick < far; k++) { const p = at(k * tick, 0, 0); c.fillRect(p[0] - 1, p[1] - 3, 2, 6); c.fillText(short(k * tick) + " m", p[0] - 12, p[1] + 16); }
     const last = path.ellipsoids[path.ellipsoids.length - 1].at, end = at(last[0], last[1], last[2]);
     c.beginPath(); c.fillStyle = colour("estimate"); c.arc(end[0], end[1], 4.5, 0, 7); c.fill();
