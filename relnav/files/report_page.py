@@ -93,7 +93,9 @@ def toolbar(label: str, said: str, *buttons: tuple[str, str, str], classes: str 
 def write_page(path: Path, title: str, lead: str, body: str, data: Any = None) -> None:
     """Write the page, whole or not at all; with data it draws charts."""
     room = files("relnav.files") / "report"
-    css = (room / "uplot" / "uPlot.min.css").read_text(encoding="utf-8") + (room / "page.css").read_text("utf-8")
+    css = (room / "page.css").read_text(encoding="utf-8")
+    if data is not None:
+        css = (room / "uplot" / "uPlot.min.css").read_text(encoding="utf-8") + css
     library = (room / "uplot" / "uPlot.iife.min.js").read_text(encoding="utf-8")
     licence = (room / "uplot" / "LICENSE").read_text(encoding="utf-8")
     scripts = [library, (room / "page.js").read_text(encoding="utf-8")] if data is not None else []
@@ -102,6 +104,7 @@ def write_page(path: Path, title: str, lead: str, body: str, data: Any = None) -
     allowed = hashes or "'none'"
     policy = f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data:"
     running = "".join(f"<script>{script}</script>\n" for script in scripts)
+    credit = f"<details><summary>Charts by uPlot, MIT licence</summary><pre>{words_of(licence)}</pre></details>"
     page = f"""<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -116,7 +119,7 @@ def write_page(path: Path, title: str, lead: str, body: str, data: Any = None) -
 <header><h1>{words(title)}</h1><p class="soft">{words(lead)}</p></header>
 <main>{body}</main>
 <footer><p>Made by relnav {words(relnav_version())}. This file holds all it needs and asks no network for anything.</p>
-<details><summary>Charts by uPlot, MIT licence</summary><pre>{words_of(licence)}</pre></details></footer>
+{credit if data is not None else ""}</footer>
 {data_block(data) if data is not None else ""}
 {running}</body>
 </html>
