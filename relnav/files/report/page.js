@@ -83,17 +83,27 @@
     if (!chart.limits || !chart.lines.some(line => line.kind === "dots")) return;
     const c = u.ctx, b = u.bbox, s = 4 * devicePixelRatio, values = column(chart.lines.find(line => line.kind === "dots").column);
     const dot = 2 * devicePixelRatio, low = u.scales.x.min, high = u.scales.x.max;
+    const left = b.left, across = b.width / (high - low), down = b.height / (chart.limits[1] - chart.limits[0]);
+    let begin = 0, end = time.length;
+    for (let lo = 0, hi = time.length; lo < hi; begin = lo) { const m = (lo + hi) >> 1; if (time[m] < low) lo = m + 1; else hi = m; }
+    while (end > begin && time[end - 1] > high) end--;
+    /* No pixel is filled twice: many dots lie upon one another. */
+    const wide = Math.ceil(b.width) + 1, taken = new Uint8Array(wide * (Math.ceil(b.height) + 1)), outside = [];
     c.fillStyle = colour("dots");
-    for (let k = 0; k < time.length; k++) {
-      if (values[k] == null || time[k] < low || time[k] > high || values[k] < chart.limits[0] || values[k] > chart.limits[1]) continue;
-      c.fillRect(u.valToPos(time[k], "x", true) - dot / 2, u.valToPos(values[k], "y", true) - dot / 2, dot, dot);
+    for (let k = begin; k < end; k++) {
+      const v = values[k];
+      if (v == null) continue;
+      const x = (time[k] - low) * across, y = (chart.limits[1] - v) * down;
+      if (y < 0 || y > b.height) { outside.push([x, y < 0]); continue; }
+      const place = Math.round(y) * wide + Math.round(x);
+      if (taken[place]) continue;
+      taken[place] = 1;
+      c.fillRect(left + x - dot / 2, b.top + y - dot / 2, dot, dot);
     }
     c.fillStyle = colour("gate");
-    for (let k = 0; k < time.length; k++) {
-      const above = values[k] > chart.limits[1];
-      if (values[k] == null || !(above || values[k] < chart.limits[0]) || time[k] < low || time[k] > high) continue;
-      const x = u.valToPos(time[k], "x", true), y = above ? b.top : b.top + b.height, d = above ? 1 : -1;
-      c.beginPath(); c.moveTo(x, y); c.lineTo(x - s, y + d * 1.6 * s); c.lineTo(x + s, y + d * 1.6 * s); c.fill();
+    for (const [x, above] of outside) {
+      const y = above ? b.top : b.top + b.height, d = above ? 1 : -1;
+      c.beginPath(); c.moveTo(left + x, y); c.lineTo(left + x - s, y + d * 1.6 * s); c.lineTo(left + x + s, y + d * 1.6 * s); c.fill();
     }
   }
 
