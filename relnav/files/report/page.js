@@ -56,7 +56,7 @@
         bands.push({ series: [at, at + 1], fill: colour("envelope") });
       }
       const dots = line.kind === "dots";
-      add(values, { label: line.label, stroke: colour(line.colour), width: 1.4, dash: line.dash ? [6, 4] : undefined,
+      add(values, { label: line.label, stroke: colour(line.colour), width: time.length > 4000 ? 1 : 1.4, dash: line.dash ? [6, 4] : undefined,
         paths: dots ? () => null : line.kind === "steps" ? uPlot.paths.stepped({ align: 1 }) : undefined,
         points: { show: false } });
     }
