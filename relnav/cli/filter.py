@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from relnav.cli.completion import FLOWN, ModelName
 from relnav.cli.epoch_bar import epoch_bar
 from relnav.cli.help_groups import GroupedCommand, OptionsOf
 from relnav.cli.picture import Picture
@@ -29,7 +30,12 @@ _input, _filter_options, _output, _picture = map(OptionsOf, ("Input", "Filter", 
     cls=GroupedCommand, epilog="Example: relnav filter approach.csv --model three_beacon_psd --out track.csv"
 )
 @click.argument("log", type=InputPath(bags=True))
-@_input("--model", required=True, help="A shipped model (see `relnav models`), a folder or a model.toml.")
+@_input(
+    "--model",
+    type=ModelName(*FLOWN, "vehicle"),
+    required=True,
+    help="A shipped model (see `relnav models`), a folder or a model.toml.",
+)
 @_input(
     "-f",
     "--follow",

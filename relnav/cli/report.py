@@ -5,30 +5,50 @@ from typing import Any
 
 import click
 
+from relnav.cli.completion import FLOWN, ModelName
+from relnav.cli.help_groups import GroupedCommand, OptionsOf
 from relnav.cli.printing import InputPath, OutputPath, say
 from relnav.cli.settings import given_options
 
+_page, _log, _limits = map(OptionsOf, ("Page", "Run", "Your limits, drawn and compared"))
 
-@click.command(epilog="Example: relnav report track.csv --out run.html")
+
+@click.command(cls=GroupedCommand, epilog="Example: relnav report track.csv --out run.html")
 @click.argument("source", type=InputPath(folders=True))
-@click.option("--out", type=OutputPath(), required=True, help="Page to write, .html; it asks no network for anything.")
-@click.option("--model", help="What was flown, if SOURCE does not say it, or to filter SOURCE as a log.")
-@click.option("--method", type=click.Choice(["fix", "spots"]), help="To filter a log: as for `relnav filter`.")
-@click.option("--smooth", is_flag=True, help="To filter a log: run backward too.")
-@click.option(
+@_page("--out", type=OutputPath(), required=True, help="Page to write, .html; it asks no network for anything.")
+@_log(
+    "--model",
+    type=ModelName(*FLOWN, "vehicle"),
+    help="What was flown, if SOURCE does not say it, or to filter SOURCE as a log.",
+)
+@_log("--method", type=click.Choice(["fix", "spots"]), help="To filter a log: as for `relnav filter`.")
+@_log("--smooth", is_flag=True, help="To filter a log: run backward too.")
+@_limits(
     "--corridor-deg",
     type=click.FloatRange(min=0.0, max=80.0, min_open=True),
     default=10.0,
     show_default=True,
     help="Half angle of your approach corridor.",
 )
-@click.option(
+@_limits(
     "--capture-m",
     type=click.FloatRange(min=0.0),
     default=0.0,
-    help="Radius of the port's capture limit, to draw; yours.",
+    help="Largest lateral misalignment that your port captures: farthest from its axis.",
 )
-@click.option("--quiet", is_flag=True, help="Print nothing.")
+@_limits(
+    "--capture-distance-m",
+    type=click.FloatRange(min=0.0),
+    default=0.0,
+    help="Farthest along the port's axis at which it captures.",
+)
+@_limits(
+    "--capture-deg",
+    type=click.FloatRange(min=0.0, max=180.0),
+    default=0.0,
+    help="Largest angular misalignment that it captures, where the run has a relative attitude.",
+)
+@_page("--quiet", is_flag=True, help="Print nothing.")
 def command(
     source: Path,
     out: Path,
@@ -37,6 +57,8 @@ def command(
     smooth: bool,
     corridor_deg: float,
     capture_m: float,
+    capture_distance_m: float,
+    capture_deg: float,
     quiet: bool,
 ) -> None:
     """Show SOURCE on one page: a track, an accuracy report (.json), a campaign's folder, or a log with its --model.
@@ -66,10 +88,12 @@ def command(
             write_accuracy_page(report, outputs.path(out, ".html"))
     else:
         view, mission, notes = _run(source, model, method, smooth)
+        from relnav.files.approach_view import CaptureLimits
         from relnav.files.run_page import write_run_page
 
+        capture = CaptureLimits(capture_m, capture_distance_m, capture_deg)
         with Outputs() as outputs:
-            write_run_page(view, mission, outputs.path(out, ".html"), corridor_deg, capture_m, notes)
+            write_run_page(view, mission, outputs.path(out, ".html"), corridor_deg, capture, notes)
     if not quiet:
         say([f"page: {out}"], out)
 

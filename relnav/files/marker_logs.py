@@ -10,6 +10,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
 from relnav.dynamics.in_frame import AXES, OWN, FramedTrack, Turning
+from relnav.files.approach_view import PORT_COVARIANCE
 from relnav.files.frame_logs import log_in_memory
 from relnav.files.log_columns import ACCELERATION, DELTA_V, IMAGE_TIME, Columns, markers, parse_header
 from relnav.files.logs import LogFile
@@ -36,7 +37,7 @@ PORT_COLUMNS = (
 )
 _ERRORS = ("x", "y", "z", "vx", "vy", "vz", "turn_x", "turn_y", "turn_z", "rate_x", "rate_y", "rate_z")
 _ERROR_UNITS = ("m",) * 3 + ("m_s",) * 3 + ("deg",) * 3 + ("deg_s",) * 3
-_UPPER = np.triu_indices(12)
+_UPPER, _UPPER_3 = np.triu_indices(12), np.triu_indices(3)
 TRACK_COLUMNS = (
     *TRUTH_COLUMNS,
     *(f"sigma_{name}_{unit}" for name, unit in zip(_ERRORS, _ERROR_UNITS, strict=True)),
@@ -44,6 +45,7 @@ TRACK_COLUMNS = (
     *(f"sigma_port_{name}_{unit}" for name, unit in zip(_ERRORS, _ERROR_UNITS, strict=True)),
     *("nis", "dof", "used", "status", "hypotheses", "ambiguity", "observable", "too_late", "alarm"),
     *(f"cov_{_ERRORS[i]}_{_ERRORS[j]}" for i, j in zip(*_UPPER, strict=True)),
+    *PORT_COVARIANCE,
 )
 _WHOLE_NUMBERS = ("dof", "used", "status", "hypotheses", "observable", "too_late", "alarm")
 _INTEGERS = tuple(TRACK_COLUMNS.index(name) for name in _WHOLE_NUMBERS)
@@ -159,8 +161,8 @@ def write_track(
 ) -> None:
     """Write consecutive solutions (.csv, .jsonl or .parquet), one row an epoch; in another frame, if one is given.
 
-    The covariance is in SI (m, m/s, rad, rad/s). An empty `ambiguity`: no other pose is possible. `alarm`: codes of
-    `Alarm`, 0 = none.
+    Covariances are in SI (m, m/s, rad, rad/s): `cov_x_x` of the state, `cov_port_x_x` of port from port. An
+    empty `ambiguity`: no other pose is possible. `alarm`: codes of `Alarm`, 0 = none.
     """
     check_format(path, TRACKS)
     turning = turning or Turning()
@@ -205,6 +207,7 @@ def _rows(solution: PoseSolution, turned: FramedTrack | None = None) -> Table:
         *(solution.nis, solution.dof, solution.used, solution.status, solution.hypotheses, doubtful),
         *(solution.observable, solution.too_late, solution.alarm),
         *covariance[:, _UPPER[0], _UPPER[1]].T,
+        *solution.docking_covariance[:, _UPPER_3[0], _UPPER_3[1]].T,
     ]
 
 

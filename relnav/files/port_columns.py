@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from relnav.arrays import Vector
+from relnav.files.approach_view import PORT_COVARIANCE, STATE_COVARIANCE
 
 QUATERNION = tuple(f"q_target_from_chaser_{axis}" for axis in "xyzw")
 _OF_VEHICLES = {
@@ -17,6 +18,7 @@ _OF_VEHICLES = {
 }
 _KINDS = ("", "sigma_", "protection_")
 RENAMED = {f"{kind}{old}": f"{kind}{new}" for old, new in _OF_VEHICLES.items() for kind in _KINDS}
+RENAMED |= dict(zip(STATE_COVARIANCE, PORT_COVARIANCE, strict=True))
 """Columns of a vehicle's track, all of which are port from port, as a marker track calls them."""
 
 

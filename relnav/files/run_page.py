@@ -7,27 +7,27 @@ from typing import Any
 
 import numpy as np
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Vector
+from relnav.files.approach_page import approach_data, approach_section, misalignment_chart
+from relnav.files.approach_view import MISALIGNMENT, CaptureLimits
 from relnav.files.models import model_values
-from relnav.files.report_page import paragraph, section, table, tile, write_page
+from relnav.files.report_page import paragraph, section, table, tile, toolbar, write_page
 from relnav.files.run_view import TURNS, WORDS, Quantity, RunView
 from relnav.files.vehicle_page import SENSORS_SAID, TIMELINE_SAID, sensor_charts, vehicle_tiles
 from relnav.navigation.status import EpochStatus
 
 GROUPS = 8192
 """Of epochs, at most twice as many: what a browser draws without a wait."""
-PATH_POINTS = 1200
-ELLIPSOIDS = 9
 
 
 def write_run_page(
-    view: RunView, model: Any, path: Path, corridor_deg: float, capture_m: float, notes: tuple[str, ...]
+    view: RunView, model: Any, path: Path, corridor_deg: float, capture: CaptureLimits, notes: tuple[str, ...]
 ) -> None:
     """Write the page; `model` is what was flown, None if that is not known; notes are for the reader.
 
-    Corridor (half angle) and capture radius (0: none) are the mission's, and only drawn.
+    Corridor (half angle) and capture limits are the mission's: drawn, and the end of the run is held against them.
     """
-    charts = _charts(view)
+    charts = _charts(view, capture)
     used = {line.get("column") for chart in charts for line in chart.get("lines", [])}
     used |= {line.get("sigma") for chart in charts for line in chart.get("lines", [])}
     used |= {row["column"] for chart in charts for row in chart.get("rows", [])}
@@ -41,30 +41,23 @@ def write_run_page(
         },
         "charts": charts,
         "corridor": corridor_deg,
-        "path": _path(view, capture_m),
+        "path": approach_data(view, capture),
     }
     log = view.metadata.get("log", "")
     title = f"{view.title}: {log}" if log else view.title
     thinned = "" if view.thin.whole else f", drawn as the extremes of {len(view.thin.begin)} groups: no peak is lost"
     lead = f"{view.thin.epochs} epochs, {view.thin.begin[0]:.9g} s to {view.thin.end[-1]:.9g} s{thinned}."
-    write_page(path, title, lead, _body(view, model, corridor_deg, data["path"], notes, charts), data)
+    body = _body(view, model, corridor_deg, capture, notes, {chart["section"] for chart in charts})
+    write_page(path, title, lead, body, data)
 
 
 def _body(
-    view: RunView, model: Any, corridor_deg: float, path: Any, notes: tuple[str, ...], charts: list[dict[str, Any]]
+    view: RunView, model: Any, corridor_deg: float, capture: CaptureLimits, notes: tuple[str, ...], shown: set[str]
 ) -> str:
     parts = [f'<div class="tiles">{"".join(_tiles(view))}</div>', *(paragraph(note) for note in notes)]
     parts.append(_TOOLS)
-    if path is not None:
-        said = (
-            f"Cone: a corridor of {corridor_deg:g} deg half angle, yours to state (--corridor-deg). Ellipsoids: "
-            f"3-sigma of the position, drawn {path['magnified']:g} times their size. Square: port; dot: end. "
-        )
-        said += f"Ring: capture radius {path['capture']:g} m. " if path["capture"] else ""
-        said += "Drag, or use the arrow keys, to turn it."
-        space = '<canvas id="space" tabindex="0" role="img" aria-label="Approach in the docking frame"></canvas>'
-        parts.append(section("Approach in space", space, paragraph(said)))
-    shown = {chart["section"] for chart in charts}
+    if view.places:
+        parts.append(approach_section(view, corridor_deg, capture))
     for key, title, said in _SECTIONS:
         if key not in shown:
             continue
@@ -81,10 +74,14 @@ def _body(
     return "".join(parts)
 
 
-_TOOLS = (
-    '<div class="tools" role="toolbar" aria-label="Time"><button id="in">Zoom in (+)</button>'
-    '<button id="out">Zoom out (-)</button><button id="left">Earlier (,)</button><button id="right">Later (.)</button>'
-    '<button id="all">All (0)</button><span class="soft" id="span"></span></div>'
+_TOOLS = toolbar(
+    "Time",
+    "span",
+    ("in", "Zoom in", "+"),
+    ("out", "Zoom out", "-"),
+    ("left", "Earlier", ","),
+    ("right", "Later", "."),
+    ("all", "All", "0"),
 )
 _PAIRED = ("docking", "states", "ports")
 _OF_VEHICLES = {"measurements": SENSORS_SAID, "timeline": TIMELINE_SAID}
@@ -137,11 +134,13 @@ def _last(values: Vector) -> float:
     return float(known[-1]) if known.size else math.nan
 
 
-def _charts(view: RunView) -> list[dict[str, Any]]:
+def _charts(view: RunView, capture: CaptureLimits) -> list[dict[str, Any]]:
     charts: list[dict[str, Any]] = []
     for quantity in view.docking():
         charts.append(_value(quantity, "docking", view))
         charts.append(_spread(quantity, "docking", 1.0, view))
+    if view.has(MISALIGNMENT):
+        charts.append(misalignment_chart(capture.angle_deg))
     for quantity in view.states():
         charts.append(_value(quantity, "states", view))
         charts.append(_spread(quantity, "states", 3.0, view))
@@ -231,32 +230,6 @@ def _robust(view: RunView, column: str, gate: str) -> list[float]:
     if view.has(gate):
         limit = max(0.5 * limit, 1.25 * float(np.nanpercentile(view.largest(gate), 90)))
     return [-(limit or 1.0), limit or 1.0]
-
-
-def _path(view: RunView, capture_m: float) -> dict[str, Any] | None:
-    """The approach in docking axes, m: a path, and ellipsoids magnified so that one sees them."""
-    place, sigma = view.place()
-    known = np.isfinite(place).all(axis=0) & np.isfinite(sigma).all(axis=0)
-    if not known.any():
-        return None
-    place, sigma = place[:, known], sigma[:, known]
-    at = np.unique(np.linspace(0, place.shape[1] - 1, PATH_POINTS).astype(np.int64))
-    far = 1.06 * float(np.linalg.norm(place, axis=0).max())
-    few = np.unique(np.linspace(0, place.shape[1] - 1, ELLIPSOIDS).astype(np.int64))
-    usual = 3.0 * float(np.median(sigma[:, few].max(axis=0)))
-    magnified = 10.0 ** max(0, math.floor(math.log10(0.06 * far / usual))) if usual > 0.0 else 1.0
-    ellipsoids = [
-        {"at": _short(place[:, k]), "axes": _short(np.minimum(3.0 * magnified * sigma[:, k], 0.3 * far))} for k in few
-    ]
-    tick = 10.0 ** math.floor(math.log10(far)) / (1.0 if far / 10.0 ** math.floor(math.log10(far)) > 4.0 else 4.0)
-    paths: Matrix = place[:, at]
-    x, y, z = (_short(row) for row in paths)
-    said = {"x": x, "y": y, "z": z, "far": far, "tick": tick, "ellipsoids": ellipsoids, "magnified": magnified}
-    return said | {"capture": capture_m}
-
-
-def _short(values: Vector) -> list[float]:
-    return [float(f"{value:.7g}") for value in values]
 
 
 def _events(view: RunView) -> str:

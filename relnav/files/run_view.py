@@ -15,6 +15,7 @@ from relnav.accuracy.published import Claim
 from relnav.arrays import Matrix, Vector
 from relnav.estimation.consistency import Consistency, consistency_of_sum
 from relnav.estimation.gating import chi_square_limit
+from relnav.files.approach_view import Place, Places, misalignments
 from relnav.files.innovation_columns import Innovations, SpotInnovations
 from relnav.files.port_columns import PortColumns
 from relnav.files.tables import COLUMNS, DOCKING_COLUMNS, STATE_COLUMNS, rows_of
@@ -29,6 +30,7 @@ ALARMS = {f"alarm_{one.name.lower()}": one for one in Alarm if one.name}
 MOST_EVENTS = 200
 MOST_STEPS = 30
 """Of a bound that changes with the number of spots seen, before it is a thicket."""
+PLACES = 12
 BARS = 40
 """Averages of NIS over a run."""
 
@@ -138,6 +140,8 @@ class RunView:
         Whether it is a vehicle's.
     sensors : tuple of str
         Of a vehicle: with `used_...`, `nis_...` and `deviation_...` of each, as far as its track has them.
+    places : list of Place
+        Some epochs, spread over the run, with the covariance of the position; the last is where it ends.
     """
 
     title: str
@@ -155,6 +159,7 @@ class RunView:
     rows: tuple[Row, ...] = ()
     sensors: tuple[str, ...] = ()
     of_vehicle: bool = False
+    places: list[Place] = field(default_factory=list)
 
     def has(self, column: str) -> bool:
         """Whether the run has a column, with a number in it."""
@@ -262,7 +267,7 @@ class RunWatcher:
     def __init__(self, most: int, model: Any = None, claims: tuple[Claim, ...] = ()) -> None:
         """Keep about so many groups; the model, if it is known, tells gates, its published figures are drawn."""
         self._thinning, self._model = Thinning(most), model
-        self._claims = claims
+        self._claims, self._places = claims, Places(PLACES, model)
         self._names: list[str] = []
         self._decisions = Spans((EpochStatus.UPDATED, EpochStatus.PREDICTED), lambda code: EpochStatus(code).name)
         self._alarms = Spans((0,), lambda code: f"ALARM {Alarm(code).words}")
@@ -296,6 +301,8 @@ class RunWatcher:
 
     def take_columns(self, columns: Mapping[str, Any]) -> None:
         """Go on with the next epochs as columns of a track, `t_s` and `nis`, `dof`, `status` among them."""
+        columns = {**columns, **misalignments(columns, self._model)}
+        self._places.take(columns)
         status = np.asarray(columns["status"])
         flags = {name: (status == code).astype(np.float64) for code, name in enumerate(FLAGS)}
         alarm = np.nan_to_num(columns.get("alarm", np.zeros(len(status)))).astype(np.int64)
@@ -339,6 +346,7 @@ class RunWatcher:
             events_left_out=left_out,
             innovations=self._compared(),
             rows=self._rows(),
+            places=self._places.places(),
         )
 
     def _events(self) -> tuple[list[Event], int]:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from relnav.errors import LogError
+from relnav.files.approach_view import PORT_COVARIANCE, STATE_COVARIANCE
 from relnav.files.log_columns import Columns
 from relnav.files.logs import LogFile
 from relnav.files.wording import listed
@@ -96,5 +97,6 @@ def _parse(names: list[str], where: str) -> Columns:
                 f"{where}: column '{name}' is missing; a track as `relnav filter --out` writes it is expected, and the "
                 f"columns are {listed(names)}"
             )
-    index = {name: k for k, name in enumerate(names) if not name.startswith("cov_")}
+    drawn = PORT_COVARIANCE if PORT_COVARIANCE[0] in names else STATE_COVARIANCE
+    index = {name: k for k, name in enumerate(names) if not name.startswith("cov_") or name in drawn}
     return Columns(tuple(names), index, dict.fromkeys(index, 1.0), ())

@@ -58,6 +58,7 @@ class VehicleWatcher(RunWatcher):
             self._words = dict(self._told_of(columns))
             self._spans = {name: Spans((0,), partial(_said, text)) for name, text in self._words.items()}
         renamed = {RENAMED.get(name, name): np.asarray(column) for name, column in columns.items()}
+        self._places.take(renamed)
         self._keep(t, renamed | self._port.of(columns), np.zeros((3, len(t))))
         for name, spans in self._spans.items():
             codes = (np.nan_to_num(np.asarray(columns[name])) > 0).astype(np.int64)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import relnav.cli
 from relnav.files.model_folders import models_root
 
 HEADER = "t_s,spot_a_x_um,spot_a_y_um,spot_b_x_um,spot_b_y_um,spot_c_x_um,spot_c_y_um"
@@ -180,3 +181,25 @@ def _unpacked(chunk):
 
 def _text(stream):
     return stream.read(struct.unpack("<I", stream.read(4))[0])
+
+
+SCENARIO = """[approach]
+duration_s = 8.0
+rate_hz = 2.0
+assumed_noise = true
+[results]
+range_edges_m = [9.0, 9.8, 10.5]
+settling_s = 2.0
+"""
+
+
+@pytest.fixture(scope="session")
+def campaign(tmp_path_factory):
+    """Folder of a finished campaign of eight short runs, in batches of four."""
+    pytest.importorskip("pyarrow", reason="campaigns are Parquet files (extra parquet)")
+    folder = tmp_path_factory.mktemp("campaign")
+    (folder / "s.toml").write_text(SCENARIO)
+    command = ["campaign", "three_beacon_psd", "--runs", "8", "--seed", "3", "--scenario", str(folder / "s.toml"),
+               "--out", str(folder / "c"), "--no-pictures", "--quiet", "--workers", "1"]  # fmt: skip
+    assert relnav.cli.run(command) == 0
+    return folder / "c"
