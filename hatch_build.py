@@ -71,6 +71,7 @@ def markers():
 
     import relnav
     from relnav.geometry.rotation import quaternions_from_dcm_into
+    from relnav.navigation.pose_innovations import MarkerInnovations
     from relnav.navigation.pose_log import filter_marker_epochs
 
     image, model = [[459.0, 532.0], [562.0, 531.0], [511.0, 478.0]], relnav.load_model("three_marker_vision")
@@ -78,7 +79,9 @@ def markers():
     for k in range(3):
         record = navigator.step(0.1 * k, image)
     repr(record), record.covariance, record.docking
-    solution = filter_marker_epochs(model, 0.1 * np.arange(5), np.tile(image, (5, 1, 1)), smooth=True)
+    t, images = 0.1 * np.arange(5), np.tile(image, (5, 1, 1))
+    MarkerInnovations(model).of(filter_marker_epochs(model, t, images))  # as a picture has them
+    solution = filter_marker_epochs(model, t, images, smooth=True)
     quaternions_from_dcm_into(solution.docking.dcm_target_from_chaser, np.empty((5, 4)))  # as a track has them
 
 

@@ -11,9 +11,22 @@ from pathlib import Path
 import numpy as np
 
 import relnav
+from relnav.files.picture_style import (
+    ESTIMATE,
+    QUIET,
+    heading,
+    named_line,
+    new_figure,
+    one_legend,
+    plain_decades,
+    save,
+    styled,
+)
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "basilisk_approach"
 QUANTITIES = (("range", "m", 1.0), ("azimuth", "deg", 180.0 / np.pi), ("elevation", "deg", 180.0 / np.pi))
+
+ATTITUDE = "0.15 deg are what the attitude may be wrong by;\nhere it is exact, so that errors lie far below"
 
 
 def true_docking(truth: np.ndarray) -> np.ndarray:
@@ -22,35 +35,42 @@ def true_docking(truth: np.ndarray) -> np.ndarray:
     return np.stack([np.sqrt(x * x + y * y + z * z), np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))], axis=1)
 
 
+def draw(out: Path) -> None:
+    """Filter the example by both methods and write the picture."""
+    truth = true_docking(np.loadtxt(EXAMPLE / "vbar_truth.csv", delimiter=",", skiprows=1))
+    claims = {claim.quantity: claim for claim in relnav.load_published("three_beacon_psd").claims}
+    with styled():
+        figure = new_figure(11.0, 7.6)
+        axes = figure.subplots(3, 2, sharex=True, sharey="row")
+        for column, method in enumerate(("fix", "spots")):
+            solution = relnav.filter_log(EXAMPLE / "vbar_log.csv", "three_beacon_psd", method=method)
+            error, sigma = np.abs(solution.docking - truth), solution.docking_sigma
+            for row, (quantity, unit, scale) in enumerate(QUANTITIES):
+                axis, claim = axes[row, column], claims[quantity]
+                t, away, said = solution.t_s, error[:, row] * scale, sigma[:, row] * scale
+                axis.semilogy(t, away, ".", ms=1.2, color=QUIET, label="|error| after each image")
+                axis.semilogy(t, said, color=ESTIMATE, lw=1.6, label="reported 1-sigma")
+                named_line(axis, claim.value, f"published {claim.value:g} {unit}")
+                if row and method == "spots":
+                    place = {"xycoords": "axes fraction", "ha": "right", "va": "top"}
+                    axis.annotate(ATTITUDE, (0.985, 0.70), color=ESTIMATE, **place)
+                axis.set_ylim(1e-5, 2.0)
+                axis.set_title(f"{quantity.capitalize()}, method {method}")
+                axis.set_ylabel(unit if column == 0 else "")
+                axis.margins(x=0.01)
+                plain_decades(axis)
+            axes[2, column].set_xlabel("time, s")
+        heading(figure, "An approach from 10 m to 4 m flown in another simulator: error, and what the filter says")
+        one_legend(figure)
+        save([figure], out)
+
+
 def main() -> None:
-    """Filter the example by both methods and save the picture."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+    """Draw it where it was asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("approach.png"))
     out = parser.parse_args().out
-    truth = true_docking(np.loadtxt(EXAMPLE / "vbar_truth.csv", delimiter=",", skiprows=1))
-    claims = {claim.quantity: claim for claim in relnav.load_published("three_beacon_psd").claims}
-    figure, axes = plt.subplots(3, 2, figsize=(10, 6.5), sharex=True, sharey="row", layout="constrained")
-    for column, method in enumerate(("fix", "spots")):
-        solution = relnav.filter_log(EXAMPLE / "vbar_log.csv", "three_beacon_psd", method=method)
-        error, sigma = np.abs(solution.docking - truth), solution.docking_sigma
-        for row, (quantity, unit, scale) in enumerate(QUANTITIES):
-            axis = axes[row, column]
-            axis.semilogy(solution.t_s, error[:, row] * scale, ",", color="0.45", label="|error|")
-            axis.semilogy(solution.t_s, sigma[:, row] * scale, color="C0", label="reported 1-sigma")
-            claim = claims[quantity]
-            axis.axhline(claim.value, color="C3", ls="--", label=f"published {claim.value:g} {unit}")
-            axis.set_ylim(1e-5, 1.0)
-            axis.grid(alpha=0.3)
-            axis.set_ylabel(f"{quantity}, {unit}" if column == 0 else "")
-            axis.legend(loc="upper right", fontsize=7, ncols=3)
-        axes[0, column].set_title(f"method {method}")
-        axes[2, column].set_xlabel("time, s")
-    figure.savefig(out, dpi=110)
+    draw(out)
     print(f"picture: {out}")
 
 

@@ -24,7 +24,7 @@ from fuzzing_values import OTHERS, asked, check_covariance, drawn, in_turn, like
 from hypothesis import strategies as st
 
 import relnav
-from relnav.navigation.in_frame import FRAMES
+from relnav.dynamics.in_frame import FRAMES
 from relnav.sensors.sun_direction import attitude_observation
 from relnav.spacecraft import POINTS
 

@@ -5,6 +5,7 @@ centre of mass. A sensor is named in the vehicle file and described by a model (
 where it sits, how often it looks, and how well it is aligned.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -56,6 +57,14 @@ class InertialOrbit(Orbit):
             raise ValueError(
                 f'epoch_utc is a date with its zone, "2026-03-20T12:00:00Z"; got {self.epoch_utc!r}: {error}'
             ) from None
+
+    @property
+    def orientation_deg(self) -> tuple[float, float, float]:
+        """Inclination, right ascension of the ascending node, argument of perigee."""
+        inclination, node, perigee = map(
+            math.degrees, (self.inclination_rad, self.ascending_node_rad, self.perigee_argument_rad)
+        )
+        return inclination, node, perigee
 
     @cached_property
     def epoch_s(self) -> float:
@@ -344,6 +353,17 @@ class Vehicle:
         own = model.sensor.beacons_dock_m if isinstance(model, BeaconMission) else model.markers.points_m
         points: Matrix = np.array(mounted.pattern_position_m) + np.vstack([own, *mounted.extra_points_m])
         return points
+
+    @property
+    def dcm_dock_from_lvlh(self) -> Matrix:
+        """Docking axes are the target's, held: v_dock = dcm @ v_lvlh, (3, 3)."""
+        return self.target.dcm_target_from_lvlh
+
+    @property
+    def port_position_m(self) -> Vector:
+        """Target's port from its centre of mass at the held attitude, `lvlh_ccsds`, (3,) m."""
+        port: Vector = self.target.dcm_target_from_lvlh.T @ np.array(self.target.port_position_m)
+        return port
 
     @property
     def start_position_m(self) -> Vector:

@@ -20,7 +20,7 @@ from relnav.accuracy.statistics import wilson_bounds
 from relnav.arrays import Codes, Flags, Matrix, Vector
 from relnav.mission import Model
 from relnav.navigation.log import filter_epochs
-from relnav.navigation.status import PARTIAL, REJECTED, STARTED
+from relnav.navigation.status import PARTIAL, REJECTED, STARTED, Alarm
 from relnav.simulation.as_built import attitude_off, built
 from relnav.simulation.detector import Faults, image, project_beacons
 from relnav.simulation.lasting_faults import (
@@ -60,7 +60,8 @@ class FaultRow:
     observable : bool
         Whether images can tell.
     runs, beyond, alarmed, silent : int
-        How many; beyond five sigma for a second; with any alarm; silently wrong.
+        How many; beyond five sigma for a second; with any alarm but RESTARTED, as which beacons are found again that
+        were out of view for long; silently wrong.
     silent_low, silent_high : float
         95 % bounds of the silent share (Wilson).
     recovery_s, recovery_worst_s : float
@@ -168,7 +169,13 @@ def run_once(model: Model, flown: str, fault: Fault, seed: int) -> tuple[Verdict
         real = attitude_off(real, ATTITUDE_RAD * direction(rng, 3))
     start = (10.0, float(rng.uniform(-0.4, 0.4)), float(rng.uniform(-0.4, 0.4)))
     thrust = float(rng.normal()) * told.process_noise.control_magnitude_sigma
-    approach = Approach(start_m=start, final_range_m=4.2, thrust_scale_error=thrust, assumed_noise=True)
+    approach = Approach(
+        start_m=start,
+        final_range_m=4.2,
+        thrust_scale_error=thrust,
+        assumed_noise=True,
+        assumed_start=fault == Fault.HEALTHY,  # a velocity that the filter does not know
+    )
     t, truth, command = fly(told, approach, rng)
     from_s = float(rng.uniform(*FROM_S))
     spots, last, noise = image(real, truth, Faults(), rng), project_beacons(real, truth)[:, 2], real.sensor.spot_noise_m
@@ -201,7 +208,7 @@ def judge(t: Vector, error: Matrix, sigma: Matrix, alarm: Codes, status: Codes, 
     recovery = math.nan if math.isnan(end_s) else (float(t[bad[-1]]) - end_s if len(bad) else 0.0)
     return Verdict(
         beyond=_longest(beyond) >= SILENT_S * rate,
-        alarmed=bool((alarm != 0).any()),
+        alarmed=bool((alarm & ~int(Alarm.RESTARTED)).any()),
         silent=_longest(beyond & ~near) >= SILENT_S * rate,
         recovery_s=recovery,
     )

@@ -75,7 +75,13 @@ def run_once(mission: VisionMission, flown: str, fault: Fault, seed: int) -> Ver
     real = faulty_camera(real, fault, rng)
     start = (10.0, float(rng.uniform(-0.4, 0.4)), float(rng.uniform(-0.4, 0.4)))
     thrust = float(rng.normal()) * told.process_noise.control_magnitude_sigma
-    approach = Approach(start_m=start, final_range_m=4.2, thrust_scale_error=thrust, assumed_noise=True)
+    approach = Approach(
+        start_m=start,
+        final_range_m=4.2,
+        thrust_scale_error=thrust,
+        assumed_noise=True,
+        assumed_start=fault == Fault.HEALTHY,  # a velocity that the filter does not know
+    )
     flight = simulate_flight(real, approach, seed=int(rng.integers(2**62)))
     known = flight.dcm_chaser_from_lvlh
     from_s, noise = float(rng.uniform(*FROM_S)), real.camera.spot_noise_px

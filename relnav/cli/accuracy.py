@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from relnav.cli.approach_report import closing_line, compared, report_lines
+from relnav.cli.completion import ModelName
 from relnav.cli.printing import OutputPath, say
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @click.command(epilog="Example: relnav accuracy three_beacon_psd --runs 20 --json accuracy.json --plot accuracy.png")
-@click.argument("model")
+@click.argument("model", type=ModelName())
 @click.option("--runs", type=click.IntRange(min=2), help="Simulated runs; the system's own number if left out.")
 @click.option(
     "--seed", default=7, show_default=True, type=click.IntRange(min=0), help="The same seed, the same report."

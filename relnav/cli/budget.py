@@ -5,11 +5,12 @@ from typing import Any
 
 import click
 
+from relnav.cli.completion import FLOWN, ModelName
 from relnav.cli.printing import OutputPath, say
 
 
 @click.command(epilog="Example: relnav budget three_beacon_psd --set focal_length_mm=80 --plot budget.png")
-@click.argument("model")
+@click.argument("model", type=ModelName(*FLOWN))
 @click.option(
     "--set",
     "settings",

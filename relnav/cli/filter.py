@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from relnav.cli.completion import FLOWN, ModelName
 from relnav.cli.epoch_bar import epoch_bar
 from relnav.cli.help_groups import GroupedCommand, OptionsOf
 from relnav.cli.picture import Picture
@@ -29,7 +30,12 @@ _input, _filter_options, _output, _picture = map(OptionsOf, ("Input", "Filter", 
     cls=GroupedCommand, epilog="Example: relnav filter approach.csv --model three_beacon_psd --out track.csv"
 )
 @click.argument("log", type=InputPath(bags=True))
-@_input("--model", required=True, help="A shipped model (see `relnav models`), a folder or a model.toml.")
+@_input(
+    "--model",
+    type=ModelName(*FLOWN, "vehicle"),
+    required=True,
+    help="A shipped model (see `relnav models`), a folder or a model.toml.",
+)
 @_input(
     "-f",
     "--follow",
@@ -75,7 +81,8 @@ _input, _filter_options, _output, _picture = map(OptionsOf, ("Input", "Filter", 
     type=click.Choice(["lvlh_ccsds", "rsw", "dock", "eci_relative", "eci"]),
     default="lvlh_ccsds",
     show_default=True,
-    help="Frame of the track's states and covariances; rsw is RTN, RIC, Hill.",
+    help="Frame of the track's states, attitudes and covariances; rsw is RTN, RIC, Hill. A vehicle's track, port from "
+    "port in target axes, gets centre of mass and target's attitude in it beside.",
 )
 @_output(
     "--orbit-deg",
@@ -141,7 +148,7 @@ def command(
     from relnav.files.atomic import Outputs, check_distinct, check_folder
     from relnav.files.models import load_mission, load_model
     from relnav.files.tables import write_json
-    from relnav.mission import VisionMission
+    from relnav.mission import Model, VisionMission
     from relnav.spacecraft import Vehicle
 
     track = TrackOutput(out, frame, orbit_deg, epoch, row_format)
@@ -151,11 +158,13 @@ def command(
     picture = Picture(plot, corridor_deg)
     check_distinct(log, out, track.clock, plot, json_path)
     mission = load_model(model)
+    if isinstance(mission, Model | VisionMission):
+        track.check_settings(mission, follow=follow)
     if follow:
         return run_live(Live(log, mission, track, method, projection, quiet), row_format)
     if isinstance(mission, Vehicle):
         refuse_others()
-        return filter_vehicle(log, mission, out, json_path, quiet=quiet)
+        return filter_vehicle(log, mission, out, json_path, picture, quiet=quiet)
     if isinstance(mission, VisionMission):
         return filter_markers(
             log,

@@ -146,7 +146,7 @@ def _markers(
     log = LiveLog(asked.log, arriving, _telling(view), marker_header(mission))
     summary = Summary(mission)
     parts = view.passing(summary.passing(marker_solutions(log, mission)))
-    write_track(parts, mission.name, out, {"log": asked.log.name}, writer)
+    write_track(parts, mission.name, out, {"log": asked.log.name}, writer, asked.track.turning(mission))
     if not writer.rows:
         return [], True
     figures = summary.figures()
@@ -156,18 +156,18 @@ def _markers(
 def _vehicle(
     asked: Live, vehicle: "Vehicle", arriving: "Arriving", writer: "LineByLine", out: Path, view: LiveView
 ) -> tuple[list[str], bool]:
-    from relnav.cli.vehicle import Summary, refuse_others
+    from relnav.cli.vehicle import Summary, asked_frame, refuse_others
     from relnav.files.live_log import Refusals
     from relnav.files.live_vehicle import live_rows
     from relnav.files.text_table import TextTable
-    from relnav.files.vehicle_log import filter_rows, write_port_track
+    from relnav.files.vehicle_log import filter_rows
+    from relnav.files.vehicle_track import write_port_track
 
     refuse_others()
     table, refusals = TextTable(asked.log, arriving), Refusals(asked.log, _telling(view))
     summary = Summary(vehicle)
     parts = filter_rows(summary.counted(live_rows(table, vehicle, refusals)), vehicle, refuse=refusals.refuse)
-    stated = {"model": vehicle.name, "log": asked.log.name}
-    write_port_track(summary.passing(parts), out, stated, writer)
+    write_port_track(summary.passing(parts), vehicle, out, {"log": asked.log.name}, writer, asked_frame())
     if not writer.rows:
         return [], True
     return [*summary.lines(asked.log.name), *_left_out(refusals.count)], True

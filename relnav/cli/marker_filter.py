@@ -41,8 +41,6 @@ def filter_markers(
         raise UsageError(f"{refused} is for three-beacon models; {mission.name} has one filter, on its spots")
     summary = Summary(mission)
     picture.of(mission)
-    if track.frame != "lvlh_ccsds" and track.table_asked:
-        raise UsageError("--frame turns tables of three-beacon models; of a marker track only an .oem or .bsp")
     filtered = marker_solutions(log, mission, smooth=smooth, engine=engine)
     parts = track.passing(picture.passing(summary.passing(filtered)))
     with Outputs() as outputs, epoch_bar(log, quiet=quiet) as progress:
@@ -50,7 +48,7 @@ def filter_markers(
         table = track.table(outputs)
         if table is not None:
             stated = {"log": log.name} | ({"smoothed": "yes"} if smooth else {}) | engine_words(engine)
-            write_track(parts, mission.name, table, stated)
+            write_track(parts, mission.name, table, stated, turning=track.turning(mission))
         for _ in parts:
             pass
         track.finish(outputs, mission)

@@ -5,6 +5,7 @@ from typing import Any
 
 import click
 
+from relnav.cli.completion import ModelName
 from relnav.cli.printing import OutputPath, say
 
 
@@ -21,7 +22,7 @@ def _show(name: str) -> dict[str, Any]:
 
 
 @click.command(epilog="Example: relnav models three_beacon_psd, or relnav models three_beacon_psd --copy my.toml")
-@click.argument("name", required=False)
+@click.argument("name", required=False, type=ModelName())
 @click.option("--copy", type=OutputPath(), help="Write the model's file, .toml, as a start for one of your own.")
 @click.option(
     "--schema",

@@ -30,9 +30,17 @@ class Picture:
 
     def of(self, mission: Any) -> None:
         """Say which mission it will be of."""
-        if self.path is not None:
+        if self.path is None:
+            return
+        from relnav.files.track_picture import GROUPS
+        from relnav.spacecraft import Vehicle
+
+        if isinstance(mission, Vehicle):
+            from relnav.files.vehicle_view import vehicle_watcher
+
+            self._watcher = vehicle_watcher(mission, GROUPS)
+        else:
             from relnav.files.run_view import watcher_of
-            from relnav.files.track_picture import GROUPS
 
             self._watcher = watcher_of(mission, GROUPS)
 
@@ -42,7 +50,11 @@ class Picture:
             self._watcher.take(part)
 
     def passing(self, parts: Iterable[Any]) -> Iterator[Any]:
-        """The parts, each taken in as it passes."""
+        """The parts, or a vehicle's estimates, each taken in as it passes."""
+        own = getattr(self._watcher, "passing", None)
+        if own is not None:
+            yield from own(parts)
+            return
         for part in parts:
             self.watch(part)
             yield part

@@ -5,30 +5,50 @@ from typing import Any
 
 import click
 
+from relnav.cli.completion import FLOWN, ModelName
+from relnav.cli.help_groups import GroupedCommand, OptionsOf
 from relnav.cli.printing import InputPath, OutputPath, say
 from relnav.cli.settings import given_options
 
+_page, _log, _limits = map(OptionsOf, ("Page", "Run", "Your limits, drawn and compared"))
 
-@click.command(epilog="Example: relnav report track.csv --out run.html")
+
+@click.command(cls=GroupedCommand, epilog="Example: relnav report track.csv --out run.html")
 @click.argument("source", type=InputPath(folders=True))
-@click.option("--out", type=OutputPath(), required=True, help="Page to write, .html; it asks no network for anything.")
-@click.option("--model", help="What was flown, if SOURCE does not say it, or to filter SOURCE as a log.")
-@click.option("--method", type=click.Choice(["fix", "spots"]), help="To filter a log: as for `relnav filter`.")
-@click.option("--smooth", is_flag=True, help="To filter a log: run backward too.")
-@click.option(
+@_page("--out", type=OutputPath(), required=True, help="Page to write, .html; it asks no network for anything.")
+@_log(
+    "--model",
+    type=ModelName(*FLOWN, "vehicle"),
+    help="What was flown, if SOURCE does not say it, or to filter SOURCE as a log.",
+)
+@_log("--method", type=click.Choice(["fix", "spots"]), help="To filter a log: as for `relnav filter`.")
+@_log("--smooth", is_flag=True, help="To filter a log: run backward too.")
+@_limits(
     "--corridor-deg",
     type=click.FloatRange(min=0.0, max=80.0, min_open=True),
     default=10.0,
     show_default=True,
     help="Half angle of your approach corridor.",
 )
-@click.option(
+@_limits(
     "--capture-m",
     type=click.FloatRange(min=0.0),
     default=0.0,
-    help="Radius of the port's capture limit, to draw; yours.",
+    help="Largest lateral misalignment that your port captures: farthest from its axis.",
 )
-@click.option("--quiet", is_flag=True, help="Print nothing.")
+@_limits(
+    "--capture-distance-m",
+    type=click.FloatRange(min=0.0),
+    default=0.0,
+    help="Farthest along the port's axis at which it captures.",
+)
+@_limits(
+    "--capture-deg",
+    type=click.FloatRange(min=0.0, max=180.0),
+    default=0.0,
+    help="Largest angular misalignment that it captures, where the run has a relative attitude.",
+)
+@_page("--quiet", is_flag=True, help="Print nothing.")
 def command(
     source: Path,
     out: Path,
@@ -37,6 +57,8 @@ def command(
     smooth: bool,
     corridor_deg: float,
     capture_m: float,
+    capture_distance_m: float,
+    capture_deg: float,
     quiet: bool,
 ) -> None:
     """Show SOURCE on one page: a track, an accuracy report (.json), a campaign's folder, or a log with its --model.
@@ -66,10 +88,12 @@ def command(
             write_accuracy_page(report, outputs.path(out, ".html"))
     else:
         view, mission, notes = _run(source, model, method, smooth)
+        from relnav.files.approach_view import CaptureLimits
         from relnav.files.run_page import write_run_page
 
+        capture = CaptureLimits(capture_m, capture_distance_m, capture_deg)
         with Outputs() as outputs:
-            write_run_page(view, mission, outputs.path(out, ".html"), corridor_deg, capture_m, notes)
+            write_run_page(view, mission, outputs.path(out, ".html"), corridor_deg, capture, notes)
     if not quiet:
         say([f"page: {out}"], out)
 
@@ -87,31 +111,59 @@ def _run(source: Path, model: str | None, method: str | None, smooth: bool) -> t
     """What there is to see of a track, or of a log that is filtered for it; its mission; notes for the reader."""
     from relnav.errors import UsageError
     from relnav.files.logs import opened
-    from relnav.files.model_folders import list_models
-    from relnav.files.models import flown, load_model
     from relnav.files.run_page import GROUPS
-    from relnav.files.run_view import watcher_of
-    from relnav.files.track_file import TrackFile, is_track
+    from relnav.files.track_file import is_track
 
     head = opened(source)
     if is_track(_names(head, source)):
-        track = TrackFile(source)
-        stated = track.metadata.get("model", "")
-        known = model or (stated if stated in list_models() else "")
-        mission = flown(load_model(known)) if known else None
-        watcher = watcher_of(mission, GROUPS)
-        for part in track.parts():
-            watcher.take_columns(part)
-        how = track.metadata.get("method", "")
-        title = (stated or model or "track") + (f", method {how}" if how else "")
-        note = "A track holds no innovations; `relnav report LOG --model MODEL` shows them with their gates."
-        return watcher.view(source.name, title, track.metadata), mission, (note,)
+        return _of_track(source, model)
     if model is None:
         raise UsageError(f"{source}: no track, and to be filtered as a log it needs --model (see `relnav models`)")
-    mission = flown(load_model(model))
-    watcher = watcher_of(mission, GROUPS)
+    mission = _flown(model)
+    watcher = _watcher(mission, GROUPS)
     _filter(source, mission, method, smooth, watcher)
     return watcher.view(source.name), mission, ()
+
+
+def _of_track(source: Path, model: str | None) -> tuple[Any, Any, tuple[str, ...]]:
+    from relnav.errors import UsageError
+    from relnav.files.model_folders import list_models
+    from relnav.files.run_page import GROUPS
+    from relnav.files.track_file import TrackFile
+    from relnav.files.vehicle_view import vehicle_watcher
+    from relnav.spacecraft import Vehicle
+
+    track = TrackFile(source)
+    stated = track.metadata.get("model", "")
+    known = model or (stated if stated in list_models() else "")
+    mission = _flown(known) if known else None
+    if mission is not None and isinstance(mission, Vehicle) != track.of_vehicle:
+        kind = "a vehicle's" if track.of_vehicle else "no vehicle's"
+        raise UsageError(f"{source}: {kind} track, and --model {known} is {'no' if track.of_vehicle else 'a'} vehicle")
+    watcher = vehicle_watcher(None, GROUPS) if track.of_vehicle and mission is None else _watcher(mission, GROUPS)
+    for part in track.parts():
+        watcher.take_columns(part)
+    how = track.metadata.get("method", "")
+    title = (stated or model or "track") + (f", method {how}" if how else "")
+    note = "A track holds no innovations; `relnav report LOG --model MODEL` shows them with their gates."
+    return watcher.view(source.name, title, track.metadata), mission, () if track.of_vehicle else (note,)
+
+
+def _flown(model: str) -> Any:
+    """What is flown: a mission, or a vehicle."""
+    from relnav.files.models import flown, load_model
+    from relnav.spacecraft import Vehicle
+
+    loaded = load_model(model)
+    return loaded if isinstance(loaded, Vehicle) else flown(loaded)
+
+
+def _watcher(mission: Any, most: int) -> Any:
+    from relnav.files.run_view import watcher_of
+    from relnav.files.vehicle_view import vehicle_watcher
+    from relnav.spacecraft import Vehicle
+
+    return vehicle_watcher(mission, most) if isinstance(mission, Vehicle) else watcher_of(mission, most)
 
 
 def _names(head: Any, source: Path) -> list[str]:
@@ -126,7 +178,17 @@ def _names(head: Any, source: Path) -> list[str]:
 def _filter(source: Path, mission: Any, method: str | None, smooth: bool, watcher: Any) -> None:
     from relnav.errors import UsageError
     from relnav.mission import VisionMission
+    from relnav.spacecraft import Vehicle
 
+    if isinstance(mission, Vehicle):
+        from relnav.files.vehicle_log import filter_rows, read_vehicle_log
+
+        if method is not None or smooth:
+            option = "--smooth" if smooth else "--method"
+            raise UsageError(f"{option} is not for a vehicle: {mission.name} has one filter, which runs forward")
+        for _ in watcher.passing(filter_rows(read_vehicle_log(source, mission), mission)):
+            pass
+        return
     if isinstance(mission, VisionMission):
         from relnav.files.marker_logs import marker_solutions
 

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from relnav.cli.completion import ModelName
+from relnav.cli.help_groups import GroupedCommand, OptionsOf
 from relnav.cli.printing import OutputPath, say
 
 if TYPE_CHECKING:
@@ -12,51 +14,51 @@ if TYPE_CHECKING:
     from relnav.simulation.trajectory import Approach
 
 
-@click.command(epilog="Example: relnav simulate three_beacon_psd --out log.csv --truth truth.csv --seed 7")
-@click.argument("model")
-@click.option("--out", required=True, type=OutputPath(), help="Log to write, .csv or .parquet.")
-@click.option("--truth", type=OutputPath(), help="True states to write, .csv or .parquet.")
-@click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0), help="The same seed, the same log.")
-@click.option("--duration", "duration_s", default=300.0, show_default=True, help="Length, s.")
-@click.option("--rate", "rate_hz", default=10.0, show_default=True, help="Images a second.")
-@click.option("--dropout", default=0.0, show_default=True, help="Probability that a spot is not seen.")
-@click.option("--outliers", default=0.0, show_default=True, help="Probability that a spot is a glint elsewhere.")
-@click.option("--start-range", "start_range_m", default=10.0, show_default=True, help="Start on the docking axis, m.")
-@click.option("--final-range", "final_range_m", default=4.0, show_default=True, help="Where the chaser holds, m.")
-@click.option("--speed", "speed_m_s", default=0.03, show_default=True, help="Approach speed, m/s.")
-@click.option(
+_output, _flight, _images, _scenario = map(OptionsOf, ("Output", "Flight", "Images and faults", "Scenario and model"))
+
+
+@click.command(
+    cls=GroupedCommand,
+    epilog="Example: relnav simulate three_beacon_psd --out log.csv --truth truth.csv --seed 7",
+)
+@click.argument("model", type=ModelName())
+@_output("--out", required=True, type=OutputPath(), help="Log to write, .csv or .parquet.")
+@_output("--truth", type=OutputPath(), help="True states to write, .csv or .parquet.")
+@_flight("--seed", default=0, show_default=True, type=click.IntRange(min=0), help="The same seed, the same log.")
+@_flight("--duration", "duration_s", default=300.0, show_default=True, help="Length, s.")
+@_flight("--rate", "rate_hz", default=10.0, show_default=True, help="Images a second.")
+@_images("--dropout", default=0.0, show_default=True, help="Probability that a spot is not seen.")
+@_images("--outliers", default=0.0, show_default=True, help="Probability that a spot is a glint elsewhere.")
+@_flight("--start-range", "start_range_m", default=10.0, show_default=True, help="Start on the docking axis, m.")
+@_flight("--final-range", "final_range_m", default=4.0, show_default=True, help="Where the chaser holds, m.")
+@_flight("--speed", "speed_m_s", default=0.03, show_default=True, help="Approach speed, m/s.")
+@_images(
     "--hide",
     "hidden",
     multiple=True,
     metavar="MARKER:FROM:TO",
     help="Marker models: hide one for a while, as in c:30:60 (s); as often as needed.",
 )
-@click.option("--j2", is_flag=True, help="Let the Earth be oblate.")
-@click.option("--air-density", "air_density_kg_m3", default=0.0, show_default=True, help="For drag, kg/m^3.")
-@click.option(
-    "--received-power", is_flag=True, help="Spot noise by received power, with its 1-sigma as columns of the log."
-)
-@click.option(
-    "--raw", is_flag=True, help="Write converter counts, a row a slot, by the model's [detector] and [pulses]."
-)
-@click.option(
+@_flight("--j2", is_flag=True, help="Let the Earth be oblate.")
+@_flight("--air-density", "air_density_kg_m3", default=0.0, show_default=True, help="For drag, kg/m^3.")
+@_images("--received-power", is_flag=True, help="Spot noise by received power, with its 1-sigma as columns of the log.")
+@_images("--raw", is_flag=True, help="Write converter counts, a row a slot, by the model's [detector] and [pulses].")
+@_images(
     "--as-built",
     is_flag=True,
     help="Draw focal length, mountings, beacons or markers within the model's [tolerances] (by --seed).",
 )
-@click.option(
-    "--scenario", "scenario_path", type=click.Path(path_type=Path), help="Fly a run of a scenario file instead."
-)
-@click.option("--run", type=click.IntRange(min=0), help="Of a scenario: which run; the first if left out.")
-@click.option(
+@_scenario("--scenario", "scenario_path", type=click.Path(path_type=Path), help="Fly a run of a scenario file instead.")
+@_scenario("--run", type=click.IntRange(min=0), help="Of a scenario: which run; the first if left out.")
+@_scenario(
     "--set",
     "settings",
     multiple=True,
     metavar="KEY=VALUE",
     help="Replace a value of MODEL, or of the scenario (approach.speed_mm_s=20); as often as you like.",
 )
-@click.option("--distortion", "distortion_um", default=0.0, help="With --raw: largest detection error, um.")
-@click.option("--quiet", is_flag=True, help="Print nothing.")
+@_images("--distortion", "distortion_um", default=0.0, help="With --raw: largest detection error, um.")
+@_output("--quiet", is_flag=True, help="Print nothing.")
 def command(
     model: str,
     out: Path,

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from relnav.dynamics.in_frame import Turning
     from relnav.files.atomic import Outputs
 
 
@@ -38,12 +39,43 @@ class TrackOutput:
             return
         from relnav.files.atomic import check_folder
         from relnav.files.tables import TRACKS, check_format
-        from relnav.files.tracks import check_frame
 
         if not self._exchanged:
             check_format(self.path, TRACKS)
-        check_frame(self.path, self.frame)
         check_folder(self.path)
+
+    def check_settings(self, mission: Any, *, follow: bool) -> None:
+        """Refuse, before the log is read, what its format or its frame needs and was not given.
+
+        Raises
+        ------
+        UsageError
+            In one sentence.
+        """
+        from relnav.files.tracks import check_exchange, check_turning
+
+        settings = self._settings(mission)
+        if self.path is None or follow:  # of what is followed only the frame counts: no format but a table is written
+            check_turning(settings)
+        else:
+            check_exchange(self.path, settings)
+
+    def turning(self, mission: Any) -> "Turning":
+        """What turns the rows of a table."""
+        from relnav.dynamics.in_frame import Turning
+
+        return Turning(self.frame, mission, self.orbit_deg)
+
+    def _settings(self, mission: Any) -> dict[str, Any]:
+        from relnav.mission import VisionMission
+
+        return {
+            "frame": self.frame,
+            "orientation_deg": self.orbit_deg,
+            "epoch": self.epoch,
+            "model": mission,
+            "attitude": isinstance(mission, VisionMission),
+        }
 
     @property
     def clock(self) -> Path | None:
@@ -85,6 +117,5 @@ class TrackOutput:
             return
         from relnav.files.tracks import joined, write_exchange
 
-        settings = {"frame": self.frame, "orientation_deg": self.orbit_deg, "epoch": self.epoch, "model": mission}
-        settings["clock"] = None if self.clock is None else outputs.path(self.clock)
-        write_exchange(joined(self._parts), outputs.path(self.path), settings)
+        clock = None if self.clock is None else outputs.path(self.clock)
+        write_exchange(joined(self._parts), outputs.path(self.path), self._settings(mission) | {"clock": clock})

@@ -4,17 +4,23 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import click
+
 from relnav.cli.epoch_bar import epoch_bar
 from relnav.cli.printing import say
 from relnav.cli.settings import given_options
 from relnav.errors import UsageError
 
 if TYPE_CHECKING:
+    from relnav.cli.picture import Picture
     from relnav.files.vehicle_log import Row
     from relnav.spacecraft import Vehicle
     from relnav.vehicle.navigator import VehicleEstimate
 
-OPTIONS = ("model", "out", "truth", "seed", "final_range_m", "quiet", "log", "json_path", "follow", "row_format")
+OPTIONS = (
+    "model", "out", "truth", "seed", "final_range_m", "quiet", "log", "json_path", "follow", "row_format",
+    "frame", "plot", "corridor_deg",
+)  # fmt: skip
 
 
 def simulate_vehicle(
@@ -22,7 +28,8 @@ def simulate_vehicle(
 ) -> None:
     """Fly a rendezvous from the file's hand-over and write what its sensors see."""
     from relnav.files.atomic import Outputs
-    from relnav.files.vehicle_log import check_log_format, write_port_truth, write_vehicle_log
+    from relnav.files.vehicle_log import check_log_format, write_vehicle_log
+    from relnav.files.vehicle_track import write_port_truth
     from relnav.simulation.rendezvous import Rendezvous
     from relnav.simulation.vehicle_sensors import simulate_rendezvous
 
@@ -43,26 +50,37 @@ def simulate_vehicle(
         say([log, *([f"truth: {truth}"] if truth is not None else [])], out, truth)
 
 
-def filter_vehicle(log: Path, vehicle: "Vehicle", out: Path | None, json_path: Path | None, *, quiet: bool) -> int:
+def asked_frame() -> str | None:
+    """The frame on the command line; None if none stands there, and a track holds port from port alone."""
+    given = any(name == "frame" for name, _ in given_options())
+    return str(click.get_current_context().params["frame"]) if given else None
+
+
+def filter_vehicle(
+    log: Path, vehicle: "Vehicle", out: Path | None, json_path: Path | None, picture: "Picture", *, quiet: bool
+) -> int:
     """Filter LOG, write what was asked for, print a summary."""
     from relnav.files.atomic import Outputs
     from relnav.files.tables import TRACKS, check_format, write_json
-    from relnav.files.vehicle_log import filter_rows, read_vehicle_log, write_port_track
+    from relnav.files.vehicle_log import filter_rows, read_vehicle_log
+    from relnav.files.vehicle_track import write_port_track
 
     if out is not None:
         check_format(out, TRACKS)
     summary = Summary(vehicle)
+    picture.of(vehicle)
     rows = read_vehicle_log(log, vehicle)
     with Outputs() as outputs, epoch_bar(log, quiet=quiet, note=", one a second", from_bytes=200_000) as progress:
-        parts = summary.passing(filter_rows(summary.counted(rows), vehicle), progress)
+        parts = picture.passing(summary.passing(filter_rows(summary.counted(rows), vehicle), progress))
         if out is not None:
-            write_port_track(parts, outputs.path(out, ".csv"), {"model": vehicle.name, "log": log.name})
+            write_port_track(parts, vehicle, outputs.path(out, ".csv"), {"log": log.name}, frame=asked_frame())
         for _ in parts:
             pass
+        picture.draw(outputs, log)
         if json_path is not None:
             write_json(summary.figures(), outputs.path(json_path))
     if not quiet:
-        say([*summary.lines(log.name), *([f"track: {out}"] if out is not None else [])], out, json_path)
+        say([*summary.lines(log.name), *picture.said([("track", out)])], out, picture.path, json_path)
     return 0
 
 

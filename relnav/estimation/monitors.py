@@ -10,11 +10,13 @@ the difference, so that the limit needs no knowledge of it; what is left has the
 with q, q' the sums of squared weights of the two means, P' the covariance when the older one was made. Innovations of a
 filter that weighs rightly are white, and means of them need R q alone while H P H' is small beside R. One that takes
 lasting errors for noise weighs its images less, and its innovations, as all residuals of the updated state, share the
-state's error for as long as the filter remembers (30 to 50 s): what of it differs over 20 s is half of 2 H P H'. And
+state's error for as long as the filter remembers (30 to 50 s): what of it differs over 20 s is half of 2 H P H'. What
+lasts shows in a row by less or more as the geometry changes: sqrt(c) - sqrt(c') of it, squared, is added. And
 the older mean is compared with zero: it has the variance R q' + H P H' + c, c what lasting errors may leave in the row,
 not divided by the number of images: E - H S squared (`considered.py`), their effect less what the state has taken up.
 
 The third is scatter: squared innovations about their own mean of the last second, over three seconds, for each group.
+A mean of innovations has at most the mean of their H P H' besides its noise; after a start that falls by powers of ten.
 
 A step that was too long may be a gap in the images, or a jump of the clock. If a jump by all of it would matter, the
 clock is doubted until images have decided (`clock_monitor.py`).
@@ -24,7 +26,7 @@ when the innovations are again what they were, for five seconds; what was learnt
 filter is asked to start anew (`restart`). Where what changed does not change back, the alarm stays.
 
 Limits of single tests: five sigma, 6e-7, with six rows and two means a test a second of 300 s would alarm in 1 of 500
-runs. Nothing here knows a sensor: it hands over rows in groups (`watched_type`).
+runs; the sums, at 1e-6, in 1 of 1,700. Nothing here knows a sensor: it hands over rows in groups (`watched_type`).
 """
 
 import math
@@ -53,8 +55,8 @@ asked to start anew, as a state that has taken the error up agrees with what it 
 for WARM_S before it is believed."""
 SHIFT_LIMIT2, CALM_LIMIT2 = 25.0, 16.0
 SUM_LIMIT, SUM_CALM = 4.75, 3.75
-"""Of a mean of one row, in squared sigmas, and of the sum over all rows, in sigmas of a normal number (`_sum_limit`): an
-error that the state takes up in part is spread over them all. While an alarm lasts, the lower ones."""
+"""Of a mean of one row, in squared sigmas, and of the sum over all rows, in sigmas of a normal number (`_sum_limit`):
+an error that the state takes up in part is spread over them all. While an alarm lasts, the lower ones."""
 LASTING_LIMIT2, LASTING_CALM2 = 20.25, 6.25
 SCATTER_LIMIT = 8.0
 """Of the mean of squares, in 1-sigma of such a mean."""
@@ -119,6 +121,9 @@ def watched_type() -> np.dtype[np.void]:
             ("middle", _F, 3),
             ("usual", _F, 3),
             ("usual_state", _F, 3),
+            ("usual_spread", _F, 3),
+            ("fast_state", _F, 3),
+            ("spread", _F, 3),  # 1-sigma of what lasts
             ("scatter", _F),
             ("fast_share", _F),
             ("middle_share", _F),
@@ -178,20 +183,23 @@ def _take(group: Record, dt: float, learning: bool) -> None:
     fast, middle = max(first, dt / (dt + FAST_S)), max(first, dt / (dt + MIDDLE_S))
     value, noise, state = group["value"], group["noise"], group["state"]
     mean, longer, usual, usual_state = group["fast"], group["middle"], group["usual"], group["usual_state"]
+    fast_state, spread, usual_spread = group["fast_state"], group["spread"], group["usual_spread"]
     if group["images"] == 1:
         group["fast_share"], group["middle_share"], group["scatter_share"], group["scatter"] = 1.0, 1.0, 1.0, 1.0
     else:
         squares = 0.0
         for k in range(group["rows"]):
             off = value[k] - mean[k]
-            squares += off * off / (noise[k] * (1.0 + group["fast_share"]) + state[k])
+            squares += off * off / (noise[k] * (1.0 + group["fast_share"]) + state[k] + fast_state[k])
         weight = max(1.0 / (group["images"] - 1), dt / (dt + SCATTER_S))
         group["scatter"] += weight * (squares / group["rows"] - group["scatter"])
         group["scatter_share"] = _mean_share(group["scatter_share"], weight)
         group["fast_share"] = _mean_share(group["fast_share"], fast)
         group["middle_share"] = _mean_share(group["middle_share"], middle)
     for k in range(group["rows"]):
+        spread[k] = math.sqrt(group["lasting"][k])
         mean[k] = value[k] if group["images"] == 1 else mean[k] + fast * (value[k] - mean[k])
+        fast_state[k] = state[k] if group["images"] == 1 else fast_state[k] + fast * (state[k] - fast_state[k])
         longer[k] = value[k] if group["images"] == 1 else longer[k] + middle * (value[k] - longer[k])
     if learning:
         group["learnt"] += 1
@@ -202,6 +210,7 @@ def _take(group: Record, dt: float, learning: bool) -> None:
         for k in range(group["rows"]):
             usual[k] += slow * (value[k] - usual[k])
             usual_state[k] += slow * (state[k] - usual_state[k])
+            usual_spread[k] += slow * (spread[k] - usual_spread[k])
 
 
 @kernel
@@ -213,7 +222,8 @@ def _shift(group: Record) -> tuple[float, float, float]:
     mean, longer, usual = group["fast"], group["middle"], group["usual"]
     largest, short, long = 0.0, 0.0, 0.0
     for k in range(group["rows"]):
-        noise, common = group["noise"][k], 0.5 * (group["state"][k] + group["usual_state"][k])
+        noise, change = group["noise"][k], group["spread"][k] - group["usual_spread"][k]
+        common = 0.5 * (group["state"][k] + group["usual_state"][k]) + change * change
         off = mean[k] - usual[k]
         one = off * off / (noise * (group["fast_share"] + group["usual_share"]) + common)
         off = longer[k] - usual[k]
@@ -234,7 +244,8 @@ def _contradicts(group: Record, limit2: float) -> bool:
     """Whether the usual mean is more than lasting errors and the state's explain."""
     for k in range(group["rows"]):
         usual = group["usual"][k]
-        known = group["noise"][k] * group["usual_share"] + group["state"][k] + group["lasting"][k]
+        state = max(group["state"][k], group["usual_state"][k])
+        known = group["noise"][k] * group["usual_share"] + state + group["usual_spread"][k] ** 2
         if usual * usual > limit2 * known:
             return True
     return False

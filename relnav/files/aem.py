@@ -10,19 +10,28 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from relnav.errors import UsageError
+from relnav.dynamics.in_frame import lvlh_in_space
 from relnav.files.atomic import replacing
-from relnav.files.ccsds import creation, epoch_of, known_epochs, name_of, stamps
-from relnav.navigation.in_frame import lvlh_in_space
-from relnav.navigation.record import Solution
+from relnav.files.ccsds import check_attitude, creation, epoch_of, known_epochs, name_of, orientation_of, stamps
+
+
+def check_aem(settings: dict[str, Any]) -> None:
+    """Refuse what cannot be written, before there is a track.
+
+    Raises
+    ------
+    UsageError
+        For a track without attitudes, another frame, no epoch, or no orientation of the orbit.
+    """
+    check_attitude(settings, "an AEM", ".oem")
+    epoch_of(settings, "an AEM")
+    orientation_of(settings, "an AEM")
 
 
 def write_aem(solution: Any, path: Path, settings: dict[str, Any]) -> None:
     """Write the target's attitude at the epochs with a state: EME2000 to SC_BODY_1, scalar last."""
-    if isinstance(solution, Solution):
-        raise UsageError("an AEM holds an attitude, which a three-beacon track does not estimate; write an OEM")
     epoch, known = epoch_of(settings, "an AEM"), known_epochs(solution, "an AEM")
-    orbit, said = lvlh_in_space(solution.t_s[known], solution.mission, settings["orientation_deg"])
+    orbit, said = lvlh_in_space(solution.t_s[known], solution.mission, orientation_of(settings, "an AEM"))
     eci_from_target = orbit @ solution.dcm_lvlh_from_target[known]
     quaternions = Rotation.from_matrix(np.swapaxes(eci_from_target, 1, 2)).as_quat(canonical=True)
     times = stamps(epoch, solution.t_s[known], "an AEM")

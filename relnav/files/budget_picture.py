@@ -3,9 +3,16 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from relnav.accuracy.budget import QUANTITIES, Budget
 from relnav.errors import UsageError
-from relnav.files.atomic import check_png, replacing
+from relnav.files.atomic import check_png
+from relnav.files.picture_style import INK, QUIET, SERIES, heading, new_figure, one_legend, plain_decades, save, styled
+
+LEAST = 1e-4
+"""Share of the largest total: lines that are nowhere larger are left out."""
+UNSEEN = "beacons out of view:\nno fix, and the curves end"
 
 
 def draw_budget(report: Any, path: Path, before: Any = None, change: str = "") -> None:
@@ -19,38 +26,40 @@ def draw_budget(report: Any, path: Path, before: Any = None, change: str = "") -
     check_png(path)
     if not isinstance(report, Budget):
         raise UsageError("--plot draws budgets of three-beacon missions; this one has no picture")
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    with styled():
+        figure = new_figure(11.7, 10.5)
+        axes = figure.subplots(3, 2, sharex=True, sharey="row")
+        for column, (which, title) in enumerate((("single", "one fix"), ("settled", "settled filter"))):
+            for row, (quantity, unit, _) in enumerate(QUANTITIES):
+                _draw(axes[row, column], report, before, change, which, row)
+                axes[row, column].set_title(f"{quantity.capitalize()}, {title}")
+                axes[row, column].set_ylabel(f"1-sigma, {unit}")
+        for axis in axes[2]:
+            axis.set_xlabel("range, m")
+        heading(figure, f"Error budget of {report.model} on the docking axis; dotted: not in the total")
+        one_legend(figure)
+        save([figure], path)
 
-    figure = Figure(figsize=(11, 10), layout="constrained")
-    axes = figure.subplots(3, 2, sharex=True, sharey="row")
-    places = report.places
+
+def _draw(axis: Any, report: Budget, before: Any, change: str, which: str, row: int) -> None:
+    places, (_, _, scale) = report.places, QUANTITIES[row]
     ranges = [place.range_m for place in places]
-    for column, (which, title) in enumerate((("single", "one fix"), ("settled", "settled filter"))):
-        axes[0, column].set_title(title)
-        for row, (quantity, unit, scale) in enumerate(QUANTITIES):
-            axis = axes[row, column]
-            for number, line in enumerate(places[0].lines):
-                values = [getattr(place.lines[number], which)[row] * scale for place in places]
-                if not any(value > 1e-5 for value in values):
-                    continue
-                style, width = ("-", 1.5) if line.counts else (":", 1.0)
-                name = line.name if line.counts else f"({line.name})"
-                axis.semilogy(ranges, values, style, lw=width, color=f"C{number}", label=name)
-            total = [place.total(which)[row] * scale for place in places]
-            axis.semilogy(ranges, total, "k-", lw=2.5, label="total")
-            if before is not None:
-                earlier = [place.total(which)[row] * scale for place in before.places]
-                axis.semilogy(ranges, earlier, "k--", lw=1.5, label=f"total before {change}")
-            axis.set_ylabel(f"{quantity}, {unit}, 1-sigma")
-            axis.grid(alpha=0.3)
-    for axis in axes[2]:
-        axis.set_xlabel("range, m")
-    entries = {
-        label: handle for axis in axes.ravel() for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)
-    }
-    figure.suptitle(f"Error budget of {report.model} on the docking axis; dotted: not in the total")
-    figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=3, fontsize=8)
-    with replacing(path) as temporary:
-        FigureCanvasAgg(figure)
-        figure.savefig(temporary, format="png", dpi=100)
+    total = np.array([place.total(which)[row] * scale for place in places])
+    least = LEAST * float(np.nanmax(total)) if np.isfinite(total).any() else 0.0
+    for number, line in enumerate(places[0].lines):
+        values = [getattr(place.lines[number], which)[row] * scale for place in places]
+        if not any(value > least for value in values):
+            continue
+        style, width = ("-", 1.5) if line.counts else (":", 1.2)
+        name = line.name if line.counts else f"({line.name})"
+        axis.semilogy(ranges, values, style, lw=width, color=SERIES[number % len(SERIES)], label=name)
+    axis.semilogy(ranges, total, "-", color=INK, lw=3.0, label="total")
+    if before is not None:
+        earlier = [place.total(which)[row] * scale for place in before.places]
+        axis.semilogy(ranges, earlier, color=INK, lw=1.5, ls=(0, (5, 2)), label=f"total before {change}")
+    unseen = [r for r, value in zip(ranges, total, strict=True) if not np.isfinite(value)]
+    if unseen and len(unseen) < len(ranges):
+        axis.axvspan(min(unseen), min(r for r in ranges if r > max(unseen)), color=QUIET, alpha=0.15, lw=0)
+        place = {"xycoords": ("data", "axes fraction"), "xytext": (4, 4), "textcoords": "offset points", "va": "bottom"}
+        axis.annotate(UNSEEN, (min(unseen), 0.0), color=INK, fontsize=8, **place)
+    plain_decades(axis)

@@ -8,7 +8,18 @@ import numpy as np
 from relnav.accuracy.campaign_summary import CampaignSummary, Reader
 from relnav.accuracy.run_score import DOCKING, STATE
 from relnav.arrays import Vector
-from relnav.files.atomic import replacing
+from relnav.files.picture_style import (
+    ESTIMATE,
+    PUBLISHED,
+    SPREAD,
+    heading,
+    named_line,
+    new_figure,
+    one_legend,
+    plain_decades,
+    save,
+    styled,
+)
 
 SHARES = ((0.5, 99.5, 0.15), (5.0, 95.0, 0.25), (25.0, 75.0, 0.4))
 """Percentiles between which a band is drawn, and how dark."""
@@ -41,58 +52,53 @@ def ratio_title(name: str, ratio: Vector) -> str:
 
 def draw_errors(summary: CampaignSummary, read: Reader, path: Path) -> None:
     """Draw the distribution over runs of the rms error in every range bin, beside reported and published 1-sigma."""
-    figure = _figure((7.0, 9.0))
-    axes = figure.subplots(3, 1, sharex=True)
-    edges = summary.edges_m
-    middles = 0.5 * (np.array(edges[:-1]) + np.array(edges[1:]))
-    for axis, name, quantity in zip(axes, DOCKING, ("range", "azimuth", "elevation"), strict=True):
-        rows = [row for row in summary.bins if row.quantity == quantity]
-        values = rms_by_bin(read, name, len(middles))
-        seen = [k for k, each in enumerate(values) if len(each)]
-        for low, high, alpha in SHARES:
-            band = np.array([np.percentile(values[k], (low, high)) for k in seen]).reshape(-1, 2)
-            axis.fill_between(middles[seen], band[:, 0], band[:, 1], color="C0", alpha=alpha, lw=0.0)
-        axis.plot(middles, [row.rms for row in rows], "C0o-", ms=3, label="rms error, all runs")
-        axis.plot(middles, [row.sigma for row in rows], "C1s--", ms=3, label="reported 1-sigma")
-        if np.isfinite(rows[0].published):
-            axis.axhline(rows[0].published, color="C3", lw=1.0, label="published")
-        if any(row.rms > 0.0 for row in rows):
-            axis.set_yscale("log")
-        axis.set_ylabel(f"{quantity}, {rows[0].unit}")
-        axis.grid(alpha=0.3)
-    axes[0].legend(fontsize=8)
-    axes[0].set_title(f"{summary.runs} approaches: {BANDS_SAID}", fontsize=9)
-    axes[-1].set_xlabel("range, m")
-    _save(figure, path)
+    with styled():
+        figure = new_figure(8.0, 9.0)
+        axes = figure.subplots(3, 1, sharex=True)
+        for axis, name, quantity in zip(axes, DOCKING, ("range", "azimuth", "elevation"), strict=True):
+            rows = [row for row in summary.bins if row.quantity == quantity]
+            _draw_bins(axis, summary.edges_m, rows, rms_by_bin(read, name, len(summary.edges_m) - 1))
+            axis.set_title(quantity.capitalize())
+            axis.set_ylabel(rows[0].unit)
+        axes[-1].set_xlabel("range, m")
+        heading(figure, f"{summary.runs} approaches: {BANDS_SAID}")
+        one_legend(figure)
+        save([figure], path)
+
+
+def _draw_bins(axis: Any, edges_m: Any, rows: Any, values: list[Vector]) -> None:
+    middles = 0.5 * (np.array(edges_m[:-1]) + np.array(edges_m[1:]))
+    seen = [k for k, each in enumerate(values) if len(each)]
+    for low, high, alpha in SHARES:
+        band = np.array([np.percentile(values[k], (low, high)) for k in seen]).reshape(-1, 2)
+        axis.fill_between(middles[seen], band[:, 0], band[:, 1], color=ESTIMATE, alpha=alpha, lw=0.0)
+    axis.plot(middles, [row.rms for row in rows], "o-", ms=3.5, color=ESTIMATE, label="rms error, all runs")
+    sigma = [row.sigma for row in rows]
+    axis.plot(middles, sigma, "s", ls=(0, (4, 2)), ms=3.5, color=SPREAD, label="reported 1-sigma")
+    if np.isfinite(rows[0].published):
+        named_line(axis, rows[0].published, f"published {rows[0].published:g} {rows[0].unit}")
+    if any(row.rms > 0.0 for row in rows):
+        axis.set_yscale("log")
+        plain_decades(axis)
 
 
 def draw_final(read: Reader, path: Path) -> None:
     """Draw histograms of the error at the end of every run over its reported sigma, beside the normal distribution."""
-    figure = _figure((10.0, 6.0))
-    axes = figure.subplots(2, 3, sharey=True)
-    grid = np.linspace(-5.0, 5.0, 201)
-    for axis, name in zip(axes.ravel(), STATE, strict=True):
-        ratio = final_ratio(read, name)
-        if len(ratio):
-            bins = ratio_edges(len(ratio))
-            width = bins[1] - bins[0]
-            axis.hist(np.clip(ratio, -5.0, 5.0), bins=bins, weights=np.full(len(ratio), 1.0 / (len(ratio) * width)))
-            axis.plot(grid, np.exp(-0.5 * grid**2) / np.sqrt(2.0 * np.pi), "C1", lw=1.2)
-            axis.set_title(ratio_title(name, ratio), fontsize=9)
-        axis.grid(alpha=0.3)
-    figure.suptitle(FINAL_SAID)
-    _save(figure, path)
-
-
-def _figure(size: tuple[float, float]) -> Any:
-    from matplotlib.figure import Figure  # comes with the dependencies
-
-    return Figure(figsize=size, layout="constrained")
-
-
-def _save(figure: Any, path: Path) -> None:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    with replacing(path) as temporary:
-        FigureCanvasAgg(figure)
-        figure.savefig(temporary, format="png", dpi=100)
+    with styled():
+        figure = new_figure(10.5, 6.3)
+        axes = figure.subplots(2, 3, sharex=True, sharey=True)
+        grid = np.linspace(-5.0, 5.0, 201)
+        for axis, name in zip(axes.ravel(), STATE, strict=True):
+            ratio = final_ratio(read, name)
+            if len(ratio):
+                bins = ratio_edges(len(ratio))
+                share = np.full(len(ratio), 1.0 / (len(ratio) * (bins[1] - bins[0])))
+                axis.hist(np.clip(ratio, -5.0, 5.0), bins=bins, weights=share, color=ESTIMATE, alpha=0.55)
+                axis.plot(grid, np.exp(-0.5 * grid**2) / np.sqrt(2.0 * np.pi), color=PUBLISHED, lw=1.6)
+                axis.set_title(ratio_title(name, ratio))
+        for axis in axes[1]:
+            axis.set_xlabel("error / reported 1-sigma")
+        for axis in axes[:, 0]:
+            axis.set_ylabel("share per 1-sigma")
+        heading(figure, FINAL_SAID)
+        save([figure], path)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from relnav.arrays import Codes
+from relnav.dynamics.in_frame import OWN, frame_words
 from relnav.errors import UsageError
 from relnav.files.wording import printable
 
@@ -31,6 +32,42 @@ def epoch_of(settings: dict[str, Any], what: str) -> datetime:
     except ValueError:
         raise UsageError(f"epoch is an ISO date and time, 2026-07-02T12:00:00; got '{printable(text)}'") from None
     return moment.astimezone(UTC).replace(tzinfo=None) if moment.tzinfo else moment
+
+
+def orientation_of(settings: dict[str, Any], what: str) -> tuple[float, float, float]:
+    """The orientation of the target's orbit, which inertial axes need, deg.
+
+    Raises
+    ------
+    UsageError
+        If it is missing, or not three numbers.
+    """
+    given = settings["orientation_deg"]
+    if given is None:
+        raise UsageError(
+            f"{what} is in inertial axes and needs the orientation of the target's orbit: orientation_deg=(51.6, "
+            "130.0, 40.0) (--orbit-deg 51.6 130 40), inclination, right ascension of the ascending node, argument of "
+            "perigee"
+        )
+    frame_words("eci_relative", settings["model"], given)
+    inclination, node, perigee = map(float, given)
+    return inclination, node, perigee
+
+
+def check_attitude(settings: dict[str, Any], what: str, instead: str) -> None:
+    """Refuse to write attitudes where there are none, or in another frame than the format's.
+
+    Raises
+    ------
+    UsageError
+        Saying what to write instead.
+    """
+    if not settings["attitude"]:
+        raise UsageError(
+            f"{what} holds attitudes, which a three-beacon track does not estimate; write its states, {instead}"
+        )
+    if settings["frame"] != OWN:
+        raise UsageError(f"{what} holds attitudes against inertial axes alone: leave frame {settings['frame']!r} out")
 
 
 def stamps(epoch: datetime, t_s: Any, what: str) -> list[str]:

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from relnav.dynamics.in_frame import FramedTrack
 from relnav.files.optional import require
 from relnav.files.tables import COLUMNS, STATE, head, rows_of
 from relnav.files.units import split_unit
@@ -22,15 +23,16 @@ def unit_of(column: str) -> str:
     return CF_UNITS.get(unit, unit)
 
 
-def track_table(solution: Any) -> tuple[dict[str, Any], dict[str, str]]:
-    """Columns of the track by name, and what its head states."""
+def track_table(solution: Any, turned: FramedTrack | None = None) -> tuple[dict[str, Any], dict[str, str]]:
+    """Columns of the track by name, and what its head states; in another frame, if that is given."""
     if isinstance(solution, Solution):
         stated = head(solution.model, solution.method, solution.smoothed)
-        columns = dict(zip(COLUMNS, rows_of(solution), strict=True))
+        columns = dict(zip(COLUMNS, rows_of(solution, turned), strict=True))
+        stated |= {} if turned is None else turned.metadata
     else:
         from relnav.files.marker_logs import track_columns, track_head
 
-        columns, stated = track_columns(solution), track_head(solution)
+        columns, stated = track_columns(solution, turned), track_head(solution, turned)
     stated |= {key: str(value) for key, value in solution.metadata.items()}
     return columns, stated
 
@@ -45,10 +47,11 @@ def to_dataframe(solution: Any) -> Any:
     return frame
 
 
-def to_xarray(solution: Any) -> Any:
-    """As `Solution.to_xarray` describes it."""
+def to_xarray(solution: Any, turned: FramedTrack | None = None) -> Any:
+    """As `Solution.to_xarray` describes it; in another frame if that is given."""
     xarray = require("xarray", "xarray", "A Dataset needs xarray")
-    columns, stated = track_table(solution)
+    columns, stated = track_table(solution, turned)
+    covariance = solution.covariance if turned is None else turned.covariance
     errors, units = (STATE, POSE_UNITS[:6]) if isinstance(solution, Solution) else (POSE_ERRORS, POSE_UNITS)
     time = ("time", np.asarray(columns["t_s"]), {"units": "s", "long_name": "time of the log's own clock"})
     variables: dict[str, Any] = {
@@ -58,7 +61,7 @@ def to_xarray(solution: Any) -> Any:
     }
     variables["status"] = ("time", np.asarray(solution.status), {"units": "1", **_status_flags()})
     said = {"long_name": "covariance of the state's error", "units_of_component": " | ".join(units)}
-    variables["covariance"] = (("time", "component", "component_2"), solution.covariance, said)
+    variables["covariance"] = (("time", "component", "component_2"), covariance, said)
     named = {"component": list(errors), "component_2": list(errors)}
     stated = {key.replace(" ", "_"): value for key, value in stated.items()}
     return xarray.Dataset(variables, coords={"time": time, **named}, attrs={"Conventions": "CF-1.11", **stated})

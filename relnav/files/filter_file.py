@@ -16,6 +16,7 @@ import numpy as np
 
 from relnav.accuracy.run_summary import RunSummary
 from relnav.arrays import Matrix, Stack, Vector
+from relnav.dynamics.in_frame import Turning
 from relnav.errors import UsageError
 from relnav.files.attitude_reading import ROWS_TRIED, reading_that_starts
 from relnav.files.frame_logs import log_in_memory
@@ -31,7 +32,6 @@ from relnav.files.tracks import write
 from relnav.files.wording import listed
 from relnav.mission import Model
 from relnav.navigation.arguments import controls
-from relnav.navigation.in_frame import frame_words, in_frame
 from relnav.navigation.log import Epochs, LogFilter, considered_words
 from relnav.navigation.record import Solution
 
@@ -93,7 +93,7 @@ def filter_file(
         As `filter_log` and `write`.
     """
     mission = load_mission(model) if isinstance(model, str) else model
-    said = frame_words(frame, mission, orientation_deg)
+    turning = Turning(frame, mission, orientation_deg)
     source = path if isinstance(path, LogFile) else log_in_memory(path) or opened(Path(path))
     way: dict[str, Any] = {"method": method, "projection": projection, "smooth": smooth}
     whole: Solution | None = None
@@ -118,12 +118,12 @@ def filter_file(
     summary = RunSummary(load_published(mission), mission.filter.gate_probability)
     summary.ignored = listed(log.columns.ignored)
 
-    turned, of_log = frame != "lvlh_ccsds", log_metadata(log.path, log.metadata, log.columns.ignored)
+    of_log = log_metadata(log.path, log.metadata, log.columns.ignored)
 
     def parts() -> Iterator[Table]:
         for solution in run.smoothed() if smooth else run.filtered():
             solution.metadata.update(of_log)
-            yield rows_of(solution, in_frame(solution, frame, mission, orientation_deg) if turned else None)
+            yield rows_of(solution, turning(solution))
             summary.take(solution)
             if watch is not None:
                 watch(solution)
@@ -132,7 +132,7 @@ def filter_file(
         for _ in parts():
             pass
     else:
-        stated = head(mission.name, method, smooth) | (said if turned else {})
+        stated = head(mission.name, method, smooth) | turning.stated
         stated |= considered_words(mission, method) | engine_words(engine) | of_log
         writer(Path(out), COLUMNS, parts(), stated, INTEGERS)
     summary.hint, summary.notes = run.hint(summary.started), run.spacing()

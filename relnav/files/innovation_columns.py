@@ -1,4 +1,4 @@
-"""Innovations of a beacon track as columns, in units of a reader, with the gate of each beside them."""
+"""Innovations of a track as columns, in units of a reader, with the gate of each beside them."""
 
 import math
 
@@ -7,8 +7,10 @@ import numpy as np
 from relnav.arrays import Vector
 from relnav.estimation.gating import chi_square_limit
 from relnav.files.log_columns import LETTERS
-from relnav.mission import Model
+from relnav.mission import Model, VisionMission
 from relnav.navigation.innovation_gates import innovation_covariances
+from relnav.navigation.pose_innovations import MarkerInnovations
+from relnav.navigation.pose_record import PoseSolution
 from relnav.navigation.record import Solution
 from relnav.navigation.status import PARTIAL, REJECTED, STARTED, UPDATED
 
@@ -19,7 +21,7 @@ FIX_COLUMNS = (("innovation_range_m", 1.0), ("innovation_azimuth_deg", DEGREES),
 
 
 class Innovations:
-    """Columns of the innovations of consecutive parts of one solution.
+    """Columns of the innovations of consecutive parts of one solution of beacons.
 
     The gate of a number is the half width of the ellipsoid of its group: sqrt(chi-square limit) sigma. A group is
     believed only inside the ellipsoid; so what lies outside a gate was refused, what lies inside may have been.
@@ -66,3 +68,27 @@ class Innovations:
         sigma = np.sqrt(np.stack([np.diagonal(found[k]) for k in known]))
         t = part.t_s[at[known]]
         return [np.interp(part.t_s, t, sigma[:, k], left=math.nan, right=math.nan) for k in range(len(self._names))]
+
+
+class SpotInnovations:
+    """The same of markers: `MarkerInnovations` as columns."""
+
+    def __init__(self, mission: VisionMission) -> None:
+        """Begin before the first epoch."""
+        self._found = MarkerInnovations(mission)
+        self._names = tuple(
+            f"innovation_{marker}_{axis}_px" for marker in LETTERS[: len(mission.markers.positions_m)] for axis in "xy"
+        )
+        self._limit = chi_square_limit(mission.filter.gate_probability, 2) ** 0.5
+        self._told = False
+
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns; `gate_` and the same is the gate's. None where nothing could be told."""
+        return self._names if self._told else ()
+
+    def columns(self, part: PoseSolution) -> dict[str, Vector]:
+        """Columns of the next epochs."""
+        innovation, sigma = (values.reshape(len(part), -1).T for values in self._found.of(part))
+        self._told = self._told or bool(np.isfinite(innovation).any())
+        gates = {f"gate_{name}": self._limit * row for name, row in zip(self._names, sigma, strict=True)}
+        return dict(zip(self._names, innovation, strict=True)) | gates

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
+from relnav.dynamics.in_frame import AXES, OWN, FramedTrack, Turning
+from relnav.files.approach_view import PORT_COVARIANCE
 from relnav.files.frame_logs import log_in_memory
 from relnav.files.log_columns import ACCELERATION, DELTA_V, IMAGE_TIME, Columns, markers, parse_header
 from relnav.files.logs import LogFile
@@ -35,7 +37,7 @@ PORT_COLUMNS = (
 )
 _ERRORS = ("x", "y", "z", "vx", "vy", "vz", "turn_x", "turn_y", "turn_z", "rate_x", "rate_y", "rate_z")
 _ERROR_UNITS = ("m",) * 3 + ("m_s",) * 3 + ("deg",) * 3 + ("deg_s",) * 3
-_UPPER = np.triu_indices(12)
+_UPPER, _UPPER_3 = np.triu_indices(12), np.triu_indices(3)
 TRACK_COLUMNS = (
     *TRUTH_COLUMNS,
     *(f"sigma_{name}_{unit}" for name, unit in zip(_ERRORS, _ERROR_UNITS, strict=True)),
@@ -43,6 +45,7 @@ TRACK_COLUMNS = (
     *(f"sigma_port_{name}_{unit}" for name, unit in zip(_ERRORS, _ERROR_UNITS, strict=True)),
     *("nis", "dof", "used", "status", "hypotheses", "ambiguity", "observable", "too_late", "alarm"),
     *(f"cov_{_ERRORS[i]}_{_ERRORS[j]}" for i, j in zip(*_UPPER, strict=True)),
+    *PORT_COVARIANCE,
 )
 _WHOLE_NUMBERS = ("dof", "used", "status", "hypotheses", "observable", "too_late", "alarm")
 _INTEGERS = tuple(TRACK_COLUMNS.index(name) for name in _WHOLE_NUMBERS)
@@ -66,7 +69,10 @@ def filter_marker_log(
     """
     parts = list(marker_solutions(path, mission, smooth=smooth, engine=engine))
     metadata = {} if engine == "compiled" else {"engine": engine}
-    return replace(parts[0], epochs=np.concatenate([part.epochs for part in parts]), metadata=metadata)
+    seen = [part.spots_px for part in parts if part.spots_px is not None]
+    spots = np.concatenate(seen) if len(seen) == len(parts) else None
+    epochs = np.concatenate([part.epochs for part in parts])
+    return replace(parts[0], epochs=epochs, metadata=metadata, spots_px=spots)
 
 
 def marker_solutions(
@@ -84,7 +90,8 @@ def marker_solutions(
     log = MarkerLogFilter(mission, keep=smooth, engine=engine)
     if not smooth:
         for chunk in _chunks(path, mission):
-            yield PoseSolution(mission, log.forward(*chunk))
+            exposed = chunk[-1]
+            yield PoseSolution(mission, log.forward(*chunk), spots_px=chunk[1] if exposed is None else None)
         return
     with Spool() as rows, Spool() as events:
         for chunk in _chunks(path, mission):
@@ -150,30 +157,48 @@ def write_track(
     path: Path,
     metadata: dict[str, str] | None = None,
     writer: Writer = write_table,
+    turning: Turning | None = None,
 ) -> None:
-    """Write consecutive solutions (.csv, .jsonl or .parquet), one row an epoch.
+    """Write consecutive solutions (.csv, .jsonl or .parquet), one row an epoch; in another frame, if one is given.
 
-    The covariance is in SI (m, m/s, rad, rad/s). An empty `ambiguity`: no other pose is possible. `alarm`: codes of
-    `Alarm`, 0 = none.
+    Covariances are in SI (m, m/s, rad, rad/s): `cov_x_x` of the state, `cov_port_x_x` of port from port. An
+    empty `ambiguity`: no other pose is possible. `alarm`: codes of `Alarm`, 0 = none.
     """
     check_format(path, TRACKS)
-    writer(path, TRACK_COLUMNS, map(_rows, parts), _head({"model": model} | (metadata or {})), _INTEGERS)
+    turning = turning or Turning()
+    tables = (_rows(part, turning(part)) for part in parts)
+    stated = _head({"model": model} | _words(turning.stated) | (metadata or {}))
+    writer(path, columns_in(turning.frame), tables, stated, _INTEGERS)
 
 
-def track_columns(solution: PoseSolution) -> dict[str, Vector]:
-    """The columns of a track by their names."""
-    return dict(zip(TRACK_COLUMNS, _rows(solution), strict=True))
+def columns_in(frame: str) -> tuple[str, ...]:
+    """The columns of a track in a frame: quaternions are named for its axes."""
+    return tuple(name.replace("q_lvlh_", f"q_{AXES[frame]}_") for name in TRACK_COLUMNS)
 
 
-def _rows(solution: PoseSolution) -> Table:
-    turns = _quaternions(np.concatenate([solution.dcm_lvlh_from_target, solution.dcm_target_from_chaser]))
+def track_columns(solution: PoseSolution, turned: FramedTrack | None = None) -> dict[str, Vector]:
+    """The columns of a track by their names; in another frame, if that is given."""
+    frame = OWN if turned is None else turned.frame
+    return dict(zip(columns_in(frame), _rows(solution, turned), strict=True))
+
+
+def _words(stated: dict[str, str]) -> dict[str, str]:
+    """What a frame states of itself, with what it leaves as it is."""
+    return stated | ({"frame": f"{stated['frame']}; ports and turns in target axes"} if stated else {})
+
+
+def _rows(solution: PoseSolution, turned: FramedTrack | None = None) -> Table:
+    state, covariance, attitude = solution.state, solution.covariance, solution.dcm_lvlh_from_target
+    if turned is not None and turned.dcm_frame_from_target is not None:
+        state, covariance, attitude = turned.state, turned.covariance, turned.dcm_frame_from_target
+    turns = _quaternions(np.concatenate([attitude, solution.dcm_target_from_chaser]))
     doubtful = np.where(np.isfinite(solution.ambiguity), solution.ambiguity, np.nan)
     return [
         solution.t_s,
-        *solution.state.T,
+        *state.T,
         *turns[: len(solution)].T,
         *np.degrees(solution.rate_rad_s).T,
-        *_sigmas(solution.covariance).T,
+        *_sigmas(covariance).T,
         *solution.port_m.T,
         *solution.port_velocity_m_s.T,
         *turns[len(solution) :].T,
@@ -181,7 +206,8 @@ def _rows(solution: PoseSolution) -> Table:
         *_sigmas(solution.docking_covariance).T,
         *(solution.nis, solution.dof, solution.used, solution.status, solution.hypotheses, doubtful),
         *(solution.observable, solution.too_late, solution.alarm),
-        *solution.covariance[:, _UPPER[0], _UPPER[1]].T,
+        *covariance[:, _UPPER[0], _UPPER[1]].T,
+        *solution.docking_covariance[:, _UPPER_3[0], _UPPER_3[1]].T,
     ]
 
 
@@ -211,6 +237,7 @@ def _head(metadata: dict[str, str]) -> dict[str, str]:
     return {"relnav": relnav_version(), "frame": "lvlh_ccsds; ports and turns in target axes"} | metadata
 
 
-def track_head(solution: PoseSolution) -> dict[str, str]:
+def track_head(solution: PoseSolution, turned: FramedTrack | None = None) -> dict[str, str]:
     """What the head of its track states."""
-    return _head({"model": solution.model} | ({"smoothed": "yes"} if solution.smoothed else {}))
+    said = {} if turned is None else _words(turned.metadata)
+    return _head({"model": solution.model} | said | ({"smoothed": "yes"} if solution.smoothed else {}))

@@ -6,12 +6,8 @@ from typing import Any
 import numpy as np
 
 from relnav.arrays import Flags, Vector
-from relnav.files.picture_style import ESTIMATE, GATE, INK, PUBLISHED, QUIET, SPREAD, one_legend
-from relnav.files.run_view import ALARMS, FLAGS, RunView
-
-WORDS = ("no state yet", "used whole", "used in part", "rejected", "no measurement", "started")
-COLOURS = (QUIET, SPREAD, PUBLISHED, GATE, "#b9c2cc", ESTIMATE)
-"""For each EpochStatus."""
+from relnav.files.picture_style import GATE, INK, PUBLISHED, QUIET, SPREAD, TIMELINE_COLOURS, one_legend
+from relnav.files.run_view import RunView
 
 
 def draw_measurements(figure: Any, view: RunView) -> None:
@@ -35,7 +31,7 @@ def draw_measurements(figure: Any, view: RunView) -> None:
     status = figure.add_subplot(grid[rows + 2, :], sharex=nis)
     _draw_nis(nis, view)
     _draw_bars(bars, view)
-    _draw_status(status, view)
+    draw_timeline(status, view, "What became of the epochs")
     for axis in (nis, bars):
         axis.tick_params(labelbottom=False)
     status.set_xlabel("time, s")
@@ -107,23 +103,18 @@ def _draw_bars(axis: Any, view: RunView) -> None:
     axis.set_ylim(min(0.5, 0.95 * float(ratio.min())), max(1.5, 1.05 * float(ratio.max())))
 
 
-def _draw_status(axis: Any, view: RunView) -> None:
-    shown = [
-        (FLAGS[code], f"{WORDS[code]} ({view.counts[code]})", COLOURS[code])
-        for code in range(len(FLAGS))
-        if view.counts[code]
-    ]
-    shown += [(name, f"ALARM {ALARMS[name].name} ({count})", GATE) for name, count in view.alarmed.items()]
+def draw_timeline(axis: Any, view: RunView, title: str) -> None:
+    """Draw the rows of the timeline; a mark is never narrower than a row of the track."""
     begin, end = view.thin.begin, view.thin.end
     step = float(np.median(np.diff(begin))) if len(begin) > 1 else 1.0
-    for row, (name, _, colour) in enumerate(reversed(shown)):
-        here = view.thin.high[view.names[name]] > 0.0
+    for place, row in enumerate(reversed(view.rows)):
+        here = view.thin.high[view.names[row.column]] > 0.0
         spans = [(b, max(e - b, 0.0) + step) for b, e in zip(begin[here], end[here], strict=True)]
-        axis.broken_barh(_joined(spans), (row - 0.36, 0.72), color=colour, lw=0)
-    axis.set_yticks(range(len(shown)), [label for _, label, _ in reversed(shown)])
-    axis.set_title("What became of the epochs")
+        axis.broken_barh(_joined(spans), (place - 0.36, 0.72), color=TIMELINE_COLOURS[row.colour], lw=0)
+    axis.set_yticks(range(len(view.rows)), [row.label for row in reversed(view.rows)])
+    axis.set_title(title)
     axis.grid(axis="y", visible=False)
-    axis.set_ylim(-0.6, len(shown) - 0.4)
+    axis.set_ylim(-0.6, len(view.rows) - 0.4)
 
 
 def _joined(spans: list[tuple[float, float]]) -> list[tuple[float, float]]:

@@ -9,20 +9,39 @@ from typing import Any
 
 import numpy as np
 
+from relnav.dynamics.in_frame import INERTIAL, OWN
 from relnav.errors import UsageError
 from relnav.files.atomic import replacing
-from relnav.files.ccsds import creation, epoch_of, known_epochs, name_of, stamps
+from relnav.files.ccsds import creation, epoch_of, known_epochs, name_of, orientation_of, stamps
 
 WHERE = {"rsw": ("TARGET", "RTN"), "eci_relative": ("TARGET", "EME2000"), "eci": ("EARTH", "EME2000")}
 """Frame -> CENTER_NAME and REF_FRAME."""
 
 
-def write_oem(solution: Any, path: Path, settings: dict[str, Any]) -> None:
-    """Write the epochs with a state; frame `rsw` unless another of `WHERE` is asked for."""
-    frame = "rsw" if settings["frame"] == "lvlh_ccsds" else settings["frame"]
+def _frame_of(settings: dict[str, Any]) -> str:
+    return "rsw" if settings["frame"] == OWN else str(settings["frame"])
+
+
+def check_oem(settings: dict[str, Any]) -> None:
+    """Refuse what cannot be written, before there is a track.
+
+    Raises
+    ------
+    UsageError
+        For another frame than those of `WHERE`, no epoch, or, for inertial axes, no orientation of the orbit.
+    """
+    frame = _frame_of(settings)
     if frame not in WHERE:
         raise UsageError(f"an OEM holds frames {', '.join(WHERE)}; got {frame!r}")
-    epoch, known = epoch_of(settings, "an OEM"), known_epochs(solution, "an OEM")
+    epoch_of(settings, "an OEM")
+    if frame in INERTIAL:
+        orientation_of(settings, f"an OEM in {frame}")
+
+
+def write_oem(solution: Any, path: Path, settings: dict[str, Any]) -> None:
+    """Write the epochs with a state; frame `rsw` unless another of `WHERE` is asked for."""
+    frame, epoch = _frame_of(settings), epoch_of(settings, "an OEM")
+    known = known_epochs(solution, "an OEM")
     track = solution.in_frame(frame, orientation_deg=settings["orientation_deg"], model=settings["model"])
     times = stamps(epoch, track.t_s[known], "an OEM")
     center, axes = WHERE[frame]

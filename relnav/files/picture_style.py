@@ -10,8 +10,23 @@ from relnav.files.atomic import is_stream, replacing
 
 ESTIMATE, PUBLISHED, GATE, SPREAD, QUIET, INK = "#0060a8", "#c2410c", "#b3123f", "#0a7a55", "#8a94a0", "#1f2730"
 """Okabe and Ito's hues, darkened for lines on white: told apart by eyes that do not see red and green."""
+SERIES = (ESTIMATE, PUBLISHED, SPREAD, "#8e4a9e", "#a37b00", INK, "#3f9fc9", GATE)
+"""Of curves that stand for different things, in this order."""
+TIMELINE_COLOURS = {
+    "dots": QUIET,
+    "soft": "#b9c2cc",
+    "spread": SPREAD,
+    "published": PUBLISHED,
+    "gate": GATE,
+    "estimate": ESTIMATE,
+}
+"""Of a timeline's rows, by the names that the report page has too."""
 ENDINGS = (".png", ".pdf", ".svg")
 DOTS_AN_INCH = 130
+WIDTH_OF_LEGEND, LETTERS_AN_INCH, MOST_COLUMNS = 11.0, 14.0, 7
+"""Inches and letters of the legend's size; how many columns are read at a glance."""
+LONE_DECADE = 30.0
+"""Of a logarithmic axis: highest over lowest up to which two decades alone would label it poorly."""
 STYLE: Any = {
     "font.size": 8.5,
     "axes.titlesize": 9.5,
@@ -34,6 +49,7 @@ STYLE: Any = {
     "ytick.color": INK,
     "xtick.labelsize": 8,
     "ytick.labelsize": 8,
+    "ytick.minor.size": 1.5,
     "legend.frameon": False,
     "legend.fontsize": 8.5,
     "lines.linewidth": 1.3,
@@ -66,20 +82,65 @@ def new_figure(width: float, height: float) -> Any:
 
 
 def one_legend(figure: Any) -> None:
-    """One legend for a whole sheet, below it: every name once."""
+    """One legend for a whole sheet, below it: every name once, in as many columns as find room."""
     entries = {
         label: handle for axis in figure.axes for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)
     }
     if entries:
-        figure.legend(list(entries.values()), list(entries), loc="outside lower left", ncols=min(5, len(entries)))
+        inches = figure.bbox.width / figure.dpi if hasattr(figure, "dpi") else WIDTH_OF_LEGEND
+        columns = _columns([len(label) for label in entries], inches)
+        legend = figure.legend(list(entries.values()), list(entries), loc="outside lower left", ncols=columns)
+        for handle in legend.legend_handles:
+            if hasattr(handle, "set_markersize"):
+                handle.set_markersize(max(handle.get_markersize(), 4.0))  # dots as small as in the drawing are not seen
+
+
+def heading(figure: Any, text: str) -> None:
+    """What a sheet shows, above it at the left."""
+    figure.suptitle(text, x=0.01, ha="left", fontsize=11.5, fontweight="bold", color=INK)
+
+
+def named_line(
+    axis: Any, value: float, text: str, name: str = "published figure", at: float = 1.0, side: str = "right"
+) -> None:
+    """A published figure as a dashed line with its value, which ends (or begins: "left") at a share of the axis."""
+    axis.axhline(value, color=PUBLISHED, ls=(0, (5, 2)), label=name)
+    axis.annotate(
+        text,
+        (at, value),
+        xycoords=("axes fraction", "data"),
+        xytext=(-2, 3),
+        textcoords="offset points",
+        ha=side,
+        va="bottom",
+        color=PUBLISHED,
+    )
+
+
+def _columns(letters: list[int], inches: float) -> int:
+    """Columns of a legend whose labels have so many letters; matplotlib fills one after the other."""
+    for columns in range(min(MOST_COLUMNS, len(letters)), 1, -1):
+        rows, longer = divmod(len(letters), columns)
+        width, at = 0.0, 0
+        for column in range(columns):
+            end = at + rows + (1 if column < longer else 0)
+            width, at = width + (max(letters[at:end]) + 8) / LETTERS_AN_INCH, end
+        if width <= inches:
+            return columns
+    return 1
 
 
 def plain_decades(axis: Any) -> None:
-    """Numbers of a logarithmic axis as one writes them: 0.01."""
-    from matplotlib.ticker import FuncFormatter, NullFormatter
+    """Numbers of a logarithmic axis as one writes them: 0.01; and 0.02, 0.05 where it spans hardly a decade."""
+    from matplotlib.ticker import FuncFormatter
+
+    def between(value: float, _: int) -> str:
+        low, high = axis.get_ylim()
+        digit = f"{value:.0e}"[0]
+        return f"{value:g}" if high < LONE_DECADE * low and digit in "25" else ""
 
     axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.yaxis.set_minor_formatter(NullFormatter())
+    axis.yaxis.set_minor_formatter(FuncFormatter(between))
 
 
 def check_picture(path: Path) -> None:

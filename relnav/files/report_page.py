@@ -45,7 +45,7 @@ def data_block(data: Any) -> str:
 
 def table(head: Iterable[str], rows: Iterable[Iterable[object]], numeric: tuple[int, ...] = ()) -> str:
     """A table of words; columns named in `numeric` are set as numbers. `Markup` cells are taken as they are."""
-    top = "".join(f"<th>{words(cell)}</th>" for cell in head)
+    top = "".join(f"<th{' class=n' if k in numeric else ''}>{words(cell)}</th>" for k, cell in enumerate(head))
     body = "".join(
         "<tr>"
         + "".join(
@@ -80,10 +80,22 @@ def section(title: str, *parts: str) -> str:
     return f"<section><h2>{words(title)}</h2>{''.join(parts)}</section>"
 
 
+def toolbar(label: str, said: str, *buttons: tuple[str, str, str], classes: str = "tools") -> str:
+    """Buttons by id, what they do and key, and a place with the id `said` for words."""
+    made = "".join(
+        f'<button id="{name}">{words(what)}<span class="key"> ({words(key)})</span></button>'
+        for name, what, key in buttons
+    )
+    room = f'<span class="soft" id="{said}" role="status"></span>'
+    return f'<div class="{classes}" role="toolbar" aria-label="{words(label)}">{made}{room}</div>'
+
+
 def write_page(path: Path, title: str, lead: str, body: str, data: Any = None) -> None:
     """Write the page, whole or not at all; with data it draws charts."""
     room = files("relnav.files") / "report"
-    css = (room / "uplot" / "uPlot.min.css").read_text(encoding="utf-8") + (room / "page.css").read_text("utf-8")
+    css = (room / "page.css").read_text(encoding="utf-8")
+    if data is not None:
+        css = (room / "uplot" / "uPlot.min.css").read_text(encoding="utf-8") + css
     library = (room / "uplot" / "uPlot.iife.min.js").read_text(encoding="utf-8")
     licence = (room / "uplot" / "LICENSE").read_text(encoding="utf-8")
     scripts = [library, (room / "page.js").read_text(encoding="utf-8")] if data is not None else []
@@ -92,6 +104,7 @@ def write_page(path: Path, title: str, lead: str, body: str, data: Any = None) -
     allowed = hashes or "'none'"
     policy = f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data:"
     running = "".join(f"<script>{script}</script>\n" for script in scripts)
+    credit = f"<details><summary>Charts by uPlot, MIT licence</summary><pre>{words_of(licence)}</pre></details>"
     page = f"""<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -106,7 +119,7 @@ def write_page(path: Path, title: str, lead: str, body: str, data: Any = None) -
 <header><h1>{words(title)}</h1><p class="soft">{words(lead)}</p></header>
 <main>{body}</main>
 <footer><p>Made by relnav {words(relnav_version())}. This file holds all it needs and asks no network for anything.</p>
-<details><summary>Charts by uPlot, MIT licence</summary><pre>{words_of(licence)}</pre></details></footer>
+{credit if data is not None else ""}</footer>
 {data_block(data) if data is not None else ""}
 {running}</body>
 </html>

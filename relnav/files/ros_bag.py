@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 
 from relnav.arrays import Matrix, Stack
+from relnav.dynamics.in_frame import OWN, FramedTrack
 from relnav.errors import LogError, UsageError
 from relnav.files.atomic import replacing
 from relnav.files.optional import require
+from relnav.files.tables import framed
 from relnav.files.text_table import MOST_ROWS
 from relnav.files.wording import listed, shown
 
@@ -119,11 +121,11 @@ def pose_covariance(covariance: Any) -> Stack:
     return np.asarray(_OTHER_SIGN @ picked @ _OTHER_SIGN)
 
 
-def poses(solution: Any) -> tuple[str, Matrix, Matrix, Stack]:
+def poses(solution: Any, turned: FramedTrack | None = None) -> tuple[str, Matrix, Matrix, Stack]:
     """Frame, positions (n, 3), quaternions (n, 4), covariances (n, 6, 6) of a track.
 
-    Of a marker track the chaser's port seen from the target's, target axes; of a beacon track the chaser's centre of
-    mass from the target's in `lvlh_ccsds`, with an attitude that is not known.
+    Of a marker track the chaser's port seen from the target's, target axes, whatever the frame; of a beacon track the
+    chaser's centre of mass from the target's in `lvlh_ccsds`, or as turned, with an attitude that is not known.
     """
     if hasattr(solution, "docking_covariance") and hasattr(solution, "port_velocity_m_s"):
         from scipy.spatial.transform import Rotation
@@ -132,13 +134,26 @@ def poses(solution: Any) -> tuple[str, Matrix, Matrix, Stack]:
         known = np.isfinite(solution.state[:, 0])
         turn[known] = Rotation.from_matrix(solution.dcm_target_from_chaser[known]).as_quat(canonical=True)
         return "target_port", solution.port_m, turn, pose_covariance(solution.docking_covariance)
+    at: Any = solution if turned is None else turned
     covariance = np.zeros((len(solution), 6, 6))
-    covariance[:, :3, :3] = solution.covariance[:, :3, :3]
+    covariance[:, :3, :3] = at.covariance[:, :3, :3]
     covariance[:, [3, 4, 5], [3, 4, 5]] = UNKNOWN_TURN_RAD2
-    return "lvlh_ccsds", solution.state[:, :3], np.tile([0.0, 0.0, 0.0, 1.0], (len(solution), 1)), covariance
+    frame = OWN if turned is None else turned.frame
+    return frame, at.state[:, :3], np.tile([0.0, 0.0, 0.0, 1.0], (len(solution), 1)), covariance
 
 
-def write_bag(solution: Any, path: Path, settings: dict[str, Any]) -> None:  # noqa: ARG001  (all writers take them)
+def check_bag(settings: dict[str, Any]) -> None:  # noqa: ARG001  (all formats take them)
+    """Refuse what cannot be written, before there is a track.
+
+    Raises
+    ------
+    UsageError
+        If rosbags is missing.
+    """
+    require("rosbags", "ros", "A ROS bag needs rosbags")
+
+
+def write_bag(solution: Any, path: Path, settings: dict[str, Any]) -> None:
     """Write a bag of ROS 2 (a folder, MCAP inside): /relnav/pose, a message an epoch with a state.
 
     Raises
@@ -156,7 +171,7 @@ def write_bag(solution: Any, path: Path, settings: dict[str, Any]) -> None:  # n
         raise UsageError(f"a ROS bag has times from 0 to {LAST_S} s; the log has {had}")
     store = get_typestore(Stores.ROS2_HUMBLE)
     kind = store.types["geometry_msgs/msg/PoseWithCovarianceStamped"].__msgtype__
-    frame, positions, turns, covariances = poses(solution)
+    frame, positions, turns, covariances = poses(solution, framed(solution, settings))
     with replacing(path) as temporary, Writer(temporary, version=8, storage_plugin=StoragePlugin.MCAP) as writer:
         connection = writer.add_connection(TOPIC, kind, typestore=store)
         for e in np.flatnonzero(np.isfinite(np.asarray(solution.state)[:, 0])).tolist():

@@ -7,28 +7,27 @@ from typing import Any
 
 import numpy as np
 
-from relnav.arrays import Matrix, Vector
-from relnav.files.measurement_picture import WORDS
+from relnav.arrays import Vector
+from relnav.files.approach_page import approach_data, approach_section, misalignment_chart
+from relnav.files.approach_view import MISALIGNMENT, CaptureLimits
 from relnav.files.models import model_values
-from relnav.files.report_page import paragraph, section, table, tile, write_page
-from relnav.files.run_view import ALARMS, FLAGS, TURNS, Quantity, RunView
+from relnav.files.report_page import paragraph, section, table, tile, toolbar, write_page
+from relnav.files.run_view import TURNS, WORDS, Quantity, RunView
+from relnav.files.vehicle_page import SENSORS_SAID, TIMELINE_SAID, sensor_charts, vehicle_tiles
 from relnav.navigation.status import EpochStatus
 
 GROUPS = 8192
 """Of epochs, at most twice as many: what a browser draws without a wait."""
-PATH_POINTS = 1200
-ELLIPSOIDS = 9
-ROW_COLOURS = ("dots", "spread", "published", "gate", "soft", "estimate")
 
 
 def write_run_page(
-    view: RunView, model: Any, path: Path, corridor_deg: float, capture_m: float, notes: tuple[str, ...]
+    view: RunView, model: Any, path: Path, corridor_deg: float, capture: CaptureLimits, notes: tuple[str, ...]
 ) -> None:
     """Write the page; `model` is what was flown, None if that is not known; notes are for the reader.
 
-    Corridor (half angle) and capture radius (0: none) are the mission's, and only drawn.
+    Corridor (half angle) and capture limits are the mission's: drawn, and the end of the run is held against them.
     """
-    charts = _charts(view)
+    charts = _charts(view, capture)
     used = {line.get("column") for chart in charts for line in chart.get("lines", [])}
     used |= {line.get("sigma") for chart in charts for line in chart.get("lines", [])}
     used |= {row["column"] for chart in charts for row in chart.get("rows", [])}
@@ -42,28 +41,27 @@ def write_run_page(
         },
         "charts": charts,
         "corridor": corridor_deg,
-        "path": _path(view, capture_m),
+        "path": approach_data(view, capture),
     }
     log = view.metadata.get("log", "")
     title = f"{view.title}: {log}" if log else view.title
     thinned = "" if view.thin.whole else f", drawn as the extremes of {len(view.thin.begin)} groups: no peak is lost"
     lead = f"{view.thin.epochs} epochs, {view.thin.begin[0]:.9g} s to {view.thin.end[-1]:.9g} s{thinned}."
-    write_page(path, title, lead, _body(view, model, corridor_deg, data["path"], notes), data)
+    body = _body(view, model, corridor_deg, capture, notes, {chart["section"] for chart in charts})
+    write_page(path, title, lead, body, data)
 
 
-def _body(view: RunView, model: Any, corridor_deg: float, path: Any, notes: tuple[str, ...]) -> str:
+def _body(
+    view: RunView, model: Any, corridor_deg: float, capture: CaptureLimits, notes: tuple[str, ...], shown: set[str]
+) -> str:
     parts = [f'<div class="tiles">{"".join(_tiles(view))}</div>', *(paragraph(note) for note in notes)]
     parts.append(_TOOLS)
-    if path is not None:
-        said = (
-            f"Cone: a corridor of {corridor_deg:g} deg half angle, yours to state (--corridor-deg). Ellipsoids: "
-            f"3-sigma of the position, drawn {path['magnified']:g} times their size. Square: port; dot: end. "
-        )
-        said += f"Ring: capture radius {path['capture']:g} m. " if path["capture"] else ""
-        said += "Drag, or use the arrow keys, to turn it."
-        space = '<canvas id="space" tabindex="0" role="img" aria-label="Approach in the docking frame"></canvas>'
-        parts.append(section("Approach in space", space, paragraph(said)))
+    if view.places:
+        parts.append(approach_section(view, corridor_deg, capture))
     for key, title, said in _SECTIONS:
+        if key not in shown:
+            continue
+        said = _OF_VEHICLES.get(key, said) if view.of_vehicle else said
         parts.append(
             section(
                 title, paragraph(said), f'<div class="charts{" pairs" if key in _PAIRED else ""}" id="{key}"></div>'
@@ -76,16 +74,23 @@ def _body(view: RunView, model: Any, corridor_deg: float, path: Any, notes: tupl
     return "".join(parts)
 
 
-_TOOLS = (
-    '<div class="tools" role="toolbar" aria-label="Time"><button id="in">Zoom in (+)</button>'
-    '<button id="out">Zoom out (-)</button><button id="left">Earlier (,)</button><button id="right">Later (.)</button>'
-    '<button id="all">All (0)</button><span class="soft" id="span"></span></div>'
+_TOOLS = toolbar(
+    "Time",
+    "span",
+    ("in", "Zoom in", "+"),
+    ("out", "Zoom out", "-"),
+    ("left", "Earlier", ","),
+    ("right", "Later", "."),
+    ("all", "All", "0"),
 )
-_PAIRED = ("docking", "states")
+_PAIRED = ("docking", "states", "ports")
+_OF_VEHICLES = {"measurements": SENSORS_SAID, "timeline": TIMELINE_SAID}
 _SECTIONS = (
     ("docking", "Docking quantities", "Estimate within its 3-sigma envelope, and reported 1-sigma beside the figure "
      "published for the sensor. Drag across a chart to zoom all of them; a double click shows everything."),
     ("states", "State", "Chaser relative to target in lvlh_ccsds, velocity in the turning frame."),
+    ("ports", "Port from port", "Chaser's port from the target's, target axes: velocity in the turning target, "
+     "attitude as a turn from the nearest attitude with parallel axes, rate of the target relative to the chaser."),
     ("measurements", "Measurements", "Innovations are measured minus predicted, of everything seen; the gate is the "
      "half width of the ellipsoid outside which an image (or a spot) is refused. NIS should average to its degrees of "
      "freedom."),
@@ -93,7 +98,7 @@ _SECTIONS = (
 )  # fmt: skip
 
 
-def _tiles(view: RunView) -> list[str]:
+def _epoch_tiles(view: RunView) -> list[str]:
     counts = view.counts
     used = counts[EpochStatus.UPDATED] + counts[EpochStatus.STARTED]
     refused = counts[EpochStatus.PARTIAL] + counts[EpochStatus.REJECTED]
@@ -109,11 +114,17 @@ def _tiles(view: RunView) -> list[str]:
         verdict = "" if lasting else "bad" if view.nis.overconfident else "good"
         note = "lasting errors included: no interval" if lasting else str(view.nis).partition(", ")[2]
         tiles.append(tile("NIS per degree of freedom", f"{view.nis.ratio:.3f}", note, verdict))
+    return tiles
+
+
+def _tiles(view: RunView) -> list[str]:
+    tiles = vehicle_tiles(view) if view.of_vehicle else _epoch_tiles(view)
     for quantity in view.docking():
         last = _last(view.largest(quantity.sigma)) if view.has(quantity.sigma) else math.nan
-        claim = next((claim for claim in view.claims if claim.quantity == quantity.label.lower()), None)
+        claim = view.claim(quantity)
         verdict = "" if claim is None else "good" if last <= claim.value else "bad"
         note = "" if claim is None else f"published {claim.value:g} {claim.unit}, statistic {claim.statistic}"
+        note += f"; {claim.condition}" if claim is not None and view.of_vehicle else ""
         tiles.append(tile(f"{quantity.label}, 1-sigma at the end", f"{last:.3g} {quantity.unit}", note, verdict))
     return tiles
 
@@ -123,14 +134,19 @@ def _last(values: Vector) -> float:
     return float(known[-1]) if known.size else math.nan
 
 
-def _charts(view: RunView) -> list[dict[str, Any]]:
+def _charts(view: RunView, capture: CaptureLimits) -> list[dict[str, Any]]:
     charts: list[dict[str, Any]] = []
     for quantity in view.docking():
         charts.append(_value(quantity, "docking", view))
         charts.append(_spread(quantity, "docking", 1.0, view))
+    if view.has(MISALIGNMENT):
+        charts.append(misalignment_chart(capture.angle_deg))
     for quantity in view.states():
         charts.append(_value(quantity, "states", view))
         charts.append(_spread(quantity, "states", 3.0, view))
+    for quantity in view.ports():
+        charts.append(_value(quantity, "ports", view))
+        charts.append(_spread(quantity, "ports", 3.0, view))
     charts += [
         {"section": "states", "title": f"Target attitude, {name[11]}: 3-sigma", "unit": "deg", "log": True,
          "lines": [{"column": name, "times": 3.0, "label": "3-sigma", "colour": "spread"}]}
@@ -150,16 +166,12 @@ def _charts(view: RunView) -> list[dict[str, Any]]:
             {"section": "measurements", "title": quantity.label, "unit": quantity.unit, "lines": lines,
              "limits": _robust(view, quantity.column, gate)}
         )  # fmt: skip
-    charts.append(_nis(view))
-    rows = [
-        {"label": f"{WORDS[code]} ({view.counts[code]})", "column": FLAGS[code], "colour": ROW_COLOURS[code]}
-        for code in range(len(FLAGS))
-        if view.counts[code]
-    ] + [
-        {"label": f"ALARM {ALARMS[name].name} ({count})", "column": name, "colour": "gate"}
-        for name, count in view.alarmed.items()
-    ]
-    charts.append({"section": "timeline", "title": "What became of the epochs", "wide": True, "rows": rows})
+    charts += sensor_charts(view) if view.of_vehicle else [_nis(view)]
+    rows = [{"label": row.label, "column": row.column, "colour": row.colour} for row in view.rows]
+    title = "Which sensor when" if view.of_vehicle else "What became of the epochs"
+    if not rows:  # a vehicle's track without columns of its sensors
+        return charts
+    charts.append({"section": "timeline", "title": title, "wide": True, "rows": rows})
     return charts
 
 
@@ -179,7 +191,9 @@ def _spread(quantity: Quantity, where: str, times: float, view: RunView) -> dict
     lines: list[dict[str, Any]] = []
     if view.has(quantity.sigma):
         lines.append({"column": quantity.sigma, "times": times, "label": label, "colour": "spread"})
-    claim = next((c for c in view.claims if c.quantity == quantity.label.lower()), None)
+    if times == 1.0 and view.has(quantity.protection):
+        lines.append({"column": quantity.protection, "label": "protection level, 1e-7", "colour": "gate"})
+    claim = view.claim(quantity)
     if claim is not None and times == 1.0:
         lines.append({"constant": claim.value, "label": "published", "colour": "published", "dash": True})
     return {"section": where, "title": f"{quantity.label}, {label}", "unit": quantity.unit, "log": True, "lines": lines}
@@ -200,6 +214,8 @@ def _nis(view: RunView) -> dict[str, Any]:
 
 
 def _limits(view: RunView) -> dict[str, Vector]:
+    if view.of_vehicle:
+        return {}
     out = {"nis_limit_95": view.nis_bound(0.95)[0]}
     if not math.isnan(view.gate_probability):
         out["nis_gate"] = view.nis_bound(view.gate_probability)[0]
@@ -216,32 +232,6 @@ def _robust(view: RunView, column: str, gate: str) -> list[float]:
     return [-(limit or 1.0), limit or 1.0]
 
 
-def _path(view: RunView, capture_m: float) -> dict[str, Any] | None:
-    """The approach in docking axes, m: a path, and ellipsoids magnified so that one sees them."""
-    place, sigma = view.place()
-    known = np.isfinite(place).all(axis=0) & np.isfinite(sigma).all(axis=0)
-    if not known.any():
-        return None
-    place, sigma = place[:, known], sigma[:, known]
-    at = np.unique(np.linspace(0, place.shape[1] - 1, PATH_POINTS).astype(np.int64))
-    far = 1.06 * float(np.linalg.norm(place, axis=0).max())
-    few = np.unique(np.linspace(0, place.shape[1] - 1, ELLIPSOIDS).astype(np.int64))
-    usual = 3.0 * float(np.median(sigma[:, few].max(axis=0)))
-    magnified = 10.0 ** max(0, math.floor(math.log10(0.06 * far / usual))) if usual > 0.0 else 1.0
-    ellipsoids = [
-        {"at": _short(place[:, k]), "axes": _short(np.minimum(3.0 * magnified * sigma[:, k], 0.3 * far))} for k in few
-    ]
-    tick = 10.0 ** math.floor(math.log10(far)) / (1.0 if far / 10.0 ** math.floor(math.log10(far)) > 4.0 else 4.0)
-    paths: Matrix = place[:, at]
-    x, y, z = (_short(row) for row in paths)
-    said = {"x": x, "y": y, "z": z, "far": far, "tick": tick, "ellipsoids": ellipsoids, "magnified": magnified}
-    return said | {"capture": capture_m}
-
-
-def _short(values: Vector) -> list[float]:
-    return [float(f"{value:.7g}") for value in values]
-
-
 def _events(view: RunView) -> str:
     rows = [(f"{event.begin_s:.9g}", f"{event.end_s:.9g}", event.epochs, _said(event.what)) for event in view.events]
     if not rows:
@@ -252,7 +242,7 @@ def _events(view: RunView) -> str:
 
 
 def _said(what: str) -> str:
-    return what if what.startswith("ALARM") else WORDS[EpochStatus[what]]
+    return WORDS[EpochStatus[what]] if what in EpochStatus.__members__ else what
 
 
 def _claims(view: RunView) -> str:

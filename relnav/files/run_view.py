@@ -15,7 +15,9 @@ from relnav.accuracy.published import Claim
 from relnav.arrays import Matrix, Vector
 from relnav.estimation.consistency import Consistency, consistency_of_sum
 from relnav.estimation.gating import chi_square_limit
-from relnav.files.innovation_columns import Innovations
+from relnav.files.approach_view import Place, Places, misalignments
+from relnav.files.innovation_columns import Innovations, SpotInnovations
+from relnav.files.port_columns import PortColumns
 from relnav.files.tables import COLUMNS, DOCKING_COLUMNS, STATE_COLUMNS, rows_of
 from relnav.files.thinning import Thin, Thinning
 from relnav.mission import Model
@@ -28,22 +30,29 @@ ALARMS = {f"alarm_{one.name.lower()}": one for one in Alarm if one.name}
 MOST_EVENTS = 200
 MOST_STEPS = 30
 """Of a bound that changes with the number of spots seen, before it is a thicket."""
+PLACES = 12
 BARS = 40
 """Averages of NIS over a run."""
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A column to draw: its name, what a reader calls it, its unit, and the column of its sigma."""
+    """A column to draw: its name, what a reader calls it, its unit, the column of its sigma, what claims call it."""
 
     column: str
     label: str
     unit: str
+    claimed: str = ""
 
     @property
     def sigma(self) -> str:
         """The column of its sigma."""
         return f"sigma_{self.column}"
+
+    @property
+    def protection(self) -> str:
+        """The column of its protection level."""
+        return f"protection_{self.column}"
 
 
 _NAMES = ("x, along V-bar", "y, along H-bar", "z, along R-bar", "x velocity", "y velocity", "z velocity")
@@ -52,12 +61,32 @@ STATES = tuple(
     for k, (column, label) in enumerate(zip(STATE_COLUMNS, _NAMES, strict=True))
 )
 DOCKING = tuple(
-    Quantity(column, column.split("_")[0].capitalize(), "m" if k == 0 else "deg")
+    Quantity(column, column.split("_")[0].capitalize(), "m" if k == 0 else "deg", column.split("_")[0])
     for k, column in enumerate(DOCKING_COLUMNS)
 )
-PORTS = tuple(Quantity(f"port_{axis}_m", f"Port to port, {axis}", "m") for axis in "xyz")
+PORTS = tuple(Quantity(f"port_{a}_m", f"Port, {a}", "m", "range" if a == "x" else "") for a in "xyz")
+"""x is out of the port, nearly the range."""
+PORT_MOTION = (
+    *(Quantity(f"port_v{axis}_m_s", f"Port velocity, {axis}", "m/s") for axis in "xyz"),
+    *(Quantity(f"port_turn_{axis}_deg", f"Port attitude, {axis}", "deg") for axis in "xyz"),
+    *(Quantity(f"port_rate_{axis}_deg_s", f"Port rate, {axis}", "deg/s") for axis in "xyz"),
+)
 RATES = tuple(Quantity(f"rate_{axis}_deg_s", f"Target rate, {axis}", "deg/s") for axis in "xyz")
 TURNS = tuple(f"sigma_turn_{axis}_deg" for axis in "xyz")
+
+
+WORDS = ("no state yet", "used whole", "used in part", "rejected", "no measurement", "started")
+ROW_COLOURS = ("dots", "spread", "published", "gate", "soft", "estimate")
+"""For each EpochStatus: what a reader is told, and in which colour."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of the timeline: its column of 0 and 1, its label, and the name of its colour."""
+
+    column: str
+    label: str
+    colour: str
 
 
 @dataclass(frozen=True)
@@ -97,6 +126,8 @@ class RunView:
         Epochs by EpochStatus.
     alarmed : dict
         Epochs with each alarm that there was, by its column (`ALARMS`).
+    rows : tuple of Row
+        The timeline's.
     nis : Consistency
         Over all epochs used whole.
     events, events_left_out : list of Event, int
@@ -105,6 +136,12 @@ class RunView:
         Of the filter; NaN where it is not known.
     innovations : tuple of Quantity
         What an image was compared with, in columns of that name with gates in `gate_...`; empty if not known.
+    of_vehicle : bool
+        Whether it is a vehicle's.
+    sensors : tuple of str
+        Of a vehicle: with `used_...`, `nis_...` and `deviation_...` of each, as far as its track has them.
+    places : list of Place
+        Some epochs, spread over the run, with the covariance of the position; the last is where it ends.
     """
 
     title: str
@@ -119,6 +156,10 @@ class RunView:
     events: list[Event] = field(default_factory=list)
     events_left_out: int = 0
     innovations: tuple[Quantity, ...] = ()
+    rows: tuple[Row, ...] = ()
+    sensors: tuple[str, ...] = ()
+    of_vehicle: bool = False
+    places: list[Place] = field(default_factory=list)
 
     def has(self, column: str) -> bool:
         """Whether the run has a column, with a number in it."""
@@ -139,6 +180,14 @@ class RunView:
     def states(self) -> tuple[Quantity, ...]:
         """The state's components, and a target's rates."""
         return tuple(q for q in (*STATES, *RATES) if self.has(q.column))
+
+    def ports(self) -> tuple[Quantity, ...]:
+        """How the port moves and turns, seen from the target's."""
+        return tuple(q for q in PORT_MOTION if self.has(q.column))
+
+    def claim(self, quantity: Quantity) -> Claim | None:
+        """The figure published for a quantity's 1-sigma."""
+        return next((c for c in self.claims if quantity.claimed and c.quantity == quantity.claimed), None)
 
     def place(self) -> tuple[Matrix, Matrix]:
         """Position in docking axes (3, m) over `thin.times()`, x out of the port, and its sigmas along these axes.
@@ -181,7 +230,7 @@ class RunView:
         return out
 
 
-class _Spans:
+class Spans:
     """Stretches of epochs with one code, gathered part after part; of some codes there is nothing to tell."""
 
     def __init__(self, quiet: tuple[int, ...], what: Callable[[int], str]) -> None:
@@ -218,14 +267,15 @@ class RunWatcher:
     def __init__(self, most: int, model: Any = None, claims: tuple[Claim, ...] = ()) -> None:
         """Keep about so many groups; the model, if it is known, tells gates, its published figures are drawn."""
         self._thinning, self._model = Thinning(most), model
-        self._claims = claims
+        self._claims, self._places = claims, Places(PLACES, model)
         self._names: list[str] = []
-        self._decisions = _Spans((EpochStatus.UPDATED, EpochStatus.PREDICTED), lambda code: EpochStatus(code).name)
-        self._alarms = _Spans((0,), lambda code: f"ALARM {Alarm(code).words}")
+        self._decisions = Spans((EpochStatus.UPDATED, EpochStatus.PREDICTED), lambda code: EpochStatus(code).name)
+        self._alarms = Spans((0,), lambda code: f"ALARM {Alarm(code).words}")
         self._counts: Counter[int] = Counter()
         self._alarmed: Counter[str] = Counter()
         self._total, self._dof, self._title = 0.0, 0, ""
-        self._innovations: Innovations | None = None
+        self._innovations: Innovations | SpotInnovations | None = None
+        self._port = PortColumns()
         self._metadata: dict[str, str] = {}
 
     def take(self, part: Any) -> None:
@@ -234,37 +284,46 @@ class RunWatcher:
             columns: dict[str, Any] = dict(zip(COLUMNS, rows_of(part), strict=True)) | {"status": part.status}
             if self._innovations is None:
                 self._innovations = Innovations(part, self._model if isinstance(self._model, Model) else None)
+            assert isinstance(self._innovations, Innovations)
             columns |= self._innovations.columns(part)
             self._title = f"{part.model}, method {part.method}" + (", smoothed" if part.smoothed else "")
         else:
             from relnav.files.marker_logs import track_columns
 
             columns = dict(track_columns(part))
+            if self._innovations is None:
+                self._innovations = SpotInnovations(part.mission)
+            assert isinstance(self._innovations, SpotInnovations)
+            columns |= self._innovations.columns(part)
             self._title = part.model + (", smoothed" if part.smoothed else "")
         self._metadata = {key: str(value) for key, value in part.metadata.items()}
         self.take_columns(columns)
 
     def take_columns(self, columns: Mapping[str, Any]) -> None:
         """Go on with the next epochs as columns of a track, `t_s` and `nis`, `dof`, `status` among them."""
+        columns = {**columns, **misalignments(columns, self._model)}
+        self._places.take(columns)
         status = np.asarray(columns["status"])
         flags = {name: (status == code).astype(np.float64) for code, name in enumerate(FLAGS)}
         alarm = np.nan_to_num(columns.get("alarm", np.zeros(len(status)))).astype(np.int64)
         flags |= {name: (alarm & int(one) > 0).astype(np.float64) for name, one in ALARMS.items()}
         self._alarmed.update({name: int(flags[name].sum()) for name in ALARMS})
-        kept = {
-            name: column for name, column in columns.items() if not name.startswith("cov_") and name != "t_s"
-        } | flags
-        if not self._names:
-            self._names = list(kept)
         t, nis, dof = np.asarray(columns["t_s"]), np.asarray(columns["nis"]), np.asarray(columns["dof"])
         whole = np.isin(status, (EpochStatus.UPDATED, EpochStatus.STARTED)) & (dof > 0) & np.isfinite(nis)
         sums = np.stack([np.where(whole, nis, 0.0), np.where(whole, dof, 0), np.ones(len(t))])
         self._total, self._dof = self._total + float(sums[0].sum()), self._dof + int(sums[1].sum())
-        self._thinning.take(t, np.stack([np.asarray(kept[name], dtype=np.float64) for name in self._names]), sums)
+        self._keep(t, {**columns, **self._port.of(columns), **flags}, sums)
         codes, numbers = np.unique(status, return_counts=True)
         self._counts.update(dict(zip(codes.tolist(), numbers.tolist(), strict=True)))
         self._decisions.take(t, status)
         self._alarms.take(t, alarm)
+
+    def _keep(self, t: Vector, columns: Mapping[str, Any], sums: Matrix) -> None:
+        """Thin the columns of the next epochs, without time and covariance."""
+        kept = {name: one for name, one in columns.items() if not name.startswith("cov_") and name != "t_s"}
+        if not self._names:
+            self._names = list(kept)
+        self._thinning.take(t, np.stack([np.asarray(kept[name], dtype=np.float64) for name in self._names]), sums)
 
     def view(self, log: str = "", title: str = "", metadata: dict[str, str] | None = None) -> RunView:
         """What was gathered; log, title and metadata in place of the solution's own, if given."""
@@ -272,6 +331,7 @@ class RunWatcher:
         if log:
             said["log"] = log
         settings = getattr(self._model, "filter", None)
+        events, left_out = self._events()
         return RunView(
             title=title or self._title,
             metadata=said,
@@ -282,10 +342,25 @@ class RunWatcher:
             nis=consistency_of_sum("NIS", self._total, self._dof),
             gate_probability=math.nan if settings is None else settings.gate_probability,
             claims=self._claims,
-            events=sorted(self._decisions.events + self._alarms.events, key=lambda event: event.begin_s),
-            events_left_out=self._decisions.left_out + self._alarms.left_out,
+            events=sorted(events, key=lambda event: event.begin_s),
+            events_left_out=left_out,
             innovations=self._compared(),
+            rows=self._rows(),
+            places=self._places.places(),
         )
+
+    def _events(self) -> tuple[list[Event], int]:
+        """What happened, and how much more of it there was."""
+        return self._decisions.events + self._alarms.events, self._decisions.left_out + self._alarms.left_out
+
+    def _rows(self) -> tuple[Row, ...]:
+        decided = [
+            Row(FLAGS[code], f"{WORDS[code]} ({self._counts[code]})", ROW_COLOURS[code])
+            for code in range(len(FLAGS))
+            if self._counts[code]
+        ]
+        alarmed = [(name, self._alarmed[name]) for name in ALARMS if self._alarmed[name]]
+        return (*decided, *(Row(name, f"ALARM {ALARMS[name].name} ({count})", "gate") for name, count in alarmed))
 
     def _compared(self) -> tuple[Quantity, ...]:
         names = () if self._innovations is None else self._innovations.names()

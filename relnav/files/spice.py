@@ -25,15 +25,15 @@ from scipy.spatial.transform import Rotation
 
 from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.dynamics.ephemeris import seconds_since_j2000
+from relnav.dynamics.in_frame import INERTIAL, OWN, lvlh_in_space
 from relnav.dynamics.two_body import inertial_orbit
 from relnav.errors import UsageError
 from relnav.files.atomic import Outputs, replacing
-from relnav.files.ccsds import epoch_of, known_epochs, name_of
+from relnav.files.ccsds import check_attitude, epoch_of, known_epochs, name_of, orientation_of
 from relnav.files.models import mission_of
 from relnav.files.optional import require
-from relnav.navigation.in_frame import INERTIAL, lvlh_in_space
-from relnav.navigation.record import Solution
 
+NEED = "A SPICE kernel needs spiceypy"
 EARTH, TARGET, CHASER = 399, -9991, -9992
 """NAIF's numbers of bodies; a spacecraft's are negative, and ours are of no mission that NAIF lists."""
 BODIES = {"TARGET": TARGET, "CHASER": CHASER}
@@ -56,26 +56,56 @@ def tdb_minus_tt(tt_s: Any) -> Vector:
     return np.asarray(TDB_AMPLITUDE_S * np.sin(mean + TDB_ECCENTRICITY * np.sin(mean)))
 
 
+def check_spk(settings: dict[str, Any]) -> None:
+    """Refuse what cannot be written, before there is a track.
+
+    Raises
+    ------
+    UsageError
+        If spiceypy is missing, for another frame, without an epoch or the orbit's orientation.
+    """
+    require("spiceypy", "spice", NEED)
+    if _frame_of(settings) not in INERTIAL:
+        raise UsageError(
+            f"an SPK holds frames {', '.join(INERTIAL)} (SPICE has none that turns with an orbit); got "
+            f"{settings['frame']!r}"
+        )
+    _zero(settings, "an SPK")
+    orientation_of(settings, "an SPK")
+
+
+def _frame_of(settings: dict[str, Any]) -> str:
+    return "eci_relative" if settings["frame"] == OWN else str(settings["frame"])
+
+
+def check_ck(settings: dict[str, Any]) -> None:
+    """Refuse what cannot be written, before there is a track.
+
+    Raises
+    ------
+    UsageError
+        If spiceypy is missing, for a track without attitude or another frame, no epoch or no orientation of the orbit.
+    """
+    require("spiceypy", "spice", NEED)
+    check_attitude(settings, "a CK", ".bsp")
+    _zero(settings, "a CK")
+    orientation_of(settings, "a CK")
+
+
 def write_spk(solution: Any, path: Path, settings: dict[str, Any]) -> None:
     """Write the epochs with a state; frame `eci_relative` unless `eci` is asked for.
 
     Raises
     ------
     UsageError
-        If spiceypy is missing, for another frame, without an epoch or the orbit's orientation, or without two states in
-        a row, which SPICE needs between them.
+        Without two states in a row, which SPICE needs between them, and as `check_spk`.
     """
-    spice = require("spiceypy", "spice", "A SPICE kernel needs spiceypy")
-    frame = "eci_relative" if settings["frame"] == "lvlh_ccsds" else settings["frame"]
-    if frame not in INERTIAL:
-        raise UsageError(
-            f"an SPK holds frames {', '.join(INERTIAL)} (SPICE has none that turns with an orbit); got {frame!r}"
-        )
+    spice, frame = require("spiceypy", "spice", NEED), _frame_of(settings)
     zero, et, runs = _covered(solution, settings, "an SPK")
     runs = [run for run in runs if len(run) > 1]
     if not runs:
         raise UsageError("an SPK holds two states in a row or more, and this track has none")
-    orientation, model = _orientation(settings, "an SPK"), settings["model"]
+    orientation, model = orientation_of(settings, "an SPK"), settings["model"]
     track = solution.in_frame(frame, orientation_deg=orientation, model=model)
     relative = solution.in_frame("eci_relative", orientation_deg=orientation, model=model)
     orbit = mission_of(solution).orbit if model is None else model.orbit
@@ -97,13 +127,11 @@ def write_ck(solution: Any, path: Path, settings: dict[str, Any]) -> None:
     Raises
     ------
     UsageError
-        If spiceypy is missing, for a track without attitude, without an epoch or the orbit's orientation.
+        As `check_ck`.
     """
-    spice = require("spiceypy", "spice", "A SPICE kernel needs spiceypy")
-    if isinstance(solution, Solution):
-        raise UsageError("a CK holds attitudes, which a three-beacon track does not estimate; write an SPK (.bsp)")
+    spice = require("spiceypy", "spice", NEED)
     zero, et, runs = _covered(solution, settings, "a CK")
-    orientation, known = _orientation(settings, "a CK"), np.concatenate(runs)
+    orientation, known = orientation_of(settings, "a CK"), np.concatenate(runs)
     t = np.asarray(solution.t_s)
     eci_from_lvlh, said = lvlh_in_space(t[known], solution.mission, orientation)
     eci_from_target = eci_from_lvlh @ solution.dcm_lvlh_from_target[known]
@@ -126,25 +154,17 @@ def write_ck(solution: Any, path: Path, settings: dict[str, Any]) -> None:
             spice.dafac(handle, _comments(metadata, settings))
 
 
-def _orientation(settings: dict[str, Any], what: str) -> tuple[float, float, float]:
-    """The orbit's orientation, which inertial axes need."""
-    given = settings["orientation_deg"]
-    if given is None:
-        raise UsageError(
-            f"{what} is in inertial axes, SPICE having none that turns with an orbit, and needs the orientation of the "
-            "target's: orientation_deg=(51.6, 130.0, 40.0) (--orbit-deg 51.6 130 40), inclination, right ascension of "
-            "the ascending node, argument of perigee"
-        )
-    return tuple(given)
+def _zero(settings: dict[str, Any], what: str) -> float:
+    """TT of the log's t = 0, s since J2000."""
+    try:
+        return seconds_since_j2000(epoch_of(settings, what).replace(tzinfo=UTC))
+    except ValueError as error:
+        raise UsageError(f"{what}: {error}") from None
 
 
 def _covered(solution: Any, settings: dict[str, Any], what: str) -> tuple[float, Vector, list[Codes]]:
     """TT of the log's t = 0, TDB of all epochs, s since J2000; numbers of the epochs with a state, run after run."""
-    epoch = epoch_of(settings, what)
-    try:
-        zero = seconds_since_j2000(epoch.replace(tzinfo=UTC))
-    except ValueError as error:
-        raise UsageError(f"{what}: {error}") from None
+    zero = _zero(settings, what)
     known = known_epochs(solution, what)
     tt = zero + np.asarray(solution.t_s)
     et = tt + tdb_minus_tt(tt)

@@ -7,14 +7,17 @@ from typing import Any
 import numpy as np
 
 from relnav.arrays import Matrix
-from relnav.files.atomic import check_png, replacing
+from relnav.files.atomic import check_png
 from relnav.files.images import Picture
+from relnav.files.picture_style import INK, QUIET, SERIES, heading, new_figure, one_legend, save, styled
 from relnav.files.star_pictures import Seen
 from relnav.files.wording import printable
 from relnav.geometry.rotation import quaternion_from_dcm
 from relnav.sensors.dual_field.solution import StarLens, StarSolution
 
 ARCSEC = 648000.0 / math.pi
+ON_DARK = ("#56b4e9", "#f0a030", "#5fd0a5")
+"""Of stars drawn over a picture, which is dark."""
 MOST_DRAWN_PX = 1500
 """Pixels of a picture that are drawn along its longer side."""
 
@@ -72,30 +75,35 @@ def draw_solution(solution: StarSolution, seen: Seen, title: str, path: Path) ->
         For another ending.
     """
     check_png(path)
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    with styled():
+        figure = new_figure(10.0, 8.2)
+        axis = figure.subplots()
+        if seen.picture is not None:
+            _draw_picture(axis, seen.picture)
+        _draw_spots(axis, solution, seen.frame.spots_px, on_picture=seen.picture is not None)
+        axis.set(xlabel="x_px (right)", ylabel="y_px (down)", aspect="equal")
+        heading(figure, printable(title))
+        one_legend(figure)
+        save([figure], path)
 
-    figure, spots_px = Figure(figsize=(10, 8), layout="constrained"), seen.frame.spots_px
-    axis = figure.subplots()
-    if seen.picture is not None:
-        _draw_picture(axis, seen.picture)
-    axis.plot(*spots_px[solution.hip == 0].T, "x", color="0.5", ms=6, label="spots without a star")
+
+def _draw_spots(axis: Any, solution: StarSolution, spots_px: Matrix, *, on_picture: bool) -> None:
+    """Rings about stars with their numbers, in colours that are seen on paper, or on the dark of a picture."""
+    colours = ON_DARK if on_picture else SERIES
+    behind = {"facecolor": INK, "alpha": 0.75, "pad": 1.0, "lw": 0.0} if on_picture else None
+    beside: Any = {"textcoords": "offset points", "fontsize": 7.5, "zorder": 1.5}  # below the rings
+    if (solution.hip == 0).any():
+        axis.plot(*spots_px[solution.hip == 0].T, "x", color=QUIET, ms=6, label="spots without a star")
     for field in sorted({int(value) for value in solution.field if value >= 0}):
-        chosen = solution.field == field
-        axis.plot(*spots_px[chosen].T, "o", mfc="none", ms=10, color=f"C{field}", label=f"stars of field {field}")
+        chosen, colour = solution.field == field, colours[field % len(colours)]
+        axis.plot(*spots_px[chosen].T, "o", mfc="none", ms=10, color=colour, label=f"stars of field {field}")
         for k in np.flatnonzero(chosen):
-            axis.annotate(
-                f"HIP {solution.hip[k]}", spots_px[k], (6, 5), textcoords="offset points", fontsize=7, color=f"C{field}"
-            )
-    axis.set(xlabel="x_px (right)", ylabel="y_px (down)", aspect="equal")
-    axis.set_title(printable(title), parse_math=False)  # a $ in a file's name is no formula
-    if seen.picture is None:
+            name = f"HIP {solution.hip[k]}"
+            axis.annotate(name, spots_px[k], (7, 5), color=colour, bbox=behind, **beside)
+    if on_picture:
+        axis.grid(visible=False)
+    else:
         axis.invert_yaxis()
-        axis.grid(alpha=0.3)
-    figure.legend(loc="outside lower center", ncols=3, fontsize=9)
-    with replacing(path) as temporary:
-        FigureCanvasAgg(figure)
-        figure.savefig(temporary, format="png", dpi=100)
 
 
 def _draw_picture(axis: Any, picture: Picture) -> None:
@@ -104,6 +112,6 @@ def _draw_picture(axis: Any, picture: Picture) -> None:
     step = max(1, max(width, height) // MOST_DRAWN_PX)
     part = picture.counts[: height // step * step, : width // step * step].astype(np.float32)
     shown = part.reshape(height // step, step, width // step, step).max(axis=(1, 3))
-    low, high = np.nanpercentile(shown, [5.0, 99.7])
+    low, high = np.nanpercentile(shown, [40.0, 99.9])
     edge = [-0.5 * width, 0.5 * width, 0.5 * height, -0.5 * height]
     axis.imshow(shown, cmap="gray", vmin=low, vmax=max(high, low + 1.0), extent=edge, interpolation="nearest")

@@ -1,10 +1,13 @@
 """Residual maps of a sun sensor's calibration; matplotlib comes with the dependencies and is imported when used."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from relnav.files.atomic import check_png, replacing
+from relnav.arrays import Matrix, Vector
+from relnav.files.atomic import check_png
+from relnav.files.picture_style import heading, new_figure, save, styled
 from relnav.files.sun_calibration import SunCalibrationReport
 
 
@@ -17,39 +20,30 @@ def draw_residual_maps(report: SunCalibrationReport, path: Path) -> None:
         For another ending.
     """
     check_png(path)
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     counted = report.counted
     angles = np.degrees(report.measurements.angles_rad[counted])
+    with styled():
+        figure = new_figure(10.5, 9.0)
+        axes = figure.subplots(2, 2, sharex=True, sharey=True)
+        for row, (when, error) in enumerate((("before", report.before_rad), ("after", report.result.error_rad))):
+            degrees = np.degrees(error[counted])
+            for column, name in enumerate(("alpha", "beta")):
+                _draw(axes[row, column], angles, degrees[:, column], float(np.abs(degrees).max()))
+                three = 3.0 * float(np.sqrt(np.mean(degrees[:, column] ** 2)))
+                most = float(np.abs(degrees[:, column]).max())
+                axes[row, column].set_title(f"{name} {when}: 3 rms {three:.4g} deg, max {most:.4g} deg")
+        for axis in axes[1]:
+            axis.set_xlabel("alpha, deg")
+        for axis in axes[:, 0]:
+            axis.set_ylabel("beta, deg")
+        method = report.result.calibration.method
+        heading(figure, f"Calibrated minus stated angle, {len(angles)} points, {method}")
+        save([figure], path)
+
+
+def _draw(axis: Any, angles: Matrix, values: Vector, most: float) -> None:
+    """Errors as coloured squares, white for none."""
     size = float(np.clip(9e4 / len(angles), 2.0, 120.0))
-    figure = Figure(figsize=(10, 8.5), layout="constrained")
-    axes = figure.subplots(2, 2, sharex=True, sharey=True)
-    for row, (when, error) in enumerate((("before", report.before_rad), ("after", report.result.error_rad))):
-        degrees = np.degrees(error[counted])
-        most = float(np.abs(degrees).max())
-        for column, name in enumerate(("alpha", "beta")):
-            axis = axes[row, column]
-            dots = axis.scatter(
-                angles[:, 0],
-                angles[:, 1],
-                c=degrees[:, column],
-                s=size,
-                marker="s",
-                cmap="RdBu_r",
-                vmin=-most,
-                vmax=most,
-            )
-            three = 3.0 * float(np.sqrt(np.mean(degrees[:, column] ** 2)))
-            axis.set_title(
-                f"{name} {when}: 3 rms {three:.4g} deg, max {np.abs(degrees[:, column]).max():.4g} deg", fontsize=10
-            )
-            figure.colorbar(dots, ax=axis, label="deg")
-    for axis in axes[1]:
-        axis.set_xlabel("alpha, deg")
-    for axis in axes[:, 0]:
-        axis.set_ylabel("beta, deg")
-    figure.suptitle(f"Calibrated minus stated angle, {len(angles)} points, {report.result.calibration.method}")
-    with replacing(path) as temporary:
-        FigureCanvasAgg(figure)
-        figure.savefig(temporary, format="png", dpi=100)
+    dots = axis.scatter(*angles.T, c=values, s=size, marker="s", cmap="RdBu_r", vmin=-most, vmax=most)
+    bar = axis.figure.colorbar(dots, ax=axis, label="deg")
+    bar.outline.set_visible(False)

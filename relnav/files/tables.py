@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from relnav.arrays import Vector
+from relnav.dynamics.in_frame import OWN, FramedTrack
 from relnav.errors import UsageError
 from relnav.files.atomic import is_stream, replacing
 from relnav.files.compiled_text import texts_of, worth_writing
 from relnav.files.wording import printable
 from relnav.navigation.docking_view import UPPER
-from relnav.navigation.in_frame import FramedTrack
 from relnav.navigation.record import DIAGONAL, Solution
 from relnav.navigation.status import ALARM_TABLE
 
@@ -85,6 +85,16 @@ def rows_of(part: Solution, turned: FramedTrack | None = None) -> Table:
         part.alarm,
         *covariance,
     ]
+
+
+def framed(solution: Any, settings: dict[str, Any]) -> FramedTrack | None:
+    """The solution in the frame that a format was asked for; None where that is its own."""
+    if settings["frame"] == OWN:
+        return None
+    found: FramedTrack = solution.in_frame(
+        settings["frame"], orientation_deg=settings["orientation_deg"], model=settings["model"]
+    )
+    return found
 
 
 Writer = Callable[[Path, tuple[str, ...], Iterator[Table], dict[str, str], tuple[int, ...]], None]

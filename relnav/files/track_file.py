@@ -7,17 +7,23 @@ from typing import Any
 import numpy as np
 
 from relnav.errors import LogError
+from relnav.files.approach_view import PORT_COVARIANCE, STATE_COVARIANCE
 from relnav.files.log_columns import Columns
 from relnav.files.logs import LogFile
 from relnav.files.wording import listed
 from relnav.navigation.status import PREDICTED, REJECTED, STARTED, UPDATED, WAITING
 
 NEEDED = ("t_s", "x_m", "y_m", "z_m", "sigma_x_m", "nis", "dof")
+NEEDED_OF_VEHICLE = (*NEEDED[:5], "gyro_lost")
 
 
 def is_track(names: list[str]) -> bool:
     """Whether a table's columns are those of a track."""
-    return {"sigma_x_m", "nis", "dof"} <= set(names)
+    return {"sigma_x_m", "nis", "dof"} <= set(names) or _is_vehicles(names)
+
+
+def _is_vehicles(names: list[str]) -> bool:
+    return {"sigma_x_m", "gyro_lost"} <= set(names)
 
 
 class TrackFile:
@@ -29,6 +35,8 @@ class TrackFile:
         The file, and what its head states.
     names : tuple of str
         Its columns that are read.
+    of_vehicle : bool
+        Whether it is a vehicle's: port from port in target axes.
 
     Raises
     ------
@@ -41,12 +49,13 @@ class TrackFile:
         self._file = LogFile(path, _parse)
         self.path, self.metadata = path, self._file.metadata
         self.names = tuple(self._file.columns.index)
-        if not self.metadata.get("frame", "lvlh_ccsds").startswith("lvlh_ccsds"):
+        self.of_vehicle = _is_vehicles(list(self.names))
+        if not self.of_vehicle and not self.metadata.get("frame", "lvlh_ccsds").startswith("lvlh_ccsds"):
             raise LogError(f"{path}: a track in lvlh_ccsds is expected; its head says {self.metadata['frame']}")
         self._started = False
 
     def parts(self) -> Iterator[dict[str, Any]]:
-        """Columns by name, part after part, `status` among them; at least one.
+        """Columns by name, part after part, but for a vehicle's `status` among them; at least one.
 
         Raises
         ------
@@ -57,12 +66,13 @@ class TrackFile:
         for values, lines in self._file.rows():
             columns: dict[str, Any] = {name: values[:, k] for k, name in enumerate(self.names)}
             t = columns["t_s"]
-            late = np.flatnonzero(~(t > np.concatenate([[before], t[:-1]])))
+            last = np.concatenate([[before], t[:-1]])  # a vehicle's last row may be at the time of the one before
+            late = np.flatnonzero(~((t >= last) if self.of_vehicle else (t > last)))
             if late.size:
                 where = f"{self.path}:{int(lines[late[0]])}"
                 raise LogError(f"{where}: t_s does not increase; a track has one row an epoch")
             before = float(t[-1])
-            if "status" not in columns:
+            if "status" not in columns and not self.of_vehicle:
                 columns["status"] = self._status(columns)
             yield columns
         if before == -np.inf:
@@ -81,11 +91,12 @@ class TrackFile:
 
 
 def _parse(names: list[str], where: str) -> Columns:
-    for name in NEEDED:
+    for name in NEEDED_OF_VEHICLE if _is_vehicles(names) else NEEDED:
         if name not in names:
             raise LogError(
                 f"{where}: column '{name}' is missing; a track as `relnav filter --out` writes it is expected, and the "
                 f"columns are {listed(names)}"
             )
-    index = {name: k for k, name in enumerate(names) if not name.startswith("cov_")}
+    drawn = PORT_COVARIANCE if PORT_COVARIANCE[0] in names else STATE_COVARIANCE
+    index = {name: k for k, name in enumerate(names) if not name.startswith("cov_") or name in drawn}
     return Columns(tuple(names), index, dict.fromkeys(index, 1.0), ())

@@ -13,11 +13,13 @@ from relnav.files.measurement_picture import draw_measurements
 from relnav.files.models import mission_of
 from relnav.files.picture_style import (
     ESTIMATE,
+    GATE,
     INK,
-    PUBLISHED,
     QUIET,
     SPREAD,
     check_picture,
+    heading,
+    named_line,
     new_figure,
     one_legend,
     plain_decades,
@@ -25,6 +27,7 @@ from relnav.files.picture_style import (
     styled,
 )
 from relnav.files.run_view import TURNS, Quantity, RunView, watcher_of
+from relnav.files.sensor_picture import draw_sensors
 from relnav.files.tracks import ROWS_AT_ONCE
 from relnav.files.wording import printable
 
@@ -32,6 +35,7 @@ GROUPS = 1500
 """Of epochs: more than a page has dots across."""
 WIDTH, HEIGHT = 11.7, 8.3
 CORRIDOR_DEG = 10.0
+PROTECTION_SAID = "protection level, exceeded with a probability of 1e-7"
 
 
 def track_figures(view: RunView, corridor_deg: float = CORRIDOR_DEG) -> list[Any]:
@@ -70,17 +74,21 @@ def _sheets(view: RunView, corridor_deg: float) -> dict[str, Any]:
     """What there is to draw, by title; without a state only the measurements."""
     if not view.docking():
         return {"Measurements (the filter never started)": draw_measurements}
-    return {
+    sheets = {
         "Approach": lambda figure, view: _draw_approach(figure, view, corridor_deg),
         "State and its 3-sigma": _draw_states,
+        "Port from port, target axes, and its 3-sigma": _draw_ports,
         "Measurements": draw_measurements,
+        "Sensors": draw_sensors,
     }
+    there = [bool(view.docking()), bool(view.states()), bool(view.ports()), not view.of_vehicle, bool(view.sensors)]
+    return {title: draw for (title, draw), here in zip(sheets.items(), there, strict=True) if here}
 
 
 def _head(figure: Any, view: RunView, title: str) -> None:
     log = view.metadata.get("log", "")
     said = f"{title}: {printable(view.title)}" + (f"; {printable(log)}" if log else "")
-    figure.suptitle(said, x=0.01, ha="left", fontsize=11.5, fontweight="bold", color=INK)
+    heading(figure, said)
 
 
 def _draw_approach(figure: Any, view: RunView, corridor_deg: float) -> None:
@@ -97,17 +105,13 @@ def _draw_approach(figure: Any, view: RunView, corridor_deg: float) -> None:
         first = first or axis
         _draw_value(axis, view, quantity)
         spread = figure.add_subplot(grid[cells, 2], sharex=first)
-        _draw_spread(spread, view, quantity, 1.0, _claim(view, quantity))
+        _draw_spread(spread, view, quantity, 1.0, view.claim(quantity))
         for each in (axis, spread):
             if row + 1 < len(quantities):
                 each.tick_params(labelbottom=False)
             else:
                 each.set_xlabel("time, s")
     one_legend(figure)
-
-
-def _claim(view: RunView, quantity: Quantity) -> Claim | None:
-    return next((claim for claim in view.claims if claim.quantity == quantity.label.lower()), None)
 
 
 def _draw_paths(view: RunView, top: Any, side: Any, corridor_deg: float) -> None:
@@ -163,19 +167,13 @@ def _draw_spread(axis: Any, view: RunView, quantity: Quantity, times: float, cla
         axis.semilogy(view.thin.times(), spread, color=SPREAD, label=name)
         ends = f"ends at {spread[np.isfinite(spread)][-1]:.2g} {quantity.unit}"
         axis.set_title(ends, loc="right", fontsize=8, fontweight="normal", color=SPREAD)
-        plain_decades(axis)
+    if times == 1.0 and view.has(quantity.protection):
+        level = view.largest(quantity.protection)
+        axis.semilogy(view.thin.times(), level, color=GATE, lw=1.0, label=PROTECTION_SAID)
     if claim is not None:
-        axis.axhline(claim.value, color=PUBLISHED, ls=(0, (5, 2)), label="published figure")
-        axis.annotate(
-            f"published {claim.value:g} {claim.unit}",
-            (1.0, claim.value),
-            xycoords=("axes fraction", "data"),
-            xytext=(-2, 3),
-            textcoords="offset points",
-            ha="right",
-            va="bottom",
-            color=PUBLISHED,
-        )
+        where = f": {claim.condition}" if view.of_vehicle else ""
+        named_line(axis, claim.value, f"published {claim.value:g} {claim.unit}", f"published figure{where}")
+    plain_decades(axis)
     axis.set_title(title)
     axis.set_ylabel(quantity.unit)
     axis.grid(which="minor", alpha=0.35)
@@ -193,10 +191,18 @@ def _room(values: Vector, share: float) -> tuple[float, float]:
 
 
 def _draw_states(figure: Any, view: RunView) -> None:
-    quantities = view.states()
-    turns = [name for name in TURNS if view.has(name)]
+    turns = [Quantity(name.removeprefix("sigma_"), f"Target attitude, {name[11]}", "deg") for name in TURNS]
+    _draw_grid(figure, view, view.states(), [turn for turn in turns if view.has(turn.sigma)])
+
+
+def _draw_ports(figure: Any, view: RunView) -> None:
+    _draw_grid(figure, view, view.ports(), [])
+
+
+def _draw_grid(figure: Any, view: RunView, quantities: tuple[Quantity, ...], alone: list[Quantity]) -> None:
+    """Quantities by threes, each over its 3-sigma; below them those of which only that is known."""
     rows = [quantities[k : k + 3] for k in range(0, len(quantities), 3)]
-    ratios = [r for _ in rows for r in (1.0, 0.75)] + ([0.75] if turns else [])
+    ratios = [r for _ in rows for r in (1.0, 0.75)] + ([0.75] if alone else [])
     grid = figure.add_gridspec(len(ratios), 3, height_ratios=ratios)
     first = None
     for row, group in enumerate(rows):
@@ -209,14 +215,14 @@ def _draw_states(figure: Any, view: RunView) -> None:
             _draw_spread(spread, view, quantity, 3.0, None)
             spread.set_title("")
             spread.set_ylabel(f"3-sigma, {quantity.unit}")
-            spread.tick_params(labelbottom=row + 1 == len(rows) and not turns)
-    for column, name in enumerate(turns):
+            spread.tick_params(labelbottom=row + 1 == len(rows) and not alone)
+    for column, quantity in enumerate(alone):
         axis = figure.add_subplot(grid[-1, column], sharex=first)
-        axis.semilogy(view.thin.times(), 3.0 * view.largest(name), color=SPREAD, label="reported 3-sigma")
+        axis.semilogy(view.thin.times(), 3.0 * view.largest(quantity.sigma), color=SPREAD, label="reported 3-sigma")
         plain_decades(axis)
-        axis.set_title(f"Target attitude, {'xyz'[column]}")
-        axis.set_ylabel("3-sigma, deg")
-    for axis in figure.axes[-3:] if turns else figure.axes[-6:][1::2]:
+        axis.set_title(quantity.label)
+        axis.set_ylabel(f"3-sigma, {quantity.unit}")
+    for axis in figure.axes[-3:] if alone else figure.axes[-6:][1::2]:
         axis.set_xlabel("time, s")
     one_legend(figure)
 

@@ -8,28 +8,28 @@ from typing import Any
 
 import numpy as np
 
+from relnav.dynamics.in_frame import OWN, Turning
 from relnav.errors import UsageError
 from relnav.files.systems import resolve
 from relnav.files.tables import COLUMNS, INTEGERS, TRACKS, Table, check_format, head, rows_of, write_table
-from relnav.navigation.in_frame import frame_words, in_frame
 from relnav.navigation.pose_record import PoseSolution
 from relnav.navigation.record import PER_EPOCH, Solution
 
 ROWS_AT_ONCE = 65_536
 EXCHANGE = {
-    ".oem": "relnav.files.oem:write_oem",
-    ".aem": "relnav.files.aem:write_aem",
-    ".mat": "relnav.files.matlab:write_mat",
-    ".nc": "relnav.files.netcdf:write_netcdf",
-    ".h5": "relnav.files.netcdf:write_netcdf",
-    ".mcap": "relnav.files.mcap_file:write_mcap",
-    ".rosbag2": "relnav.files.ros_bag:write_bag",
-    ".bsp": "relnav.files.spice:write_spk",
-    ".bc": "relnav.files.spice:write_ck",
+    ".oem": ("relnav.files.oem:check_oem", "relnav.files.oem:write_oem"),
+    ".aem": ("relnav.files.aem:check_aem", "relnav.files.aem:write_aem"),
+    ".mat": ("relnav.files.tracks:check_turning", "relnav.files.matlab:write_mat"),
+    ".nc": ("relnav.files.netcdf:check_netcdf", "relnav.files.netcdf:write_netcdf"),
+    ".h5": ("relnav.files.netcdf:check_netcdf", "relnav.files.netcdf:write_netcdf"),
+    ".mcap": ("relnav.files.mcap_file:check_mcap", "relnav.files.mcap_file:write_mcap"),
+    ".rosbag2": ("relnav.files.ros_bag:check_bag", "relnav.files.ros_bag:write_bag"),
+    ".bsp": ("relnav.files.spice:check_spk", "relnav.files.spice:write_spk"),
+    ".bc": ("relnav.files.spice:check_ck", "relnav.files.spice:write_ck"),
 }
-"""Ending -> what writes it, as a function of (solution, path, settings)."""
-TURNED = (".oem", ".bsp")
-"""Of these, those that turn states into another frame."""
+"""Ending -> what refuses settings before there is a track, and what writes it: functions of (settings) and of
+(solution, path, settings). Settings: `frame`, `orientation_deg`, `model`, `epoch`, `attitude` (whether the track has
+one), `clock` (where a second file goes)."""
 
 
 def clock_beside(path: Path) -> Path | None:
@@ -41,7 +41,7 @@ def write(
     solution: Solution | PoseSolution,
     path: str | os.PathLike[str],
     *,
-    frame: str = "lvlh_ccsds",
+    frame: str = OWN,
     orientation_deg: tuple[float, float, float] | None = None,
     model: Any = None,
     epoch: str | None = None,
@@ -59,7 +59,8 @@ def write(
         CCSDS ephemeris with covariance, and attitude of the target; `.bsp`, `.bc`: SPICE's ephemeris, and attitudes of
         target and chaser with the clock `.tsc` beside them (needs spiceypy). A file appears whole or not at all.
     frame, orientation_deg, model
-        Frame of states and covariances, as for `Solution.in_frame`; of tables of beacons, `.oem` and `.bsp`.
+        Frame of states, attitudes and covariances, as for `Solution.in_frame`. `.aem` and `.bc` hold attitudes in
+        inertial axes alone.
     epoch : str, optional
         UTC of the log's t = 0, ISO; `.oem`, `.aem`, `.bsp` and `.bc` need it.
 
@@ -68,55 +69,65 @@ def write(
     UsageError
         For another ending, a folder that does not exist, a package that is missing, or a frame that cannot be.
     """
-    target = Path(path)
-    check_frame(target, frame)
-    settings = {"frame": frame, "orientation_deg": orientation_deg, "model": model, "epoch": epoch}
+    if not isinstance(solution, Solution | PoseSolution):
+        raise UsageError(f"a solution as relnav.filter_log returns it is expected; got a {type(solution).__name__}")
+    from relnav.files.models import mission_of
+
+    target, mission = Path(path), mission_of(solution) if model is None else model
+    settings = {"frame": frame, "orientation_deg": orientation_deg, "model": mission, "epoch": epoch}
+    settings["attitude"] = isinstance(solution, PoseSolution)
     if target.suffix.lower() in EXCHANGE:
+        check_exchange(target, settings)
         write_exchange(solution, target, settings | {"clock": clock_beside(target)})
         return
     check_format(target, TRACKS)
-    if not isinstance(solution, Solution):
+    turning = Turning(frame, mission, orientation_deg)
+    if isinstance(solution, PoseSolution):
         from relnav.files.marker_logs import write_track  # scipy's rotations, which a beacon log does not need
 
-        if frame != "lvlh_ccsds":
-            raise UsageError("the table of a marker track is in lvlh_ccsds; solution.in_frame(...) turns its states")
-        write_track([solution], solution.model, target, {"smoothed": "yes"} if solution.smoothed else {})
+        said = {"smoothed": "yes"} if solution.smoothed else {}
+        write_track([solution], solution.model, target, said, turning=turning)
         return
-    from relnav.files.models import mission_of
-
-    mission = mission_of(solution) if model is None else model
-    turned = frame != "lvlh_ccsds"
-    said = frame_words(frame, mission, orientation_deg)
-    stated = head(solution.model, solution.method, solution.smoothed) | (said if turned else {})
+    stated = head(solution.model, solution.method, solution.smoothed) | turning.stated
     stated |= {key: str(value) for key, value in solution.metadata.items()}
 
     def parts() -> Iterator[Table]:
         """Part after part: a long solution's covariances are never all in memory."""
         for begin in range(0, len(solution), ROWS_AT_ONCE):
             part = solution.part(begin, begin + ROWS_AT_ONCE)
-            yield rows_of(part, in_frame(part, frame, mission, orientation_deg) if turned else None)
+            yield rows_of(part, turning(part))
 
     write_table(target, COLUMNS, parts(), stated, INTEGERS)
 
 
-def check_frame(path: Path, frame: str) -> None:
-    """Refuse another frame where a format has the states as the filter has them.
+def check_exchange(path: Path, settings: dict[str, Any]) -> None:
+    """Refuse, before there is a track, what a format of `EXCHANGE`, or a table, cannot hold or needs.
 
     Raises
     ------
     UsageError
-        Naming the file.
+        In one sentence.
     """
     ending = path.suffix.lower()
-    if frame != "lvlh_ccsds" and ending in EXCHANGE and ending not in TURNED:
-        raise UsageError(
-            f"{path}: {ending} holds what the filter has, in lvlh_ccsds; frame {frame} is for .csv, .oem and .bsp"
-        )
+    if ending in EXCHANGE:
+        resolve(EXCHANGE[ending][0])(settings)
+    check_turning(settings)
+
+
+def check_turning(settings: dict[str, Any]) -> None:
+    """Refuse a frame that needs what was not given.
+
+    Raises
+    ------
+    UsageError
+        As `Turning`.
+    """
+    Turning(settings["frame"], settings["model"], settings["orientation_deg"])
 
 
 def write_exchange(solution: Any, path: Path, settings: dict[str, Any]) -> None:
     """Write a solution in one of the formats of `EXCHANGE`."""
-    resolve(EXCHANGE[path.suffix.lower()])(solution, path, settings)
+    resolve(EXCHANGE[path.suffix.lower()][1])(solution, path, settings)
 
 
 def joined(parts: list[Any]) -> Any:

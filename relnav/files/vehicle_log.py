@@ -1,4 +1,4 @@
-"""A vehicle's log, one row an observation, and what its filter makes of it, one row a second.
+"""A vehicle's log, one row an observation, and the estimates that its filter makes of it.
 
 Columns of a log (.csv): t_s, sensor, v0, v1, ... A row has as many values as its sensor gives, in SI or px as
 `VehicleNavigator.observe` takes them, and leaves the others empty; of lights an empty pair is a spot not seen. A sun
@@ -11,13 +11,11 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from relnav.accuracy.rendezvous import true_port
 from relnav.arrays import Vector
 from relnav.errors import LogError, UsageError
 from relnav.files.atomic import is_stream, replacing
-from relnav.files.tables import Table, Writer, relnav_version, write_table
+from relnav.files.tables import relnav_version
 from relnav.files.text_table import MOST_ROWS, TextTable
 from relnav.files.wording import printable, shown
 from relnav.sensors.sun_direction import SunDirection, direction_with_covariance
@@ -25,20 +23,7 @@ from relnav.simulation.vehicle_sensors import Value, VehicleRun
 from relnav.spacecraft import POINTS, RESERVED, STAR, Vehicle
 from relnav.vehicle.navigator import LONGEST_PREDICTION_S, VehicleEstimate, VehicleNavigator
 
-_UPPER_3, _UPPER_12 = np.triu_indices(3), np.triu_indices(12)
-_NAMES = ("x", "y", "z", "vx", "vy", "vz", *(f"{kind}_{axis}" for kind in ("turn", "rate") for axis in "xyz"))
-_UNITS = ("m",) * 3 + ("m_s",) * 3 + ("deg",) * 3 + ("deg_s",) * 3
-_ATTITUDE = tuple(f"q_target_from_chaser_{axis}" for axis in "xyzw")
-_PORT = tuple(f"{_NAMES[k]}_{_UNITS[k]}" for k in (0, 1, 2, 3, 4, 5, 9, 10, 11))
-TRUTH_COLUMNS = ("t_s", *_PORT, *_ATTITUDE)
-TRACK_COLUMNS = (
-    *TRUTH_COLUMNS,
-    *(f"sigma_{name}_{unit}" for name, unit in zip(_NAMES, _UNITS, strict=True)),
-    "gyro_lost",
-    *(f"cov_{_NAMES[i]}_{_NAMES[j]}" for i, j in zip(*_UPPER_12, strict=True)),
-)
-"""Port from port, target axes; the covariance in SI (m, m/s, rad, rad/s), turn as in `PortState`."""
-_DEGREES = np.array([1.0] * 6 + [180.0 / math.pi] * 6)
+_UPPER_3 = np.triu_indices(3)
 
 Row = tuple[str, float, Value]
 """Sensor, time, value."""
@@ -192,36 +177,3 @@ def filter_rows(
             refuse(told)
     if nav is not None:
         yield nav.state()
-
-
-def write_port_track(
-    estimates: Iterable[VehicleEstimate], path: Path, metadata: dict[str, str], writer: Writer = write_table
-) -> None:
-    """Write estimates (.csv, .jsonl or .parquet), one row each, in `TRACK_COLUMNS`."""
-
-    def parts() -> Iterator[Table]:
-        for one in estimates:
-            port = one.port
-            attitude = Rotation.from_matrix(port.dcm_target_from_chaser).as_quat(canonical=True)
-            row = [one.t_s, *port.position_m, *port.velocity_m_s, *np.degrees(port.rate_rad_s), *attitude]
-            row += [*(_DEGREES * port.sigma), float(one.gyro_lost), *port.covariance[_UPPER_12]]
-            yield [np.array([value]) for value in row]
-
-    writer(path, TRACK_COLUMNS, parts(), _head(metadata), (TRACK_COLUMNS.index("gyro_lost"),))
-
-
-def write_port_truth(run: VehicleRun, path: Path, metadata: dict[str, str]) -> None:
-    """Write the true port from port (.csv or .parquet) every second, in `TRUTH_COLUMNS`."""
-
-    def parts() -> Iterator[Table]:
-        for t in range(1, math.floor(run.truth.end_s)):
-            port, dcm = true_port(run, float(t))
-            attitude = Rotation.from_matrix(dcm).as_quat(canonical=True)
-            row = [float(t), *port[:6], *np.degrees(port[9:]), *attitude]
-            yield [np.array([value]) for value in row]
-
-    write_table(path, TRUTH_COLUMNS, parts(), _head(metadata), ())
-
-
-def _head(metadata: dict[str, str]) -> dict[str, str]:
-    return {"relnav": relnav_version(), "frame": "target axes: the chaser's port from the target's"} | metadata

@@ -191,7 +191,7 @@ def filter_marker_epochs(
         events, apart = log.passed(last=True)
         PoseSmoother(mission).backward(events, apart)
         smoothed_rows(epochs, events[events["row"] > 0])
-    return PoseSolution(mission, epochs, smooth)
+    return PoseSolution(mission, epochs, smooth, spots_px=spots if image_t_s is None else None)
 
 
 def smoothed_rows(epochs: Any, events: Any) -> None:

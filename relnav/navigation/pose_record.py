@@ -161,12 +161,15 @@ class PoseSolution(Presented):
         Whether states rest on the images after them too; NIS and what follows it is the filter's either way.
     metadata : dict
         What else a reader should know.
+    spots_px : (n, markers, 2) or None
+        What was seen, for innovations (`pose_innovations`); None where an image does not belong to its row's time.
     """
 
     mission: VisionMission
     epochs: Any
     smoothed: bool = False
     metadata: dict[str, Any] = field(default_factory=dict)
+    spots_px: Stack | None = None
 
     def __len__(self) -> int:
         """Epochs."""
@@ -179,7 +182,8 @@ class PoseSolution(Presented):
 
     def part(self, begin: int, end: int) -> "PoseSolution":
         """Epochs begin .. end - 1 as a solution of their own (views, not copies)."""
-        return replace(self, epochs=self.epochs[begin:end])
+        spots = None if self.spots_px is None else self.spots_px[begin:end]
+        return replace(self, epochs=self.epochs[begin:end], spots_px=spots)
 
     @property
     def t_s(self) -> Vector:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from relnav.navigation.in_frame import FramedTrack, in_frame
+from relnav.dynamics.in_frame import FramedTrack, in_frame
 
 if TYPE_CHECKING:
     import os
@@ -66,12 +66,12 @@ class Presented:
     def in_frame(
         self, frame: str, *, orientation_deg: tuple[float, float, float] | None = None, model: Any = None
     ) -> FramedTrack:
-        """States and covariances turned into another frame.
+        """States, attitudes of the target and covariances turned into another frame.
 
         Parameters
         ----------
         frame : {"lvlh_ccsds", "rsw", "dock", "eci_relative", "eci"}
-            What each is: `relnav.navigation.in_frame.FRAMES`. `rsw` is RTN, RIC, Hill.
+            What each is: `relnav.dynamics.in_frame.FRAMES`. `rsw` is RTN, RIC, Hill.
         orientation_deg : (3,), optional
             Inertial frames: inclination, right ascension of the ascending node, argument of perigee of the target's
             orbit, whose shape and phase are the model's. The orbit is taken as exact and two-body.
@@ -81,7 +81,8 @@ class Presented:
         Returns
         -------
         FramedTrack
-            `t_s`, `state` (n, 6), `covariance` (n, 6, 6), `frame`, `metadata`.
+            `t_s`, `state` (n, 6), `covariance` (n, 6, 6), `frame`, `metadata`; of markers `covariance` (n, 12, 12),
+            `dcm_frame_from_target`, `q_frame_from_target` and `rate_rad_s` too.
 
         Raises
         ------

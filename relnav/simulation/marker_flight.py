@@ -67,11 +67,9 @@ def true_spots(mission: VisionMission, motion: Matrix, dcm_target: Stack, dcm_ch
     """Spots (n, markers, 2) px of true states, no noise; NaN where a marker is not on the image."""
     camera = mission.camera
     mount, lens, points = camera.dcm_cam_from_chaser, np.array(camera.position_m), mission.markers.points_m
-    spots = np.empty((len(motion), len(points), 2))
-    for k in range(len(motion)):
-        in_lvlh = points @ dcm_target[k].T - motion[k, :3]
-        spots[k] = project((in_lvlh @ dcm_chaser[k].T - lens) @ mount.T, camera).spots_px
-    return spots
+    in_lvlh = points @ dcm_target.transpose(0, 2, 1) - motion[:, None, :3]
+    in_camera = (in_lvlh @ dcm_chaser.transpose(0, 2, 1) - lens) @ mount.T
+    return project(in_camera.reshape(-1, 3), camera).spots_px.reshape(len(motion), len(points), 2)
 
 
 def simulate_flight(

@@ -1,14 +1,16 @@
 """One navigator for a whole vehicle: observations in any order in, the state at the docking port out."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import isfinite, isnan, nan
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import LARGEST, Matrix, Vector, number, numbers
+from relnav.dynamics.in_frame import FramedTrack, in_frame
 from relnav.spacecraft import GYRO, POINTS, RESERVED, STAR, THRUST, Vehicle
 from relnav.vehicle.directions import StarTracker, SunSensor
 from relnav.vehicle.flying_sensor import Flown, FlyingSensor
@@ -79,6 +81,8 @@ class VehicleEstimate:
     gyro_lost : bool
     final_before_s : float
         No observation is taken that is older: what the filter made of the time before stands.
+    vehicle : Vehicle
+        What flies.
     """
 
     t_s: float
@@ -94,6 +98,31 @@ class VehicleEstimate:
     sensors: Mapping[str, SensorHealth]
     gyro_lost: bool
     final_before_s: float
+    vehicle: Vehicle = field(repr=False)
+
+    def in_frame(self, frame: str) -> FramedTrack:
+        """Motion, the target's attitude and rate, and their covariance (12, 12), turned: a track of one epoch.
+
+        Parameters
+        ----------
+        frame : {"lvlh_ccsds", "rsw", "dock", "eci_relative", "eci"}
+            What each is: `relnav.dynamics.in_frame.FRAMES`; inertial ones by the vehicle file's orbit, which `eci`
+            takes as the target's. `port` is in the target's axes, whatever the frame.
+
+        Raises
+        ------
+        UsageError
+            For an unknown frame.
+        """
+        epoch = SimpleNamespace(
+            t_s=np.array([self.t_s]),
+            state=self.motion[None],
+            covariance=self.covariance[None, :12, :12],
+            dcm_lvlh_from_target=self.dcm_lvlh_from_target[None],
+            rate_rad_s=self.target_rate_rad_s[None],
+            model=self.vehicle.name,
+        )
+        return in_frame(epoch, frame, self.vehicle, self.vehicle.orbit.orientation_deg)
 
     @property
     def alarms(self) -> tuple[str, ...]:
@@ -337,6 +366,7 @@ class VehicleNavigator:
             sensors={name: fare.health for name, fare in tracked.fares.items()},
             gyro_lost=at.lost is not None,
             final_before_s=self._timeline.newest_s - self.vehicle.filter.replay_window_s,
+            vehicle=self.vehicle,
         )
 
 

@@ -94,6 +94,33 @@ def test_what_is_not_for_a_vehicle(run, model, vbar_log, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_frame_adds_the_centre_of_mass_and_the_target(run, model, tmp_path):
+    """Followed too; what the ports have is the same as without."""
+    log, rows = tmp_path / "log.csv", [f"{0.1 * k:.1f},gyro,1e-4,-1e-3,2e-4" + "," * 9 for k in range(25)]
+    log.write_text("\n".join([HEADER, *rows]) + "\n")
+    arguments = ["filter", log, "--model", model, "--quiet", "--out"]
+    assert run(*arguments, tmp_path / "plain.csv")[0] == 0
+    assert run(*arguments, tmp_path / "track.csv", "--frame", "eci")[0] == 0
+    plain, track = table(tmp_path / "plain.csv"), table(tmp_path / "track.csv")
+    assert len(track) == len(plain) == 3
+    for name in plain.dtype.names:
+        np.testing.assert_array_equal(track[name], plain[name])
+    distance = np.linalg.norm([track[f"com_{axis}_m"] for axis in "xyz"], axis=0)
+    assert ((distance > 6.6e6) & (distance < 7.2e6)).all()
+    np.testing.assert_allclose(sum(track[f"q_eci_from_target_{axis}"] ** 2 for axis in "xyzw"), 1.0, atol=1e-12)
+    assert "# frame of com_, q_ and cov_com_ columns = eci: " in (tmp_path / "track.csv").read_text()
+    code, _, error = run(*arguments, tmp_path / "a.csv", "--frame", "rsw", "--orbit-deg", "1", "2", "3")
+    assert (code, "--orbit-deg is not for a vehicle" in error) == (2, True)
+    if os.name != "nt":
+        os.mkfifo(tmp_path / "pipe")
+        writer = threading.Thread(target=(tmp_path / "pipe").write_text, args=(log.read_text(),))
+        writer.start()
+        asked = ["filter", "--follow", tmp_path / "pipe", "--model", model, "--quiet", "--frame", "eci", "--out"]
+        assert run(*asked, tmp_path / "live.csv")[0] == 0
+        writer.join()
+        np.testing.assert_array_equal(table(tmp_path / "live.csv"), track)
+
+
 @pytest.mark.skipif(os.name == "nt", reason="POSIX pipes")
 def test_followed_it_is_the_track_of_the_whole_log(run, model, log, tmp_path):
     """Rows in the order of time; one that is none is told and left out."""

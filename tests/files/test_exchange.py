@@ -1,10 +1,13 @@
 """Other programs' formats, each read back by a library that is not ours."""
 
 import json
+import os
+import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import relnav
 import relnav.cli
@@ -32,83 +35,159 @@ def solution(log):
     return relnav.filter_log(log, "three_beacon_psd")
 
 
-def test_mat_by_scipy(solution, tmp_path):
-    from scipy.io import loadmat
+@pytest.fixture(scope="module")
+def marker_log(tmp_path_factory):
+    path = tmp_path_factory.mktemp("poses") / "log.csv"
+    flight = simulate_flight(relnav.load_model("three_marker_vision"), Approach(duration_s=4.0, rate_hz=2.0), seed=1)
+    write_marker_log(flight, path)
+    return path
 
-    relnav.write(solution, tmp_path / "track.mat")
-    track = loadmat(tmp_path / "track.mat", simplify_cells=True)["track"]
-    np.testing.assert_array_equal(track["x_m"], solution.state[:, 0])
-    np.testing.assert_array_equal(np.moveaxis(track["covariance"], 2, 0), solution.covariance)
+
+@pytest.fixture(scope="module")
+def poses(marker_log):
+    return filter_marker_log(marker_log, relnav.load_model("three_marker_vision"))
+
+
+@pytest.mark.parametrize("frame", ["lvlh_ccsds", "rsw"])
+@pytest.mark.parametrize("of", ["solution", "poses"])
+def test_mat_by_its_description(mat_variables, of, frame, request, tmp_path):
+    solution = request.getfixturevalue(of)
+    relnav.write(solution, tmp_path / "track.mat", frame=frame)
+    (track,) = mat_variables((tmp_path / "track.mat").read_bytes()).values()
+    turned = solution.in_frame(frame)
+    np.testing.assert_array_equal(track["x_m"], turned.state[:, [0]])
+    np.testing.assert_array_equal(np.moveaxis(track["covariance"], 2, 0), turned.covariance)
     assert track["units"]["vx_m_s"] == "m s-1"
-    assert "model = three_beacon_psd" in track["about"]
+    assert f"model = {solution.model}" in track["about"]
+    assert f"frame = {frame}" in track["about"]
+    if of == "poses":
+        axes = {"lvlh_ccsds": "lvlh"}.get(frame, frame)
+        quaternions = np.hstack([track[f"q_{axes}_from_target_{axis}"] for axis in "xyzw"])
+        np.testing.assert_array_equal(quaternions, turned.q_frame_from_target)
+        np.testing.assert_array_equal(track["port_x_m"][:, 0], solution.port_m[:, 0])
 
 
 @pytest.mark.parametrize(
-    ("frame", "center", "axes"),
-    [("rsw", "TARGET", "RTN"), ("eci", "EARTH", "EME2000"), ("lvlh_ccsds", "TARGET", "RTN")],
+    ("of", "frame", "center", "axes"),
+    [
+        ("solution", "rsw", "TARGET", "RTN"),
+        ("solution", "eci", "EARTH", "EME2000"),
+        ("solution", "lvlh_ccsds", "TARGET", "RTN"),
+        ("poses", "eci_relative", "TARGET", "EME2000"),
+    ],
 )
-def test_oem_by_ccsds_ndm(solution, tmp_path, frame, center, axes, outside):
+def test_oem_by_ccsds_ndm(of, request, tmp_path, frame, center, axes, outside):
     ccsds_ndm = pytest.importorskip("ccsds_ndm", reason="ccsds-ndm-py is not installed")
-    path = tmp_path / "track.oem"
+    path, solution = tmp_path / "track.oem", request.getfixturevalue(of)
     relnav.write(solution, path, frame=frame, orientation_deg=ORIENTATION_DEG, epoch=EPOCH)
     (segment,) = ccsds_ndm.from_file(str(path)).segments
     assert (segment.metadata.center_name, segment.metadata.ref_frame) == (center, axes)
     track = solution.in_frame("rsw" if frame == "lvlh_ccsds" else frame, orientation_deg=ORIENTATION_DEG)
     known = np.isfinite(track.state[:, 0])
     np.testing.assert_allclose(1e3 * segment.data.state_vector_numpy, track.state[known], rtol=1e-15)
-    covariance = track.covariance[known]
+    covariance = track.covariance[known, :6, :6]
     np.testing.assert_allclose(1e6 * segment.data.covariance_matrix_numpy, covariance, rtol=1e-14)
     off = np.abs(1e3 * segment.data.state_vector_numpy - track.state[known]) / np.abs(track.state[known])
     outside("ccsds-ndm-py", "OEM read back, states, relative", off.max(), 1e-15)
     sizes = np.sqrt(np.einsum("nii,njj->nij", covariance, covariance))
     off = np.abs(1e6 * segment.data.covariance_matrix_numpy - covariance) / sizes
     outside("ccsds-ndm-py", "OEM read back, covariances, of the two sigmas", off.max(), 1e-14)
-    assert segment.data.state_vector_epochs[0] == "2026-07-02T12:00:00.100000"
+    first = solution.t_s[known][0]
+    assert segment.data.state_vector_epochs[0] == f"2026-07-02T12:00:{first:09.6f}"
     assert len(segment.data.covariance_matrix_epochs) == known.sum()
 
 
-def test_netcdf_by_h5py(solution, tmp_path):
+@pytest.mark.parametrize(("of", "frame"), [("solution", "lvlh_ccsds"), ("solution", "eci"), ("poses", "rsw")])
+def test_netcdf_by_h5py(of, frame, request, tmp_path):
     pytest.importorskip("h5netcdf", reason="h5netcdf is not installed")
     pytest.importorskip("xarray", reason="xarray is not installed")
     h5py = pytest.importorskip("h5py", reason="h5py is not installed")
+    solution = request.getfixturevalue(of)
+    turned = solution.in_frame(frame, orientation_deg=ORIENTATION_DEG)
     for ending in ("nc", "h5"):
-        relnav.write(solution, tmp_path / f"track.{ending}")
+        relnav.write(solution, tmp_path / f"track.{ending}", frame=frame, orientation_deg=ORIENTATION_DEG)
         with h5py.File(tmp_path / f"track.{ending}") as file:
-            np.testing.assert_array_equal(file["x"][:], solution.state[:, 0])
-            np.testing.assert_array_equal(file["covariance"][:], solution.covariance)
+            np.testing.assert_array_equal(file["x"][:], turned.state[:, 0])
+            np.testing.assert_array_equal(file["covariance"][:], turned.covariance)
             assert file["vx"].attrs["units"] in ("m s-1", b"m s-1")
+            assert file["sigma_x"].attrs["units"] in ("m", b"m")
             assert file.attrs["Conventions"] in ("CF-1.11", b"CF-1.11")
+            assert f"{frame}: " in str(file.attrs["frame"])
+            if of == "poses":
+                quaternions = np.stack([file[f"q_rsw_from_target_{axis}"][:] for axis in "xyzw"], axis=1)
+                np.testing.assert_array_equal(quaternions, turned.q_frame_from_target)
+                assert file["sigma_turn_x"].attrs["units"] in ("degree", b"degree")
+                assert file["rate_x"].attrs["units"] in ("degree s-1", b"degree s-1")
 
 
-def test_mcap_by_its_own_reader(solution, tmp_path):
-    reader = pytest.importorskip("mcap.reader", reason="mcap is not installed")
-    relnav.write(solution, tmp_path / "track.mcap")
-    with (tmp_path / "track.mcap").open("rb") as file:
-        messages = [
-            (schema.name, channel.topic, message.log_time, json.loads(message.data))
-            for schema, channel, message in reader.make_reader(file).iter_messages()
-        ]
-    poses = [m for m in messages if m[1] == "/relnav/pose"]
-    states = [m for m in messages if m[1] == "/relnav/state"]
+def test_markers_in_pandas_and_xarray(poses):
+    pytest.importorskip("xarray", reason="xarray is not installed")
+    pytest.importorskip("pandas", reason="pandas is not installed")
+    table, data = poses.to_dataframe(), poses.to_xarray()
+    np.testing.assert_array_equal(table["port_vx_m_s"], poses.port_velocity_m_s[:, 0])
+    assert table.attrs["units"]["relative_rate_x_deg_s"] == "degree s-1"
+    together = data["covariance"].sel(component="turn_x", component_2="vx")
+    np.testing.assert_array_equal(together, poses.covariance[:, 6, 3])
+    assert data["sigma_port_turn_y"].attrs["units"] == "degree"
+    assert data["port_x"].attrs["units"] == "m"
+
+
+@pytest.mark.parametrize(("of", "frame"), [("solution", "lvlh_ccsds"), ("solution", "rsw"), ("poses", "eci_relative")])
+def test_mcap_by_its_description(mcap_messages, of, frame, request, tmp_path):
+    """Poses with covariance in the axes that they name, states in the frame asked for; all as their schemas say."""
+    jsonschema = pytest.importorskip("jsonschema", reason="jsonschema is not installed")
+    pytest.importorskip("mcap", reason="mcap is not installed")
+    solution = request.getfixturevalue(of)
+    relnav.write(solution, tmp_path / "track.mcap", frame=frame, orientation_deg=ORIENTATION_DEG)
     known = np.flatnonzero(np.isfinite(solution.state[:, 0]))
-    assert len(poses) == len(states) == len(known)
-    assert poses[0][0] == "foxglove.PoseInFrame"
-    assert poses[0][3]["pose"]["position"] == dict(zip("xyz", solution.state[known[0], :3].tolist(), strict=True))
-    np.testing.assert_allclose([m[2] * 1e-9 for m in states], solution.t_s[known], atol=1e-9)
-    np.testing.assert_array_equal(states[-1][3]["covariance"], solution.covariance[-1].ravel())
+    turned = solution.in_frame(frame, orientation_deg=ORIENTATION_DEG)
+    topics, names, schemas = {}, {}, {}
+    for topic, name, schema, time, data in mcap_messages((tmp_path / "track.mcap").read_bytes()):
+        message, names[topic] = json.loads(data), name
+        if topic not in schemas:
+            schemas[topic] = jsonschema.Draft202012Validator(json.loads(schema))
+        schemas[topic].validate(message)
+        topics.setdefault(topic, []).append((time, message))
+    assert names == {
+        "/relnav/pose": "foxglove.PoseInFrame",
+        "/relnav/pose_with_covariance": "geometry_msgs/PoseWithCovarianceStamped",
+        "/relnav/state": "relnav.RelativeState",
+    }
+    assert {len(messages) for messages in topics.values()} == {len(known)}
+    for e, (time, pose), (_, stamped), (_, state) in zip(known, *topics.values(), strict=True):
+        assert time * 1e-9 == pytest.approx(solution.t_s[e], abs=1e-9)
+        assert stamped["header"]["stamp"] == state["timestamp"] == {"sec": time // 10**9, "nsec": time % 10**9}
+        assert stamped["pose"]["pose"] == pose["pose"]
+        assert stamped["header"]["frame_id"] == pose["frame_id"] == (frame if of == "solution" else "target_port")
+        assert state["frame_id"] == frame
+        np.testing.assert_array_equal(state["state"], turned.state[e])
+        np.testing.assert_array_equal(state["covariance"], turned.covariance[e].ravel())
+        place, covariance = list(pose["pose"]["position"].values()), np.reshape(stamped["pose"]["covariance"], (6, 6))
+        if of == "solution":
+            np.testing.assert_array_equal(place, turned.state[e, :3])
+            np.testing.assert_array_equal(covariance[:3, :3], turned.covariance[e, :3, :3])
+            assert (covariance.diagonal()[3:] == 1e6).all()
+            continue
+        np.testing.assert_array_equal(place, solution.port_m[e])
+        chaser = Rotation.from_quat(list(pose["pose"]["orientation"].values()))
+        np.testing.assert_allclose(chaser.as_matrix(), solution.dcm_target_from_chaser[e], atol=1e-12)
+        target = Rotation.from_quat(list(state["q_from_target"].values()))
+        np.testing.assert_allclose(target.as_matrix(), turned.dcm_frame_from_target[e], atol=1e-12)
+    if of == "poses":
+        assert_turns_about_fixed_axes(solution, known[-1], chaser, covariance)
 
 
-@pytest.fixture(scope="module")
-def poses(tmp_path_factory):
-    mission = relnav.load_model("three_marker_vision")
-    path = tmp_path_factory.mktemp("poses") / "log.csv"
-    write_marker_log(simulate_flight(mission, Approach(duration_s=4.0, rate_hz=2.0), seed=1), path)
-    return filter_marker_log(path, mission)
+def assert_turns_about_fixed_axes(solution, e, chaser, covariance):
+    """Draws of the docking errors, as turns about fixed axes that take the pose to the truth, are spread like that."""
+    draws = np.random.default_rng(9).multivariate_normal(np.zeros(12), solution.docking_covariance[e], size=20_000)
+    true = (chaser.inv() * Rotation.from_rotvec(draws[:, 6:9])).inv()  # true dcm^T = dcm^T exp([theta x])
+    turns = (true * chaser.inv()).as_rotvec()
+    found = np.cov(np.hstack([draws[:, :3], turns]).T)
+    scale = np.sqrt(np.outer(covariance.diagonal(), covariance.diagonal()))
+    np.testing.assert_allclose(found / scale, covariance / scale, atol=0.04)  # 1 / sqrt(20,000) is 0.007
 
 
 def test_aem_by_ccsds_ndm(poses, tmp_path, outside):
-    from scipy.spatial.transform import Rotation
-
     ccsds_ndm = pytest.importorskip("ccsds_ndm", reason="ccsds-ndm-py is not installed")
     relnav.write(poses, tmp_path / "target.aem", orientation_deg=ORIENTATION_DEG, epoch=EPOCH)
     (segment,) = ccsds_ndm.from_file(str(tmp_path / "target.aem")).segments
@@ -149,6 +228,100 @@ def test_a_table_in_another_frame(log, solution, tmp_path):
     np.testing.assert_array_equal(rows["range_m"], solution.range_m)
 
 
+def filtered_in_eci(log, out, *more):
+    arguments = ["filter", log, "--model", "three_marker_vision", "--out", out, "--frame", "eci_relative", "--quiet"]
+    assert relnav.cli.run([str(a) for a in [*arguments, "--orbit-deg", *ORIENTATION_DEG, *more]]) == 0
+    return out.read_text()
+
+
+def test_a_table_of_markers_in_another_frame(marker_log, poses, tmp_path):
+    text = filtered_in_eci(marker_log, tmp_path / "track.csv")
+    assert "# frame = eci_relative: chaser minus target in inertial axes" in text
+    assert "; ports and turns in target axes\n" in text
+    assert "# target orbit = two-body, mean motion" in text
+    rows = np.genfromtxt([line for line in text.splitlines() if line[0] != "#"], delimiter=",", names=True)
+    track = poses.in_frame("eci_relative", orientation_deg=ORIENTATION_DEG)
+    np.testing.assert_array_equal(rows["vy_m_s"], track.state[:, 4])
+    np.testing.assert_array_equal([rows[f"q_eci_from_target_{axis}"] for axis in "xyzw"], track.q_frame_from_target.T)
+    np.testing.assert_array_equal(rows["sigma_vz_m_s"], track.sigma[:, 5])
+    np.testing.assert_array_equal(rows["cov_x_turn_y"], track.covariance[:, 0, 7])
+    np.testing.assert_array_equal(rows["cov_turn_x_turn_y"], poses.covariance[:, 6, 7])
+    np.testing.assert_array_equal(rows["rate_z_deg_s"], np.degrees(poses.rate_rad_s[:, 2]))
+    np.testing.assert_array_equal(rows["port_x_m"], poses.port_m[:, 0])
+    relnav.write(poses, tmp_path / "same.csv", frame="eci_relative", orientation_deg=ORIENTATION_DEG)
+    lines = [line for line in (tmp_path / "same.csv").read_text().splitlines() if line[0] != "#"]
+    assert lines == [line for line in text.splitlines() if line[0] != "#"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX pipes")
+def test_a_followed_log_of_markers_in_another_frame(marker_log, tmp_path):
+    os.mkfifo(tmp_path / "log.csv")
+    writer = threading.Thread(target=(tmp_path / "log.csv").write_text, args=(marker_log.read_text(),))
+    writer.start()
+    followed = filtered_in_eci(tmp_path / "log.csv", tmp_path / "live.csv", "--follow")
+    writer.join()
+    assert followed == filtered_in_eci(marker_log, tmp_path / "track.csv")
+
+
+NEEDS_DATE, NEEDS_ORBIT = "needs the date of the log's t = 0", "needs the orientation of the target's orbit"
+NO_ATTITUDE = "attitudes, which a three-beacon track does not estimate; write its states, "
+DATED, SPACE = ["--epoch", EPOCH], ["--orbit-deg", "51.6", "130", "40"]
+
+
+@pytest.mark.parametrize(
+    ("model", "name", "options", "said"),
+    [
+        ("three_beacon_psd", "a.oem", [], "an OEM " + NEEDS_DATE),
+        ("three_beacon_psd", "a.oem", ["--epoch", "today"], "epoch is an ISO date and time"),
+        ("three_beacon_psd", "a.oem", [*DATED, "--frame", "eci"], NEEDS_ORBIT),
+        ("three_beacon_psd", "a.oem", [*DATED, "--frame", "dock"], "an OEM holds frames rsw, eci_relative, eci"),
+        ("three_beacon_psd", "a.aem", [*DATED, *SPACE], NO_ATTITUDE + ".oem"),
+        ("three_beacon_psd", "a.bsp", [*SPACE], "an SPK " + NEEDS_DATE),
+        ("three_beacon_psd", "a.bsp", [*DATED], NEEDS_ORBIT),
+        ("three_beacon_psd", "a.bc", [*DATED, *SPACE], NO_ATTITUDE + ".bsp"),
+        ("three_beacon_psd", "a.csv", ["--frame", "eci"], NEEDS_ORBIT),
+        ("three_beacon_psd", "a.nc", ["--frame", "eci"], NEEDS_ORBIT),
+        ("three_marker_vision", "a.oem", [], "an OEM " + NEEDS_DATE),
+        ("three_marker_vision", "a.aem", [*SPACE], "an AEM " + NEEDS_DATE),
+        ("three_marker_vision", "a.aem", [*DATED], NEEDS_ORBIT),
+        ("three_marker_vision", "a.aem", [*DATED, *SPACE, "--frame", "rsw"], "against inertial axes alone"),
+        ("three_marker_vision", "a.bc", [*DATED], NEEDS_ORBIT),
+        ("three_marker_vision", "a.bc", [*SPACE], "a CK " + NEEDS_DATE),
+        ("three_marker_vision", "a.csv", ["--frame", "eci"], NEEDS_ORBIT),
+        ("three_marker_vision", "a.csv", ["--frame", "eci", "--follow"], NEEDS_ORBIT),
+    ],
+)
+def test_what_a_format_needs_is_told_before_the_log_is_read(tmp_path, capsys, model, name, options, said):
+    """The log is none: read, it would end in another sentence and exit code."""
+    if name.endswith((".bsp", ".bc")):
+        pytest.importorskip("spiceypy", reason="spiceypy is not installed")
+    log = tmp_path / "log.csv"
+    log.write_text("no log\n")
+    assert relnav.cli.run(["filter", str(log), "--model", model, "--out", str(tmp_path / name), *options]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == [log]
+
+
+@pytest.mark.parametrize("ending", [".nc", ".h5", ".mcap", ".rosbag2", ".bsp"])
+def test_a_missing_package_is_told_before_the_log_is_read(tmp_path, capsys, monkeypatch, ending):
+    def missing(name):
+        raise ImportError(name)
+
+    log = tmp_path / "log.csv"
+    log.write_text("no log\n")
+    monkeypatch.setattr(optional, "import_module", missing)
+    arguments = ["filter", log, "--model", "three_beacon_psd", "--out", tmp_path / f"a{ending}", *DATED, *SPACE]
+    assert relnav.cli.run([str(a) for a in arguments]) == 2
+    assert "pip install 'relnav[" in capsys.readouterr().err
+
+
+def test_what_is_no_solution_is_told(solution, tmp_path):
+    with pytest.raises(UsageError, match=r"a solution as relnav\.filter_log returns it is expected; got a FramedTrack"):
+        relnav.write(solution.in_frame("rsw"), tmp_path / "a.csv")
+
+
 def test_parts_joined_are_the_whole(solution):
     again = joined([solution.part(0, 20), solution.part(20, 60)])
     np.testing.assert_array_equal(again.covariance, solution.covariance)
@@ -162,14 +335,9 @@ def test_parts_joined_are_the_whole(solution):
         ("a.oem", {"epoch": "yesterday"}, "epoch is an ISO date and time"),
         ("a.oem", {"epoch": "9999-12-31T23:59:59"}, "lies beyond the year 9999"),
         ("a.oem", {"epoch": EPOCH, "frame": "dock"}, "an OEM holds frames rsw, eci_relative, eci; got 'dock'"),
-        *(
-            (
-                f"a{ending}",
-                {"frame": "rsw"},
-                rf"a\{ending}: \{ending} holds what the filter has, in lvlh_ccsds; frame rsw",
-            )
-            for ending in (".mat", ".nc", ".h5", ".mcap", ".rosbag2", ".bc")
-        ),
+        ("a.oem", {"epoch": EPOCH, "frame": "eci"}, r"an OEM in eci is in inertial axes and needs .*\(--orbit-deg"),
+        ("a.mat", {"frame": "eci"}, "frame 'eci' needs the orientation of the target's orbit"),
+        ("a.mcap", {"frame": "rtn"}, "frame is one of lvlh_ccsds, rsw, dock, eci_relative, eci; got 'rtn'"),
         ("a.aem", {"epoch": EPOCH}, "which a three-beacon track does not estimate"),
         ("a.xyz", {}, r"a table ends in \.csv, \.jsonl or \.parquet"),
     ],

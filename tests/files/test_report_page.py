@@ -166,28 +166,6 @@ def test_an_accuracy_report(tmp_path):
     assert 'style="width:25.0%"' in page
 
 
-SCENARIO = """[approach]
-duration_s = 8.0
-rate_hz = 2.0
-assumed_noise = true
-[results]
-range_edges_m = [9.0, 9.8, 10.5]
-settling_s = 2.0
-"""
-
-
-@pytest.fixture(scope="module")
-def campaign(tmp_path_factory):
-    """Folder of a finished campaign of eight short runs, in batches of four."""
-    pytest.importorskip("pyarrow", reason="campaigns are Parquet files (extra parquet)")
-    folder = tmp_path_factory.mktemp("campaign")
-    (folder / "s.toml").write_text(SCENARIO)
-    command = ["campaign", "three_beacon_psd", "--runs", "8", "--seed", "3", "--scenario", str(folder / "s.toml"),
-               "--out", str(folder / "c"), "--no-pictures", "--quiet", "--workers", "1"]  # fmt: skip
-    assert relnav.cli.run(command) == 0
-    return folder / "c"
-
-
 @pytest.fixture
 def copied(campaign, tmp_path):
     return shutil.copytree(campaign, tmp_path / "copied")

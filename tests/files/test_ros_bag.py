@@ -108,6 +108,13 @@ def test_a_beacon_track_as_a_bag(rosbags, log, tmp_path, outside):
         assert (covariance.diagonal()[3:] == 1e6).all()
     with pytest.raises(UsageError, match="is a folder"):
         relnav.write(solution, tmp_path / "track.rosbag2")
+    relnav.write(solution, tmp_path / "rsw.rosbag2", frame="rsw")
+    turned, last = solution.in_frame("rsw"), known[-1]
+    with rosbags.AnyReader([tmp_path / "rsw.rosbag2"]) as reader:
+        *_, message = (reader.deserialize(raw, connection.msgtype) for connection, _, raw in reader.messages())
+    position = message.pose.pose.position
+    assert [message.header.frame_id, position.x, position.y] == ["rsw", *turned.state[last, :2].tolist()]
+    np.testing.assert_array_equal(message.pose.covariance.reshape(6, 6)[:3, :3], turned.covariance[last, :3, :3])
 
 
 @pytest.mark.usefixtures("rosbags")

@@ -253,13 +253,13 @@ def test_by_the_command(log, solution, marker_log, poses, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("name", "keywords", "said"),
     [
-        ("a.bsp", {"epoch": EPOCH}, r"SPICE having none that turns with an orbit, .*\(--orbit-deg 51.6 130 40\)"),
+        ("a.bsp", {"epoch": EPOCH}, r"an SPK is in inertial axes and needs .*\(--orbit-deg 51.6 130 40\)"),
         ("a.bsp", {"orientation_deg": ORIENTATION_DEG}, "an SPK needs the date of the log's t = 0"),
         ("a.bsp", INERTIAL | {"epoch": "1998-07-02T12:00:00"}, "an SPK: times from 1999-01-01 on can be converted"),
         ("a.bsp", INERTIAL | {"frame": "rsw"}, r"an SPK holds frames eci_relative, eci \(.*\); got 'rsw'"),
         ("a.bsp", INERTIAL | {"orientation_deg": (1.0, 2.0, np.nan)}, "needs the orientation of the target's orbit"),
         (f"{'b' * 200}/{'c' * 100}/a.bsp", INERTIAL, "SPICE takes paths of 255 bytes"),
-        ("a.bc", INERTIAL, r"which a three-beacon track does not estimate; write an SPK \(.bsp\)"),
+        ("a.bc", INERTIAL, r"which a three-beacon track does not estimate; write its states, \.bsp"),
     ],
 )
 def test_what_cannot_be_written_is_said(solution, tmp_path, name, keywords, said):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import relnav
+from relnav.accuracy.campaign import SEED_STRIDE
 from relnav.accuracy.faults import BUILT, DRAWN, TOLD
 from relnav.accuracy.marker_faults import UNSEEN, cases, measure_faults, pose_errors, run_once
 from relnav.files.marker_logs import write_track
@@ -67,6 +68,12 @@ def test_healthy_flights_raise_no_alarm(mission, flown):
 def test_faults_are_not_silent(mission, fault):
     for flown in (DRAWN, BUILT):
         assert not run_once(mission, flown, fault, 3).silent
+
+
+@pytest.mark.parametrize("flown", [DRAWN, BUILT])
+def test_noise_does_not_excuse_a_spot_that_was_refused_for_long(mission, flown):
+    """After 65 s of two markers the gate has grown; one noisy image puts the displaced spot well inside it."""
+    assert not run_once(mission, flown, Fault.BIAS_LARGE, 7 * SEED_STRIDE + 16).silent
 
 
 @pytest.mark.parametrize("fault", UNSEEN)

@@ -6,10 +6,13 @@ of `docs/validation.md` come from `relnav accuracy MODEL --faults`; here a few r
 
 import numpy as np
 import pytest
+from scipy.stats import chi2, norm
 
 import relnav
+from relnav.accuracy.campaign import SEED_STRIDE
 from relnav.accuracy.faults import BUILT, DRAWN, TOLD, measure_faults, run_once
 from relnav.accuracy.statistics import wilson_bounds
+from relnav.estimation.monitors import _sum_limit
 from relnav.navigation.status import ALARM_TABLE
 from relnav.simulation.lasting_faults import Fault
 from relnav.simulation.scenario import simulate
@@ -50,6 +53,22 @@ def test_healthy_runs_raise_no_alarm(model, flown):
 def test_faults_of_one_beacon_are_not_silent(model, fault):
     for seed in range(4):
         assert not any(verdict.silent for verdict in run_once(model, BUILT, fault, seed))
+
+
+FEW_SIGMAS = [79, 102, 135, 157, 167, 321, 348, 385]
+BEGUN_ANEW = [39, 43, 130, 281, 288, 351, 373, 378]
+
+
+@pytest.mark.parametrize("run", FEW_SIGMAS)
+def test_an_error_that_is_spread_over_all_rows_is_seen_in_their_sum(model, run):
+    """A spot off by 3 sigma that the state takes up in part: no row reached five sigma in these."""
+    assert not run_once(model, DRAWN, Fault.BIAS_SMALL, 7 * SEED_STRIDE + run)[1].silent
+
+
+@pytest.mark.parametrize("run", BEGUN_ANEW)
+def test_a_start_on_a_displaced_spot_is_watched(model, run):
+    """Three images are refused, the filter starts on the wrong place: the images after it are compared all the same."""
+    assert not run_once(model, BUILT, Fault.BIAS_LARGE, 7 * SEED_STRIDE + run)[0].silent
 
 
 @pytest.mark.parametrize("fault", [Fault.FOCAL_LENGTH, Fault.PLACED])
@@ -190,3 +209,11 @@ def test_wilson_bounds():
 def test_a_report_needs_two_runs(model):
     with pytest.raises(ValueError, match="runs must be 2 or more; got 1"):
         measure_faults(model, runs=1)
+
+
+@pytest.mark.parametrize("sigmas", [3.75, 4.75])
+@pytest.mark.parametrize("rows", [3, 4, 6, 8, 18])
+def test_the_limit_of_a_sum_is_as_improbable_as_it_says(rows, sigmas):
+    """Within 8 % of the probability's logarithm: Wilson and Hilferty's cube is an approximation."""
+    reached, wanted = chi2.logsf(_sum_limit(rows, sigmas), rows), norm.logsf(sigmas)
+    assert reached == pytest.approx(wanted, rel=0.08)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from relnav.cli.completion import STARS, ModelName
 from relnav.cli.printing import InputPath, OutputPath, say
 
 
@@ -12,7 +13,12 @@ from relnav.cli.printing import InputPath, OutputPath, say
     "--epoch 2026.5 --out fold.toml"
 )
 @click.argument("frames", type=InputPath())
-@click.option("--model", required=True, help="Two-field star sensor: a shipped name, a folder or a file.")
+@click.option(
+    "--model",
+    type=ModelName(*STARS),
+    required=True,
+    help="Two-field star sensor: a shipped name, a folder or a file.",
+)
 @click.option(
     "--velocity-km-s", nargs=3, type=float, required=True, help="Observer's barycentric velocity, ICRS (aberration)."
 )

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from relnav.cli.completion import ModelName
 from relnav.cli.printing import InputPath, OutputPath, say
 
 if TYPE_CHECKING:
@@ -15,7 +16,11 @@ if TYPE_CHECKING:
 @click.command(epilog="Example: relnav calibrate psd grid.csv --out calibration.toml --model three_beacon_psd")
 @click.argument("grid", type=InputPath())
 @click.option("--out", type=OutputPath(), help="Calibration to write, .toml; a model's [calibration] names it.")
-@click.option("--model", help="A model whose detector this is: for the share of its area that the grid covers.")
+@click.option(
+    "--model",
+    type=ModelName("three_beacon"),
+    help="A model whose detector this is: for the share of its area that the grid covers.",
+)
 @click.option("--target", "target_um", default=10.0, show_default=True, help="Wanted 3-sigma of what is left, um.")
 @click.option("--json", "json_path", type=OutputPath(), help="Write the figures as one JSON object.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from relnav.cli.completion import SUN, ModelName
 from relnav.cli.printing import InputPath, OutputPath, say
 
 if TYPE_CHECKING:
@@ -23,7 +24,13 @@ MAP_SIDE = 7
     type=OutputPath(),
     help="Calibration file to write, .json; of a birefringent sensor the fitted keys of its model, .toml.",
 )
-@click.option("--model", default="aps_sun", show_default=True, help="Sensor with its design values.")
+@click.option(
+    "--model",
+    type=ModelName(*SUN),
+    default="aps_sun",
+    show_default=True,
+    help="Sensor with its design values.",
+)
 @click.option(
     "--method",
     default="auto",

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from relnav.cli.completion import STARS, ModelName
 from relnav.cli.printing import InputPath, OutputPath, say
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     "--earth-velocity-km-s -10.2 25.3 11.0 --out attitude.csv --log approach.csv --joined approach_with_attitude.csv"
 )
 @click.argument("frames", type=InputPath())
-@click.option("--model", required=True, help="Star sensor: a shipped name, a folder or a file.")
+@click.option("--model", type=ModelName(*STARS), required=True, help="Star sensor: a shipped name, a folder or a file.")
 @click.option(
     "--orbit",
     required=True,

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from relnav.cli.completion import STARS, ModelName
 from relnav.cli.printing import InputPath, OutputPath, say
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ ARCSEC = 648000.0 / math.pi
 
 @click.command(epilog="Example: relnav stars solve sky.png --focal-px 5200 --wcs sky.fits --plot field.png")
 @click.argument("frame", type=InputPath())
-@click.option("--model", help="Star sensor: a shipped name, a folder or a file.")
+@click.option("--model", type=ModelName(*STARS), help="Star sensor: a shipped name, a folder or a file.")
 @click.option(
     "--focal-px",
     type=click.FloatRange(min=0.0, min_open=True),

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from relnav.cli.completion import SUN, ModelName
 from relnav.cli.printing import InputPath, OutputPath, say
 
 
@@ -11,7 +12,12 @@ from relnav.cli.printing import InputPath, OutputPath, say
     epilog="Example: relnav sun measure spots.csv --model aps_sun --calibration sun.json --out directions.csv"
 )
 @click.argument("seen", type=InputPath())
-@click.option("--model", required=True, help="Sun sensor: aps_sun, birefringent_sun, a folder or a file.")
+@click.option(
+    "--model",
+    type=ModelName(*SUN),
+    required=True,
+    help="Sun sensor: aps_sun, birefringent_sun, a folder or a file.",
+)
 @click.option("--calibration", type=InputPath(), help="Of an APS sensor, from `relnav calibrate sun`, .json.")
 @click.option(
     "--corner-px", nargs=2, type=float, help="Picture of a window: detector coordinates x y of its first pixel."

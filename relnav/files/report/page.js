@@ -56,7 +56,7 @@
         bands.push({ series: [at, at + 1], fill: colour("envelope") });
       }
       const dots = line.kind === "dots";
-      add(values, { label: line.label, stroke: colour(line.colour), width: 1.4, dash: line.dash ? [6, 4] : undefined,
+      add(values, { label: line.label, stroke: colour(line.colour), width: time.length > 4000 ? 1 : 1.4, dash: line.dash ? [6, 4] : undefined,
         paths: dots ? () => null : line.kind === "steps" ? uPlot.paths.stepped({ align: 1 }) : undefined,
         points: { show: false } });
     }
@@ -65,7 +65,7 @@
 
   function axes(unit, log) {
     const one = { stroke: colour("soft"), grid: { stroke: colour("grid"), width: 1 }, ticks: { stroke: colour("line"), width: 1 }, font: "11px system-ui, sans-serif" };
-    return [Object.assign({ values: (u, vs) => vs.map(short) }, one),
+    return [Object.assign({ size: 30, values: (u, vs) => vs.map(v => short(v) + " s") }, one),
       Object.assign({ size: 62, label: unit, labelSize: 16, labelFont: "11px system-ui, sans-serif", values: (u, vs) => vs.map(v => (v == null ? "" : short(v))) }, one)];
   }
 
@@ -83,17 +83,27 @@
     if (!chart.limits || !chart.lines.some(line => line.kind === "dots")) return;
     const c = u.ctx, b = u.bbox, s = 4 * devicePixelRatio, values = column(chart.lines.find(line => line.kind === "dots").column);
     const dot = 2 * devicePixelRatio, low = u.scales.x.min, high = u.scales.x.max;
+    const left = b.left, across = b.width / (high - low), down = b.height / (chart.limits[1] - chart.limits[0]);
+    let begin = 0, end = time.length;
+    for (let lo = 0, hi = time.length; lo < hi; begin = lo) { const m = (lo + hi) >> 1; if (time[m] < low) lo = m + 1; else hi = m; }
+    while (end > begin && time[end - 1] > high) end--;
+    /* No pixel is filled twice: many dots lie upon one another. */
+    const wide = Math.ceil(b.width) + 1, taken = new Uint8Array(wide * (Math.ceil(b.height) + 1)), outside = [];
     c.fillStyle = colour("dots");
-    for (let k = 0; k < time.length; k++) {
-      if (values[k] == null || time[k] < low || time[k] > high || values[k] < chart.limits[0] || values[k] > chart.limits[1]) continue;
-      c.fillRect(u.valToPos(time[k], "x", true) - dot / 2, u.valToPos(values[k], "y", true) - dot / 2, dot, dot);
+    for (let k = begin; k < end; k++) {
+      const v = values[k];
+      if (v == null) continue;
+      const x = (time[k] - low) * across, y = (chart.limits[1] - v) * down;
+      if (y < 0 || y > b.height) { outside.push([x, y < 0]); continue; }
+      const place = Math.round(y) * wide + Math.round(x);
+      if (taken[place]) continue;
+      taken[place] = 1;
+      c.fillRect(left + x - dot / 2, b.top + y - dot / 2, dot, dot);
     }
     c.fillStyle = colour("gate");
-    for (let k = 0; k < time.length; k++) {
-      const above = values[k] > chart.limits[1];
-      if (values[k] == null || !(above || values[k] < chart.limits[0]) || time[k] < low || time[k] > high) continue;
-      const x = u.valToPos(time[k], "x", true), y = above ? b.top : b.top + b.height, d = above ? 1 : -1;
-      c.beginPath(); c.moveTo(x, y); c.lineTo(x - s, y + d * 1.6 * s); c.lineTo(x + s, y + d * 1.6 * s); c.fill();
+    for (const [x, above] of outside) {
+      const y = above ? b.top : b.top + b.height, d = above ? 1 : -1;
+      c.beginPath(); c.moveTo(left + x, y); c.lineTo(left + x - s, y + d * 1.6 * s); c.lineTo(left + x + s, y + d * 1.6 * s); c.fill();
     }
   }
 
@@ -160,10 +170,22 @@
     if (entry.isIntersecting && stale.delete(entry.target) && charts.has(entry.target)) follow(charts.get(entry.target));
     if (entry.isIntersecting && waiting.has(entry.target)) { make(entry.target, waiting.get(entry.target)); waiting.delete(entry.target); }
   }), { rootMargin: "200px" });
+  /* With the keyboard: where the cursor would be, in steps of a hundredth. */
+  function values(box, event) {
+    const u = charts.get(box), way = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+    if (!u || !way || event.ctrlKey || event.metaKey || event.altKey) return;
+    const width = u.over.clientWidth, before = u.cursor.left >= 0 ? u.cursor.left : way > 0 ? 0 : width;
+    const left = Math.max(0, Math.min(width - 1, before + way * width / 100));
+    u.setCursor({ left, top: u.over.clientHeight / 2 });
+    event.preventDefault();
+  }
   const all = [];
   for (const chart of run.charts) {
     const card = document.createElement("div"), head = document.createElement("h3"), box = document.createElement("div");
     card.className = "chart" + (chart.wide ? " wide" : ""); box.className = "plot";
+    box.tabIndex = 0; box.setAttribute("role", "group");
+    box.setAttribute("aria-label", chart.title + ": left and right show values, plus and minus zoom, 0 shows everything");
+    box.addEventListener("keydown", event => values(box, event));
     head.textContent = chart.title; card.append(head, box);
     document.getElementById(chart.section).append(card);
     all.push([box, chart]); waiting.set(box, chart); watcher.observe(box);
@@ -172,7 +194,10 @@
   const again = () => { for (const [box, chart] of all) if (charts.has(box)) make(box, chart); space(); };
   new ResizeObserver(() => charts.forEach((u, box) => { if (Math.abs(u.width - box.clientWidth) > 1) u.setSize({ width: box.clientWidth, height: u.height }); space(); })).observe(document.body);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
-  addEventListener("beforeprint", finish);
+  /* Printed are all charts, and in the colours of paper. */
+  const paper = printed => { document.documentElement.classList.toggle("printing", printed); finish(); again(); };
+  addEventListener("beforeprint", () => paper(true));
+  addEventListener("afterprint", () => paper(false));
 
   const on = (id, action) => document.getElementById(id).addEventListener("click", action);
   on("in", () => zoom(0.5)); on("out", () => zoom(2)); on("left", () => move(-0.25)); on("right", () => move(0.25));
@@ -184,7 +209,17 @@
   });
 
   /* The approach in space: x out of the port to the right, seen by an eye that turns about it. */
-  let turn = -0.62, tilt = 0.42;
+  let turn = -0.62, tilt = 0.42, closer = 1, magnified = 1;
+  const nice = v => { const p = 10 ** Math.floor(Math.log10(v)); return (v / p >= 5 ? 5 : v / p >= 2 ? 2 : 1) * p; };
+  const sizeOf = a => Math.hypot(a[0], a[1], a[2]);
+
+  /* How many times their size ellipsoids are drawn: a power of ten, so that the usual one in sight can be seen. */
+  function magnification(path, far) {
+    const near = path.ellipsoids.filter(e => sizeOf(e.at) <= far), some = near.length ? near : path.ellipsoids;
+    const sizes = some.map(e => Math.max(...e.axes.map(sizeOf))).sort((a, b) => a - b), usual = sizes[sizes.length >> 1];
+    return usual > 0 ? 10 ** Math.max(0, Math.floor(Math.log10(0.06 * far / usual))) : 1;
+  }
+
   function space() {
     const canvas = document.getElementById("space"), path = run.path;
     if (!canvas || !path) return;
@@ -192,7 +227,7 @@
     canvas.width = w * scale; canvas.height = h * scale;
     const c = canvas.getContext("2d");
     c.scale(scale, scale);
-    const far = path.far, size = Math.min(w / (far * 1.12), h / (far * 0.58));
+    const far = path.far / closer, size = Math.min(w / (far * 1.12), h / (far * 0.58));
     const ct = Math.cos(turn), st = Math.sin(turn), cp = Math.cos(tilt), sp = Math.sin(tilt);
     const at = (x, y, z) => { const u = x - far / 2, a = u * ct + y * st, b = -u * st + y * ct; return [w / 2 + a * size, h / 2 + (z * cp + b * sp) * size]; };
     const line = (points, style, width, dash) => {
@@ -201,46 +236,69 @@
     };
     const ring = (x, r) => Array.from({ length: 49 }, (_, k) => at(x, r * Math.cos(k * Math.PI / 24), r * Math.sin(k * Math.PI / 24)));
     const wide = Math.tan(run.corridor * Math.PI / 180);
-    const cone = Math.min(far, far);
     c.globalAlpha = 0.8;
-    for (let k = 1; k <= 4; k++) line(ring(cone * k / 4, wide * cone * k / 4), colour("spread"), 0.7);
-    for (let k = 0; k < 8; k++) { const a = k * Math.PI / 4; line([at(0, 0, 0), at(cone, wide * cone * Math.cos(a), wide * cone * Math.sin(a))], colour("spread"), 0.7); }
+    for (let k = 1; k <= 4; k++) line(ring(far * k / 4, wide * far * k / 4), colour("spread"), 0.7);
+    for (let k = 0; k < 8; k++) { const a = k * Math.PI / 4; line([at(0, 0, 0), at(far, wide * far * Math.cos(a), wide * far * Math.sin(a))], colour("spread"), 0.7); }
     c.globalAlpha = 1;
     line([at(0, 0, 0), at(far, 0, 0)], colour("soft"), 0.8, [4, 4]);
-    if (path.capture > 0) line(ring(0, path.capture), colour("published"), 1.6);
-    const unit = [[0, 1], [0, 2], [1, 2]];
-    for (const e of path.ellipsoids) for (const [i, j] of unit) {
-      line(Array.from({ length: 37 }, (_, k) => {
-        const p = e.at.slice(); p[i] += e.axes[i] * Math.cos(k * Math.PI / 18); p[j] += e.axes[j] * Math.sin(k * Math.PI / 18);
-        return at(p[0], p[1], p[2]);
-      }), colour("gate"), 0.9);
+    const r = path.capture || (path.distance ? wide * path.distance : 0);
+    if (path.capture > 0) line(ring(0, r), colour("published"), 1.8);
+    if (path.distance > 0) {
+      line(ring(path.distance, r), colour("published"), 1.8);
+      if (path.capture > 0) for (let k = 0; k < 8; k++) {
+        const a = k * Math.PI / 4, y = r * Math.cos(a), z = r * Math.sin(a);
+        line([at(0, y, z), at(path.distance, y, z)], colour("published"), 0.9);
+      }
     }
+    magnified = magnification(path, far);
+    c.globalAlpha = 0.85;
+    let before = null;
+    for (const e of path.ellipsoids) {
+      const final = e === path.ellipsoids[path.ellipsoids.length - 1];
+      if (before && !final && sizeOf(e.at.map((v, k) => v - before[k])) < 0.04 * far) continue;
+      before = e.at;
+      const most = magnified * Math.max(...e.axes.map(sizeOf)), times = magnified * Math.min(1, 0.16 * far / most);
+      for (const [i, j] of [[0, 1], [0, 2], [1, 2]]) line(Array.from({ length: 49 }, (_, k) => {
+        const p = times * Math.cos(k * Math.PI / 24), q = times * Math.sin(k * Math.PI / 24), a = e.axes[i], b = e.axes[j];
+        return at(e.at[0] + p * a[0] + q * b[0], e.at[1] + p * a[1] + q * b[1], e.at[2] + p * a[2] + q * b[2]);
+      }), colour("gate"), 0.9, times < magnified ? [3, 4] : []);
+    }
+    c.globalAlpha = 1;
     line(path.x.map((x, i) => (x == null ? null : at(x, path.y[i], path.z[i]))), colour("estimate"), 2.2);
     c.fillStyle = colour("ink"); c.font = "12px system-ui, sans-serif";
     const o = at(0, 0, 0); c.fillRect(o[0] - 4, o[1] - 4, 8, 8); c.fillText("port", o[0] - 12, o[1] + 20);
-    for (let d = path.tick; d < far; d += path.tick) { const p = at(d, 0, 0); c.fillRect(p[0] - 1, p[1] - 3, 2, 6); c.fillText(short(d) + " m", p[0] - 12, p[1] + 16); }
-    const last = path.x.length - 1, end = at(path.x[last], path.y[last], path.z[last]);
+    const tick = nice(far / (w < 560 ? 2.5 : 3.5));
+    for (let k = 1; k * tick < far; k++) { const p = at(k * tick, 0, 0); c.fillRect(p[0] - 1, p[1] - 3, 2, 6); c.fillText(short(k * tick) + " m", p[0] - 12, p[1] + 16); }
+    const last = path.ellipsoids[path.ellipsoids.length - 1].at, end = at(last[0], last[1], last[2]);
     c.beginPath(); c.fillStyle = colour("estimate"); c.arc(end[0], end[1], 4.5, 0, 7); c.fill();
     const length = far * 0.09, from = at(far * 0.5, 0, 0);
     [["x", [length, 0, 0]], ["y", [0, length, 0]], ["z", [0, 0, length]]].forEach(([name, d]) => {
       const p = at(far / 2 + d[0], d[1], d[2]), x = 60 + p[0] - from[0], y = h - 74 + p[1] - from[1];
       line([[60, h - 74], [x, y]], colour("soft"), 1.2); c.fillStyle = colour("soft"); c.fillText(name, x + 3, y + 3);
     });
+    document.getElementById("drawn").textContent = "ellipsoids " + (magnified > 1 ? "drawn " + magnified.toLocaleString("en") + " times their size" : "to scale") + "; " + (+far.toPrecision(3)) + " m from the port in sight";
   }
   const canvas = document.getElementById("space");
-  if (canvas) {
+  if (canvas && run.path) {
     let held = null;
+    const come = factor => { closer = factor ? Math.min(1e4, Math.max(1, closer * factor)) : 1; space(); };
     canvas.addEventListener("pointerdown", e => { held = [e.clientX, e.clientY, turn, tilt]; canvas.setPointerCapture(e.pointerId); });
     canvas.addEventListener("pointermove", e => {
       if (!held) return;
       turn = held[2] - (e.clientX - held[0]) / 160; tilt = Math.max(-1.5, Math.min(1.5, held[3] + (e.clientY - held[1]) / 160)); space();
     });
     canvas.addEventListener("pointerup", () => { held = null; });
+    canvas.addEventListener("pointercancel", () => { held = null; });
     canvas.addEventListener("keydown", e => {
+      if (e.ctrlKey || e.metaKey || e.altKey) return;
+      const factor = { "+": 2, "-": 0.5, "0": 0 }[e.key];
       const step = { ArrowLeft: [0.1, 0], ArrowRight: [-0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] }[e.key];
-      if (!step) return;
-      turn += step[0]; tilt = Math.max(-1.5, Math.min(1.5, tilt + step[1])); space(); e.preventDefault();
+      if (factor != null) come(factor);
+      else if (step) { turn += step[0]; tilt = Math.max(-1.5, Math.min(1.5, tilt + step[1])); space(); }
+      else return;
+      e.preventDefault();
     });
+    on("near", () => come(2)); on("far", () => come(0.5)); on("path", () => come(0));
     space();
   }
   show(whole[0], whole[1]);

@@ -6,12 +6,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from relnav.dynamics.in_frame import FRAMES, in_frame
 from relnav.dynamics.two_body import MU_EARTH_M3_S2, inertial_orbit
 from relnav.errors import UsageError
 from relnav.geometry.frames import relative_state_rsw
 from relnav.mission import Docking, Orbit
-from relnav.navigation.in_frame import FRAMES, in_frame
 
 ORIENTATION_DEG = (51.6, 130.0, 40.0)
 ORBIT = Orbit(1.1e-3, 0.12, math.radians(75.0))
@@ -112,6 +113,72 @@ def test_the_docking_frame_begins_at_the_port(track, mission):
     c, s = math.cos(0.6), math.sin(0.6)  # about y by the quaternion's angle: v_dock = R v_lvlh
     at_port.state[:, 0] += 1.0
     np.testing.assert_allclose(in_frame(at_port, "dock", mission).state[0, :3], [c, 0.0, -s], atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def poses(track):
+    """The same epochs with an attitude and a rate, and covariances of all twelve errors."""
+    rng = np.random.default_rng(6)
+    scale = np.repeat([1.0, 1e-3, 0.02, 1e-4], 3)
+    root = rng.normal(size=(8, 12, 12)) * scale[:, None]
+    attitude, rate = Rotation.random(8, random_state=7).as_matrix(), 1e-3 * rng.normal(size=(8, 3))
+    covariance = root @ np.swapaxes(root, 1, 2)
+    for array in (attitude, rate, covariance):
+        array[3] = np.nan
+    return SimpleNamespace(**{**vars(track), "covariance": covariance}, dcm_lvlh_from_target=attitude, rate_rad_s=rate)
+
+
+def axes_of(frame, mission, t):
+    """Rotations v_frame = R v_lvlh at a time, by brahe and by the definitions of the axes."""
+    brahe = pytest.importorskip("brahe", reason="brahe is not installed")
+    rtn_from_lvlh = Rotation.from_matrix([[0, 0, -1], [1, 0, 0], [0, -1, 0]])  # R = -z, T = x, N = -y
+    if frame == "rsw":
+        return rtn_from_lvlh
+    if frame == "dock":
+        return Rotation.from_quat(mission.docking.q_dock_from_lvlh)
+    if frame == "lvlh_ccsds":
+        return Rotation.identity()
+    return Rotation.from_matrix(brahe.rotation_rtn_to_eci(target([t])[0])) * rtn_from_lvlh
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_attitudes_and_whole_covariances_against_draws_turned_by_others(poses, mission, frame):
+    """The true attitude and state are turned by scipy and brahe; the errors of the estimate are found again there."""
+    found, known = in_frame(poses, frame, mission, ORIENTATION_DEG), [0, 1, 2, 4, 5, 6, 7]
+    brahe = pytest.importorskip("brahe", reason="brahe is not installed")
+    for e in known:
+        turn = axes_of(frame, mission, poses.t_s[e])
+        attitude = Rotation.from_matrix(poses.dcm_lvlh_from_target[e])
+        expected = turn * attitude
+        np.testing.assert_allclose(found.dcm_frame_from_target[e], expected.as_matrix(), atol=1e-12)
+        q = expected.as_quat(canonical=True)
+        np.testing.assert_allclose(found.q_frame_from_target[e], q, atol=1e-12)
+        columns = []
+        for k, step in enumerate(np.repeat([1.0, 1.0, 1e-4, 1.0], 3)):
+            error = step * np.eye(12)[k]
+            true = turn * (attitude * Rotation.from_rotvec(error[6:9]))
+            theta = (Rotation.from_matrix(found.dcm_frame_from_target[e]).inv() * true).as_rotvec()
+            moved = np.concatenate([turn.apply(error[:3]), turn.apply(error[3:6])])
+            if frame in ("eci", "eci_relative"):
+                in_rtn = axes_of("rsw", mission, 0.0).apply(error[:6].reshape(2, 3)).ravel()
+                turning = brahe.OrbitRelativeFrameVariant.ROTATING
+                moved = brahe.jacobian_rtn_to_eci(target(poses.t_s[e : e + 1])[0], turning) @ in_rtn
+            columns.append(np.concatenate([moved, theta, error[9:]]) / step)
+        jacobian = np.stack(columns, axis=1)
+        covariance = jacobian @ poses.covariance[e] @ jacobian.T
+        scale = np.outer(found.sigma[e], found.sigma[e])
+        np.testing.assert_allclose(found.covariance[e] / scale, covariance / scale, atol=1e-9)
+    assert np.isnan(found.q_frame_from_target[3]).all()
+    np.testing.assert_array_equal(found.rate_rad_s, poses.rate_rad_s)
+    np.testing.assert_array_equal(found.sigma[known, 6:], np.sqrt(np.diagonal(poses.covariance, 0, 1, 2))[known, 6:])
+    axes = {"lvlh_ccsds": "lvlh", "eci_relative": "eci"}.get(frame, frame)
+    assert found.metadata["attitude"].startswith(f"q_{axes}_from_target: v_{axes} = R v_target, scalar last")
+
+
+def test_a_track_without_attitude_has_none(track, mission):
+    found = in_frame(track, "rsw", mission)
+    assert (found.dcm_frame_from_target, found.q_frame_from_target, found.rate_rad_s) == (None, None, None)
+    assert found.covariance.shape == (8, 6, 6)
 
 
 @pytest.mark.parametrize(

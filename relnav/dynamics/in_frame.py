@@ -1,10 +1,14 @@
-"""A track in other frames: states and covariances turned together, with words that say what they are in.
+"""A track in other frames: states, attitudes and covariances turned together, with words that say what they are in.
 
 With T the (6, 6) matrix of the turn, x' = T x + c and P' = T P T^T. Between frames that turn together (`lvlh_ccsds`,
 `rsw`, `dock`) T is one rotation, for position and for velocity. Into inertial axes the velocity of the frame comes in:
 with C = dcm_lvlh_from_eci and omega the frame's rate in its own axes,
 
     dr_eci = C^T dr,    dv_eci = C^T (dv + omega x dr).
+
+An attitude of the target, dcm_lvlh_from_target exp([theta x]) when true, is multiplied from the left. Its error theta
+and the target's inertial rate are in target axes, which no frame changes: their own covariance stays, and what they
+have in common with position and velocity turns on the side of those.
 """
 
 import math
@@ -17,8 +21,10 @@ from relnav.arrays import Matrix, Stack, Vector
 from relnav.dynamics.two_body import inertial_orbit
 from relnav.errors import UsageError
 from relnav.geometry.frames import DCM_LVLH_CCSDS_FROM_RSW
-from relnav.mission import Orbit
+from relnav.geometry.rotation import quaternions_from_dcm_into
 
+OWN = "lvlh_ccsds"
+"""The frame in which the filters estimate."""
 FRAMES = {
     "lvlh_ccsds": "origin target's centre of mass, x V-bar, y = -h, z nadir; velocity in the turning frame",
     "rsw": "(= RTN = RIC = Hill) origin target's centre of mass, x radial out, y along-track, z = +h; velocity in the "
@@ -29,11 +35,13 @@ FRAMES = {
 }
 """Name -> what it is."""
 INERTIAL = ("eci_relative", "eci")
+AXES = {"lvlh_ccsds": "lvlh", "rsw": "rsw", "dock": "dock", "eci_relative": "eci", "eci": "eci"}
+"""Frame -> its axes, as names of quaternions have them: `q_rsw_from_target`."""
 
 
 @dataclass(frozen=True)
 class FramedTrack:
-    """States and covariances of a track in a named frame, NaN where there is no state.
+    """States, attitudes and covariances of a track in a named frame, NaN where there is no state.
 
     Attributes
     ----------
@@ -41,12 +49,17 @@ class FramedTrack:
         Times of the epochs.
     state : (n, 6)
         Position m and velocity m/s of the chaser's centre of mass.
-    covariance : (n, 6, 6)
-        Of `state`.
+    covariance : (n, 6, 6), or (n, 12, 12) where an attitude is estimated
+        Of `state`; of (`state`, theta rad, rate rad/s), the true attitude being dcm exp([theta x]), theta in target
+        axes.
     frame : str
         One of `FRAMES`.
     metadata : dict
         What the frame is, the model, and, for inertial frames, the target's orbit.
+    dcm_frame_from_target : (n, 3, 3), or None where no attitude is estimated
+        Attitude of the target: v_frame = dcm @ v_target.
+    rate_rad_s : (n, 3), or None
+        Inertial rate of the target in target axes, the same in every frame.
     """
 
     t_s: Vector
@@ -54,12 +67,23 @@ class FramedTrack:
     covariance: Stack
     frame: str
     metadata: dict[str, str] = field(default_factory=dict)
+    dcm_frame_from_target: Stack | None = None
+    rate_rad_s: Matrix | None = None
 
     @property
     def sigma(self) -> Matrix:
-        """1-sigma of each component, (n, 6)."""
+        """1-sigma of each component of `covariance`, (n, 6) or (n, 12)."""
         sigma: Matrix = np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
         return sigma
+
+    @property
+    def q_frame_from_target(self) -> Matrix | None:
+        """The attitude as quaternions (n, 4), scalar last and not negative; None where none is estimated."""
+        if self.dcm_frame_from_target is None:
+            return None
+        out = np.empty((len(self), 4))
+        quaternions_from_dcm_into(np.ascontiguousarray(self.dcm_frame_from_target), out)
+        return out
 
     def __len__(self) -> int:
         return len(self.t_s)
@@ -72,9 +96,24 @@ class FramedTrack:
 def in_frame(
     solution: Any, frame: str, mission: Any, orientation_deg: tuple[float, float, float] | None = None
 ) -> FramedTrack:
-    """A solution's states and covariances in another frame; `Solution.in_frame` describes it."""
-    t, state = np.asarray(solution.t_s), np.asarray(solution.state)
-    covariance = np.asarray(solution.covariance)[:, :6, :6]
+    """A solution's states, attitudes and covariances in another frame; `Solution.in_frame` describes it.
+
+    Parameters
+    ----------
+    solution
+        Has `t_s`, `state` (n, 6), `covariance` (n, 6 or 12, ...) and `model`; where the target's attitude is estimated
+        `dcm_lvlh_from_target` (n, 3, 3) and `rate_rad_s` (n, 3).
+    frame, orientation_deg
+        As there.
+    mission
+        Has `orbit`, `dcm_dock_from_lvlh` and `port_position_m`; None if it is not known.
+
+    Raises
+    ------
+    UsageError
+        As `frame_words`.
+    """
+    t, state, covariance = (np.asarray(a) for a in (solution.t_s, solution.state, solution.covariance))
     said = frame_words(frame, mission, orientation_deg) | {"model": str(solution.model)}
     shift: Any = np.zeros(6)
     if orientation_deg is not None and frame in INERTIAL:
@@ -89,9 +128,56 @@ def in_frame(
             shift = np.concatenate([-dcm @ mission.port_position_m, np.zeros(3)])
         turn = np.asarray(np.kron(np.eye(2), dcm)[None], dtype=np.float64)
     turned = np.einsum("nij,nj->ni", np.broadcast_to(turn, (len(t), 6, 6)), state) + shift
-    turned_covariance = turn @ covariance @ np.swapaxes(turn, 1, 2)
-    symmetric = 0.5 * (turned_covariance + np.swapaxes(turned_covariance, 1, 2))
-    return FramedTrack(t, turned, symmetric, frame, said)
+    attitude: Stack | None = getattr(solution, "dcm_lvlh_from_target", None)
+    if attitude is None:
+        return FramedTrack(t, turned, _turned_covariance(turn, covariance), frame, said)
+    axes = AXES[frame]
+    said["attitude"] = (
+        f"q_{axes}_from_target: v_{axes} = R v_target, scalar last; its error and the rate are in target axes, the "
+        "same in every frame"
+    )
+    attitudes = turn[:, :3, :3] @ np.asarray(attitude)
+    return FramedTrack(
+        t, turned, _turned_covariance(turn, covariance), frame, said, attitudes, np.asarray(solution.rate_rad_s)
+    )
+
+
+def _turned_covariance(turn: Stack, covariance: Stack) -> Stack:
+    """Covariances (n, k, k) of which the first six rows turn: turn (n or 1, 6, 6)."""
+    whole = np.zeros((len(turn), *covariance.shape[1:]))
+    whole[:] = np.eye(covariance.shape[1])
+    whole[:, :6, :6] = turn
+    found = whole @ covariance @ np.swapaxes(whole, 1, 2)
+    symmetric: Stack = 0.5 * (found + np.swapaxes(found, 1, 2))
+    return symmetric
+
+
+class Turning:
+    """What turns a solution, part after part; it is checked when it is made.
+
+    Attributes
+    ----------
+    frame : str
+        One of `FRAMES`.
+    stated : dict
+        What the head of a table says of the frame: nothing where it is the filter's own.
+
+    Raises
+    ------
+    UsageError
+        As `frame_words`.
+    """
+
+    def __init__(
+        self, frame: str = OWN, mission: Any = None, orientation_deg: tuple[float, float, float] | None = None
+    ) -> None:
+        self.frame, self._mission, self._orientation_deg = frame, mission, orientation_deg
+        said = frame_words(frame, mission, orientation_deg)
+        self.stated = {} if frame == OWN else said
+
+    def __call__(self, part: Any) -> FramedTrack | None:
+        """The part in the frame; None where the frame is its own."""
+        return None if self.frame == OWN else in_frame(part, self.frame, self._mission, self._orientation_deg)
 
 
 def frame_words(frame: str, mission: Any, orientation_deg: tuple[float, float, float] | None) -> dict[str, str]:
@@ -117,7 +203,7 @@ def frame_words(frame: str, mission: Any, orientation_deg: tuple[float, float, f
     return said | {"target orbit": _orbit_words(mission.orbit, orientation_deg)}
 
 
-def _inertial(t: Vector, orbit: Orbit, orientation_deg: tuple[float, float, float]) -> tuple[Stack, Matrix]:
+def _inertial(t: Vector, orbit: Any, orientation_deg: tuple[float, float, float]) -> tuple[Stack, Matrix]:
     """Turns (n, 6, 6) from `lvlh_ccsds` into inertial axes, and the target's inertial states (n, 6)."""
     inclination, node, perigee = (math.radians(angle) for angle in orientation_deg)
     shape = orbit.mean_motion_rad_s, orbit.eccentricity, orbit.true_anomaly_rad
@@ -142,7 +228,7 @@ def lvlh_in_space(t_s: Vector, mission: Any, orientation_deg: tuple[float, float
     return _inertial(np.asarray(t_s), mission.orbit, orientation_deg)[0][:, :3, :3], said["target orbit"]
 
 
-def _orbit_words(orbit: Orbit, orientation_deg: tuple[float, float, float]) -> str:
+def _orbit_words(orbit: Any, orientation_deg: tuple[float, float, float]) -> str:
     inclination, node, perigee = orientation_deg
     return (
         f"two-body, mean motion {orbit.mean_motion_rad_s:.9g} rad/s, eccentricity {orbit.eccentricity:.9g}, true "
