@@ -63,9 +63,9 @@ def table(rows: list[tuple[str, float, float]], load: float) -> str:
     """The page's table."""
     until = {name: sum(row[1] for row in rows[: k + 1]) for k, (name, _, _) in enumerate(rows)}
     lines = [
-        "Printed by `python benchmarks/first_hour.py`, which runs the blocks above word for word in a fresh checkout and an",
-        f"empty environment: Python {platform.python_version()}, {os.cpu_count()} processors, for which {load:.1f} other",
-        "processes were waiting when it began (mean of a minute).",
+        "Printed by `python benchmarks/first_hour.py`, which runs these blocks word for word in a fresh checkout and",
+        f"an empty environment: Python {platform.python_version()}, {os.cpu_count()} processors, for which {load:.1f}",
+        "other processes were waiting when it began (mean of a minute).",
         "",
         "| block | by the clock, s | processor time, s | since the start, s |",
         "| --- | ---: | ---: | ---: |",

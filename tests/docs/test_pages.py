@@ -41,6 +41,16 @@ def test_every_tutorial_has_its_script():
     assert "acceleration_m_s2=command" in script
 
 
+def test_every_decision_has_its_rejected_option_and_its_price():
+    text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    decisions = text.partition("\n## Decisions\n")[2].partition("\n## ")[0].strip().split("\n\n")
+    assert len(decisions) > 50
+    for decision in decisions:
+        assert decision.startswith("**")
+        assert "Rejected: " in decision.replace("\n", " "), decision[:80]
+        assert "Price: " in decision.replace("\n", " "), decision[:80]
+
+
 def test_every_claim_and_reference_is_in_the_report():
     """What `benchmarks/validation.py` wrote into the page is not behind the models and the tests."""
     import relnav
