@@ -1,9 +1,13 @@
-"""Sentences of the pages can be read at first sight: none has more than forty words."""
+"""Sentences of pages and public docstrings can be read at first sight: none has more than forty words."""
 
+import inspect
 import re
 from pathlib import Path
+from types import ModuleType
 
 import pytest
+
+import relnav
 
 ROOT = Path(__file__).parents[2]
 PAGES = [
@@ -71,3 +75,25 @@ def test_a_sentence_is_counted_as_a_reader_does():
 def test_no_sentence_is_too_long(page):
     found = long_ones(page)
     assert len(found) <= EXCEPTIONS.get(str(page.relative_to(ROOT)), 0), "\n\n".join(found)
+
+
+def documented():
+    """(name, docstring) of every public function, class, method and property."""
+    found = {f"relnav.{name}": getattr(relnav, name) for name in relnav.__all__}
+    for name, module in [*found.items()]:
+        if isinstance(module, ModuleType):
+            found |= {f"{name}.{inner}": getattr(module, inner) for inner in module.__all__}
+    for name, value in [*found.items()]:
+        if isinstance(value, type):
+            found |= {f"{name}.{inner}": own for inner, own in vars(value).items() if not inner.startswith("_")}
+    texts = ((name, inspect.getdoc(value) or "") for name, value in found.items())
+    return [(name, text) for name, text in texts if re.search(r"\.\s|\.$", text)]
+
+
+def test_no_public_docstring_has_a_longer_one():
+    assert len(documented()) > 150
+    for name, text in documented():
+        text = re.sub(r"^( *[\w, ]+ : .*|.*\n *-{3,})$", "\n", text, flags=re.MULTILINE)  # parameters, headings
+        for block in blocks("\n".join(line.strip() for line in text.splitlines())):
+            for sentence in sentences(block):
+                assert len(words(sentence)) <= LONGEST, f"{name}: {' '.join(sentence)}"
