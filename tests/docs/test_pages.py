@@ -51,6 +51,15 @@ def test_every_decision_has_its_rejected_option_and_its_price():
         assert "Price: " in decision.replace("\n", " "), decision[:80]
 
 
+def test_the_glossary_has_the_words_of_the_field():
+    terms = re.findall(r"^(\S.*)\n: ", (ROOT / "docs" / "words.md").read_text(encoding="utf-8"), re.MULTILINE)
+    found = {word for term in terms for word in re.split(r", ", term)}
+    assert len(found) > 50
+    assert {"NEES", "NIS", "V-bar", "H-bar", "R-bar", "lvlh_ccsds", "PSD", "fix", "spot", "invariants", "gate"} <= found
+    assert {"port", "corridor", "K-vector", "ambiguity", "considered error", "lasting error"} <= found
+    assert {"protection level", "requirement"} <= found
+
+
 def test_every_claim_and_reference_is_in_the_report():
     """What `benchmarks/validation.py` wrote into the page is not behind the models and the tests."""
     import relnav
