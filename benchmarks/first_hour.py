@@ -1,7 +1,8 @@
 """A new user's first hour with a clock: the `sh` blocks of docs/start.md, word for word, in a fresh checkout.
 
 The files of this checkout are copied into an empty folder, and one shell runs block after block there with nothing
-installed but Python. Prints the seconds of each block and what it had written; --write puts the table into the page.
+installed but Python. Prints the seconds of each block and the processor time of all; --write puts the table into the
+page.
 
     python benchmarks/first_hour.py [--write] [--keep FOLDER]
 """
@@ -10,6 +11,7 @@ import argparse
 import os
 import platform
 import re
+import resource
 import shutil
 import subprocess
 import sys
@@ -39,9 +41,9 @@ def checkout(folder: Path) -> None:
             shutil.copy2(ROOT / name, folder / name)
 
 
-def timed(folder: Path, steps: list[tuple[str, str]]) -> list[tuple[str, float, float]]:
-    """Run the blocks in one shell; (heading, seconds by the clock, seconds of processor time) of each."""
-    stamp = 'echo "$EPOCHREALTIME $(times | tr "\\n" " ")" >> "$CLOCK"\n'
+def timed(folder: Path, steps: list[tuple[str, str]]) -> list[tuple[str, float]]:
+    """Run the blocks in one shell; heading and seconds by the clock of each."""
+    stamp = 'echo "$EPOCHREALTIME" >> "$CLOCK"\n'
     script = "set -e\n" + stamp + "".join(f"{code}{stamp}" for _, code in steps)
     kept = ("PATH", "HOME", "LANG", "TMPDIR", "PIP_INDEX_URL", "PIP_CACHE_DIR", "SSL_CERT_FILE")
     plain = {key: os.environ[key] for key in kept if key in os.environ}
@@ -51,27 +53,25 @@ def timed(folder: Path, steps: list[tuple[str, str]]) -> list[tuple[str, float, 
         clock = Path(caches) / "clock"
         plain |= {"CLOCK": str(clock), "NUMBA_CACHE_DIR": caches, "MPLCONFIGDIR": caches}
         done = subprocess.run(["bash", "-c", script], cwd=folder, env=plain, check=False)
-        marks = [line.split() for line in clock.read_text().splitlines()]
+        marks = [float(line) for line in clock.read_text().splitlines()]
     if done.returncode != 0:
         sys.exit(f"block {len(marks)} failed: exit code {done.returncode}")
-    spent = [float(mark[0]) for mark in marks]
-    cpu = [sum(60.0 * float(m) + float(s) for m, s in re.findall(r"(\d+)m([\d.]+)s", " ".join(mark))) for mark in marks]
-    return [(steps[k][0], spent[k + 1] - spent[k], cpu[k + 1] - cpu[k]) for k in range(len(steps))]
+    return [(name, marks[k + 1] - marks[k]) for k, (name, _) in enumerate(steps)]
 
 
-def table(rows: list[tuple[str, float, float]], load: float) -> str:
+def table(rows: list[tuple[str, float]], load: float, cpu_s: float) -> str:
     """The page's table."""
-    until = {name: sum(row[1] for row in rows[: k + 1]) for k, (name, _, _) in enumerate(rows)}
+    until = [sum(clock for _, clock in rows[: k + 1]) for k in range(len(rows))]
     lines = [
         "Printed by `python benchmarks/first_hour.py`, which runs these blocks word for word in a fresh checkout and",
-        f"an empty environment: Python {platform.python_version()}, {os.cpu_count()} processors, for which {load:.1f}",
-        "other processes were waiting when it began (mean of a minute).",
+        f"an empty environment: Python {platform.python_version()}, {os.cpu_count()} processors, which had {load:.1f}",
+        "processes to run when it began (mean of a minute).",
         "",
-        "| block | by the clock, s | processor time, s | since the start, s |",
-        "| --- | ---: | ---: | ---: |",
-        *(f"| {name} | {clock:.0f} | {cpu:.0f} | {until[name]:.0f} |" for name, clock, cpu in rows),
+        "| block | by the clock, s | since the start, s |",
+        "| --- | ---: | ---: |",
+        *(f"| {name} | {clock:.0f} | {at:.0f} |" for (name, clock), at in zip(rows, until, strict=True)),
         "",
-        "Reading and editing are not in it.",
+        f"Processor time in all: {cpu_s:.0f} s. Reading and editing are not in it.",
     ]
     return "\n".join(lines) + "\n"
 
@@ -89,7 +89,8 @@ def main() -> None:
         checkout(folder)
         rows = timed(folder, blocks(PAGE.read_text("utf-8")))
         missing = [name for name in (PLOT, VEHICLE) if not (folder / name).is_file()]
-    said = table(rows, load)
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    said = table(rows, load, used.ru_utime + used.ru_stime)
     print(said)
     if missing:
         sys.exit(f"not written: {', '.join(missing)}")
