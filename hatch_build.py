@@ -4,9 +4,13 @@ What is compiled is the package's own code, run here as a user runs it (`FLIGHTS
 side by side; the files that it leaves are put into the wheel (`relnav/codegen/store.py`), which then is one for this
 platform and this Python. On another processor of that platform they do not fit and are left alone. RELNAV_PREBUILD=0 in
 the environment builds a wheel without them, for any platform: `py3-none-any`.
+
+It also makes the description that an index shows: the README, whose links into the checkout lead to the repository that
+`[project.urls]` names as `Source`, or are left out as long as none is named.
 """
 
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -14,11 +18,35 @@ from pathlib import Path
 
 try:
     from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+    from hatchling.metadata.plugin.interface import MetadataHookInterface
 except ImportError:  # run as one of the flights
-    BuildHookInterface = object
+    BuildHookInterface = MetadataHookInterface = object
 
 ROOT = Path(__file__).resolve().parent
 PLACE = "relnav/compiled"
+
+
+def for_an_index(text, source):
+    """Text of the README without a link into the checkout: they lead into `source`, or fall away where it is empty."""
+
+    def link(found):
+        picture, words, path = found.groups()
+        if not source:
+            return "" if picture else words
+        return f"{picture}[{words}]({source.rstrip('/')}/{'raw' if picture else 'blob'}/HEAD/{path})"
+
+    return re.sub(r"(!?)\[([^\]]*)\]\((?!https?:|#)([^)\s]+)\)", link, text)
+
+
+class Description(MetadataHookInterface):
+    """The package's description as an index shows it."""
+
+    PLUGIN_NAME = "custom"
+
+    def update(self, metadata):
+        """Fill in what pyproject.toml declares as dynamic."""
+        text = for_an_index((ROOT / "README.md").read_text("utf-8"), metadata.get("urls", {}).get("Source", ""))
+        metadata["readme"] = {"content-type": "text/markdown", "text": text}
 
 
 class Prebuild(BuildHookInterface):

@@ -1,8 +1,8 @@
-"""Mutation testing of the mathematical rooms: an operator, number or choice of a formula is changed, a test must fail.
+"""Mutation testing of the formulas: an operator, number or choice of a formula is changed, a test must fail.
 
 A mutant is made in memory, where the module is imported, and its tests run in a child of a process that has loaded
 numpy and pytest already: kernels as plain Python (`RELNAV_JIT=0`), so that nothing is compiled. The tests of a module
-are those of the files that name it, its own room's first, as far as the time allows. A mutant is killed if a test
+are those of the files that name it, its own package's first, as far as the time allows. A mutant is killed if a test
 fails, or if they take five times as long.
 
     python benchmarks/mutation.py [--sample 100] [--seed 0] [--module relnav/estimation/factored.py] [--json FILE]
@@ -216,7 +216,7 @@ def run_tests(tests: list[str], mutant: Mutant | None, limit_s: float, watch: St
 
 
 def tests_of(path: Path, timed: dict[str, dict[str, float]]) -> dict[str, float]:
-    """Tests of the files that name a module, its own room's first, and how long they take: as far as the time goes."""
+    """Tests of the files that name a module, its package's first, and their durations: as far as the time goes."""
     module = str(path.relative_to(ROOT)).removesuffix(".py").replace("/", ".")
     package, name = module.rpartition(".")[0], module.rpartition(".")[2]
     took: dict[str, float] = {}
@@ -250,7 +250,7 @@ def judged() -> dict[tuple[str, str, str], str]:
 def main() -> None:
     """Run and report."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--sample", type=int, default=100, help="Mutants of each room; 0: all of them.")
+    parser.add_argument("--sample", type=int, default=100, help="Mutants of each package; 0: all of them.")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--module", type=Path, action="append")
     parser.add_argument("--seconds", type=float, default=float("inf"), help="Begin no mutant after that long.")

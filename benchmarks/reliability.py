@@ -3,7 +3,7 @@
 python benchmarks/reliability.py [--cases 1000] [--runs 200] [--sample 100]      (hours)
 python benchmarks/reliability.py --add fuzzing.json interruption.json mutation.json    (of runs made before)
 
-What each target, command or room gave when it was last tried stands in docs/reliability.json, from which the page is
+What each target, command or package gave when it was last tried stands in docs/reliability.json, from which the page is
 written; a file that is added, written by one of the scripts with --json, replaces what stands there of the same name.
 """
 
@@ -66,11 +66,11 @@ def page(runs: dict[str, list[dict[str, Any]]]) -> str:
     lines = [
         "# Reliability",
         "",
-        f"Written by `python benchmarks/reliability.py` from `docs/reliability.json`. {total(fuzzed, 'cases')} files "
-        f"and {total(called, 'cases')} calls made to break it, {total(ended, 'runs')} interrupted runs, "
+        f"Written by `python benchmarks/reliability.py` from `docs/reliability.json`. {total(fuzzed, 'cases')} hostile "
+        f"files and {total(called, 'cases')} hostile calls, {total(ended, 'runs')} interrupted runs, "
         f"{total(runs['mutation'], 'tried')} mutants; **{len(faults)} faults** are open. What was tried, how often and "
         "when stands in each table; by default the command tries more: 1,000 cases a target, 200 runs a command, 100 "
-        "mutants a room. A target in which a fault was found was run anew after it was mended, the others were not.",
+        "mutants a package. A target in which a fault was found was run anew after it was mended, the others were not.",
         "",
         FUZZED,
     ]
@@ -114,44 +114,52 @@ def survivor(one: dict[str, Any]) -> str:
     return f"- `{one['path']}:{one['line']}`: `{one['before']}` as `{one['after']}`: {why}"
 
 
-FUZZED = """## Files made to break it
+FUZZED = """## Hostile files
 
 `python benchmarks/fuzzing.py --cases N`: good files with names, cells, lines, keys, types, numbers and bytes exchanged
-(hypothesis; the strategies are in the script). A fault is: an exception that is not documented, a warning, a message
-with control characters or without the file's name, 5 s of processor time for one file, 1 GiB of memory, a number of a
-track that is not finite, a covariance that is not positive definite. The test suite runs a part of them
-(`tests/files/test_fuzzing.py`).
+(hypothesis; the strategies are in the script). The test suite runs a part of them (`tests/files/test_fuzzing.py`). A
+fault is any of these:
+
+- an exception that is not documented, or a warning;
+- a message with control characters or without the file's name;
+- 5 s of processor time for one file, or 1 GiB of memory;
+- a number of a track that is not finite, or a covariance that is not positive definite.
 
 | target | files | read | refused in a sentence | faults | memory so far, MiB | tried on |
 | --- | ---: | ---: | ---: | ---: | ---: | --- |"""
-CALLED = """## Calls made to break it
+CALLED = """## Hostile calls
 
 `python benchmarks/fuzzing_calls.py --cases N`: every public call with numbers, shapes, types, times and masks
-exchanged, in sequences where an object remembers. A fault is: an error that is no ValueError with a printable sentence,
-a warning, 5 s of processor time, an argument that was changed, a value that is not finite, a covariance that is not
-positive definite, an object that a refused call changed, a record that changed later. The test suite runs some of them
-(`tests/navigation/test_fuzzed_calls.py`).
+exchanged, in sequences where an object remembers. The test suite runs some of them
+(`tests/navigation/test_fuzzed_calls.py`). A fault is any of these:
+
+- an error that is no ValueError with a printable sentence, or a warning;
+- 5 s of processor time;
+- an argument that was changed, an object that a refused call changed, or a record that changed later;
+- a value that is not finite, or a covariance that is not positive definite.
 
 | call | made | given | refused in a sentence | no value, with its status | faults | tried on |
 | --- | ---: | ---: | ---: | ---: | ---: | --- |"""
 ENDED = """## Interrupted runs
 
 `python benchmarks/interruption.py --runs N`. Each command is sent SIGINT, SIGTERM and SIGKILL in turn at times drawn
-evenly over its run (plain Python). A fault is: an output that is neither the old file nor the new one byte by byte; new
-and old outputs of one command side by side after SIGINT or SIGTERM; anything hidden that is left behind, but for one
-folder after SIGKILL, which the next run has to remove. Codes: 130 and 143 are relnav's own; -2 and -15 mean that Python
-itself was still starting.
+evenly over its run (plain Python). Codes: 130 and 143 are relnav's own; -2 and -15 mean that Python itself was still
+starting. A fault is any of these:
+
+- an output that is neither the old file nor the new one byte by byte;
+- new and old outputs of one command side by side after SIGINT or SIGTERM;
+- anything hidden that is left behind, but for one folder after SIGKILL, which the next run has to remove.
 
 | command | runs | had finished | folder left by SIGKILL | exit codes | faults | tried on |
 | --- | ---: | ---: | ---: | --- | ---: | --- |"""
-MUTATED = """## Mutants of the mathematical rooms
+MUTATED = """## Mutants of the formulas
 
 `python benchmarks/mutation.py --sample N`: one operator, comparison, number or function of a formula is exchanged, and
-the tests that name its module have to fail, in plain Python and within some twenty seconds. Of what a room or a module
-holds a random sample is tried. Survivors that change no answer are judged in `benchmarks/mutation_judged.toml`, with
-the reason.
+the tests that name its module have to fail, in plain Python and within some twenty seconds. Of what a package or a
+module holds a random sample is tried. Survivors that change no answer are judged in
+`benchmarks/mutation_judged.toml`, with the reason.
 
-| room or module | possible | tried | killed | judged harmless | survive | tried on |
+| package or module | possible | tried | killed | judged harmless | survive | tried on |
 | --- | ---: | ---: | ---: | ---: | ---: | --- |"""
 PYTHONS = """## Pythons
 
@@ -181,9 +189,9 @@ A log comes from a file, a named pipe, `<(...)`, `/dev/stdin` or `-`; a pipe is 
 pipes or `-`: they are given the whole file at the end. What `relnav` prints beside a file on standard output goes to
 standard error. A killed run leaves at most one folder `.NAME.relnav-part` beside its output.
 
-Not covered: commands that are in no table (`campaign`, which goes on where it was stopped, among them), an output on a
-file system without renaming, files changed by others while they are read, and signals that
-arrive before Python has started (nothing is written by then).
+Not covered: commands that are in no table (among them `campaign`, which goes on where it was stopped), an output on a
+file system without renaming, and files changed by others while they are read. Nor are signals that arrive before Python
+has started; nothing is written by then.
 """
 
 

@@ -13,7 +13,7 @@ author = "The relnav founders"
 copyright = "the relnav founders, MIT licence"  # noqa: A001  (Sphinx's name)
 release = version = version_of("relnav")
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc", "mathml", "generated"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc", "mathml", "generated", "notebooks"]
 exclude_patterns = ["_ext"]
 root_doc = "index"
 

@@ -14,6 +14,7 @@ from types import FunctionType, ModuleType
 
 import click
 import keys
+import messages
 
 import relnav
 from relnav.cli import root
@@ -149,7 +150,13 @@ def names() -> str:
     return "\n".join([*lines, "```", ""])
 
 
-MAKERS = {"commands": commands, "names": names, "keys": keys.keys, "shipped models": keys.shipped}
+MAKERS = {
+    "commands": commands,
+    "names": names,
+    "keys": keys.keys,
+    "messages": messages.messages,
+    "shipped models": keys.shipped,
+}
 
 
 def linked(text: str, home: Path, page: Path) -> str:

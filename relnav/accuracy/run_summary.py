@@ -140,7 +140,7 @@ class RunSummary:
         names = ", ".join(f"{one.name} {self.alarms[one]}" for one in Alarm if self.alarms[one])
         return (
             f"ALARM in {self.alarmed} epochs, {self.alarm_first_s:.12g} s to {self.alarm_last_s:.12g} s "
-            f"(epochs: {names}): states there are not to be relied on"
+            f"(epochs: {names}): do not use the states there"
         )
 
     @property

@@ -41,7 +41,7 @@ _input, _filter_options, _output, _picture = map(OptionsOf, ("Input", "Filter", 
     "--follow",
     is_flag=True,
     help="LOG (CSV) is still being written, or - comes through a pipe: each estimate is written as soon as its row has "
-    "come, until the input ends or Ctrl-C. A row that is none is told and left out.",
+    "come, until the input ends or Ctrl-C. A line that is no row is reported and left out.",
 )
 @_filter_options(
     "--method",

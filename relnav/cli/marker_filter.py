@@ -166,7 +166,7 @@ def lines(figures: dict[str, Any], name: str) -> list[str]:
     if figures["epochs_ambiguous"]:
         out.append(
             f"{figures['epochs_ambiguous']} epochs with more than one possible pose: columns 'hypotheses', 'ambiguity' "
-            "(below 18.4 do not rely on the attitude)"
+            "(below 18.4 do not use the attitude)"
         )
     if figures["epochs_unobservable"]:
         out.append(
@@ -176,7 +176,7 @@ def lines(figures: dict[str, Any], name: str) -> list[str]:
     said = [f"{one.name} {figures[f'epochs_{name}']}" for name, one in _MONITORS.items() if figures[f"epochs_{name}"]]
     if said:
         alarmed = f"ALARM in {figures['epochs_alarmed']} epochs (epochs: {', '.join(said)})"
-        out.append(f"{alarmed}: states there are not to be relied on")
+        out.append(f"{alarmed}: do not use the states there")
     if figures["epochs_exchanged"]:
         seen = figures["epochs_exchanged"]
         out.append(f"{seen} images of markers that look exchanged, not used: 'alarm' {int(Alarm.EXCHANGED)}")

@@ -53,11 +53,12 @@ def write(
     solution : Solution or PoseSolution
         From `filter_log`.
     path : str or path
-        Ends in `.csv`, `.jsonl` (an object a row) or `.parquet` (needs pyarrow): a table; empty or null: no state yet.
-        `.mat`: MATLAB; `.nc`, `.h5`: netCDF-4, which is HDF5, with CF units (needs xarray, h5netcdf and h5py); `.mcap`:
-        poses with covariance for Foxglove (needs mcap); `.rosbag2`: a bag of ROS 2 (needs rosbags); `.oem`, `.aem`:
-        CCSDS ephemeris with covariance, and attitude of the target; `.bsp`, `.bc`: SPICE's ephemeris, and attitudes of
-        target and chaser with the clock `.tsc` beside them (needs spiceypy). A file appears whole or not at all.
+        Its ending is the format; a file appears whole or not at all. Tables are `.csv`, `.jsonl` (an object a row) and
+        `.parquet` (needs pyarrow); empty or null: no state yet. `.mat` is MATLAB. `.nc` and `.h5` are netCDF-4, which
+        is HDF5, with CF units (needs xarray, h5netcdf and h5py). `.mcap` has poses with covariance for Foxglove (needs
+        mcap), `.rosbag2` is a bag of ROS 2 (needs rosbags). `.oem` and `.aem` are CCSDS ephemeris with covariance, and
+        attitude of the target. `.bsp` and `.bc` are SPICE's ephemeris, and attitudes of target and chaser with the
+        clock `.tsc` beside them (needs spiceypy).
     frame, orientation_deg, model
         Frame of states, attitudes and covariances, as for `Solution.in_frame`. `.aem` and `.bc` hold attitudes in
         inertial axes alone.

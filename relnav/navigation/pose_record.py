@@ -110,7 +110,7 @@ class PoseRecord:
 
     @property
     def alarm(self) -> Alarm:
-        """What monitors say, or an image shows: unless it is NONE (0) the state is not to be relied on."""
+        """What monitors say, or an image shows: unless it is NONE (0) do not use the state."""
         return Alarm(int(self.epoch["alarm"]))
 
     @property
@@ -127,7 +127,7 @@ class PoseRecord:
     def ambiguity(self) -> float:
         """Twice the log of the odds of that one against the next; infinite if there is no other.
 
-        Below 18.4 (odds of ten thousand, as in `PoseMeasurement`) do not rely on the attitude.
+        Below 18.4 (odds of ten thousand, as in `PoseMeasurement`) do not use the attitude.
         """
         return float(self.epoch["ambiguity"])
 
@@ -276,7 +276,7 @@ class PoseSolution(Presented):
 
     @property
     def ambiguity(self) -> Vector:
-        """Infinite where one pose is left; below 18.4 do not rely on the attitude, (n,)."""
+        """Infinite where one pose is left; below 18.4 do not use the attitude, (n,)."""
         return np.asarray(self.epochs["ambiguity"])
 
     @property

@@ -128,7 +128,7 @@ class FilterRecord:
 
     @property
     def alarm(self) -> Alarm:
-        """What the monitors say: unless it is NONE (0) the state is there, but not to be relied on."""
+        """What the monitors say: unless it is NONE (0) do not use the state."""
         return Alarm(_whole(self._memory, _AT["alarm"])[0])
 
     @property
@@ -172,7 +172,7 @@ class Solution(Presented):
     status, measurement_status : (n,)
         Codes of EpochStatus and Status.
     alarm : (n,)
-        Bits of Alarm: where one is set the state is not to be relied on.
+        Bits of Alarm: where one is set do not use the state.
     model, method : str
         What made it.
     restarts : int

@@ -166,8 +166,8 @@ class Navigator:
             Detector coordinates of beacons A, B, C, m; NaN = not seen.
         image_t_s : float, optional
             Middle of the exposure, at most the model's `longest_delay_s` before t_s: the image is taken in there, and
-            all that came after it done again. One that is later than that is not used (`TOO_LATE`). What else is told
-            of the image, attitude and noise, is of the exposure too.
+            all that came after it done again. One that is later than that is not used (`TOO_LATE`). What else is
+            stated of the image, attitude and noise, is of the exposure too.
         acceleration_m_s2 : (3,), optional
             Commanded acceleration in `lvlh_ccsds`, held since the last step.
         delta_v_m_s : (3,), optional

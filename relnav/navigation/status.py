@@ -33,7 +33,7 @@ LOST = -1
 
 
 class Alarm(IntFlag):
-    """What the monitors say beside an epoch: the state is not to be relied on unless it is NONE."""
+    """What the monitors say beside an epoch: do not use the state unless it is NONE."""
 
     NONE = 0
     """Nothing."""

@@ -104,7 +104,7 @@ class AsBuilt:
 
 @dataclass(frozen=True)
 class Results:
-    """What is told of every run.
+    """What is reported of every run.
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ class Results:
 
 @dataclass(frozen=True)
 class Scenario:
-    """An approach, what is uncertain about it, and what is told of it.
+    """An approach, what is uncertain about it, and what is reported of it.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class Scenario:
     spread, thrust, images, as_built
         What is uncertain.
     results : Results
-        What is told of every run of a campaign.
+        What is reported of every run of a campaign.
     """
 
     approach: Approach = field(default_factory=Approach)

@@ -126,7 +126,7 @@ class VehicleEstimate:
 
     @property
     def alarms(self) -> tuple[str, ...]:
-        """Sensors in alarm: while there is one the estimate is not to be relied on."""
+        """Sensors in alarm: while there is one do not use the estimate."""
         return tuple(name for name, health in self.sensors.items() if health.alarm)
 
 
@@ -170,7 +170,7 @@ class VehicleNavigator:
     vehicle, layout
         What flies, and the blocks of its errors.
     on_outcome : callable or None
-        Called with every (event, outcome), again where it is done again: what each observation told.
+        Called with every (event, outcome), again where it is done again: what became of each observation.
     """
 
     def __init__(

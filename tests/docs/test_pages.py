@@ -7,6 +7,18 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md"), ROOT / "models" / "README.md"])
+TUTORIALS = {
+    "filter_your_log",
+    "close_a_loop",
+    "your_own_sensor",
+    "your_own_measurement",
+    "compare_with_a_paper",
+    "design_a_beacon_pattern",
+    "night_sky_to_attitude",
+    "calibrate_a_sun_sensor",
+    "one_vehicle",
+    "fly_a_campaign",
+}
 FOLDERS = ("relnav", "tests", "benchmarks", "examples", "models", "docs", "tools")
 
 
@@ -23,8 +35,29 @@ def test_files_that_are_named_exist(page):
 def test_every_tutorial_has_its_script():
     scripts = {path.stem for path in (ROOT / "examples").glob("*.py")}
     tutorials = {path.stem for path in (ROOT / "docs" / "tutorials").glob("*.md")} - {"index"}
-    assert scripts == tutorials
-    assert len(tutorials) >= 9
+    assert scripts == tutorials == TUTORIALS
+    script = (ROOT / "examples" / "close_a_loop.py").read_text(encoding="utf-8")
+    assert len(script.splitlines()) <= 40
+    assert "acceleration_m_s2=command" in script
+
+
+def test_every_decision_has_its_rejected_option_and_its_price():
+    text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    decisions = text.partition("\n## Decisions\n")[2].partition("\n## ")[0].strip().split("\n\n")
+    assert len(decisions) > 50
+    for decision in decisions:
+        assert decision.startswith("**")
+        assert "Rejected: " in decision.replace("\n", " "), decision[:80]
+        assert "Price: " in decision.replace("\n", " "), decision[:80]
+
+
+def test_the_glossary_has_the_words_of_the_field():
+    terms = re.findall(r"^(\S.*)\n: ", (ROOT / "docs" / "words.md").read_text(encoding="utf-8"), re.MULTILINE)
+    found = {word for term in terms for word in re.split(r", ", term)}
+    assert len(found) > 50
+    assert {"NEES", "NIS", "V-bar", "H-bar", "R-bar", "lvlh_ccsds", "PSD", "fix", "spot", "invariants", "gate"} <= found
+    assert {"port", "corridor", "K-vector", "ambiguity", "considered error", "lasting error"} <= found
+    assert {"protection level", "requirement"} <= found
 
 
 def test_every_claim_and_reference_is_in_the_report():

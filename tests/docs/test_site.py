@@ -1,6 +1,7 @@
 """The documentation builds as a site without network, every warning an error, and its generated pages are complete."""
 
 import importlib.util
+import json
 import os
 import re
 import subprocess
@@ -69,6 +70,25 @@ def test_every_key_is_there(text):
     shipped = text("reference/shipped.html")
     for name in relnav.list_models():
         assert relnav.load_model(name).title in shipped, name
+
+
+def test_every_message_is_there(text):
+    page = text("reference/messages.html")
+    for message in (
+        'method must be "spots" or "fix"; got ...',
+        "cells separated by commas are expected in the header; got ...",
+        "the folder ... does not exist; make it, or write elsewhere",
+    ):
+        assert message in page, message
+    assert page.count("(ValueError)") > 200
+    assert page.count("Error)") > 450
+
+
+def test_notebooks_are_offered(site):
+    for page in (ROOT / "docs" / "tutorials").glob("*.md"):
+        if page.stem != "index":
+            assert f'href="{page.stem}.ipynb"' in (site / "tutorials" / f"{page.stem}.html").read_text(encoding="utf-8")
+            assert json.loads((site / "tutorials" / f"{page.stem}.ipynb").read_text(encoding="utf-8"))["nbformat"] == 4
 
 
 def test_formulas_are_mathml_and_nothing_comes_from_elsewhere(site):

@@ -188,7 +188,7 @@ def test_the_track_and_the_summary_name_alarms(model, log, tmp_path):
     summary.take(solution)
     line = next(line for line in summary.lines("log") if line.startswith("ALARM"))
     assert "STUCK" in line
-    assert "not to be relied on" in line
+    assert "do not use the states there" in line
     assert summary.to_dict()["epochs_by_alarm"]["stuck"] == int((solution.alarm & 8 > 0).sum())
 
 

@@ -119,7 +119,7 @@ class AttitudeRecord:
         """What became of the epoch.
 
         WAITING: no state; UPDATED; STARTED, anew or for the first time; PREDICTED: nothing was measured; REJECTED: the
-        latest measured attitude contradicts the state, which is a prediction and not to be relied on. It stays so over
+        latest measured attitude contradicts the state, which is a prediction and must not be used. It stays so over
         epochs without a measurement.
         """
         return EpochStatus(self._status)

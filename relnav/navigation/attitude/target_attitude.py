@@ -41,7 +41,7 @@ class TargetAttitude:
     Attributes
     ----------
     memory : (1,)
-        All that the filter was told and has learnt, of type `prediction.MEMORY`.
+        All that the filter was given and has learnt, of type `prediction.MEMORY`.
     """
 
     def __init__(

@@ -44,7 +44,7 @@ def measure(
     -------
     SunDirection
         Bad data never raise: the status says why there is no value (NOT_SEEN, SATURATED, AT_EDGE, OFF_DETECTOR,
-        DEGENERATE for spots too close to be told apart, NO_CONVERGENCE for two that no sun direction explains,
+        DEGENERATE for spots too close to be separated, NO_CONVERGENCE for two that no sun direction explains,
         OUTSIDE_FIELD).
 
     Raises

@@ -69,7 +69,7 @@ def polarised_roll(sensor: BirefringentSunSensor, s: Vector, photons_o: float, p
 
     Notes
     -----
-    With rho = sqrt(I_o / I_e): (A_1 cos + A_2 sin) = +-rho (B_1 cos + B_2 sin), A and B the amplitudes of the modes;
+    With rho = sqrt(I_o / I_e): (A_1 cos + A_2 sin) = +-rho (B_1 cos + B_2 sin), A and B the amplitudes of the modes.
     sigma = sqrt(1/I_o + 1/I_e) / |d ln(I_o / I_e) / d psi|, which is 1 / (2 sqrt N) for a lossless crystal on axis.
     """
     if not (photons_o > 0.0 and photons_e > 0.0):

@@ -120,8 +120,9 @@ def find_stars(
 
     Notes
     -----
-    A centre moves by sum(w n d) / (sum(w I) (1 - m / sigma^2)) for noise n, window w of 1-sigma sigma, distance d from
-    the centre and light moment m = sum(w I d^2) / sum(w I): the derivative of sum(w I d) = 0. Its covariance follows.
+    With noise n, a window w of 1-sigma sigma, distances d from the centre and the light's moment
+    m = sum(w I d^2) / sum(w I), a centre moves by sum(w n d) / (sum(w I) (1 - m / sigma^2)). This is the derivative of
+    sum(w I d) = 0. Its covariance follows.
     """
     counts, most_counts = _checked(image, threshold_sigma, saturation, electrons_per_count, most)
     dead, full = ~np.isfinite(counts), counts >= most_counts

@@ -35,7 +35,7 @@ def depth_iteration(rays: Matrix, points_m: Matrix, start_m: Vector, *, most: in
 
     Returns
     -------
-    Distances (3,) m, NaN if it did not settle (whichever root it settled on), and the steps taken.
+    Distances (3,) m, NaN if it did not converge (whichever root it converged to), and the steps taken.
     """
     m, s = np.asarray(rays, dtype=np.float64), np.asarray(points_m, dtype=np.float64)
     d = np.array(start_m, dtype=np.float64)

@@ -84,10 +84,9 @@ def measure(
     labelled : bool
         False: any number of spots in any order; which marker made which is found, and stands in `labels`.
     method : {"exact", "small_angle"}, optional
-        "exact" is P3P and Gauss-Newton; "small_angle" is the analytic solution of Liu, Xu, Xu (2013),
-        "Vision-based relative navigation for autonomous rendezvous and docking of spacecraft", about the
-        prior's attitude, whose covariance is that of the noise and leaves its own error out (about 0.007 deg per square
-        degree at best).
+        "exact" is P3P and Gauss-Newton. "small_angle" is the analytic solution of Liu, Xu, Xu (2013), "Vision-based
+        relative navigation for autonomous rendezvous and docking of spacecraft", about the prior's attitude. Its
+        covariance is that of the noise and leaves its own error out (about 0.007 deg per square degree at best).
 
     Returns
     -------

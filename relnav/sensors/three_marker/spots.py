@@ -33,7 +33,7 @@ class Spots:
     saturated, blended, clipped : (k,)
         A pixel is full; the blob is not round or has several peaks (two markers, or motion); it touches the image's
         edge. The covariance of such a spot is not to be trusted. Two blobs less than about 1.5 of their 1-sigma radii
-        apart look like one round one and are not told.
+        apart look like one round one and are not recognised.
     """
 
     spots_px: Matrix
