@@ -10,13 +10,13 @@ the difference, so that the limit needs no knowledge of it; what is left has the
 with q, q' the sums of squared weights of the two means, P' the covariance when the older one was made. Innovations of a
 filter that weighs rightly are white, and means of them need R q alone while H P H' is small beside R. One that takes
 lasting errors for noise weighs its images less, and its innovations, as all residuals of the updated state, share the
-state's error for as long as the filter remembers (30 to 50 s): what of it differs over 20 s is half of 2 H P H'. What
-lasts shows in a row by less or more as the geometry changes: sqrt(c) - sqrt(c') of it, squared, is added. And
+state's error for as long as the filter remembers (30 to 50 s): what of it differs over 20 s is half of 2 H P H'. And
 the older mean is compared with zero: it has the variance R q' + H P H' + c, c what lasting errors may leave in the row,
-not divided by the number of images: E - H S squared (`considered.py`), their effect less what the state has taken up.
+not divided by the number of images: E - H S squared (`considered.py`), their effect less what the state has taken up,
+its sigma averaged as the innovations are. After a start H P H' falls by powers of ten, and means still hold innovations
+from before: instead of H P H' they have its sum with squared weights, where that is more.
 
 The third is scatter: squared innovations about their own mean of the last second, over three seconds, for each group.
-A mean of innovations has at most the mean of their H P H' besides its noise; after a start that falls by powers of ten.
 
 A step that was too long may be a gap in the images, or a jump of the clock. If a jump by all of it would matter, the
 clock is doubted until images have decided (`clock_monitor.py`).
@@ -121,9 +121,9 @@ def watched_type() -> np.dtype[np.void]:
             ("middle", _F, 3),
             ("usual", _F, 3),
             ("usual_state", _F, 3),
-            ("usual_spread", _F, 3),
+            ("usual_spread", _F, 3),  # mean 1-sigma of what lasts
+            ("usual_white", _F, 3),  # of the older mean, and of the short one: H P H', as of white innovations
             ("fast_state", _F, 3),
-            ("spread", _F, 3),  # 1-sigma of what lasts
             ("scatter", _F),
             ("fast_share", _F),
             ("middle_share", _F),
@@ -183,7 +183,7 @@ def _take(group: Record, dt: float, learning: bool) -> None:
     fast, middle = max(first, dt / (dt + FAST_S)), max(first, dt / (dt + MIDDLE_S))
     value, noise, state = group["value"], group["noise"], group["state"]
     mean, longer, usual, usual_state = group["fast"], group["middle"], group["usual"], group["usual_state"]
-    fast_state, spread, usual_spread = group["fast_state"], group["spread"], group["usual_spread"]
+    fast_state, usual_white, usual_spread = group["fast_state"], group["usual_white"], group["usual_spread"]
     if group["images"] == 1:
         group["fast_share"], group["middle_share"], group["scatter_share"], group["scatter"] = 1.0, 1.0, 1.0, 1.0
     else:
@@ -197,9 +197,8 @@ def _take(group: Record, dt: float, learning: bool) -> None:
         group["fast_share"] = _mean_share(group["fast_share"], fast)
         group["middle_share"] = _mean_share(group["middle_share"], middle)
     for k in range(group["rows"]):
-        spread[k] = math.sqrt(group["lasting"][k])
         mean[k] = value[k] if group["images"] == 1 else mean[k] + fast * (value[k] - mean[k])
-        fast_state[k] = state[k] if group["images"] == 1 else fast_state[k] + fast * (state[k] - fast_state[k])
+        fast_state[k] = (1.0 - fast) * (1.0 - fast) * fast_state[k] + fast * fast * state[k]
         longer[k] = value[k] if group["images"] == 1 else longer[k] + middle * (value[k] - longer[k])
     if learning:
         group["learnt"] += 1
@@ -210,7 +209,8 @@ def _take(group: Record, dt: float, learning: bool) -> None:
         for k in range(group["rows"]):
             usual[k] += slow * (value[k] - usual[k])
             usual_state[k] += slow * (state[k] - usual_state[k])
-            usual_spread[k] += slow * (spread[k] - usual_spread[k])
+            usual_spread[k] += slow * (math.sqrt(group["lasting"][k]) - usual_spread[k])
+            usual_white[k] = (1.0 - slow) * (1.0 - slow) * usual_white[k] + slow * slow * state[k]
 
 
 @kernel
@@ -222,8 +222,7 @@ def _shift(group: Record) -> tuple[float, float, float]:
     mean, longer, usual = group["fast"], group["middle"], group["usual"]
     largest, short, long = 0.0, 0.0, 0.0
     for k in range(group["rows"]):
-        noise, change = group["noise"][k], group["spread"][k] - group["usual_spread"][k]
-        common = 0.5 * (group["state"][k] + group["usual_state"][k]) + change * change
+        noise, common = group["noise"][k], 0.5 * (group["state"][k] + group["usual_state"][k])
         off = mean[k] - usual[k]
         one = off * off / (noise * (group["fast_share"] + group["usual_share"]) + common)
         off = longer[k] - usual[k]
@@ -244,7 +243,7 @@ def _contradicts(group: Record, limit2: float) -> bool:
     """Whether the usual mean is more than lasting errors and the state's explain."""
     for k in range(group["rows"]):
         usual = group["usual"][k]
-        state = max(group["state"][k], group["usual_state"][k])
+        state = max(group["state"][k], group["usual_white"][k])
         known = group["noise"][k] * group["usual_share"] + state + group["usual_spread"][k] ** 2
         if usual * usual > limit2 * known:
             return True
