@@ -14,7 +14,7 @@ state's error for as long as the filter remembers (30 to 50 s): what of it diffe
 the older mean is compared with zero: it has the variance R q' + H P H' + c, c what lasting errors may leave in the row,
 not divided by the number of images: E - H S squared (`considered.py`), their effect less what the state has taken up,
 its sigma averaged as the innovations are. After a start H P H' falls by powers of ten, and means still hold innovations
-from before: instead of H P H' they have its sum with squared weights, where that is more.
+from before: instead of H P H' they have its sum with squared weights, where that is more. Scatter takes all of it.
 
 The third is scatter: squared innovations about their own mean of the last second, over three seconds, for each group.
 
@@ -122,7 +122,7 @@ def watched_type() -> np.dtype[np.void]:
             ("usual", _F, 3),
             ("usual_state", _F, 3),
             ("usual_spread", _F, 3),  # mean 1-sigma of what lasts
-            ("usual_white", _F, 3),  # of the older mean, and of the short one: H P H', as of white innovations
+            ("usual_white", _F, 3),  # H P H' in it, as of white innovations
             ("fast_state", _F, 3),
             ("scatter", _F),
             ("fast_share", _F),
@@ -198,7 +198,7 @@ def _take(group: Record, dt: float, learning: bool) -> None:
         group["middle_share"] = _mean_share(group["middle_share"], middle)
     for k in range(group["rows"]):
         mean[k] = value[k] if group["images"] == 1 else mean[k] + fast * (value[k] - mean[k])
-        fast_state[k] = (1.0 - fast) * (1.0 - fast) * fast_state[k] + fast * fast * state[k]
+        fast_state[k] += fast * (state[k] - fast_state[k])
         longer[k] = value[k] if group["images"] == 1 else longer[k] + middle * (value[k] - longer[k])
     if learning:
         group["learnt"] += 1
