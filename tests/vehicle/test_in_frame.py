@@ -85,9 +85,11 @@ def test_its_table_has_both(estimate, vehicle, tmp_path, frame):
         text = (tmp_path / name).read_text()
         lines = [line for line in text.splitlines() if line[0] != "#"]
         texts.append((text, lines))
-    plain, track = (dict(zip(lines[0].split(","), map(float, lines[1].split(",")), strict=True)) for _, lines in texts)
+    numbers = [[float(text or "nan") for text in lines[1].split(",")] for _, lines in texts]
+    names = [lines[0].split(",") for _, lines in texts]
+    plain, track = (dict(zip(head, row, strict=True)) for head, row in zip(names, numbers, strict=True))
     assert tuple(plain)[: len(TRACK_COLUMNS)] == TRACK_COLUMNS
-    np.testing.assert_array_equal([track[name] for name in plain], list(plain.values()))  # NaN: of no NIS yet
+    np.testing.assert_array_equal([track[name] for name in plain], list(plain.values()))
     found = estimate.in_frame(frame)
     axes = {"lvlh_ccsds": "lvlh", "eci_relative": "eci"}.get(frame, frame)
     assert [track[f"com_{name}"] for name in ("x_m", "vz_m_s")] == found.state[0, [0, 5]].tolist()
