@@ -10,8 +10,7 @@ the difference, so that the limit needs no knowledge of it; what is left has the
 with q, q' the sums of squared weights of the two means, P' the covariance when the older one was made. Innovations of a
 filter that weighs rightly are white, and means of them need R q alone while H P H' is small beside R. One that takes
 lasting errors for noise weighs its images less, and its innovations, as all residuals of the updated state, share the
-state's error for as long as the filter remembers (30 to 50 s): what of it differs over 20 s is half of 2 H P H'. What
-lasts shows in a row by less or more as the geometry changes: the older mean is taken as that multiple of its sigma. And
+state's error for as long as the filter remembers (30 to 50 s): what of it differs over 20 s is half of 2 H P H'. And
 the older mean is compared with zero: it has the variance R q' + H P H' + c, c what lasting errors may leave in the row,
 not divided by the number of images: E - H S squared (`considered.py`), their effect less what the state has taken up,
 its sigma averaged as the innovations are. After a start H P H' falls by powers of ten, and means still hold innovations
@@ -58,7 +57,6 @@ SHIFT_LIMIT2, CALM_LIMIT2 = 25.0, 16.0
 SUM_LIMIT, SUM_CALM = 4.75, 3.75
 """Of a mean of one row, in squared sigmas, and of the sum over all rows, in sigmas of a normal number (`_sum_limit`):
 an error that the state takes up in part is spread over them all. While an alarm lasts, the lower ones."""
-MOST_GROWTH = 2.0  # of what lasts in a row, with which its mean is expected to have grown
 LASTING_LIMIT2, LASTING_CALM2 = 20.25, 6.25
 SCATTER_LIMIT = 8.0
 """Of the mean of squares, in 1-sigma of such a mean."""
@@ -225,11 +223,9 @@ def _shift(group: Record) -> tuple[float, float, float]:
     largest, short, long = 0.0, 0.0, 0.0
     for k in range(group["rows"]):
         noise, common = group["noise"][k], 0.5 * (group["state"][k] + group["usual_state"][k])
-        now, then, expected = math.sqrt(group["lasting"][k]), group["usual_spread"][k], usual[k]
-        expected *= now / then if now < MOST_GROWTH * then else 1.0
-        off = mean[k] - expected
+        off = mean[k] - usual[k]
         one = off * off / (noise * (group["fast_share"] + group["usual_share"]) + common)
-        off = longer[k] - expected
+        off = longer[k] - usual[k]
         two = off * off / (noise * (group["middle_share"] + group["usual_share"]) + common)
         largest, short, long = max(largest, one, two), short + one, long + two
     return largest, short, long
