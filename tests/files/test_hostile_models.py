@@ -10,6 +10,7 @@ import pytest
 import relnav
 from relnav.dynamics.two_body import MU_EARTH_M3_S2
 from relnav.errors import ModelError
+from relnav.files.model_folders import sensor_type
 from relnav.files.models import load_model, model_values
 from relnav.simulation.orbits import EARTH_RADIUS_M
 
@@ -31,6 +32,14 @@ HOSTILE = {
     "not text": b"\xff\xfe\x00",
     "null character": "sensor_type = 'three_beacon'\n\x00",
 }
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_its_type_is_read_without_the_rest(tmp_path, name):
+    """Before anything is loaded: a nested file ended in an internal error of the command here."""
+    path = tmp_path / "model.toml"
+    path.write_bytes(HOSTILE[name] if isinstance(HOSTILE[name], bytes) else HOSTILE[name].encode())
+    assert sensor_type(path) in ("", "three_beacon")
 
 
 @pytest.mark.parametrize("name", HOSTILE)
