@@ -70,7 +70,8 @@ def page(runs: dict[str, list[dict[str, Any]]]) -> str:
         f"files and {total(called, 'cases')} hostile calls, {total(ended, 'runs')} interrupted runs, "
         f"{total(runs['mutation'], 'tried')} mutants; **{len(faults)} faults** that these found are open. "
         "What was tried, how often and when stands in each table; by default the command tries "
-        "more: 1,000 cases a target, 200 runs a command, 100 mutants a package. A target in which a fault was found was run anew after it was mended, the others were not.",
+        "more: 1,000 cases a target, 200 runs a command, 100 mutants a package. A target in which a "
+        "fault was found was run anew after it was mended, the others were not.",
         "",
         FUZZED,
     ]
