@@ -118,7 +118,10 @@ def test_a_frame_adds_the_centre_of_mass_and_the_target(run, model, tmp_path):
         asked = ["filter", "--follow", tmp_path / "pipe", "--model", model, "--quiet", "--frame", "eci", "--out"]
         assert run(*asked, tmp_path / "live.csv")[0] == 0
         writer.join()
-        np.testing.assert_array_equal(table(tmp_path / "live.csv"), track)
+        live = table(tmp_path / "live.csv")
+        assert live.dtype.names == track.dtype.names
+        for name in track.dtype.names:  # column by column: numbers that are not known are equal too
+            np.testing.assert_array_equal(live[name], track[name])
 
 
 @pytest.mark.skipif(os.name == "nt", reason="POSIX pipes")
