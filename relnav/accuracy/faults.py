@@ -18,9 +18,10 @@ import numpy as np
 from relnav.accuracy.campaign import SEED_STRIDE
 from relnav.accuracy.statistics import wilson_bounds
 from relnav.arrays import Codes, Flags, Matrix, Vector
+from relnav.estimation.monitors import HOLD_S
 from relnav.mission import Model
 from relnav.navigation.log import filter_epochs
-from relnav.navigation.status import PARTIAL, REJECTED, STARTED, Alarm
+from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, Alarm
 from relnav.simulation.as_built import attitude_off, built
 from relnav.simulation.detector import Faults, image, project_beacons
 from relnav.simulation.lasting_faults import (
@@ -60,8 +61,8 @@ class FaultRow:
     observable : bool
         Whether images can tell.
     runs, beyond, alarmed, silent : int
-        How many; beyond five sigma for a second; with any alarm but RESTARTED, as which beacons are found again that
-        were out of view for long; silently wrong.
+        How many; beyond five sigma for a second; with any alarm, but for RESTARTED after three seconds or more
+        without a measurement; silently wrong.
     silent_low, silent_high : float
         95 % bounds of the silent share (Wilson).
     recovery_s, recovery_worst_s : float
@@ -194,6 +195,16 @@ def _longest(flags: Flags) -> int:
     return int((ends - begins).max()) if len(begins) else 0
 
 
+def _found_again(status: Codes, rate: float) -> Flags:
+    """Epochs for which RESTARTED is said of a start after `NEAR_S` or more without a measurement."""
+    out, held, unseen = np.zeros(len(status), dtype=bool), round(HOLD_S * rate) + 1, np.cumsum(status == PREDICTED)
+    for start in np.flatnonzero(status == STARTED):
+        used = np.flatnonzero(np.isin(status[:start], (UPDATED, PARTIAL, STARTED)))
+        if len(used) and unseen[start] - unseen[used[-1]] >= NEAR_S * rate:
+            out[start : start + held] = True
+    return out
+
+
 def judge(t: Vector, error: Matrix, sigma: Matrix, alarm: Codes, status: Codes, end_s: float) -> Verdict:
     """Judge a track's errors (n, k) at the true times of its images (n,); NaN: no state."""
     known = np.isfinite(error[:, 0])
@@ -208,7 +219,7 @@ def judge(t: Vector, error: Matrix, sigma: Matrix, alarm: Codes, status: Codes, 
     recovery = math.nan if math.isnan(end_s) else (float(t[bad[-1]]) - end_s if len(bad) else 0.0)
     return Verdict(
         beyond=_longest(beyond) >= SILENT_S * rate,
-        alarmed=bool((alarm & ~int(Alarm.RESTARTED)).any()),
+        alarmed=bool((alarm & np.where(_found_again(status, rate), ~int(Alarm.RESTARTED), -1)).any()),
         silent=_longest(beyond & ~near) >= SILENT_S * rate,
         recovery_s=recovery,
     )

@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 
 import relnav.cli
+from relnav.files.filter_log import filter_marker_log
+from relnav.files.marker_logs import write_marker_log
 from relnav.files.model_folders import models_root
+from relnav.simulation.marker_flight import simulate_flight
+from relnav.simulation.trajectory import Approach
 
 HEADER = "t_s,spot_a_x_um,spot_a_y_um,spot_b_x_um,spot_b_y_um,spot_c_x_um,spot_c_y_um"
 ROW = "{t},-1500,0,1500,0,0,0"
@@ -191,6 +195,21 @@ assumed_noise = true
 range_edges_m = [9.0, 9.8, 10.5]
 settling_s = 2.0
 """
+
+
+@pytest.fixture(scope="session")
+def marker_log(tmp_path_factory):
+    """A marker log of four seconds."""
+    path = tmp_path_factory.mktemp("poses") / "log.csv"
+    flight = simulate_flight(relnav.load_model("three_marker_vision"), Approach(duration_s=4.0, rate_hz=2.0), seed=1)
+    write_marker_log(flight, path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def poses(marker_log):
+    """Its solution."""
+    return filter_marker_log(marker_log, relnav.load_model("three_marker_vision"))
 
 
 @pytest.fixture(scope="session")

@@ -13,10 +13,7 @@ import relnav
 import relnav.cli
 from relnav.errors import UsageError
 from relnav.files import optional
-from relnav.files.marker_logs import filter_marker_log, write_marker_log
 from relnav.files.tracks import EXCHANGE, joined
-from relnav.simulation.marker_flight import simulate_flight
-from relnav.simulation.trajectory import Approach
 
 EPOCH = "2026-07-02T12:00:00"
 ORIENTATION_DEG = (51.6, 130.0, 40.0)
@@ -33,19 +30,6 @@ def log(tmp_path_factory):
 @pytest.fixture(scope="module")
 def solution(log):
     return relnav.filter_log(log, "three_beacon_psd")
-
-
-@pytest.fixture(scope="module")
-def marker_log(tmp_path_factory):
-    path = tmp_path_factory.mktemp("poses") / "log.csv"
-    flight = simulate_flight(relnav.load_model("three_marker_vision"), Approach(duration_s=4.0, rate_hz=2.0), seed=1)
-    write_marker_log(flight, path)
-    return path
-
-
-@pytest.fixture(scope="module")
-def poses(marker_log):
-    return filter_marker_log(marker_log, relnav.load_model("three_marker_vision"))
 
 
 @pytest.mark.parametrize("frame", ["lvlh_ccsds", "rsw"])

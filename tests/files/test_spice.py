@@ -15,10 +15,7 @@ from relnav.dynamics.ephemeris import TAI_MINUS_UTC_S, seconds_since_j2000
 from relnav.dynamics.two_body import inertial_orbit
 from relnav.errors import UsageError
 from relnav.files import optional
-from relnav.files.marker_logs import filter_marker_log, write_marker_log
 from relnav.files.spice import tdb_minus_tt
-from relnav.simulation.marker_flight import simulate_flight
-from relnav.simulation.trajectory import Approach
 
 EPOCH = "2026-07-02T12:00:00"
 ORIENTATION_DEG = (51.6, 130.0, 40.0)
@@ -40,19 +37,6 @@ def log(tmp_path_factory):
 @pytest.fixture(scope="module")
 def solution(log):
     return relnav.filter_log(log, "three_beacon_psd")
-
-
-@pytest.fixture(scope="module")
-def marker_log(tmp_path_factory):
-    path = tmp_path_factory.mktemp("spice") / "log.csv"
-    flight = simulate_flight(relnav.load_model("three_marker_vision"), Approach(duration_s=4.0, rate_hz=2.0), seed=1)
-    write_marker_log(flight, path)
-    return path
-
-
-@pytest.fixture(scope="module")
-def poses(marker_log):
-    return filter_marker_log(marker_log, relnav.load_model("three_marker_vision"))
 
 
 @pytest.fixture
