@@ -1,15 +1,12 @@
 """The page of an accuracy report: every measured figure beside its claim, as `relnav accuracy --json` wrote them."""
 
-import json
 import math
 from pathlib import Path
 from typing import Any
 
 from relnav.errors import LogError
 from relnav.files.report_page import Markup, section, table, tile, write_page
-from relnav.files.wording import shown
-
-MOST_BYTES = 50_000_000
+from relnav.files.tables import read_json
 
 
 def read_report(path: Path) -> dict[str, Any]:
@@ -26,22 +23,6 @@ def read_report(path: Path) -> dict[str, Any]:
     if not good or "model" not in report:
         raise LogError(f"{path}: what `relnav accuracy --json` writes is expected: an object with 'model' and 'rows'")
     return dict(report)
-
-
-def read_json(path: Path, none_is: str) -> Any:
-    """What a JSON file holds; `none_is` ends the sentence about one that is too large.
-
-    Raises
-    ------
-    LogError
-        For what is none.
-    """
-    if path.stat().st_size > MOST_BYTES:
-        raise LogError(f"{path}: larger than {MOST_BYTES // 1_000_000} MB; {none_is}")
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise LogError(f"{path}: not readable as JSON: {shown(error)}") from error
 
 
 def write_accuracy_page(report: dict[str, Any], path: Path) -> None:

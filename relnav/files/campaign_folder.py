@@ -18,7 +18,7 @@ from relnav.errors import InputError, UsageError
 from relnav.files.atomic import PART, replacing
 from relnav.files.parquet import require_pyarrow
 from relnav.files.scenarios import plain
-from relnav.files.tables import relnav_version, write_json
+from relnav.files.tables import read_json, relnav_version, write_json
 from relnav.files.wording import shown
 
 DESCRIPTION, RUNS, FAILED = "campaign.json", "runs", "failed.parquet"
@@ -66,10 +66,7 @@ def open_folder(folder: Path, plan: Plan) -> None:
         raise UsageError(f"{folder}: is a file; a campaign needs a folder of its own")
     file, own = folder / DESCRIPTION, description(plan)
     if file.is_file():
-        try:
-            there = json.loads(file.read_text(encoding="utf-8"))
-        except ValueError as error:
-            raise InputError(f"{file}: not the description of a campaign: {shown(error)}") from error
+        there = read_json(file, "no campaign's description is")
         if (difference := _difference(there, own)) is not None:
             raise UsageError(f"{folder}: holds another campaign: {difference}; go on with that, or name another folder")
     elif folder.is_dir() and any(entry.suffix == ".parquet" for entry in folder.glob(f"{RUNS}/*")):

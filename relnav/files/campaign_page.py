@@ -15,7 +15,7 @@ from relnav.accuracy.run_score import DOCKING, STATE
 from relnav.arrays import Vector
 from relnav.errors import InputError
 from relnav.estimation.consistency import Consistency
-from relnav.files.accuracy_page import figure, read_json
+from relnav.files.accuracy_page import figure
 from relnav.files.campaign import SUMMARY
 from relnav.files.campaign_folder import DESCRIPTION, RUNS, Cut, Runs, missing
 from relnav.files.campaign_pictures import (
@@ -28,6 +28,7 @@ from relnav.files.campaign_pictures import (
     rms_by_bin,
 )
 from relnav.files.report_page import Markup, paragraph, section, table, tile, words, write_page
+from relnav.files.tables import read_json
 from relnav.files.wording import shown
 
 FAILED_SHOWN = 50

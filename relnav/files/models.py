@@ -221,10 +221,15 @@ def load_published(model: Any) -> Published:
     table, problems = read_toml(path)
     for name in set(table) - {"claim", "exception"}:
         problems.add(name, "unknown section; known sections are [[claim]], [[exception]]")
-    claims = [build(Claim, claim, "claim", problems, None) for claim in table.get("claim", [])]
-    exceptions = [build(ClaimException, entry, "exception", problems, None) for entry in table.get("exception", [])]
+    found: dict[str, list[Any]] = {}
+    for name, kind in (("claim", Claim), ("exception", ClaimException)):
+        entries = table.get(name, [])
+        if not isinstance(entries, list):
+            problems.add(name, f"[[{name}]] is expected, one for each; got {shown(entries)}")
+            entries = []
+        found[name] = [build(kind, entry, name, problems, None) for entry in entries]
     problems.raise_if_any()
-    return Published(tuple(claims), tuple(exceptions))
+    return Published(tuple(found["claim"]), tuple(found["exception"]))
 
 
 def mission_of(solution: Any) -> Any:

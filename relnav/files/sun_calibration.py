@@ -1,6 +1,5 @@
 """Calibration files of the APS sun sensor: made from a table of measurements, written, and read back the same."""
 
-import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from relnav.arrays import Matrix
 from relnav.errors import InputError
 from relnav.files.sun_measurements import SunMeasurements, read_sun_measurements
-from relnav.files.tables import relnav_version, write_json
+from relnav.files.tables import read_json, relnav_version, write_json
 from relnav.geometry.projection_angles import direction_from_gimbal
 from relnav.sensors.aps_sun.calibration import Calibration, CalibrationResult, calibrate
 from relnav.sensors.aps_sun.patent import PatentTables
@@ -159,11 +158,9 @@ def load_sun_calibration(path: str | os.PathLike[str]) -> Calibration:
     """
     source = Path(path)
     try:
-        content = json.loads(source.read_text(encoding="utf-8"))
+        content = read_json(source, "no calibration is")
     except OSError as error:
         raise InputError(f"{source}: cannot be read: {error.strerror}") from error
-    except ValueError as error:
-        raise InputError(f"{source}: not a calibration file (JSON): {error}") from error
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise InputError(f"{source}: 'format' must be {FORMAT!r}; make the file with relnav calibrate sun")
     try:
@@ -174,7 +171,7 @@ def load_sun_calibration(path: str | os.PathLike[str]) -> Calibration:
         return Calibration(str(content["method"]), form, float(np.radians(values[0])), values[1], values[2])
     except KeyError as error:
         raise InputError(f"{source}: {error} is missing; make the file anew with relnav calibrate sun") from error
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{source}: {error}; make the file anew with relnav calibrate sun") from error
 
 

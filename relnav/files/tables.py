@@ -11,14 +11,15 @@ import numpy as np
 
 from relnav.arrays import Vector
 from relnav.dynamics.in_frame import OWN, FramedTrack
-from relnav.errors import UsageError
+from relnav.errors import LogError, UsageError
 from relnav.files.atomic import is_stream, replacing
 from relnav.files.compiled_text import texts_of, worth_writing
-from relnav.files.wording import printable
+from relnav.files.wording import printable, shown
 from relnav.navigation.docking_view import UPPER
 from relnav.navigation.record import DIAGONAL, Solution
 from relnav.navigation.status import ALARM_TABLE
 
+MOST_JSON_BYTES = 50_000_000
 STATE = ("x", "y", "z", "vx", "vy", "vz")
 STATE_UNITS = ("m", "m", "m", "m_s", "m_s", "m_s")
 STATE_COLUMNS = tuple(f"{name}_{unit}" for name, unit in zip(STATE, STATE_UNITS, strict=True))
@@ -175,6 +176,24 @@ def check_format(path: Path, endings: tuple[str, ...] = TABLES) -> None:
         from relnav.files.parquet import require_pyarrow
 
         require_pyarrow()
+
+
+def read_json(path: Path, none_is: str) -> Any:
+    """What a JSON file holds; `none_is` ends the sentence about one that is too large. No more of it is read.
+
+    Raises
+    ------
+    LogError
+        For what is none.
+    """
+    with path.open("rb") as file:
+        content = file.read(MOST_JSON_BYTES + 1)
+    if len(content) > MOST_JSON_BYTES:
+        raise LogError(f"{path}: larger than {MOST_JSON_BYTES // 1_000_000} MB; {none_is}")
+    try:
+        return json.loads(content.decode())
+    except (ValueError, RecursionError) as error:
+        raise LogError(f"{path}: not readable as JSON: {shown(error)}") from error
 
 
 def write_json(value: dict[str, Any], path: Path) -> None:

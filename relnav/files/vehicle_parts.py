@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from relnav.errors import ModelError, UnknownModelError
-from relnav.files.model_folders import list_models
+from relnav.files.model_folders import list_models, sensor_type
 from relnav.files.toml_values import Problems
 
 
@@ -16,8 +16,12 @@ def sensor_models(values: Mapping[str, Any], path: Path, problems: Problems) -> 
     found: dict[str, Any] = {}
     for name, mounted in values.get("sensor", {}).items():
         key, beside = f"sensor.{name}.model", path.parent / mounted.model
+        place = mounted.model if mounted.model in list_models() else beside
+        if sensor_type(place) == "vehicle":
+            problems.add(key, f"a sensor's model is expected; '{mounted.model}' is a vehicle's")
+            continue
         try:
-            found[name] = load_model(mounted.model if mounted.model in list_models() else beside)
+            found[name] = load_model(place)
         except UnknownModelError:
             problems.add(
                 key,

@@ -150,6 +150,15 @@ def test_an_unknown_section_of_claims(write_model):
         relnav.load_published(path)
 
 
+@pytest.mark.parametrize("name", ["claim", "exception"])
+@pytest.mark.parametrize("value", ["3", "{}"])
+def test_claims_that_are_no_list(write_model, name, value):
+    path = write_model()
+    path.with_name("published.toml").write_text(f"{name} = {value}\n")
+    with pytest.raises(relnav.ModelError, match=rf"{name}: \[\[{name}\]\] is expected, one for each; got"):
+        relnav.load_published(path)
+
+
 def test_an_incomplete_claim_does_not_load(write_model):
     path = write_model()
     claims = path.with_name("published.toml")

@@ -1,6 +1,7 @@
 """Calibration files: the same after reading back, refused when damaged, and honest about the field they cover."""
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -120,12 +121,35 @@ def test_damaged_files(model, table, tmp_path, change, text):
         load_sun_calibration(path)
 
 
+@pytest.mark.parametrize(
+    ("old", "new"), [('"limit_deg": ', '"limit_deg": Infinity, "was": '), ('"h_px": ', f'"h_px": {"9" * 400}, "was": ')]
+)
+def test_numbers_beyond_all_bounds(model, table, tmp_path, old, new):
+    """Each ended in an OverflowError."""
+    path = tmp_path / "sun.json"
+    write_sun_calibration(calibrate_sun(table(121), model, method="patent"), path)
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    with pytest.raises(relnav.InputError, match=r"sun\.json: .*make the file anew"):
+        load_sun_calibration(path)
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/zero"), reason="no /dev/zero on this system")
+def test_a_file_without_end():
+    with pytest.raises(relnav.InputError, match="larger than 50 MB; no calibration is"):
+        load_sun_calibration("/dev/zero")
+
+
 def test_no_calibration_file(tmp_path):
     with pytest.raises(relnav.InputError, match="cannot be read: No such file"):
         load_sun_calibration(tmp_path / "none.json")
     (tmp_path / "text.json").write_text("alpha_deg,beta_deg")
-    with pytest.raises(relnav.InputError, match=r"not a calibration file \(JSON\)"):
+    with pytest.raises(relnav.InputError, match=r"text\.json: not readable as JSON"):
         load_sun_calibration(tmp_path / "text.json")
+    (tmp_path / "nested.json").write_text("[" * 60_000)
+    with pytest.raises(relnav.InputError, match=r"nested\.json: not readable as JSON"):
+        load_sun_calibration(tmp_path / "nested.json")
     (tmp_path / "list.json").write_text("[1, 2]")
     with pytest.raises(relnav.InputError, match="'format' must be"):
         load_sun_calibration(tmp_path / "list.json")

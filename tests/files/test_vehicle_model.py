@@ -137,6 +137,14 @@ def test_a_sensor_that_is_no_section(write):
         relnav.load_model(path)
 
 
+@pytest.mark.parametrize("itself", [".", "model.toml", "rendezvous_demo"])
+def test_a_vehicle_is_no_sensor(write, itself):
+    """One that named itself was loaded again and again, without end."""
+    path = write(MARKERS, MARKERS.replace("three_marker_vision", itself))
+    with pytest.raises(relnav.ModelError, match=f"a sensor's model is expected; '{re.escape(itself)}' is a vehicle's"):
+        relnav.load_model(path)
+
+
 def test_a_change_by_key():
     changed = relnav.load_model(NAME, changes={"sensor.camera.rate_hz": 2.0, "bias_sigma_rad_s": 1e-5})
     assert changed.sensor["camera"].rate_hz == 2.0
