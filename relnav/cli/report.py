@@ -116,16 +116,16 @@ def _run(source: Path, model: str | None, method: str | None, smooth: bool) -> t
 
     head = opened(source)
     if is_track(_names(head, source)):
-        return _of_track(source, model)
+        return _of_track(source, head, model)
     if model is None:
         raise UsageError(f"{source}: no track, and to be filtered as a log it needs --model (see `relnav models`)")
     mission = _flown(model)
     watcher = _watcher(mission, GROUPS)
-    _filter(source, mission, method, smooth, watcher)
+    _filter(head, mission, method, smooth, watcher)
     return watcher.view(source.name), mission, ()
 
 
-def _of_track(source: Path, model: str | None) -> tuple[Any, Any, tuple[str, ...]]:
+def _of_track(source: Path, head: Any, model: str | None) -> tuple[Any, Any, tuple[str, ...]]:
     from relnav.errors import UsageError
     from relnav.files.model_folders import list_models
     from relnav.files.run_page import GROUPS
@@ -133,7 +133,7 @@ def _of_track(source: Path, model: str | None) -> tuple[Any, Any, tuple[str, ...
     from relnav.files.vehicle_view import vehicle_watcher
     from relnav.spacecraft import Vehicle
 
-    track = TrackFile(source)
+    track = TrackFile(head)
     stated = track.metadata.get("model", "")
     known = model or (stated if stated in list_models() else "")
     mission = _flown(known) if known else None
@@ -175,7 +175,7 @@ def _names(head: Any, source: Path) -> list[str]:
     return names
 
 
-def _filter(source: Path, mission: Any, method: str | None, smooth: bool, watcher: Any) -> None:
+def _filter(head: Any, mission: Any, method: str | None, smooth: bool, watcher: Any) -> None:
     from relnav.errors import UsageError
     from relnav.mission import VisionMission
     from relnav.spacecraft import Vehicle
@@ -186,7 +186,7 @@ def _filter(source: Path, mission: Any, method: str | None, smooth: bool, watche
         if method is not None or smooth:
             option = "--smooth" if smooth else "--method"
             raise UsageError(f"{option} is not for a vehicle: {mission.name} has one filter, which runs forward")
-        for _ in watcher.passing(filter_rows(read_vehicle_log(source, mission), mission)):
+        for _ in watcher.passing(filter_rows(read_vehicle_log(head, mission), mission)):
             pass
         return
     if isinstance(mission, VisionMission):
@@ -194,9 +194,9 @@ def _filter(source: Path, mission: Any, method: str | None, smooth: bool, watche
 
         if method is not None:
             raise UsageError(f"--method is for three-beacon models; {mission.name} has one filter, on its spots")
-        for part in marker_solutions(source, mission, smooth=smooth):
+        for part in marker_solutions(head, mission, smooth=smooth):
             watcher.take(part)
         return
     from relnav.files.filter_file import filter_file
 
-    filter_file(source, mission, method=method or "fix", smooth=smooth, watch=watcher.take)
+    filter_file(head, mission, method=method or "fix", smooth=smooth, watch=watcher.take)

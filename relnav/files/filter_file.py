@@ -28,6 +28,7 @@ from relnav.files.raw_filter import filter_raw_log
 from relnav.files.raw_logs import is_raw_log
 from relnav.files.spool import Spool
 from relnav.files.tables import COLUMNS, INTEGERS, Table, Writer, head, rows_of, write_table
+from relnav.files.text_table import TextTable
 from relnav.files.tracks import write
 from relnav.files.wording import listed
 from relnav.mission import Model
@@ -49,7 +50,7 @@ class _Chunk:
 
 
 def filter_file(
-    path: str | os.PathLike[str] | LogFile,
+    path: str | os.PathLike[str] | LogFile | TextTable,
     model: Model | str,
     out: str | os.PathLike[str] | None = None,
     *,
@@ -67,7 +68,7 @@ def filter_file(
 
     Parameters
     ----------
-    path : str, path or LogFile
+    path : str, path, LogFile or TextTable
         The log, as for `filter_log`, or one that is opened: a `LiveLog` is filtered as its rows come.
     model, method, projection, smooth, engine
         As for `filter_log`.
@@ -94,7 +95,7 @@ def filter_file(
     """
     mission = load_mission(model) if isinstance(model, str) else model
     turning = Turning(frame, mission, orientation_deg)
-    source = path if isinstance(path, LogFile) else log_in_memory(path) or opened(Path(path))
+    source = path if isinstance(path, LogFile | TextTable) else log_in_memory(path) or opened(Path(path))
     way: dict[str, Any] = {"method": method, "projection": projection, "smooth": smooth}
     whole: Solution | None = None
     if not isinstance(source, LogFile) and is_raw_log(source):

@@ -16,6 +16,7 @@ from relnav.files.log_columns import ACCELERATION, DELTA_V, IMAGE_TIME, Columns,
 from relnav.files.logs import LogFile
 from relnav.files.spool import Spool
 from relnav.files.tables import STATE_COLUMNS, TRACKS, Table, Writer, check_format, relnav_version, write_table
+from relnav.files.text_table import TextTable
 from relnav.geometry.rotation import quaternions_from_dcm_into
 from relnav.mission import VisionMission
 from relnav.navigation.arguments import controls, quaternions
@@ -122,6 +123,8 @@ def marker_header(mission: VisionMission) -> Callable[[list[str], str], Columns]
 def _chunks(path: Any, mission: VisionMission) -> Iterator[tuple[Vector, Stack, Matrix, Matrix, Vector | None]]:
     """Times, spots, control, chaser attitude and exposures of a log, a few thousand rows at a time."""
     parse = marker_header(mission)
+    if isinstance(path, TextTable):
+        path = LogFile(path, parse)
     log = path if isinstance(path, LogFile) else log_in_memory(path, parse) or LogFile(Path(path), parse)
     layout = log.columns.layout
     for values in log.tables():

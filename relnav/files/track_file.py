@@ -10,6 +10,7 @@ from relnav.errors import LogError
 from relnav.files.approach_view import PORT_COVARIANCE, STATE_COVARIANCE
 from relnav.files.log_columns import Columns
 from relnav.files.logs import LogFile
+from relnav.files.text_table import TextTable
 from relnav.files.wording import listed
 from relnav.navigation.status import PREDICTED, REJECTED, STARTED, UPDATED, WAITING
 
@@ -44,14 +45,14 @@ class TrackFile:
         For a file that is none.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Read the head."""
-        self._file = LogFile(path, _parse)
-        self.path, self.metadata = path, self._file.metadata
+    def __init__(self, opened: Path | TextTable) -> None:
+        """Read the head, if it has not been read already."""
+        self._file = LogFile(opened, _parse)
+        self.path, self.metadata = self._file.path, self._file.metadata
         self.names = tuple(self._file.columns.index)
         self.of_vehicle = _is_vehicles(list(self.names))
         if not self.of_vehicle and not self.metadata.get("frame", "lvlh_ccsds").startswith("lvlh_ccsds"):
-            raise LogError(f"{path}: a track in lvlh_ccsds is expected; its head says {self.metadata['frame']}")
+            raise LogError(f"{self.path}: a track in lvlh_ccsds is expected; its head says {self.metadata['frame']}")
         self._started = False
 
     def parts(self) -> Iterator[dict[str, Any]]:

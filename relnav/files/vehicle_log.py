@@ -16,7 +16,7 @@ from relnav.arrays import Vector
 from relnav.errors import LogError, UsageError
 from relnav.files.atomic import is_stream, replacing
 from relnav.files.tables import relnav_version
-from relnav.files.text_table import MOST_ROWS, TextTable
+from relnav.files.text_table import MOST_ROWS, TextTable, table_of
 from relnav.files.wording import printable, shown
 from relnav.sensors.sun_direction import SunDirection, direction_with_covariance
 from relnav.simulation.vehicle_sensors import Value, VehicleRun
@@ -72,7 +72,7 @@ def _numbers(value: Value) -> list[float]:
     return flat
 
 
-def read_vehicle_log(path: Path, vehicle: Vehicle) -> list[Row]:
+def read_vehicle_log(path: Path | TextTable, vehicle: Vehicle) -> list[Row]:
     """The observations of a log (.csv), by time.
 
     Raises
@@ -80,14 +80,14 @@ def read_vehicle_log(path: Path, vehicle: Vehicle) -> list[Row]:
     LogError
         For what is no such log; the message names the line.
     """
-    table = opened_vehicle_log(TextTable(path))
+    table = opened_vehicle_log(table_of(path))
     rows: list[Row] = []
     for line, text in table.rows():
         rows.append(row_of(table, line, text, vehicle))
         if len(rows) > MOST_ROWS:
-            raise LogError(f"{path}: more than {MOST_ROWS} rows; split the log in time")
+            raise LogError(f"{table.path}: more than {MOST_ROWS} rows; split the log in time")
     if not rows:
-        raise LogError(f"{path}: no row after the header; one an observation is expected")
+        raise LogError(f"{table.path}: no row after the header; one an observation is expected")
     return sorted(rows, key=lambda row: row[1])
 
 

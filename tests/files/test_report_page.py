@@ -2,8 +2,10 @@
 
 import html
 import json
+import os
 import re
 import shutil
+import threading
 
 import numpy as np
 import pytest
@@ -252,3 +254,27 @@ def test_no_finished_campaign_gets_one_sentence(copied, capsys, spoil, said):
     assert said in error
     assert len(error.strip().splitlines()) == 1
     assert not copied.with_suffix(".html").exists()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes on this system")
+@pytest.mark.parametrize("what", ["log", "track", "marker log", "vehicle log"])
+def test_a_pipe_is_read_once(tmp_path, vbar_log, marker_log, what):
+    """The head told what it is, and the rest was then looked for behind it: "the file is empty"."""
+    flown = {"marker log": "three_marker_vision", "vehicle log": "rendezvous_demo"}.get(what, "three_beacon_psd")
+    text = (
+        marker_log.read_text() if what == "marker log" else "".join(vbar_log.read_text().splitlines(keepends=True)[:60])
+    )
+    if what == "vehicle log":
+        head = "t_s,sensor," + ",".join(f"v{k}" for k in range(12)) + "\n"
+        text = head + "".join(f"{0.1 * k:.1f},gyro,1e-4,-1e-3,2e-4" + "," * 9 + "\n" for k in range(25))
+    if what == "track":
+        (tmp_path / "log.csv").write_text(text)
+        relnav.write(relnav.filter_log(tmp_path / "log.csv", flown), tmp_path / "track.csv")
+        text = (tmp_path / "track.csv").read_text()
+    os.mkfifo(tmp_path / "pipe")
+    writer = threading.Thread(target=(tmp_path / "pipe").write_text, args=(text,))
+    writer.start()
+    arguments = ["report", tmp_path / "pipe", "--model", flown, "--out", tmp_path / "page.html", "--quiet"]
+    assert relnav.cli.run([str(argument) for argument in arguments]) == 0
+    writer.join()
+    assert "<canvas" in (tmp_path / "page.html").read_text()
