@@ -17,7 +17,7 @@ def read_report(path: Path) -> dict[str, Any]:
     LogError
         For what is none.
     """
-    report = read_json(path, "no accuracy report is")
+    report = read_json(path, "an accuracy report")
     rows = report.get("rows") if isinstance(report, dict) else None
     good = isinstance(rows, list) and all(isinstance(r, dict) and {"quantity", "measured"} <= set(r) for r in rows)
     if not good or "model" not in report:

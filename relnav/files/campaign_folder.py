@@ -66,7 +66,7 @@ def open_folder(folder: Path, plan: Plan) -> None:
         raise UsageError(f"{folder}: is a file; a campaign needs a folder of its own")
     file, own = folder / DESCRIPTION, description(plan)
     if file.is_file():
-        there = read_json(file, "no campaign's description is")
+        there = read_json(file, "a campaign's description")
         if (difference := _difference(there, own)) is not None:
             raise UsageError(f"{folder}: holds another campaign: {difference}; go on with that, or name another folder")
     elif folder.is_dir() and any(entry.suffix == ".parquet" for entry in folder.glob(f"{RUNS}/*")):

@@ -56,7 +56,7 @@ def read_campaign(folder: Path) -> FlownCampaign:
     go_on = "the `relnav campaign` command that began it goes on with it"
     if not (folder / DESCRIPTION).is_file():
         raise InputError(f"{folder}: no campaign's folder, as it holds no {DESCRIPTION}; `relnav campaign` makes one")
-    described = read_json(folder / DESCRIPTION, "no campaign's description is")
+    described = read_json(folder / DESCRIPTION, "a campaign's description")
     try:
         runs, batch = int(described["runs"]), int(described["batch"])
         good = runs > 0 and batch > 0 and all(isinstance(described[key], dict) for key in ("model", "scenario"))
@@ -72,7 +72,7 @@ def read_campaign(folder: Path) -> FlownCampaign:
         raise InputError(f"{folder}: unfinished, {left} of {len(cut.starts)} batches of runs are missing; {go_on}")
     if not (folder / SUMMARY).is_file():
         raise InputError(f"{folder}: unfinished, as it holds no {SUMMARY}; {go_on}")
-    plain = read_json(folder / SUMMARY, "no campaign's summary is")
+    plain = read_json(folder / SUMMARY, "a campaign's summary")
     try:
         summary = summary_of(plain)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:

@@ -158,7 +158,7 @@ def load_sun_calibration(path: str | os.PathLike[str]) -> Calibration:
     """
     source = Path(path)
     try:
-        content = read_json(source, "no calibration is")
+        content = read_json(source, "a calibration file")
     except OSError as error:
         raise InputError(f"{source}: cannot be read: {error.strerror}") from error
     if not isinstance(content, dict) or content.get("format") != FORMAT:

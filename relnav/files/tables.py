@@ -178,8 +178,8 @@ def check_format(path: Path, endings: tuple[str, ...] = TABLES) -> None:
         require_pyarrow()
 
 
-def read_json(path: Path, none_is: str) -> Any:
-    """What a JSON file holds; `none_is` ends the sentence about one that is too large. No more of it is read.
+def read_json(path: Path, kind: str) -> Any:
+    """What a JSON file holds; `kind` ("a calibration file") says in the message what it should have been.
 
     Raises
     ------
@@ -189,11 +189,11 @@ def read_json(path: Path, none_is: str) -> Any:
     with path.open("rb") as file:
         content = file.read(MOST_JSON_BYTES + 1)
     if len(content) > MOST_JSON_BYTES:
-        raise LogError(f"{path}: larger than {MOST_JSON_BYTES // 1_000_000} MB; {none_is}")
+        raise LogError(f"{path}: larger than {MOST_JSON_BYTES // 1_000_000} MB, so not {kind}")
     try:
         return json.loads(content.decode())
     except (ValueError, RecursionError) as error:
-        raise LogError(f"{path}: not readable as JSON: {shown(error)}") from error
+        raise LogError(f"{path}: not readable as JSON, so not {kind}: {shown(error)}") from error
 
 
 def write_json(value: dict[str, Any], path: Path) -> None:

@@ -172,7 +172,7 @@ REFUSED = {
     "calibration": (
         ["sun", "measure", "log.csv", "--model", "birefringent_sun", "--calibration", "head.csv"],
         3,
-        "not a calibration file",
+        "head.csv: not readable as JSON, so not a calibration file",
     ),
     "corner of a log": (["sun", "measure", "log.csv", "--model", "aps_sun", "--corner-px", 1, 1], 2, "for a picture"),
     "pixel of a picture": (

@@ -137,7 +137,7 @@ def test_numbers_beyond_all_bounds(model, table, tmp_path, old, new):
 
 @pytest.mark.skipif(not os.path.exists("/dev/zero"), reason="no /dev/zero on this system")
 def test_a_file_without_end():
-    with pytest.raises(relnav.InputError, match="larger than 50 MB; no calibration is"):
+    with pytest.raises(relnav.InputError, match="larger than 50 MB, so not a calibration file"):
         load_sun_calibration("/dev/zero")
 
 
