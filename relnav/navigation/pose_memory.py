@@ -104,7 +104,7 @@ POSE_CLOCK = np.dtype(
         ("window", _F),  # when the witness began to compare images
         ("compared", _I),  # images since
         ("over", _I),  # the witness agrees again
-        ("contrast", _F, 2),  # its NIS of the last two windows, the latest first; NaN: none
+        ("windows", _I),  # that it has compared
         ("leader", _F),  # `added` of the hypothesis under watch
         ("usurped", _F),  # since when another one leads; NaN: it does not
     ]
@@ -112,6 +112,7 @@ POSE_CLOCK = np.dtype(
 SPOT = np.dtype(
     [
         ("sums", _F, 2),  # of what it is off the witness'
+        ("means", _F, (3, 2)),  # of that in the last three windows, the latest first; NaN: not known
         ("count", _F),  # of how many images
         ("speed", _F),  # px/s, as predicted
         ("refused", _F),  # s for which it has been seen and not used
