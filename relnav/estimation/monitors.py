@@ -99,7 +99,8 @@ def watched_type() -> np.dtype[np.void]:
 
     Handed over for each image: rows; seen; value, z - h(x); variances of what is new in each image (noise), of the
     state's part H P H' (state), of what lasts (lasting); motion, what an image that is one second late adds to value;
-    taken, while a step is doubted, what images since have put into h(x).
+    taken, while a step is doubted, what images since have put into h(x); changed, variance of what lasting errors have
+    changed since the older mean was made.
     """
     return np.dtype(
         [
@@ -116,6 +117,8 @@ def watched_type() -> np.dtype[np.void]:
             ("lasting", _F, 3),
             ("motion", _F, 3),
             ("taken", _F, 3),
+            ("changed", _F, 3),
+            ("weight", _F),  # of this image in the older mean; 0: not learnt
             ("offset", _F, 3),  # mean of value over a second, watched or not
             ("fast", _F, 3),
             ("middle", _F, 3),
@@ -205,6 +208,7 @@ def _take(group: Record, dt: float, learning: bool) -> None:
         if group["learnt"] == 1:
             group["usual_share"] = 1.0
         slow = max(1.0 / group["learnt"], dt / (dt + USUAL_S))
+        group["weight"] = slow
         group["usual_share"] = _mean_share(group["usual_share"], slow)
         for k in range(group["rows"]):
             usual[k] += slow * (value[k] - usual[k])
@@ -222,7 +226,8 @@ def _shift(group: Record) -> tuple[float, float, float]:
     mean, longer, usual = group["fast"], group["middle"], group["usual"]
     largest, short, long = 0.0, 0.0, 0.0
     for k in range(group["rows"]):
-        noise, common = group["noise"][k], 0.5 * (group["state"][k] + group["usual_state"][k])
+        noise = group["noise"][k]
+        common = 0.5 * (group["state"][k] + group["usual_state"][k]) + group["changed"][k]
         off = mean[k] - usual[k]
         one = off * off / (noise * (group["fast_share"] + group["usual_share"]) + common)
         off = longer[k] - usual[k]
@@ -271,7 +276,7 @@ def _looks_late(watch: Record, groups: Record) -> bool:
             continue
         for k in range(group["rows"]):
             variance = group["noise"][k] * (group["fast_share"] + group["usual_share"])
-            variance += 0.5 * (group["state"][k] + group["usual_state"][k])
+            variance += 0.5 * (group["state"][k] + group["usual_state"][k]) + group["changed"][k]
             off, motion = group["fast"][k] - group["usual"][k], group["motion"][k]
             along += off * motion / variance
             scale += motion * motion / variance
@@ -352,6 +357,7 @@ def watch_image(watch: Record, groups: Record, dt: float) -> None:
     warm = watch["age"] > WARM_S
     for g in range(groups.shape[0]):
         group = groups[g]
+        group["weight"] = 0.0
         if group["seen"] == 0 or not whole:
             continue
         _take(group, group["away"], learning)

@@ -187,6 +187,8 @@ class Memory(NamedTuple):
     groups: Record  # (n,)
     independent: Record  # (n,), scratch
     by_error: Matrix  # (2 n, m), what one sigma of each lasting error does to each row
+    lasting_now: Matrix  # (2 n, m), what it shows in the innovations of `spots`
+    lasting_usual: Matrix  # (2 n, m), and has usually shown
     turns: Matrix  # (2 n, 3), each row by a turn of the camera
     noise: Matrix  # (2 n, 2 n), of coordinates that share the attitude's noise
     factor: Matrix  # (2 n, 2 n), scratch
@@ -210,6 +212,8 @@ _LAYOUT = Layout(
         "groups": (GROUP, "n"),
         "independent": (GROUP, "n"),
         "by_error": ("2n", "m"),
+        "lasting_now": ("2n", "m"),
+        "lasting_usual": ("2n", "m"),
         "turns": ("2n", 3),
         "noise": ("2n", "2n"),
         "factor": ("2n", "2n"),

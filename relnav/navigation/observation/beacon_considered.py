@@ -48,7 +48,7 @@ from relnav.navigation.propagation import moves
 
 
 @kernel
-def _shared(m: Memory) -> tuple[int, int]:
+def shared_errors(m: Memory) -> tuple[int, int]:
     """Rows of the errors that all beacons share: from the first to before the last."""
     count, first = m.by_error.shape[1], FIELD_ERRORS - m.fixed["first_error"]
     return min(count, first), min(count, first + ATTITUDE_ERRORS + TOLERANCES_SHARED)
@@ -64,7 +64,7 @@ def add_considered_noise(m: Memory, x: Vector, sensitivities: Matrix, spots: Mat
     if count == 0 and noise == 0.0:
         return
     errors_of_coordinates(m, x, spots)
-    first, last = _shared(m)
+    first, last = shared_errors(m)
     subtract_taken(m.groups, m.by_error, sensitivities, first, last)
     for i in range(2 * m.groups.shape[0]):
         variance, turn, row = m.groups[i // 2]["variance"], m.turns[i], m.by_error[i]

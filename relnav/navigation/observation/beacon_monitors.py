@@ -24,7 +24,9 @@ from relnav.estimation.monitors import (
     watch_start,
 )
 from relnav.navigation.memory import Memory
+from relnav.navigation.observation.beacon_considered import shared_errors
 from relnav.navigation.observation.beacon_geometry import see_beacon, uses_coordinates
+from relnav.navigation.observation.beacon_lasting_change import learn_lasting, note_lasting
 from relnav.navigation.status import PARTIAL, UPDATED
 
 EDGE_SIGMAS = 2.0
@@ -58,6 +60,7 @@ def gather_rows(m: Memory, track: Record, spots: Matrix) -> None:
                 _write_row(m, group, k, source["residual"][k], source["variance"][k], 0.0, h)
         return
     turned = m.sensor["attitude_noise"] ** 2
+    first, last = shared_errors(m)
     for i in range(m.groups.shape[0]):
         group, source, own = m.watched[i], m.groups[i], m.beacons[i]["spot_sigma"]
         residual, variance = source["residual"], source["variance"]
@@ -70,6 +73,7 @@ def gather_rows(m: Memory, track: Record, spots: Matrix) -> None:
                 turn = m.turns[2 * i + k]
                 noise += turned * (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
             _write_row(m, group, k, residual[k], noise, max(0.0, variance[k] - noise), h)
+            note_lasting(m, group, k, 2 * i + k, h, first, last)
             expected = spots[i, k] - residual[k] + follow(group, k, m.step["dt"])
             if abs(expected) > half[k] - EDGE_SIGMAS * own[k]:
                 m.watch["pause"] = AWAY_S
@@ -124,6 +128,8 @@ def watch(m: Memory, spots: Matrix, dt: float, status: int) -> None:
             stuck = True
             m.watch["pulled"] = 1 if used else m.watch["pulled"]
     watch_image(m.watch, groups, dt)
+    if coordinates:
+        learn_lasting(m)
     if m.watch["pulled"] > 0 and not stuck:  # it is over, and has pulled the state away
         m.watch["restart"] = 1
     if stuck or m.watch["pulled"] > 0:
