@@ -63,8 +63,6 @@ SCATTER_LIMIT = 8.0
 JUMP_S = 5.0
 """A jump of the clock is looked for so long after a step that was too long; these are rare, so that four sigma do."""
 EXPLAINED, LATE_LIMIT2 = 0.25, 16.0
-REPEATS, LEAST_MOTION = 10, 0.1
-"""A spot that is read alike so often, to the last bit, has no noise; where it should have moved too, it is stuck."""
 
 _F, _I = np.float64, np.int64
 
@@ -75,6 +73,7 @@ WATCH = np.dtype(
         ("clock", _I),  # as if by a jump of the clock
         ("restart", _I),  # the filter is asked to start anew
         ("pulled", _I),  # a spot that was stuck was used
+        ("returned", _I),  # what was refused for long is used, and wrong: 1 + its group
         ("age", _F),  # of the older means
         ("quiet", _F),  # since the innovations are what they were
         ("hold", _F),  # left of it
@@ -157,7 +156,7 @@ def watch_start(watch: Record, groups: Record, again: bool, comparable: bool) ->
         forget(watch, groups)
         watch["hold"], watch["alarm"], watch["jumped"], watch["interval"] = 0.0, 0, math.inf, 0.0
         watch["contradicted"], watch["noisy"], watch["pause"] = 0.0, 0.0, 0.0
-        watch["doubted"], watch["unproven"], watch["pulled"] = 0.0, 0.0, 0
+        watch["doubted"], watch["unproven"], watch["pulled"], watch["returned"] = 0.0, 0.0, 0, 0
         return
     watch["doubted"] = 0.0
     clock = 1 if watch["clock"] > 0 or watch["jumped"] < JUMP_S else 0
@@ -167,7 +166,8 @@ def watch_start(watch: Record, groups: Record, again: bool, comparable: bool) ->
         watch["contradicted"], watch["noisy"] = 0.0, 0.0
     if not comparable or not watch["age"] > WARM_S:
         forget(watch, groups)
-    watch["on"], watch["restart"], watch["quiet"], watch["clock"], watch["pulled"] = 0, 0, 0.0, clock, 0
+    watch["on"], watch["restart"], watch["quiet"], watch["clock"] = 0, 0, 0.0, clock
+    watch["pulled"], watch["returned"] = 0, 0
     for g in range(groups.shape[0]):
         groups[g]["images"] = 0
 
@@ -293,19 +293,6 @@ def follow(group: Record, k: int, dt: float) -> float:
     offset = group["offset"]
     offset[k] += dt / (dt + FAST_S) * (group["value"][k] - offset[k])
     return float(offset[k])
-
-
-@kernel
-def repeats(group: Record, x: float, y: float, dt: float) -> bool:
-    """Note a reading dt s after the last; whether it now has been the same ten times or more, for `since` s."""
-    reading = group["reading"]
-    if x == reading[0] and y == reading[1]:
-        group["repeated"] += 1
-        group["since"] += dt
-    else:
-        reading[0], reading[1] = x, y
-        group["repeated"], group["since"] = 0, 0.0
-    return bool(group["repeated"] >= REPEATS)
 
 
 @kernel

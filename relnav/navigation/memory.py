@@ -9,6 +9,7 @@ from relnav.codegen.memory_layout import Layout
 from relnav.dynamics.relative_motion import orbit_vector
 from relnav.estimation.gating import gate_limits
 from relnav.estimation.monitors import WATCH, watched_type
+from relnav.estimation.returning import RETURNING
 from relnav.estimation.rows import group_type, track_type
 from relnav.mission import FilterSettings, Model, Orbit, ProcessNoise
 from relnav.sensors.three_beacon.fix import WORK_ROWS
@@ -125,6 +126,7 @@ RESULT = np.dtype([("nis", _F), ("status", _I), ("dof", _I), ("reason", _I), ("i
 TRACK = track_type(MOTION)
 GROUP = group_type(MOTION)
 WATCHED = watched_type()
+RETURN = np.dtype(RETURNING)
 KEPT = np.dtype(
     [
         ("dock", _F, (3, 4)),  # dcm_dock_from_lvlh | port position, lvlh_ccsds
@@ -193,6 +195,7 @@ class Memory(NamedTuple):
     noise: Matrix  # (2 n, 2 n), of coordinates that share the attitude's noise
     factor: Matrix  # (2 n, 2 n), scratch
     watched: Record  # (n,), groups of rows under watch
+    returning: Record  # (n,), how long each spot was refused, and how far off
     nothing: Matrix  # (0, 0)
 
 
@@ -218,6 +221,7 @@ _LAYOUT = Layout(
         "noise": ("2n", "2n"),
         "factor": ("2n", "2n"),
         "watched": (WATCHED, "n"),
+        "returning": (RETURN, "n"),
         "nothing": (0, 0),
     },
 )

@@ -13,6 +13,7 @@ from relnav.codegen.memory_layout import Layout
 from relnav.dynamics.rigid_body import BODY_ROWS, RigidBody
 from relnav.estimation.gating import gate_limits
 from relnav.estimation.monitors import WATCH
+from relnav.estimation.returning import RETURNING
 from relnav.estimation.rows import group_type
 from relnav.mission import VisionMission
 from relnav.navigation.memory import MOTION_MODEL, STEP, WATCHED, fill, watch_anew, write_motion_model
@@ -115,9 +116,7 @@ SPOT = np.dtype(
         ("means", _F, (3, 2)),  # of that in the last three windows, the latest first; NaN: not known
         ("count", _F),  # of how many images
         ("speed", _F),  # px/s, as predicted
-        ("refused", _F),  # s for which it has been seen and not used
-        ("off", _F, 2),  # mean of its residual, px, over the last images that refused it
-        ("surprise", _F),  # NIS of its own, where it was refused for long
+        *RETURNING,
     ]
 )
 NEWEST, OLDER, WITNESS = 0, 1, 2

@@ -25,15 +25,15 @@ from relnav.dynamics.rigid_body import MEAN_MOTION
 from relnav.estimation.monitors import (
     AWAY_S,
     JUMP_S,
-    LEAST_MOTION,
     STUCK,
     WARM_S,
     note_step,
-    repeats,
     watch_image,
     watch_start,
     write_alarm,
 )
+from relnav.estimation.repeated_reading import LEAST_MOTION, repeats
+from relnav.estimation.returning import note_pair, returns_wrong
 from relnav.estimation.rows import Observed, pair_covariance, sweep
 from relnav.navigation.observation.marker_rows import has_spot, new_noise, observe_markers
 from relnav.navigation.pose_epoch import odds_of
@@ -55,10 +55,6 @@ LONGEST_JUMP_S = 10.0
 FALLEN = 1.0 / 3.0
 OUTLYING = 100.0
 """Times the gate's limit: a spot so far off is a glint, and no part of a mean."""
-SURPRISE = -2.0 * math.log(0.01)
-"""Chi-square of two, of a spot that comes back: a good one is beyond it once in a hundred."""
-REMEMBERED, LEFT = 0.2, 0.25
-"""Weight of an image in the mean of what a refused spot is off; the share of it that noise may hide, no more."""
 
 
 @kernel
@@ -67,21 +63,15 @@ def _note_spots(m: PoseMemory, lead: Record, count: int) -> None:
     v, rate, dcm, mean_motion = lead["motion"], lead["rate"], lead["dcm"], m.body["values"][MEAN_MOTION, 0]
     for g in range(count):
         source, spot = m.groups[g], m.spots[int(m.which[g])]
-        residual, speed = source["residual"], m.scratch["error"]
+        speed = m.scratch["error"]
         for k in range(2):
             h, speed[k] = source["gradient"][k], 0.0
             for j in range(3):  # the orbit turns by -n about y
                 speed[k] += h[j] * v[3 + j] + h[6 + j] * (rate[j] + mean_motion * dcm[1, j])
             source["innovation"][k] = speed[k]
         spot["speed"] = math.hypot(speed[0], speed[1])
-        x, y, off = residual[0], residual[1], spot["off"]
-        along, length2 = x * off[0] + y * off[1], off[0] * off[0] + off[1] * off[1]
-        if spot["refused"] > AWAY_S:
-            xx, xy, yy = pair_covariance(lead["ld"], source["gradient"], source["variance"], m.noise[2 * g, 2 * g + 1])
-            surprise = (x * x * yy - 2.0 * x * y * xy + y * y * xx) / (xx * yy - xy * xy)
-            spot["surprise"] = math.inf if along > LEFT * length2 else surprise
-        weight = REMEMBERED if spot["refused"] > 0.0 else 1.0
-        off[0], off[1] = off[0] + weight * (x - off[0]), off[1] + weight * (y - off[1])
+        covariance = m.noise[2 * g, 2 * g + 1]
+        note_pair(spot, lead["ld"], source["gradient"], source["variance"], covariance, source["residual"])
 
 
 @kernel
@@ -325,12 +315,9 @@ def _comes_back(m: PoseMemory, spots: Matrix, dt: float) -> bool:
     """Count how long spots are refused, others not; whether one that was for long is used though it surprises."""
     surprises = False
     for i in range(m.spots.shape[0]):
-        spot = m.spots[i]
-        if m.accepted[i] > 0.0:
-            surprises = surprises or (spot["refused"] > AWAY_S and spot["surprise"] > SURPRISE)
-            spot["refused"] = 0.0
-        elif has_spot(spots, i) and m.result["used"] > 0:
-            spot["refused"] += dt
+        refused = has_spot(spots, i) and m.result["used"] > 0
+        if returns_wrong(m.spots[i], m.accepted[i] > 0.0, refused, dt):
+            surprises = True
     return surprises
 
 
