@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from relnav.cli.epoch_bar import epoch_bar
 from relnav.cli.printing import say
 from relnav.errors import UsageError
+from relnav.navigation.lasting_words import left_out, left_out_line
 from relnav.navigation.status import Alarm
 
 if TYPE_CHECKING:
@@ -78,6 +79,7 @@ class Summary:
     def __init__(self, mission: "VisionMission") -> None:
         """Take the model."""
         self._mission, self._nis, self._dof, self._attitude = mission, 0.0, 0, ""
+        self._left_out = left_out(mission)
         self._last: tuple[Vector, Vector] | None = None
         self._smoothed = False
         names = (
@@ -132,6 +134,7 @@ class Summary:
         return {
             "model": self._mission.name,
             "smoothed": self._smoothed,
+            "left_out": self._left_out,
             **counts,
             "nis_per_dof": consistency.ratio,
             "nis": str(consistency),
@@ -152,6 +155,8 @@ def lines(figures: dict[str, Any], name: str) -> list[str]:
 
     model = figures["model"] + (", smoothed" if figures["smoothed"] else "")
     out = [f"{name}: {figures['epochs']} epochs, model {model}, {figures['epochs_with_state']} with a state"]
+    if figures["left_out"]:
+        out.append(left_out_line(figures["left_out"]))
     if figures["attitude_hint"]:
         out.append(figures["attitude_hint"])
     if figures["epochs_with_state"] == 0:

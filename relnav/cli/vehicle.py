@@ -90,6 +90,8 @@ class Summary:
     def __init__(self, vehicle: "Vehicle") -> None:
         self._vehicle, self._rows = vehicle, 0
         self._last: VehicleEstimate | None = None
+        self._estimates = 0
+        self._alarms: dict[str, tuple[float, int]] = {}
 
     def counted(self, rows: "Iterable[Row]") -> "Iterator[Row]":
         """The observations, counted."""
@@ -103,6 +105,11 @@ class Summary:
         """The estimates, the last one kept."""
         for estimate in estimates:
             self._last = estimate
+            self._estimates += 1
+            for name, health in estimate.sensors.items():
+                if health.alarm:
+                    first, count = self._alarms.get(name, (estimate.t_s, 0))
+                    self._alarms[name] = first, count + 1
             if progress is not None:
                 progress(1)
             yield estimate
@@ -110,7 +117,8 @@ class Summary:
     def figures(self) -> dict[str, Any]:
         """As plain values."""
         assert self._last is not None
-        return _figures(self._last, self._vehicle, self._rows)
+        alarms = {name: {"first_s": first, "estimates": count} for name, (first, count) in self._alarms.items()}
+        return _figures(self._last, self._vehicle, self._rows) | {"estimates": self._estimates, "alarms": alarms}
 
     def lines(self, name: str) -> list[str]:
         """For a reader."""
@@ -165,4 +173,9 @@ def _lines(figures: dict[str, Any], name: str) -> list[str]:
             lines.append(f"{sensor}: never used")
         else:
             lines.append(f"{sensor}: last used at {health['last_used_s']:.2f} s, NIS/n {health['nis_per_dof']:.2f}")
+    for sensor, alarm in figures["alarms"].items():
+        lines.append(
+            f"ALARM {sensor} in {alarm['estimates']} of {figures['estimates']} estimates, first at "
+            f"{alarm['first_s']:.2f} s: it contradicts the others, do not use the states there"
+        )
     return lines

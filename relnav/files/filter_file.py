@@ -33,7 +33,8 @@ from relnav.files.tracks import write
 from relnav.files.wording import listed
 from relnav.mission import Model
 from relnav.navigation.arguments import controls
-from relnav.navigation.log import Epochs, LogFilter, considered_words
+from relnav.navigation.lasting_words import lasting_words
+from relnav.navigation.log import Epochs, LogFilter
 from relnav.navigation.record import Solution
 
 FAR_APART_S = 10.0
@@ -134,7 +135,7 @@ def filter_file(
             pass
     else:
         stated = head(mission.name, method, smooth) | turning.stated
-        stated |= considered_words(mission, method) | engine_words(engine) | of_log
+        stated |= lasting_words(mission, method) | engine_words(engine) | of_log
         writer(Path(out), COLUMNS, parts(), stated, INTEGERS)
     summary.hint, summary.notes = run.hint(summary.started), run.spacing()
     return summary

@@ -14,6 +14,7 @@ from relnav.estimation.rows import copy_track
 from relnav.geometry.rotation import dcm_from_quaternion_into
 from relnav.mission import Model
 from relnav.navigation.arguments import choose, controls, quaternions
+from relnav.navigation.lasting_words import lasting_words
 from relnav.navigation.memory import Memory, views
 from relnav.navigation.observation.beacon_considered import add_considered
 from relnav.navigation.observation.beacon_geometry import attitude_changed
@@ -137,13 +138,6 @@ def _join(state: Matrix, factor: Matrix, considered: Stack, ld: Matrix) -> None:
             pack_factors(ld, factor[e])
 
 
-def considered_words(model: Model, method: str) -> dict[str, str]:
-    """Which lasting errors the covariance includes, for a reader: {"considered": words}, or {} if there are none."""
-    attitude = "attitude" if method == "spots" and model.attitude.sigma_rad > 0.0 else ""
-    words = ", ".join(part for part in (attitude, model.considered) if part)
-    return {"considered": words} if words else {}
-
-
 class LogFilter:
     """A filter that is fed a log in chunks, forward; and each chunk backward, once what comes after it is known."""
 
@@ -230,7 +224,7 @@ class LogFilter:
             port_m=self.model.port_position_m,
             lever_lvlh_m=_levers(self.model, len(t), quaternion),
             smoothed=smoothed,
-            metadata=considered_words(self.model, self.method),
+            metadata=lasting_words(self.model, self.method),
         )
 
 
