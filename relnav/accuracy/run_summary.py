@@ -19,7 +19,7 @@ GAP = 10.0
 
 METHOD_WORDS = {
     "fix": "fix needs three spots and no attitude; --method spots: one is enough, angles as good as the attitude",
-    "spots": "spots needs the camera's attitude, whose error is in the angles; --method fix needs none, but three spots",
+    "spots": "spots needs the camera's attitude, whose error is in the angles; --method fix: three spots, none",
 }
 """What each measurement model needs, and what the other would bring."""
 
