@@ -85,8 +85,8 @@ class Fold:
     def __post_init__(self) -> None:
         if self.transmission + self.reflectance > 1.0 + 1e-9:
             raise ValueError(
-                f"transmission and reflectance are shares of the same light, together 1 at most; got {self.transmission:g} "
-                f"and {self.reflectance:g}"
+                "transmission and reflectance are shares of the same light, together 1 at most; got "
+                f"{self.transmission:g} and {self.reflectance:g}"
             )
         if abs(math.hypot(*self.mirror_normal) - 1.0) > 1e-6:
             raise ValueError(f"mirror_normal is a unit vector; its length is {math.hypot(*self.mirror_normal):.9g}")

@@ -71,7 +71,8 @@ def track_spots(
     frame = framed(scratch, p, n)
     fill_frame(frame, spots, magnitude, order, p)
     count_stars(frame, sky)
-    A, cov, out, v = solution[0:3], solution[3:6], scratch[SPOT * n : SPOT * n + 3], scratch[SPOT * n + 3 : SPOT * n + 6]
+    A, cov, free = solution[0:3], solution[3:6], scratch[SPOT * n :]
+    out, v = free[0:3], free[3:6]
     for r in range(3):
         for c in range(3):
             cov[r, c] = sigma_prior * sigma_prior if r == c else 0.0
