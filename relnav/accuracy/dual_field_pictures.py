@@ -1,7 +1,8 @@
-"""Pictures of a two-field sensor: spots defocused over 7 x 7 px, stray light past the baffles, unequal halves, overlaps.
+"""Pictures of a two-field sensor: spots defocused over 7 x 7 px, stray light, a mirror of unequal halves, overlaps.
 
-What the patent says of them, You, Xing, Dong (2004): spots of 7 x 7 px, so that ten stars light 490 of a million pixels;
-baffles of 1e-9 against stray light; spots of two fields that hardly ever touch; as much light through the mirror as by it.
+What the patent says of them, You, Xing, Dong (2004), "Dual-field star sensor and star identification with it": spots of
+7 x 7 px, so that ten stars light 490 of a million pixels; baffles of 1e-9 against stray light; spots of two fields that
+hardly ever touch; as much light through the mirror as by it.
 """
 
 import dataclasses

@@ -38,7 +38,7 @@ def test_occupancy_and_spots_that_touch(sensor):
     assert touching(np.array([[0.0, 0.0], [6.0, 3.0], [20.0, 0.0]])) == 2
     both, one, touch = occupancy(sensor, 200, 1)
     assert both == pytest.approx(26 * 49 / 2048**2, rel=0.2)
-    assert both < one
+    assert both == pytest.approx(one, rel=0.3)
     assert 0.0 < touch < 0.03
 
 

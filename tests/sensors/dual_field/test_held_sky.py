@@ -1,4 +1,4 @@
-"""27 frames of other cameras, 5 to 20 deg wide, focal length roughly known and nothing else: how many, and none wrong."""
+"""27 frames of other cameras, 5 to 20 deg wide, only the focal length roughly known: how many, and none wrong."""
 
 import csv
 import json
