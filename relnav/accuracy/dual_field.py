@@ -6,14 +6,18 @@ from dataclasses import replace
 
 from relnav.accuracy.claims import ClaimRow, ClaimsReport, claim_row
 from relnav.accuracy.dual_field_patent import cross_angle_error, detector_use, spurious_quadruples
+from relnav.accuracy.dual_field_pictures import occupancy, stray_over_star
 from relnav.accuracy.dual_field_runs import FieldRuns, calibrated, fly_frames, identification_rates
 from relnav.accuracy.published import Claim, Published
 from relnav.sensors.dual_field.prediction import patent_roll_readings
 from relnav.sensors.dual_field.sensor import StarSensor
 from relnav.simulation.star_field import SkyConditions
+from relnav.simulation.star_picture import Exposure
 
 AXES = ("x", "y", "z")
 FALSE_SPOTS = (0, 1, 2, 3, 5)
+BAFFLE = 1e-9
+"""Share of the sun's light that a baffle lets past, as the patent asks of it."""
 OURS = "pairs of one field"
 PATENT = "patent, exact angle"
 LITERAL = "patent, 90 deg -+ a as printed"
@@ -50,6 +54,7 @@ def measure(
     rows.extend(_single_rows(claims, published, single))
     if dual is not None and "detector use" in claims:
         rows.extend(_formula_rows(sensor, claims, published, single, runs, seed))
+        rows.extend(_detector_rows(sensor, claims, published, runs, seed))
     return ClaimsReport(sensor.name, runs, seed, tuple(rows), tuple(notes))
 
 
@@ -141,6 +146,22 @@ def _formula_rows(
             reason,
         ),
     ]
+
+
+def _detector_rows(
+    sensor: StarSensor, claims: dict[str, Claim], published: Published, runs: int, seed: int
+) -> list[ClaimRow]:
+    """What the patent says of pixels, touching spots and baffles."""
+    both, one, touch = occupancy(sensor, max(50, runs // 5), seed)
+    stray = stray_over_star(sensor, Exposure(), BAFFLE, SkyConditions().faintest_mag)
+    figures = (
+        ("detector occupancy", "two fields", both),
+        ("detector occupancy", "one field of the same lens", one),
+        ("spots that touch", "two fields", touch),
+        ("stray light under a star", "baffles of 1e-9", stray),
+        ("stray light under a star", "baffles of 1e-8", 10.0 * stray),
+    )
+    return [claim_row(claims[name], published, method, value) for name, method, value in figures if name in claims]
 
 
 def _plain_row(quantity: str, method: str, measured: float, unit: str, statistic: str, condition: str) -> ClaimRow:

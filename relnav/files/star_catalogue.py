@@ -1,4 +1,4 @@
-"""The shipped star catalogue: Hipparcos-2 to Hp 7.5, as made by `tools/build_star_catalogue.py`."""
+"""The shipped star catalogue: Hipparcos-2 to Hp 8.0, as made by `tools/build_star_catalogue.py`."""
 
 from functools import lru_cache
 
@@ -8,7 +8,7 @@ from relnav.errors import InputError
 from relnav.files.model_folders import models_root
 from relnav.sensors.dual_field.catalogue import StarCatalogue
 
-NAME = "star_catalogue/hip2_hp75.npz"
+NAME = "star_catalogue/hip2_hp80.npz"
 
 
 @lru_cache(maxsize=1)

@@ -143,6 +143,8 @@ def solve_frame(
 def focal_steps(error: float) -> list[float]:
     """Factors of a focal length known to `error`, relative, the nearest to 1 first; each covers `FOCAL_RANGE`."""
     steps, k = [1.0], 1
+    if error <= FOCAL_RANGE:
+        return steps
     while FOCAL_STEP ** (k - 1) * (1.0 + FOCAL_RANGE) < 1.0 / (1.0 - error) - 1e-9:
         steps += [FOCAL_STEP**k, FOCAL_STEP**-k]
         k += 1

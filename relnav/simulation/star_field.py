@@ -20,7 +20,7 @@ class SkyConditions:
     Attributes
     ----------
     faintest_mag : float
-        Hipparcos magnitude of the faintest star seen.
+        Hipparcos magnitude of the faintest star seen in field 0; in field 1 by `Fold.fainter_mag` brighter.
     magnitude_noise, missing, false_spots : float, float, int
         1-sigma of a spot's magnitude, probability that a star has no spot, and spots that are no stars.
     field_radius_rad : float
@@ -75,7 +75,8 @@ class StarFieldSimulator:
         self.sensor, self.conditions = sensor, conditions
         self.fold = sensor.fold.matrix if fold is None else fold
         catalogue = sensor.catalogue
-        part = slice(0, int(np.searchsorted(catalogue.hp_mag, conditions.faintest_mag, side="right")))
+        deepest = conditions.faintest_mag + max(0.0, -sensor.fold.fainter_mag)
+        part = slice(0, int(np.searchsorted(catalogue.hp_mag, deepest, side="right")))
         self.directions = catalogue.directions(sensor.identification.epoch_jyear, stars=part)
         self.magnitude, self.hip = np.asarray(catalogue.hp_mag[part], dtype=np.float64), catalogue.hip[part]
 
@@ -101,10 +102,12 @@ class StarFieldSimulator:
             present = rng.random(len(self.directions)) >= self.conditions.missing
             near = np.flatnonzero((self.directions @ turn[2] > reach) & present)
             rays = aberration(self.directions[near], beta) @ turn.T
-            inside = rays[:, 2] > np.cos(radius)
+            fainter = self.sensor.fold.fainter_mag if f else 0.0
+            seen = self.magnitude[near] + fainter <= self.conditions.faintest_mag
+            inside = (rays[:, 2] > np.cos(radius)) & seen
             chosen = near[inside]
             spots.append(project(rays[inside], camera.focal_length_px, camera.principal_point_px, camera.distortion))
-            magnitude.append(self.magnitude[chosen])
+            magnitude.append(self.magnitude[chosen] + fainter)
             hip.append(self.hip[chosen])
             field.append(np.full(len(chosen), f, dtype=np.int64))
         return self._finished(rng, np.concatenate(spots), np.concatenate(magnitude), hip, field, A, velocity)

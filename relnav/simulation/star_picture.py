@@ -1,4 +1,4 @@
-"""Pictures of the sky: round Gaussian stars over pixels, sky light, shot and read noise, hot and full pixels."""
+"""Pictures of the sky: round Gaussian stars over pixels, sky and stray light, shot and read noise, hot, full pixels."""
 
 from dataclasses import dataclass
 
@@ -27,6 +27,9 @@ class Exposure:
         Share of the pixels that read anything up to full.
     bits : int
         Counts go up to 2^bits - 1.
+    stray_counts : (2,)
+        Mean stray light of a pixel that gets past each baffle: of the first it falls off evenly from the left edge
+        (twice the mean) to the right (none), of the second from top to bottom.
     """
 
     radius_px: float = 1.2
@@ -36,11 +39,19 @@ class Exposure:
     electrons_per_count: float = 2.0
     hot_pixels: float = 2e-5
     bits: int = 16
+    stray_counts: tuple[float, float] = (0.0, 0.0)
 
     def flux(self, magnitude: Vector) -> Vector:
         """Counts (n,) of stars of given magnitudes (n,)."""
         counts: Vector = 10.0 ** (0.4 * (self.zero_point - magnitude))
         return counts
+
+    def dark(self, size_px: tuple[int, int]) -> Matrix:
+        """Mean counts (rows, columns) of a picture without stars: sky and stray light."""
+        width, height = size_px
+        across, down = (2.0 - (2.0 * np.arange(side) + 1.0) / side for side in (width, height))
+        mean: Matrix = self.sky_counts + self.stray_counts[0] * across + self.stray_counts[1] * down[:, None]
+        return mean
 
 
 def picture_of(
@@ -48,7 +59,7 @@ def picture_of(
 ) -> Matrix:
     """Counts (rows, columns) of a picture of spots (n, 2), from its centre, x right, y down, with fluxes (n,)."""
     width, height = size_px
-    mean = np.full((height, width), exposure.sky_counts)
+    mean = exposure.dark(size_px)
     half = int(np.ceil(REACH * exposure.radius_px)) + 1
     centre = np.array([0.5 * (width - 1), 0.5 * (height - 1)])
     for (x, y), counts in zip(spots_px + centre, flux, strict=True):

@@ -13,7 +13,7 @@ from relnav.geometry.star_places import LIGHT_KM_S, MAS_RAD, aberration, paralla
 @pytest.fixture(scope="module")
 def stars():
     catalogue = load_star_catalogue()
-    part = slice(0, 23270, 7)
+    part = slice(0, 37622, 7)
     return {name: np.asarray(getattr(catalogue, name)[part], dtype=float) for name in vars(catalogue) if name != "hip"}
 
 

@@ -72,6 +72,8 @@ def command(
             'kind = "mirror"',
             f"mirror_normal = [{', '.join(repr(float(value)) for value in fit.estimate.normal)}]",
             f"error_arcsec = {figures['error_arcsec']:.3g}",
+            f"transmission = {sensor.fold.transmission!r}",
+            f"reflectance = {sensor.fold.reflectance!r}",
             "",
         ]
     )

@@ -44,11 +44,15 @@ PAIR_SPOTS = 11
 MIRRORED_PAIRS = 12
 """Pairs that are tried to tell a user whose frame is not solved that it is mirrored."""
 
-STARS_IN_FIELD = 25.0
-"""Catalogue stars expected in the field among which pairs are looked up."""
+STARS_IN_FIELD, FEW_STARS_IN_FIELD = 25.0, 12.0
+"""Catalogue stars expected in the field among which pairs are looked up; the brighter half is tried first, at a quarter
+of the attitudes."""
 
-SHEAR = 0.01
-"""Error of a spot relative to its distance from the pair, left by unknown distortion."""
+SHEAR, LEAST_SHEAR = 0.01, 0.002
+"""Error of a spot relative to its distance from the pair, left by unknown distortion: of any lens, of a long one."""
+
+CELLS = 4
+"""Along each side of the field: where bright spots crowd (leaves, lamps) the brightest of every cell comes first."""
 
 LEAST_FOUND = 3
 """Spots that must find a star beside the pair before a candidate is looked at."""
@@ -94,6 +98,7 @@ def try_scaled_pair(
     i: int,
     j: int,
     contrast: float,
+    shear: float,
     best_A: Matrix,
     best_match: Codes,
     match: Codes,
@@ -103,7 +108,7 @@ def try_scaled_pair(
     """The best candidate of one pair of spots: the logarithm of its false alarm probability; writes attitude and match.
 
     info (2,): attitudes tried so far (counted on), scale of the best. `contrast` bounds the difference of the two
-    differences of magnitude. Rows of frame.W are scratch.
+    differences of magnitude, `shear` is as `SHEAR`. Rows of frame.W are scratch.
     """
     n = frame.sigma2.shape[0]
     A, out, spots, stars = work[10:13], work[13], work[15:18], work[21:24]
@@ -124,7 +129,7 @@ def try_scaled_pair(
         scale_rays(points, scale, i, 1, frame.W)
         scale_rays(points, scale, j, min(n, asked + 3), frame.W)  # those that are asked follow j
         spot_triad(frame.W, i, j, spots, work[8:10])
-        prepare_questions(frame, i, j, 0, spots, asked, ways, SHEAR * SHEAR, questions)
+        prepare_questions(frame, i, j, 0, spots, asked, ways, shear * shear, questions)
         apart = star_triad(sky.stars, frame.beta, sky.pairs[pair, 0], sky.pairs[pair, 1], stars, work[4:8])
         for order in range(2):
             sign, a, c = 1.0 - 2.0 * order, sky.pairs[pair, order], sky.pairs[pair, 1 - order]
@@ -135,7 +140,7 @@ def try_scaled_pair(
                 continue
             attitude_of_triads(spots, stars, sign, A)
             scale_rays(points, scale, 0, n, frame.W)
-            found = match_loosely(frame, sky, i, j, 0, SHEAR * SHEAR, A, match, out)
+            found = match_loosely(frame, sky, i, j, 0, shear * shear, A, match, out)
             if found < LEAST_FOUND:
                 continue
             chance = log_false_alarm(info[0], n, found, out[0])
@@ -176,6 +181,11 @@ class Blind:
     lens_known: bool = False
     velocity_km_s: tuple[float, float, float] | None = None
 
+    def of(self, order: Codes) -> "Blind":
+        """With its spots in another order (n,)."""
+        known = None if self.magnitude is None else self.magnitude[order]
+        return replace(self, spots_px=self.spots_px[order], magnitude=known)
+
     @property
     def points(self) -> Matrix:
         """On the plane z = 1, with the focal length as given."""
@@ -183,13 +193,17 @@ class Blind:
 
 
 def sky_for(
-    catalogue: StarCatalogue, epoch_jyear: float, points: Matrix, velocity_km_s: tuple[float, float, float] | None
+    catalogue: StarCatalogue,
+    epoch_jyear: float,
+    points: Matrix,
+    velocity_km_s: tuple[float, float, float] | None,
+    stars_in_field: float = STARS_IN_FIELD,
 ) -> Sky:
     """The sky for a field as large as the spots (n, 2) on the plane z = 1 cover: as deep as they are many."""
     spread = np.ptp(points, axis=0)
     radius = math.atan(float(np.max(np.hypot(points[:, 0], points[:, 1]))))
     sky_over_field = 4.0 * math.pi / max(float(spread[0] * spread[1]), 1e-4)
-    pairs = min(len(catalogue), int(STARS_IN_FIELD * sky_over_field))
+    pairs = min(len(catalogue), int(stars_in_field * sky_over_field))
     stars = min(len(catalogue), int(max(2.0 * STARS_IN_FIELD, 1.5 * len(points)) * sky_over_field))
     magnitude = catalogue.hp_mag
     return prepare_sky(
@@ -214,7 +228,15 @@ def pair_order(points: Matrix) -> list[tuple[int, int]]:
     return pairs
 
 
-def solve_blind(blind: Blind, catalogue: StarCatalogue, epoch_jyear: float, log10_pfa: float = -9.0) -> StarSolution:
+def spread_order(points: Matrix) -> Codes:
+    """Indices (n,) of spots, brightest first, so that the brightest of every cell of the field come first."""
+    low, span = points.min(axis=0), np.maximum(np.ptp(points, axis=0), 1e-12)
+    cell = np.minimum((points - low) / span * CELLS, CELLS - 1).astype(np.int64) @ np.array([1, CELLS])
+    place = np.array([np.sum(cell[:k] == cell[k]) for k in range(len(cell))])
+    return np.argsort(place, kind="stable")
+
+
+def solve_blind(blind: Blind, catalogue: StarCatalogue, epoch_jyear: float, log10_pfa: float = -8.0) -> StarSolution:
     """Attitude, focal length and distortion of a single-field frame, or a status with the reason why not.
 
     Parameters
@@ -237,13 +259,23 @@ def solve_blind(blind: Blind, catalogue: StarCatalogue, epoch_jyear: float, log1
     if float(np.min(np.ptp(points, axis=0))) < NARROWEST:
         reason = "the spots cover no field: all lie in one place or along one line"
         return no_solution(StarStatus.NO_MATCH, reason, n)
-    sky = sky_for(catalogue, epoch_jyear, points, blind.velocity_km_s)
-    fit, tried = _search(blind, points, sky, log10_pfa)
-    if fit is not None:
-        return fit.solution(sky, tried)
+    few, all_stars = (
+        sky_for(catalogue, epoch_jyear, points, blind.velocity_km_s, stars)
+        for stars in (FEW_STARS_IN_FIELD, STARS_IN_FIELD)
+    )
+    as_given, spread, tried = np.arange(n), spread_order(points), 0
+    for order, shear, sky in (
+        (as_given, SHEAR, few),
+        (as_given, LEAST_SHEAR, few),
+        (spread, SHEAR, few),
+        (as_given, SHEAR, all_stars),
+    ):
+        fit, tried = _search(blind.of(order), points[order], sky, log10_pfa, shear=shear, tried=tried)
+        if fit is not None:
+            return fit.in_order(order).solution(sky, tried)
     mirrored = replace(blind, spots_px=blind.spots_px * (1.0, -1.0), lens_known=False)
     hint = ""
-    if _search(mirrored, mirrored.points, sky, log10_pfa, MIRRORED_PAIRS)[0] is not None:
+    if _search(mirrored, mirrored.points, all_stars, log10_pfa, MIRRORED_PAIRS)[0] is not None:
         hint = "; mirrored it does: x_px must count to the right and y_px down, as on the detector seen from behind"
     reason = (
         f"no attitude with a focal length within {FOCAL_RANGE:.0%} of {blind.focal_px:g} px explains the spots{hint}"
@@ -252,9 +284,16 @@ def solve_blind(blind: Blind, catalogue: StarCatalogue, epoch_jyear: float, log1
 
 
 def _search(
-    blind: Blind, points: Matrix, sky: Sky, log10_pfa: float, most_pairs: int | None = None
+    blind: Blind,
+    points: Matrix,
+    sky: Sky,
+    log10_pfa: float,
+    most_pairs: int | None = None,
+    *,
+    shear: float = SHEAR,
+    tried: int = 0,
 ) -> tuple[CameraFit | None, int]:
-    """The first fit that is believed, and how many attitudes were tried."""
+    """The first fit that is believed, and how many attitudes were tried, with those `tried` before."""
     checked = np.ascontiguousarray(points[:CHECKED_SPOTS])
     m = len(checked)
     sigma = np.full(m, 0.5 / blind.focal_px)
@@ -265,9 +304,9 @@ def _search(
         contrast = 2.0
     count_stars(frame, sky.arrays)
     match, best_match = np.zeros((m, 2), dtype=np.int64), np.zeros((m, 2), dtype=np.int64)
-    A, work, info = np.empty((3, 3)), np.empty((WORK_ROWS, 3)), np.zeros(2)
+    A, work, info = np.empty((3, 3)), np.empty((WORK_ROWS, 3)), np.array([float(tried), 0.0])
     for i, j in pair_order(checked)[:most_pairs]:
-        chance = try_scaled_pair(frame, sky.arrays, checked, i, j, contrast, A, best_match, match, work, info)
+        chance = try_scaled_pair(frame, sky.arrays, checked, i, j, contrast, shear, A, best_match, match, work, info)
         if chance > math.log(1e-3):
             continue
         fit = fit_camera(

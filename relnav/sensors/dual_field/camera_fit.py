@@ -22,6 +22,9 @@ LEAST_MATCHES = 6
 FIRST_NOISE_PX, LEAST_NOISE_PX = 0.5, 0.03
 """Noise of a spot coordinate before residuals tell it, and the least that is believed of them."""
 
+DEPTHS = 8
+"""Ways to count the sky's stars when chance is judged: all, the brighter half, the brighter quarter and so on."""
+
 LEAST_BRIGHT_SEEN = 0.4
 """Share of the bright stars that should be in the frame that must be among the spots."""
 
@@ -55,6 +58,11 @@ class CameraFit:
     covariance: Matrix
     log10_false_alarm: float
     lens: StarLens
+
+    def in_order(self, order: Codes) -> "CameraFit":
+        """Of spots that were taken in an order (n,), in that of before."""
+        back = np.argsort(order)
+        return replace(self, star=self.star[back], residual_rad=self.residual_rad[back])
 
     def solution(self, sky: Sky, tried: int) -> StarSolution:
         """As the sensor's solution."""
@@ -246,13 +254,11 @@ def _judge(
     tried: float,
 ) -> CameraFit | None:
     """The fit with its false alarm probability; None if the bright stars that should be there are not."""
-    n, matched = len(star), star >= 0
+    matched = star >= 0
     count = int(np.sum(matched))
     if count < LEAST_MATCHES or not _bright_stars_are_there(camera, stars, star):
         return None
-    chance = 0.25 * CLUSTERING * len(stars) * tolerance**2
-    choices = math.lgamma(n + 1) - math.lgamma(count + 1) - math.lgamma(n - count + 1)
-    log = math.log(tried) + choices + (count - 0.5 * free) * math.log(min(1.0, chance))
+    log = _log_false_alarm(star, stars[:, 3], tolerance, free, tried)
     dof = max(2 * count - free, 3)
     square = float(np.nansum(residual**2)) / (dof - 2)  # mean of the variance's posterior
     floor = (LEAST_NOISE_PX / camera.focal_px) ** 2
@@ -269,6 +275,29 @@ def _judge(
         log10_false_alarm=log / math.log(10.0),
         lens=camera.lens,
     )
+
+
+def _log_false_alarm(star: Codes, magnitude: Vector, tolerance: float, free: int, tried: float) -> float:
+    """Logarithm of a bound on the expected number of fits as good by chance, brightness counted.
+
+    Of the first m spots c have a star among the s brightest of the sky. Thrown at random over it, c given spots fall so
+    close to such stars with probability p^c, p = s tolerance^2 / 4, and there are C(m, c) choices of them. Fitted lens
+    parameters take half a match each. The least over m = n, n/sqrt 2, n/2, ... and s counts once for each that was
+    tried.
+    """
+    from scipy.special import gammaln
+
+    n, matched = len(star), star >= 0
+    rank = np.where(matched, np.searchsorted(np.sort(magnitude), magnitude[star], side="right"), len(magnitude) + 1)
+    shares = 0.5 ** (0.5 * np.arange(max(1, round(2.0 * math.log2(n / LEAST_MATCHES)) + 1)))
+    first, least = np.maximum(np.round(n * shares), LEAST_MATCHES), math.inf
+    for halvings in range(DEPTHS):
+        bright = len(magnitude) / 2.0**halvings
+        c = np.cumsum(rank <= bright)[first.astype(np.int64) - 1]
+        choices = gammaln(first + 1.0) - gammaln(c + 1.0) - gammaln(first - c + 1.0)
+        log = choices + (c - 0.5 * free) * math.log(min(1.0, 0.25 * CLUSTERING * bright * tolerance**2))
+        least = min(least, float(np.min(log[c >= LEAST_MATCHES], initial=math.inf)))
+    return math.log(tried * len(first) * DEPTHS) + least
 
 
 def _bright_stars_are_there(camera: _Camera, stars: Matrix, star: Codes) -> bool:

@@ -78,7 +78,8 @@ def nearly_matched(frame: Frame, sky: SkyArrays, match: Codes, A: Matrix) -> boo
         left += 1
         for f in range(frame.fields):
             x, y, z = looked_up_with_slip(frame, f * n + k, f, A)
-            star = nearest_star(sky.stars, sky.cells, x, y, z, NEAR_CHORD2, frame.magnitude[k], frame.gate)
+            magnitude = frame.magnitude[f * n + k]
+            star = nearest_star(sky.stars, sky.cells, x, y, z, NEAR_CHORD2, magnitude, frame.gate)
             taken = star < 0
             for q in range(n):
                 taken = taken or match[q, 0] == star

@@ -79,12 +79,13 @@ def identify_without_fold(
     sigma_rad: Vector,
     magnitude: Vector | None = None,
     gate: float = 0.6,
+    fainter_mag: float = 0.0,
     velocity_km_s: Vector | None = None,
 ) -> tuple[StarSolution, StarSolution]:
     """Identify each field of a two-field frame as if it stood alone, the mirror unknown.
 
     The stars of the other field are so many false spots. Then the spots that are left, mirrored in x, are solved the
-    same way. Either solution may have failed.
+    same way, their stars `fainter_mag` fainter than the catalogue has them. Either solution may have failed.
     """
     first = identify(u, sky, sigma_rad=sigma_rad, magnitude=magnitude, gate=gate, velocity_km_s=velocity_km_s)
     left = np.flatnonzero(first.hip == 0) if first.ok else np.arange(len(u))
@@ -92,7 +93,7 @@ def identify_without_fold(
         np.ascontiguousarray(u[left] @ MIRRORED),
         sky,
         sigma_rad=sigma_rad[left],
-        magnitude=None if magnitude is None else magnitude[left],
+        magnitude=None if magnitude is None else magnitude[left] - fainter_mag,
         gate=gate,
         velocity_km_s=velocity_km_s,
     )
@@ -111,11 +112,18 @@ def identify_fields(
     sigma_rad: Vector,
     magnitude: Vector | None = None,
     gate: float = 0.6,
+    fainter_mag: float = 0.0,
     velocity_km_s: Vector | None = None,
 ) -> IdentifiedFrame | None:
     """Stars of both fields of one frame, the mirror unknown, with catalogue directions; None unless both are found."""
     first, second = identify_without_fold(
-        u, sky, sigma_rad=sigma_rad, magnitude=magnitude, gate=gate, velocity_km_s=velocity_km_s
+        u,
+        sky,
+        sigma_rad=sigma_rad,
+        magnitude=magnitude,
+        gate=gate,
+        fainter_mag=fainter_mag,
+        velocity_km_s=velocity_km_s,
     )
     if first.status is not StarStatus.OK or second.status is not StarStatus.OK:
         return None

@@ -110,6 +110,7 @@ def _identified(
         sigma_rad=ready.sigma_rad,
         magnitude=ready.magnitude,
         gate=sensor.identification.magnitude_gate,
+        fainter_mag=sensor.fold.fainter_mag,
         velocity_km_s=velocity_km_s,
     )
     if frame is None:

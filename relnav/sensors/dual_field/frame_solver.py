@@ -13,9 +13,9 @@ from relnav.sensors.dual_field.search import FOUND, WORK_ROWS, search_pairs
 from relnav.sensors.dual_field.sky import Bits, SkyArrays
 
 FOCAL, CX, CY, K1, K2, HALF_WIDTH, HALF_HEIGHT, SPOT_SIGMA, GATE, FIELDS = range(10)
-SETTINGS, BETA, FOLD, FOLD_COVARIANCE, PARAMETERS = 10, 14, 17, 26, 35
-"""Entries of `parameters`: of the camera, of the search (`Limits.settings`), velocity / c, the fold by rows, and the
-covariance of its error by rows."""
+SETTINGS, BETA, FOLD, FOLD_COVARIANCE, FAINTER, PARAMETERS = 10, 14, 17, 26, 35, 36
+"""Entries of `parameters`: of the camera, of the search (`Limits.settings`), velocity / c, the fold by rows, the
+covariance of its error by rows, and by how much stars of field 1 look fainter, mag."""
 
 MOST_SPOTS = 100
 """The brightest take part; the choice among more costs time and certainty and adds no accuracy that matters."""
@@ -30,7 +30,10 @@ CREDIBLE_FIT = 3.0
 """A mean square so many sigmas of its own scatter above 1 is not chance: the covariance grows with it."""
 
 BLOCK = 21 + 3 * (WORK_ROWS + SLIP_ROWS)
-"""Numbers of `block` beside 10 for each spot."""
+"""Numbers of `block` beside `BLOCK_SPOT` for each spot."""
+SPOT = 11
+"""Numbers of scratch for each spot, before what does not depend on their number."""
+BLOCK_SPOT = SPOT + 1
 
 
 @kernel
@@ -56,13 +59,13 @@ def usable_spots_into(spots: Matrix, magnitude: Vector, half_width: float, half_
 
 @kernel
 def framed(scratch: Vector, parameters: Vector, n: int) -> Frame:
-    """A frame of n spots in scratch (9 n + 3 (WORK_ROWS + SLIP_ROWS),), to be filled; its rows of work stay free."""
-    fields, place = int(parameters[FIELDS]), 9 * n + 3 * WORK_ROWS
+    """A frame of n spots in scratch (SPOT n + 3 (WORK_ROWS + SLIP_ROWS),), to be filled; its rows of work stay free."""
+    fields, place = int(parameters[FIELDS]), SPOT * n + 3 * WORK_ROWS
     return Frame(
         scratch[: 3 * fields * n].reshape((fields * n, 3)),
         scratch[6 * n : 7 * n],
-        scratch[7 * n : 8 * n],
-        scratch[8 * n : 9 * n],
+        scratch[7 * n : (7 + fields) * n],
+        scratch[9 * n : (9 + fields) * n],
         parameters[BETA : BETA + 3],
         parameters[FOLD : FOLD + 9].reshape((3, 3)),
         parameters[GATE],
@@ -85,6 +88,7 @@ def fill_frame(frame: Frame, spots: Matrix, magnitude: Vector, order: Codes, par
         W[q, 0], W[q, 1], W[q, 2], frame.sigma2[q] = ray_and_variance(x, y, p[SPOT_SIGMA] / p[FOCAL])
         frame.magnitude[q] = magnitude[s] if magnitude.shape[0] > 0 else 0.0
         if frame.fields == 2:
+            frame.magnitude[n + q] = frame.magnitude[q] - p[FAINTER]
             for r in range(3):
                 W[n + q, r] = M[r, 0] * W[q, 0] + M[r, 1] * W[q, 1] + M[r, 2] * W[q, 2]
 
@@ -113,7 +117,8 @@ def solve_spots(
     fold farther off than its stated error.
 
     spots (n, 2) px and magnitude (n,) or (0,) as handed in; stars to line are `SkyArrays`, hip (stars,) their numbers.
-    Writes Hipparcos numbers into star (n,), fields into found[3 n:] (4 n,), and into block (BLOCK + 10 n,):
+    Writes Hipparcos numbers into star (n,), fields into found[3 n:] (4 n,), and into block
+    (BLOCK + BLOCK_SPOT n,):
     attitude (9), covariance (9), what `search_pairs` calls info (2), number of spots or fit (1), residuals (n) rad; the
     rest is scratch. Nothing need be set before.
     """
@@ -128,7 +133,7 @@ def solve_spots(
     if n < LEAST_SPOTS:
         solution[6, 2] = n
         return TOO_FEW
-    work = scratch[9 * n : 9 * n + 3 * WORK_ROWS].reshape((WORK_ROWS, 3))
+    work = scratch[SPOT * n : SPOT * n + 3 * WORK_ROWS].reshape((WORK_ROWS, 3))
     frame = framed(scratch, p, n)
     fill_frame(frame, spots, magnitude, order, p)
     verdict = search_pairs(

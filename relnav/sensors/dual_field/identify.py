@@ -70,18 +70,21 @@ def make_frame(
     fold: Matrix | None,
     velocity_km_s: Vector | None,
     fold_covariance: Matrix | None = None,
+    fainter_mag: float = 0.0,
 ) -> Frame:
     """The kernels' view of rays (n, 3), brightest first; without magnitudes no star is refused for its brightness."""
     slip = np.zeros((SLIP_ROWS, 3))
     if fold_covariance is not None:
         slip[PRIOR : PRIOR + 3] = fold_covariance
     W = np.concatenate([u, u @ fold.T]) if fold is not None else u
-    n = len(u)
+    seen = np.zeros(len(u)) if magnitude is None else magnitude
+    if fold is not None:
+        seen = np.concatenate([seen, seen - fainter_mag])
     return Frame(
         W=np.ascontiguousarray(W),
         sigma2=sigma_rad**2,
-        magnitude=np.zeros(n) if magnitude is None else magnitude,
-        counts=np.empty(n),
+        magnitude=seen,
+        counts=np.empty(len(seen)),
         beta=REST if velocity_km_s is None else velocity_km_s / LIGHT_KM_S,
         fold=NO_FOLD if fold is None else fold,
         gate=math.inf if magnitude is None else gate,
@@ -99,6 +102,7 @@ def identify(
     gate: float = 0.6,
     fold: Matrix | None = None,
     fold_covariance: Matrix | None = None,
+    fainter_mag: float = 0.0,
     velocity_km_s: Vector | None = None,
     limits: Limits = DEFAULT_LIMITS,
 ) -> StarSolution:
@@ -120,6 +124,8 @@ def identify(
         Of a two-field sensor (`mirror_fold`).
     fold_covariance : (3, 3), optional
         Of the small turn by which the fold is off (`sensor.Fold.covariance`); left out, it is exact.
+    fainter_mag : float
+        By how much a star looks fainter in field 1 than in field 0 (`sensor.Fold.fainter_mag`).
     velocity_km_s : (3,), optional
         Observer's barycentric velocity, ICRS; without it no aberration.
     limits : Limits
@@ -128,7 +134,7 @@ def identify(
     n = len(u)
     if n < LEAST_SPOTS:
         return no_solution(StarStatus.TOO_FEW, f"{n} spots; {LEAST_SPOTS} or more are needed", n)
-    frame = make_frame(u, sigma_rad, magnitude, gate, fold, velocity_km_s, fold_covariance)
+    frame = make_frame(u, sigma_rad, magnitude, gate, fold, velocity_km_s, fold_covariance, fainter_mag)
     match, A, cov = np.empty((n, 2), dtype=np.int64), np.empty((3, 3)), np.empty((3, 3))
     info = np.empty(2)
     verdict = search_pairs(frame, sky.arrays, limits.settings, match, A, cov, np.empty((WORK_ROWS, 3)), info)

@@ -27,10 +27,10 @@ class Frame(NamedTuple):
         Directions of the n spots if seen in field 0, then if seen in field 1.
     sigma2 : (n,)
         Variance of each direction about an axis normal to it, rad^2.
-    magnitude : (n,)
-        Of each spot; any number where `gate` is infinite.
-    counts : (n,)
-        Stars of the sky within the gate of each spot, times `CLUSTERING`.
+    magnitude : (2 n,)
+        Of the star that each spot would be, seen in field 0, then seen in field 1; any number where `gate` is infinite.
+    counts : (2 n,)
+        Stars of the sky within the gate of each, times `CLUSTERING`.
     beta : (3,)
         Observer's velocity in units of that of light.
     fold : (3, 3)
@@ -119,7 +119,10 @@ def tight_chord2(frame: Frame, k: int, field: int, cov: Matrix) -> float:
 @kernel
 def log_chance_of_match(frame: Frame, k: int, chord2: float) -> float:
     """Logarithm of the probability that a spot thrown at random over the sky falls on a star so close."""
-    return float(math.log(min(1.0, 0.25 * frame.fields * frame.counts[k] * chord2)))
+    stars = frame.counts[k]
+    if frame.fields == 2:
+        stars += frame.counts[frame.sigma2.shape[0] + k]
+    return float(math.log(min(1.0, 0.25 * stars * chord2)))
 
 
 @kernel
@@ -164,7 +167,7 @@ def match_loosely(
             t2 = loose_chord2(W, f * n + k, sigma2[k], m0, m1, m2, stretch2)
             if f != field:
                 t2 = min(LOOSEST_CHORD2, t2 + 16.0 * slip_variance(frame))
-            star = nearest_star(stars, cells, x, y, z, t2, magnitude[k], frame.gate)
+            star = nearest_star(stars, cells, x, y, z, t2, magnitude[f * n + k], frame.gate)
             if star >= 0:
                 match[k, 0], match[k, 1] = star, f
                 log_chance += log_chance_of_match(frame, k, t2)
@@ -191,7 +194,7 @@ def match_tightly(
         for f in range(frame.fields):
             t2 = tight_chord2(frame, k, f, cov)
             x, y, z = looked_up_with_slip(frame, f * n + k, f, A)
-            star = nearest_star(stars, sky.cells, x, y, z, t2, frame.magnitude[k], frame.gate)
+            star = nearest_star(stars, sky.cells, x, y, z, t2, frame.magnitude[f * n + k], frame.gate)
             if star >= 0:
                 d2 = (stars[star, 0] - x) ** 2 + (stars[star, 1] - y) ** 2 + (stars[star, 2] - z) ** 2
                 if d2 < nearest2:

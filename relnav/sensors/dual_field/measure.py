@@ -12,6 +12,7 @@ from relnav.geometry.star_places import LIGHT_KM_S
 from relnav.sensors.dual_field.frame_solver import (
     BETA,
     BLOCK,
+    BLOCK_SPOT,
     GATE,
     LEAST_SPOTS,
     MISFIT,
@@ -110,7 +111,7 @@ def _parameters(model: StarSensor, magnitude: Vector | None, velocity_km_s: Vect
 
 def _room(n: int) -> tuple[NDArray[np.int32], Codes, Vector]:
     """Star, `found` and `block` of a frame of n spots, for the compiled solvers."""
-    return np.empty(n, dtype=np.int32), np.empty(4 * n, dtype=np.int64), np.empty(BLOCK + 10 * n)
+    return np.empty(n, dtype=np.int32), np.empty(4 * n, dtype=np.int64), np.empty(BLOCK + BLOCK_SPOT * n)
 
 
 def _solution(

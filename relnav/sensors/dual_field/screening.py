@@ -98,7 +98,7 @@ def prepare_questions(
             questions[row, 3] = loose_chord2(W, w, frame.sigma2[k], m0, m1, m2, stretch2)
             if way == 1:
                 questions[row, 3] = min(LOOSEST_CHORD2, questions[row, 3] + 16.0 * slip_variance(frame))
-            questions[row, 4] = frame.magnitude[k]
+            questions[row, 4] = frame.magnitude[w]
             row += 1
 
 

@@ -148,6 +148,16 @@ def try_stars(
 
 
 @kernel
+def pair_fits(frame: Frame, sky: SkyArrays, i: int, j: int, a: int, c: int, field: int) -> bool:
+    """Whether spots i and j, seen in a field, are as bright as stars a and c."""
+    first = field * frame.sigma2.shape[0]
+    return bool(
+        abs(sky.stars[a, 3] - frame.magnitude[first + i]) <= frame.gate
+        and abs(sky.stars[c, 3] - frame.magnitude[first + j]) <= frame.gate
+    )
+
+
+@kernel
 def search_pairs(
     frame: Frame,
     sky: SkyArrays,
@@ -183,11 +193,13 @@ def search_pairs(
                 spot_triad(W, field * n + i, field * n + j, triad, work[8:10])
                 prepare_questions(frame, i, j, field, triad, asked, ways, 0.0, questions[field])
             mi, mj = frame.magnitude[i], frame.magnitude[j]
+            fainter = frame.magnitude[n + i] - mi if frame.fields == 2 else 0.0
+            low, high = min(0.0, fainter) - gate, max(0.0, fainter) + gate
             for pair in range(first, last):
                 p, q = sky.pairs[pair, 0], sky.pairs[pair, 1]
                 mp, mq = sky.stars[p, 3], sky.stars[q, 3]
-                straight = abs(mp - mi) <= gate and abs(mq - mj) <= gate
-                crossed = abs(mq - mi) <= gate and abs(mp - mj) <= gate
+                straight = low <= mp - mi <= high and low <= mq - mj <= high
+                crossed = low <= mq - mi <= high and low <= mp - mj <= high
                 if not (straight or crossed):
                     continue
                 apart = star_triad(sky.stars, b, p, q, stars, work[4:8])
@@ -196,6 +208,8 @@ def search_pairs(
                         continue
                     sign, a, c = 1.0 - 2.0 * order, sky.pairs[pair, order], sky.pairs[pair, 1 - order]
                     for field in range(frame.fields):
+                        if not pair_fits(frame, sky, i, j, a, c, field):
+                            continue
                         info[1] += 1.0
                         if not (apart and promising(frame, sky, questions[field], asked, ways, least, stars, sign)):
                             continue

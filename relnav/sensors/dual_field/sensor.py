@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Lt
+from annotated_types import Ge, Gt, Le, Lt
 
 from relnav.arrays import Matrix, Vector
 from relnav.geometry.rotation import dcm_from_quaternion
@@ -71,20 +71,34 @@ class Fold:
     error_rad : float
         1-sigma by which the mirror's normal is off about each axis across it, or the turned field about any axis. It
         lasts, is estimated with every frame, and what is left of it is in the covariance.
+    transmission, reflectance : float
+        Share of the light that comes through the mirror from field 0, and by it from field 1.
     """
 
     kind: Literal["none", "mirror", "rotation"] = "none"
     mirror_normal: Triple = (math.sqrt(0.5), 0.0, -math.sqrt(0.5))
     rotation: Quaternion = (0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5))
     error_rad: Annotated[float, Ge(0.0), Lt(1e-4)] = math.radians(10.0 / 3600.0)
+    transmission: Annotated[float, Gt(0.0), Le(1.0)] = 0.5
+    reflectance: Annotated[float, Gt(0.0), Le(1.0)] = 0.5
 
     def __post_init__(self) -> None:
+        if self.transmission + self.reflectance > 1.0 + 1e-9:
+            raise ValueError(
+                "transmission and reflectance are shares of the same light, together 1 at most; got "
+                f"{self.transmission:g} and {self.reflectance:g}"
+            )
         if abs(math.hypot(*self.mirror_normal) - 1.0) > 1e-6:
             raise ValueError(f"mirror_normal is a unit vector; its length is {math.hypot(*self.mirror_normal):.9g}")
         if abs(math.hypot(*self.rotation) - 1.0) > 1e-6:
             raise ValueError(
                 f"rotation is a unit quaternion (x, y, z, w); its norm is {math.hypot(*self.rotation):.9g}"
             )
+
+    @property
+    def fainter_mag(self) -> float:
+        """By how much a star looks fainter in field 1 than in field 0: 2.5 log10(transmission / reflectance)."""
+        return 2.5 * math.log10(self.transmission / self.reflectance)
 
     @property
     def matrix(self) -> Matrix | None:
@@ -166,7 +180,7 @@ class StarSensor:
 
     @cached_property
     def parameters(self) -> Vector:
-        """Camera, search and fold as the compiled solver reads them, at rest; (35,), see `frame_solver.PARAMETERS`."""
+        """Camera, search and fold as the compiled solver reads them, at rest; (36,), see `frame_solver.PARAMETERS`."""
         camera, fold = self.camera, self.fold.matrix
         return np.concatenate(
             [
@@ -177,6 +191,7 @@ class StarSensor:
                 np.zeros(3),
                 (np.eye(3) if fold is None else fold).ravel(),
                 self.fold.covariance.ravel(),
+                [self.fold.fainter_mag],
             ]
         )
 

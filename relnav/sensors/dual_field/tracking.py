@@ -12,6 +12,7 @@ from relnav.sensors.dual_field.frame_solver import (
     HALF_WIDTH,
     OFF_FOLD,
     SETTINGS,
+    SPOT,
     TOO_FEW,
     fill_frame,
     framed,
@@ -70,7 +71,8 @@ def track_spots(
     frame = framed(scratch, p, n)
     fill_frame(frame, spots, magnitude, order, p)
     count_stars(frame, sky)
-    A, cov, out, v = solution[0:3], solution[3:6], scratch[9 * n : 9 * n + 3], scratch[9 * n + 3 : 9 * n + 6]
+    A, cov, free = solution[0:3], solution[3:6], scratch[SPOT * n :]
+    out, v = free[0:3], free[3:6]
     for r in range(3):
         for c in range(3):
             cov[r, c] = sigma_prior * sigma_prior if r == c else 0.0
