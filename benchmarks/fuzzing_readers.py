@@ -152,7 +152,7 @@ def targets(folder: Path) -> dict[str, Target]:
     found["scenario"] = ("s.toml", load_scenario, texts(SCENARIO, " "))
     found["accuracy report"] = ("r.json", _look_at_report, texts(json.dumps(REPORT, indent=1).splitlines(), " "))
     found["vehicle track"] = ("log.csv", _look_at_vehicle, texts(VEHICLE, ","))
-    return found | {name: in_folder(folder, name, file) for name, file in FOLDERS.items()}
+    return found | {name: in_folder(folder, file) for name, file in FOLDERS.items()}
 
 
 def sun_tables() -> st.SearchStrategy[bytes]:
@@ -178,7 +178,7 @@ FOLDERS = {
 """Targets that are a file of a folder, the others as they should be: made when the first of its cases is."""
 
 
-def in_folder(folder: Path, name: str, file: str) -> Target:
+def in_folder(folder: Path, file: str) -> Target:
     """A target of `FOLDERS`."""
     room = file.partition("/")[0]
 
@@ -192,7 +192,7 @@ def in_folder(folder: Path, name: str, file: str) -> Target:
             return texts(content.decode().splitlines(), " ")
         return changed_bytes(content)
 
-    def read(path: Path) -> None:
+    def read(_path: Path) -> None:
         if room == "campaign":
             from relnav.files.campaign_page import read_campaign, write_campaign_page
 

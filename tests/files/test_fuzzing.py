@@ -11,7 +11,7 @@ import pytest
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 FOUND = Path(__file__).with_name("found")
 CASES = {"models": 60, "parquet": 60, "beacon track": 12, "marker track": 4, "vehicle track": 12}
-CASES |= {name: 30 for name in ("campaign, its description", "campaign, its summary", "campaign, its runs")}
+CASES |= dict.fromkeys(("campaign, its description", "campaign, its summary", "campaign, its runs"), 30)
 EACH = 80
 NEEDS = {"parquet": "pyarrow", "campaign": "pyarrow", "ROS": "rosbags", "picture .fits": "astropy", "picture": "PIL"}
 
@@ -81,11 +81,11 @@ def test_a_traceback_would_be_found(fuzzing, tmp_path):
         fuzzing.try_one(tmp_path / "log.csv", rude, b"")
 
 
-def test_what_hangs_would_be_found(fuzzing, tmp_path, monkeypatch):
+def test_what_hangs_would_be_found(fuzzing, monkeypatch):
     """Whether it works without end, or waits; and although it catches every Exception."""
     monkeypatch.setattr(fuzzing, "LONGEST_S", 0.2)
 
-    def busy(path):
+    def busy():
         while True:
             try:
                 time.sleep(0.01)
@@ -94,7 +94,7 @@ def test_what_hangs_would_be_found(fuzzing, tmp_path, monkeypatch):
                 continue
 
     with pytest.raises(AssertionError, match="takes too long"), fuzzing.watched(0.01):
-        busy(None)
+        busy()
     read, write = os.pipe()
     with pytest.raises(AssertionError, match="takes too long"), fuzzing.watched(0.01):
         os.read(read, 1)
