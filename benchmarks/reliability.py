@@ -156,9 +156,9 @@ starting. A fault is any of these:
 MUTATED = """## Mutants of the formulas
 
 `python benchmarks/mutation.py --sample N`: one operator, comparison, number or function of a formula is exchanged, and
-the tests that name its module have to fail, in plain Python and within some twenty seconds. Of what a package or a
-module holds a random sample is tried. Survivors that change no answer are judged in
-`benchmarks/mutation_judged.toml`, with the reason.
+the tests that name its module have to fail, in plain Python and within some ten seconds of processor time. They have
+to pass unchanged first. Of what a package or a module holds a random sample is tried. Survivors that change no answer
+are judged in `benchmarks/mutation_judged.toml`, with the reason.
 
 | package or module | possible | tried | killed | judged harmless | survive | tried on |
 | --- | ---: | ---: | ---: | ---: | ---: | --- |"""
