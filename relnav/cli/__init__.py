@@ -123,12 +123,12 @@ def run(arguments: list[str] | None = None) -> int:
     except click.ClickException as error:
         error.show()
         return WRONG_USE
-    except BaseException as raised:
-        error = raised if isinstance(raised, KeyboardInterrupt) or not _ASKED else _ASKED[-1]()
-        if os.environ.get("RELNAV_DEBUG") and _code(error) == INTERNAL:
+    except BaseException as error:
+        ended = error if isinstance(error, KeyboardInterrupt) or not _ASKED else _ASKED[-1]()
+        if os.environ.get("RELNAV_DEBUG") and _code(ended) == INTERNAL:
             raise
         done = f"written: {', '.join(written)}" if written else "nothing was written"
-        return fail(_sentence(error, done), _code(error))
+        return fail(_sentence(ended, done), _code(ended))
 
 
 def _command(arguments: list[str] | None, written: list[str]) -> int:
