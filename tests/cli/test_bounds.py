@@ -64,7 +64,11 @@ def spent(tmp_path):
 
 
 FILES = {
-    "a million columns": ("log.csv", lambda: ",".join(f"column_{k}" for k in range(10**6)).encode(), "a line of 1000000 characters"),
+    "a million columns": (
+        "log.csv",
+        lambda: ",".join(f"column_{k}" for k in range(10**6)).encode(),
+        "a line of 1000000 characters",
+    ),
     "20,000 keys": (
         "model.toml",
         lambda: b'sensor_type = "three_beacon"\n[sensor]\n' + b"".join(b"key_%d = 1\n" % k for k in range(20_000)),

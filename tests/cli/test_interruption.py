@@ -85,7 +85,7 @@ def test_while_it_is_still_being_loaded(program, tmp_path, number, code, word):
 @pytest.mark.parametrize("then", ["raise RuntimeError('no compiled object yet')", "time.sleep(30)"])
 @pytest.mark.parametrize(("number", "code", "word"), [("SIGTERM", 143, "terminated"), ("SIGINT", 130, "interrupted")])
 def test_while_a_library_calls_back(tmp_path, number, code, word, then):
-    """What is raised in a callback of LLVM's is dropped; numba then said "no compiled object yet", an internal error."""
+    """What is raised in a callback of LLVM's is dropped; numba then said "no compiled object yet"."""
     script = f"""
 import ctypes, os, signal, time
 import relnav.cli
