@@ -35,14 +35,16 @@ def filter_markers(
     from relnav.cli import NOT_STARTED
     from relnav.files.atomic import Outputs
     from relnav.files.filter_file import engine_words
-    from relnav.files.marker_logs import marker_solutions, write_track
+    from relnav.files.marker_logs import is_controlled, marker_log, marker_solutions, write_track
     from relnav.files.tables import write_json
 
     if refused:
         raise UsageError(f"{refused} is for three-beacon models; {mission.name} has one filter, on its spots")
     summary = Summary(mission)
     picture.of(mission)
-    filtered = marker_solutions(log, mission, smooth=smooth, engine=engine)
+    opened = marker_log(log, mission)
+    summary.controlled = is_controlled(opened)
+    filtered = marker_solutions(opened, mission, smooth=smooth, engine=engine)
     parts = track.passing(picture.passing(summary.passing(filtered)))
     with Outputs() as outputs, epoch_bar(log, quiet=quiet) as progress:
         parts = parts if progress is None else counted(parts, progress)
@@ -69,6 +71,8 @@ def counted(parts: "Iterable[PoseSolution]", progress: Callable[[int], None]) ->
         yield part
 
 
+REFUSED_SHARE = 0.02
+"""Of a log's images: with more refused in part, what the model does not know of is looked for."""
 _ALARMS = {str(one.name).lower(): one for one in Alarm if one is not Alarm.UNWATCHED}
 _MONITORS = {name: one for name, one in _ALARMS.items() if one not in (Alarm.EXCHANGED, Alarm.OUT_OF_VIEW)}
 
@@ -80,6 +84,8 @@ class Summary:
         """Take the model."""
         self._mission, self._nis, self._dof, self._attitude = mission, 0.0, 0, ""
         self._left_out = left_out(mission)
+        self.controlled = True
+        self._notes: tuple[str, ...] = ()
         self._last: tuple[Vector, Vector] | None = None
         self._smoothed = False
         names = (
@@ -99,10 +105,12 @@ class Summary:
         import numpy as np
 
         from relnav.files.attitude_reading import reading_that_looks
+        from relnav.files.filter_file import spacing_note
 
         for part in parts:
             if self._last is None:
                 self._attitude = reading_that_looks(part.epochs["chaser"][0], self._mission.dcm_chaser_from_lvlh)
+                self._notes = spacing_note(part.t_s)
             yield part
             started = np.isfinite(part.state[:, 0])
             refused = part.refused
@@ -139,12 +147,19 @@ class Summary:
             "nis_per_dof": consistency.ratio,
             "nis": str(consistency),
             "attitude_hint": self._attitude,
+            "notes": [*self._notes, *self._control_hint()],
             "port_m": [float(value) for value in port],
             "sigma_port_m": [float(value) for value in sigma[:3]],
             "sigma_port_velocity_m_s": [float(value) for value in sigma[3:6]],
             "sigma_turn_deg": [math.degrees(value) for value in sigma[6:9]],
             "sigma_rate_deg_s": [math.degrees(value) for value in sigma[9:]],
         }
+
+
+    def _control_hint(self) -> "Iterator[str]":
+        """What a log without control columns may lack, if many images were refused."""
+        if not self.controlled and self._counts["with_rejected_spots"] > REFUSED_SHARE * self._counts["epochs"]:
+            yield "the log has no control columns (accel_x_m_s2, ...): if the chaser thrusts, add them"
 
 
 def lines(figures: dict[str, Any], name: str) -> list[str]:
@@ -157,6 +172,7 @@ def lines(figures: dict[str, Any], name: str) -> list[str]:
     out = [f"{name}: {figures['epochs']} epochs, model {model}, {figures['epochs_with_state']} with a state"]
     if figures["left_out"]:
         out.append(left_out_line(figures["left_out"]))
+    out += figures["notes"]
     if figures["attitude_hint"]:
         out.append(figures["attitude_hint"])
     if figures["epochs_with_state"] == 0:

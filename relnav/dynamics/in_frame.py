@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from relnav.arrays import Matrix, Stack, Vector
+from relnav.arrays import Matrix, Stack, Vector, numbers
 from relnav.dynamics.two_body import inertial_orbit
 from relnav.errors import UsageError
 from relnav.geometry.frames import DCM_LVLH_CCSDS_FROM_RSW
@@ -188,14 +188,15 @@ def frame_words(frame: str, mission: Any, orientation_deg: tuple[float, float, f
     UsageError
         For an unknown frame, or one that needs what was not given.
     """
-    if frame not in FRAMES:
+    if not isinstance(frame, str) or frame not in FRAMES:
         raise UsageError(f"frame is one of {', '.join(FRAMES)}; got {frame!r}")
     said = {"frame": f"{frame}: {FRAMES[frame]}"}
     if mission is None and frame in (*INERTIAL, "dock"):
         raise UsageError(f"frame {frame!r} needs the model that was flown, which is no shipped one: pass it")
     if frame not in INERTIAL:
         return said
-    if orientation_deg is None or len(orientation_deg) != 3 or not np.all(np.isfinite(orientation_deg)):
+    angles = None if orientation_deg is None else numbers("orientation_deg", orientation_deg)
+    if orientation_deg is None or angles is None or angles.shape != (3,) or not np.isfinite(angles).all():
         raise UsageError(
             f"frame {frame!r} needs the orientation of the target's orbit: inclination, right ascension of the "
             f"ascending node, argument of perigee, deg; got {orientation_deg!r}"

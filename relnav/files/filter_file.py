@@ -146,8 +146,10 @@ def _whole_summary(solution: Solution, model: Model) -> RunSummary:
     summary = RunSummary(load_published(model), model.filter.gate_probability)
     said = solution.metadata
     summary.ignored = said.get("ignored columns", "")
+    summary.notes = spacing_note(solution.t_s)
     if "slots" in said:
-        summary.notes = (f"slots: {said['slots']}; spot noise {said['spot noise']}", f"beacons: {said['beacons']}")
+        slots = (f"slots: {said['slots']}; spot noise {said['spot noise']}", f"beacons: {said['beacons']}")
+        summary.notes = slots + summary.notes
     summary.take(solution)
     return summary
 
@@ -181,6 +183,15 @@ def engine_words(engine: str) -> dict[str, str]:
     return {} if engine == "compiled" else {"engine": engine}
 
 
+def spacing_note(t_s: Vector, what: str = "name the column t_ms") -> tuple[str, ...]:
+    """A note where rows (of their first times) are so far apart, in whole numbers, that the unit is in doubt."""
+    t = t_s[:ROWS_TRIED]
+    apart = float(np.median(np.diff(t))) if len(t) > 2 else 0.0
+    if apart < FAR_APART_S or not bool((t == np.rint(t)).all()):
+        return ()
+    return (f"rows are {apart:g} s apart: if the times are milliseconds, {what}",)
+
+
 class _Run:
     """One log on its way through one filter."""
 
@@ -190,11 +201,7 @@ class _Run:
 
     def spacing(self) -> tuple[str, ...]:
         """A note where rows are so far apart, in whole numbers, that the unit of time is in doubt."""
-        t = np.zeros(0) if self._first is None else self._first.t
-        apart = float(np.median(np.diff(t))) if len(t) > 2 else 0.0
-        if apart < FAR_APART_S or not bool((t == np.rint(t)).all()):
-            return ()
-        return (f"rows are {apart:g} s apart: if the times are milliseconds, name the column t_ms",)
+        return () if self._first is None else spacing_note(self._first.t)
 
     def hint(self, started: bool) -> str:
         """Why the filter did not start or rejects much, as far as the log's columns tell."""
