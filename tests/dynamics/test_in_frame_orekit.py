@@ -95,9 +95,8 @@ def orekit(track, mission):
         "chaser": absolute.state.tolist(),
         "covariance": relative.covariance.tolist(),
     }
-    run = subprocess.run(
-        [sys.executable, "-c", OREKIT], input=json.dumps(asked), capture_output=True, text=True, timeout=300, check=False
-    )
+    command, given = [sys.executable, "-c", OREKIT], json.dumps(asked)
+    run = subprocess.run(command, input=given, capture_output=True, text=True, timeout=300, check=False)
     assert run.returncode == 0, run.stderr
     return json.loads(run.stdout.splitlines()[-1])
 

@@ -7,7 +7,9 @@
   const numbers = (text, Kind) => {
     const raw = atob(text), bytes = new Uint8Array(raw.length);
     for (let i = 0; i < raw.length; i++) bytes[i] = raw.charCodeAt(i);
-    return new Kind(bytes.buffer);
+    const found = new Kind(bytes.buffer);
+    for (let i = 0; i < found.length; i++) if (!Number.isFinite(found[i])) found[i] = NaN;
+    return found;
   };
   const time = numbers(run.time, Float64Array);
   const cache = {};
@@ -25,27 +27,46 @@
     return low;
   }
 
-  /* What of a chart's columns can be told apart in a window so many pixels wide: where more than four points share one,
-     least and greatest of each curve, in their order. One point beyond each border, to which curves lead. */
-  function told(columns, low, high, pixels) {
+  /* Where the points of a window so many pixels wide begin that share a pixel; where few do, each point stands for
+     itself. One point beyond each border, to which curves lead. All charts of a width share the answer. */
+  let asked = "", groups = [];
+  function sharing(low, high, pixels) {
+    const key = low + " " + high + " " + pixels;
+    if (key === asked) return groups;
     const begin = Math.max(0, since(low) - 1), end = Math.min(time.length, since(high) + 2);
-    const few = end - begin <= 4 * pixels, out = [[], ...columns.map(() => [])];
-    const put = k => { out[0].push(time[k]); columns.forEach((v, i) => out[i + 1].push(Number.isFinite(v[k]) ? v[k] : null)); };
-    for (let k = begin, next; k < end; k = next) {
-      const pixel = Math.floor((time[k] - low) / (high - low) * pixels);
-      next = k + 1;
-      if (!few) while (next < end && Math.floor((time[next] - low) / (high - low) * pixels) === pixel) next++;
-      if (next - k < 3) { for (let m = k; m < next; m++) put(m); continue; }
-      out[0].push(time[k], time[next - 1]);
-      for (let i = 0; i < columns.length; i++) {
-        const v = columns[i];
-        let least = -1, most = -1;
-        for (let m = k; m < next; m++) if (Number.isFinite(v[m])) {
-          if (least < 0 || v[m] < v[least]) least = m;
-          if (most < 0 || v[m] > v[most]) most = m;
+    const few = end - begin <= 4 * pixels, across = pixels / (high - low);
+    asked = key; groups = [];
+    for (let k = begin, last = NaN; k < end; k++) {
+      const pixel = few ? k : Math.floor((time[k] - low) * across);
+      if (pixel !== last) groups.push(k);
+      last = pixel;
+    }
+    groups.push(end);
+    return groups;
+  }
+
+  /* What of a chart's columns can be told apart there: of points that share a pixel least and greatest of each curve,
+     in their order. */
+  function told(columns, low, high, pixels) {
+    const from = sharing(low, high, pixels), out = [[]], known = v => (v === v ? v : null);
+    for (let g = 0; g + 1 < from.length; g++) {
+      out[0].push(time[from[g]]);
+      if (from[g + 1] - from[g] > 1) out[0].push(time[from[g + 1] - 1]);
+    }
+    for (const v of columns) {
+      const one = [];
+      for (let g = 0; g + 1 < from.length; g++) {
+        const begin = from[g], end = from[g + 1];
+        if (end - begin < 3) { for (let k = begin; k < end; k++) one.push(known(v[k])); continue; }
+        let least = Infinity, most = -Infinity, first = 0, last = 0;
+        for (let k = begin; k < end; k++) {
+          const x = v[k];
+          if (x < least) { least = x; first = k; }
+          if (x > most) { most = x; last = k; }
         }
-        if (least < 0) out[i + 1].push(null, null); else out[i + 1].push(v[Math.min(least, most)], v[Math.max(least, most)]);
+        if (least > most) one.push(null, null); else if (first < last) one.push(least, most); else one.push(most, least);
       }
+      out.push(one);
     }
     return out;
   }
@@ -85,23 +106,57 @@
   }
 
   function drawn(chart) {
-    const columns = [], series = [{ label: "t", value: (u, v) => (v == null ? "" : short(v) + " s") }], bands = [];
+    const columns = [], series = [{ label: "t", value: (u, v) => (v == null ? "" : short(v) + " s") }], around = [];
     const add = (values, options) => { columns.push(values); series.push(Object.assign({ value: (u, v) => short(v), points: { show: false } }, options)); };
     for (const line of chart.lines) {
       const values = line.constant == null ? Float64Array.from(column(line.column), v => v * (line.times || 1))
         : new Float64Array(time.length).fill(line.constant);
       if (line.sigma) {
         const s = column(line.sigma), at = series.length;
-        add(values.map((v, i) => v + 3 * s[i]), { label: "+3 sigma", stroke: "transparent" });
-        add(values.map((v, i) => v - 3 * s[i]), { label: "-3 sigma", stroke: "transparent" });
-        bands.push({ series: [at, at + 1], fill: colour("envelope") });
+        add(values.map((v, i) => v + 3 * s[i]), { label: "+3 sigma", stroke: "transparent", paths: () => null });
+        add(values.map((v, i) => v - 3 * s[i]), { label: "-3 sigma", stroke: "transparent", paths: () => null });
+        around.push(at);
       }
       const dots = line.kind === "dots";
       add(values, { label: line.label, stroke: colour(line.colour), width: time.length > 4000 ? 1 : 1.4, dash: line.dash ? [6, 4] : undefined,
         paths: dots ? () => null : line.kind === "steps" ? uPlot.paths.stepped({ align: 1 }) : undefined,
         points: { show: false } });
     }
-    return { columns, series, bands };
+    return { columns, series, around };
+  }
+
+  /* Between an upper curve and the one after it. Where points are dense, a bar for each pixel: a path of as many teeth
+     (the library's bands are one) costs a processor that draws ten times as much. */
+  function envelopes(u, around) {
+    const c = u.ctx, b = u.bbox, x = u.data[0], at = (v, scale) => u.valToPos(v, scale, true);
+    c.save(); c.beginPath(); c.rect(b.left, b.top, b.width, b.height); c.clip();
+    c.fillStyle = colour("envelope");
+    for (const upper of around) {
+      const high = u.data[upper], low = u.data[upper + 1];
+      if (x.length > b.width) {
+        let pixel = NaN, top = 0, bottom = 0;
+        for (let k = 0; k <= x.length; k++) {
+          const here = k < x.length ? Math.round(at(x[k], "x")) : NaN;
+          if (here !== pixel) {
+            if (bottom > top) c.fillRect(pixel, top, Math.min(2, here - pixel) || 1, bottom - top);
+            pixel = here; top = Infinity; bottom = -Infinity;
+          }
+          if (k === x.length || high[k] == null || low[k] == null) continue;
+          top = Math.min(top, at(high[k], "y")); bottom = Math.max(bottom, at(low[k], "y"));
+        }
+        continue;
+      }
+      for (let k = 0, end; k < x.length; k = end + 1) {
+        end = k;
+        while (end < x.length && high[end] != null && low[end] != null) end++;
+        if (end === k) continue;
+        c.beginPath();
+        for (let m = k; m < end; m++) c.lineTo(at(x[m], "x"), at(high[m], "y"));
+        for (let m = end - 1; m >= k; m--) c.lineTo(at(x[m], "x"), at(low[m], "y"));
+        c.fill();
+      }
+    }
+    c.restore();
   }
 
   function axes(unit, log) {
@@ -127,33 +182,36 @@
     const left = b.left, across = b.width / (high - low), down = b.height / (chart.limits[1] - chart.limits[0]);
     const begin = since(low), end = since(high + 1e-12 * (whole[1] - whole[0]));
     /* No pixel is filled twice: many dots lie upon one another. */
-    const wide = Math.ceil(b.width) + 1, taken = new Uint8Array(wide * (Math.ceil(b.height) + 1)), outside = [];
+    const wide = Math.ceil(b.width) + 1, taken = new Uint8Array(wide * (Math.ceil(b.height) + 1)), above = new Set(), below = new Set();
     c.fillStyle = colour("dots");
     for (let k = begin; k < end; k++) {
       const v = values[k];
       if (!Number.isFinite(v)) continue;
       const x = (time[k] - low) * across, y = (chart.limits[1] - v) * down;
-      if (y < 0 || y > b.height) { outside.push([x, y < 0]); continue; }
+      if (y < 0 || y > b.height) {  // marks that share a pixel are one
+        (y < 0 ? above : below).add(Math.round(x));
+        continue;
+      }
       const place = Math.round(y) * wide + Math.round(x);
       if (taken[place]) continue;
       taken[place] = 1;
       c.fillRect(left + x - dot / 2, b.top + y - dot / 2, dot, dot);
     }
     c.fillStyle = colour("gate");
-    for (const [x, above] of outside) {
-      const y = above ? b.top : b.top + b.height, d = above ? 1 : -1;
+    for (const [border, y, d] of [[above, b.top, 1], [below, b.top + b.height, -1]]) for (const x of border) {
       c.beginPath(); c.moveTo(left + x, y); c.lineTo(left + x - s, y + d * 1.6 * s); c.lineTo(left + x + s, y + d * 1.6 * s); c.fill();
     }
   }
 
   function build(box, chart) {
     forget(box);
-    const { columns, series, bands } = drawn(chart);
+    const { columns, series, around } = drawn(chart);
     const log = chart.log;
     const u = new uPlot({
-      width: box.clientWidth, height: chart.height || 200, series, bands, axes: axes(chart.unit, log),
+      width: box.clientWidth, height: chart.height || 200, series, axes: axes(chart.unit, log),
       scales: { x: { time: false }, y: log ? { distr: 3 } : { range: room(chart) } },
       legend: { live: true }, hooks: {
+        drawAxes: [v => envelopes(v, around)],
         draw: [v => beyond(v, chart)],
         setScale: [(v, key) => { if (key === "x" && v.status === 1) chosen(v.scales.x.min, v.scales.x.max); }],
       },
