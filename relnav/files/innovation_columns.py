@@ -29,8 +29,8 @@ def unsaid(part: Solution | PoseSolution) -> str:
         return "the track is smoothed, and its states are not those that images were compared with: leave --smooth out"
     if isinstance(part, PoseSolution):
         late = part.spots_px is None
-        return "images came late, and changed the states that they were compared with" if late else "tolerances count"
-    return "lasting errors count" if part.metadata.get("considered", "") else "the log says the attitude"
+        return "images came late, and changed what they were compared with" if late else "tolerances are considered"
+    return "lasting errors are considered" if part.metadata.get("considered", "") else "the attitude is the log's"
 
 
 class Innovations:
