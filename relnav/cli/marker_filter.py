@@ -82,6 +82,9 @@ class Summary:
 
     def __init__(self, mission: "VisionMission") -> None:
         """Take the model."""
+        from relnav.files.gathered import Gathered
+
+        self._parts = Gathered(self._take)
         self._mission, self._nis, self._dof, self._attitude = mission, 0.0, 0, ""
         self._left_out = left_out(mission)
         self.controlled = True
@@ -102,39 +105,45 @@ class Summary:
 
     def passing(self, parts: "Iterable[PoseSolution]") -> "Iterator[PoseSolution]":
         """The parts, each taken in when it has passed."""
-        import numpy as np
-
         from relnav.files.attitude_reading import reading_that_looks
         from relnav.files.filter_file import spacing_note
 
+        looked = False
         for part in parts:
-            if self._last is None:
+            if not looked:
                 self._attitude = reading_that_looks(part.epochs["chaser"][0], self._mission.dcm_chaser_from_lvlh)
                 self._notes = spacing_note(part.t_s)
+                looked = True
             yield part
-            started = np.isfinite(part.state[:, 0])
-            refused = part.refused
-            whole = (part.dof > 0) & ~refused
-            flags = {
-                "epochs": np.ones(len(part), dtype=bool),
-                "with_state": started,
-                "with_rejected_spots": refused,
-                "unobservable": started & ~part.observable,
-                "ambiguous": np.isfinite(part.ambiguity),
-                "too_late": part.too_late,
-                "alarmed": part.alarm != 0,
-            } | {name: part.alarm & int(code) > 0 for name, code in _ALARMS.items()}
-            for name, flag in flags.items():
-                self._counts[name] += int(flag.sum())
-            self._nis += float(part.nis[whole].sum())
-            self._dof += int(part.dof[whole].sum())
-            self._smoothed = part.smoothed
-            self._last = part.port_m[-1], np.sqrt(np.diag(part.docking_covariance[-1]))
+            self._parts.take(part)
+
+    def _take(self, part: "PoseSolution") -> None:
+        import numpy as np
+
+        started = np.isfinite(part.state[:, 0])
+        refused = part.refused
+        whole = (part.dof > 0) & ~refused
+        flags = {
+            "epochs": np.ones(len(part), dtype=bool),
+            "with_state": started,
+            "with_rejected_spots": refused,
+            "unobservable": started & ~part.observable,
+            "ambiguous": np.isfinite(part.ambiguity),
+            "too_late": part.too_late,
+            "alarmed": part.alarm != 0,
+        } | {name: part.alarm & int(code) > 0 for name, code in _ALARMS.items()}
+        for name, flag in flags.items():
+            self._counts[name] += int(flag.sum())
+        self._nis += float(part.nis[whole].sum())
+        self._dof += int(part.dof[whole].sum())
+        self._smoothed = part.smoothed
+        self._last = part.port_m[-1], np.sqrt(np.diag(part.docking_covariance[-1]))
 
     def figures(self) -> dict[str, Any]:
         """The figures as plain values; NIS is that of the epochs used whole."""
         from relnav.estimation.consistency import consistency_of_sum
 
+        self._parts.settle()
         consistency = consistency_of_sum("NIS", self._nis, self._dof)
         assert self._last is not None
         port, sigma = self._last
@@ -154,7 +163,6 @@ class Summary:
             "sigma_turn_deg": [math.degrees(value) for value in sigma[6:9]],
             "sigma_rate_deg_s": [math.degrees(value) for value in sigma[9:]],
         }
-
 
     def _control_hint(self) -> "Iterator[str]":
         """What a log without control columns may lack, if many images were refused."""

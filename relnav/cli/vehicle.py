@@ -125,7 +125,8 @@ class Summary:
         """As plain values."""
         assert self._last is not None
         alarms = {name: {"first_s": first, "estimates": count} for name, (first, count) in self._alarms.items()}
-        return _figures(self._last, self._vehicle, self._rows) | {"estimates": self._estimates, "alarms": alarms, "notes": self._notes()}
+        said = {"estimates": self._estimates, "alarms": alarms, "notes": self._notes()}
+        return _figures(self._last, self._vehicle, self._rows) | said
 
     def _notes(self) -> list[str]:
         """What is odd about the times of the sensor that is seen most often."""

@@ -13,6 +13,8 @@ have in common with position and velocity turns on the side of those.
 
 import math
 from dataclasses import dataclass, field
+from importlib import import_module
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -88,9 +90,30 @@ class FramedTrack:
     def __len__(self) -> int:
         return len(self.t_s)
 
+    def to_dataframe(self) -> Any:
+        """A pandas.DataFrame: time, state, attitude where there is one, sigmas and covariance; `attrs` holds the rest.
+
+        Raises
+        ------
+        UsageError
+            If pandas is not installed; says how to.
+        """
+        return import_module("relnav.files.data_frames").framed_dataframe(self)
+
+    def to_xarray(self) -> Any:
+        """The same as an xarray.Dataset over time, covariance as one array, units as attributes.
+
+        Raises
+        ------
+        UsageError
+            If xarray is not installed; says how to.
+        """
+        return import_module("relnav.files.data_frames").framed_xarray(self)
+
     def __repr__(self) -> str:
-        """One line for the console."""
-        return f"FramedTrack of {len(self)} epochs in {self.frame}: {FRAMES[self.frame]}"
+        """A few lines for the console."""
+        said = f"FramedTrack of {len(self)} epochs in {self.frame}: {FRAMES[self.frame]}"
+        return f"{fill(said, 80, subsequent_indent='  ')}\n  .to_dataframe()  .to_xarray()"
 
 
 def in_frame(

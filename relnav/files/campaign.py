@@ -17,7 +17,7 @@ from relnav.files.scenarios import load_scenario
 from relnav.files.tables import write_json
 from relnav.simulation.dispersions import Scenario
 
-SUMMARY, ERRORS_PICTURE, FINAL_PICTURE = "summary.json", "errors_by_range.png", "final_errors.png"
+SUMMARY, ERRORS_PICTURE, FINAL_PICTURE = "summary.json", "errors_by_range", "final_errors"
 QUEUED = 4
 """Batches handed out ahead, for each worker."""
 
@@ -110,19 +110,22 @@ def fly_missing(plan: Plan, folder: Path, workers: int | None, cluster: str | No
             progress(done)
 
 
-def finish(plan: Plan, folder: Path, *, pictures: bool = True) -> CampaignSummary:
-    """Sum a finished campaign up, from its parts: summary, runs that failed, pictures. It can be done again."""
+def finish(plan: Plan, folder: Path, *, pictures: str | None = "png") -> CampaignSummary:
+    """Sum a finished campaign up, from its parts: summary, runs that failed, pictures. It can be done again.
+
+    `pictures`: png, pdf or svg; None draws nothing.
+    """
     runs = Runs(folder, plan)
     write_failed(folder, runs.failed())
     summary = summarise(plan.runs, runs.status(), plan.scenario.range_edges_m, runs.read, load_published(plan.model))
     write_json(
         {"model": plan.model.name, "method": plan.method, "seed": plan.seed} | summary.to_dict(), folder / SUMMARY
     )
-    if pictures:
+    if pictures is not None:
         from relnav.files.campaign_pictures import draw_errors, draw_final
 
-        draw_errors(summary, runs.read, folder / ERRORS_PICTURE)
-        draw_final(runs.read, folder / FINAL_PICTURE)
+        draw_errors(summary, runs.read, folder / f"{ERRORS_PICTURE}.{pictures}")
+        draw_final(runs.read, folder / f"{FINAL_PICTURE}.{pictures}")
     return summary
 
 

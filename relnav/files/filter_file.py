@@ -20,6 +20,7 @@ from relnav.dynamics.in_frame import Turning
 from relnav.errors import UsageError
 from relnav.files.attitude_reading import ROWS_TRIED, reading_that_starts
 from relnav.files.frame_logs import log_in_memory
+from relnav.files.gathered import Gathered
 from relnav.files.late_log import filter_late_log, says_exposures
 from relnav.files.log_columns import ACCELERATION, DELTA_V, log_metadata
 from relnav.files.logs import Log, LogFile, check_beacons, opened
@@ -119,14 +120,14 @@ def filter_file(
     run = _Run(log, LogFilter(mission, method, projection=projection, engine=engine), progress)
     summary = RunSummary(load_published(mission), mission.filter.gate_probability)
     summary.ignored = listed(log.columns.ignored)
-
+    gathered = Gathered(summary.take)
     of_log = log_metadata(log.path, log.metadata, log.columns.ignored)
 
     def parts() -> Iterator[Table]:
         for solution in run.smoothed() if smooth else run.filtered():
             solution.metadata.update(of_log)
             yield rows_of(solution, turning(solution))
-            summary.take(solution)
+            gathered.take(solution)
             if watch is not None:
                 watch(solution)
 
@@ -137,6 +138,7 @@ def filter_file(
         stated = head(mission.name, method, smooth) | turning.stated
         stated |= lasting_words(mission, method) | engine_words(engine) | of_log
         writer(Path(out), COLUMNS, parts(), stated, INTEGERS)
+    gathered.settle()
     summary.hint, summary.notes = run.hint(summary.started), run.spacing()
     return summary
 

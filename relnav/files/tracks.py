@@ -137,6 +137,7 @@ def joined(parts: list[Any]) -> Any:
     first = parts[0]
     if not isinstance(first, Solution):
         return replace(first, epochs=np.concatenate([part.epochs for part in parts]))
-    names = [*PER_EPOCH, *(["lever_lvlh_m"] if len(first.lever_lvlh_m) == len(first) > 1 else [])]
+    turning = all(len(part.lever_lvlh_m) == len(part) for part in parts)
+    names = [*PER_EPOCH, *(["lever_lvlh_m"] if turning else [])]
     arrays: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
     return replace(first, restarts=parts[-1].restarts, **arrays)

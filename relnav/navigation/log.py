@@ -150,10 +150,12 @@ class LogFilter:
         self._reference = for_beacons(engine, model, method, projection, self.block)
         self._named = views(self.block)
         self._considered = len(self._named.sensitivities)
+        self._dock, self._port = model.dcm_dock_from_lvlh, model.port_position_m
+        self._held_lever, self._words = _levers(model, 1, np.empty((0, 4))), lasting_words(model, method)
 
     def room(self, n: int, *, smooth: bool) -> Epochs:
         """Room for n epochs, which are to be smoothed or not."""
-        return Epochs.empty(n, len(self.model.beacons_lvlh_m), self._considered if smooth else 0)
+        return Epochs.empty(n, len(self._named.beacons), self._considered if smooth else 0)
 
     def nothing_later(self) -> Vector:
         """What stands after a log's last epoch."""
@@ -220,11 +222,11 @@ class LogFilter:
             model=self.model.name,
             method=self.method,
             restarts=self.restarts,
-            dcm_dock_from_lvlh=self.model.dcm_dock_from_lvlh,
-            port_m=self.model.port_position_m,
-            lever_lvlh_m=_levers(self.model, len(t), quaternion),
+            dcm_dock_from_lvlh=self._dock,
+            port_m=self._port,
+            lever_lvlh_m=_levers(self.model, len(t), quaternion) if len(quaternion) else self._held_lever,
             smoothed=smoothed,
-            metadata=lasting_words(self.model, self.method),
+            metadata=dict(self._words),
         )
 
 

@@ -1,5 +1,6 @@
 """The memory of the beacon filter: one array (`codegen.memory_layout`), and the names of its parts."""
 
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -291,9 +292,12 @@ def considered_errors(model: Model, method: str) -> tuple[int, int]:
     return 0 if tolerances or model.calibration is not None else FIELD_ERRORS, last
 
 
+@lru_cache(maxsize=8)
 def orbit_values(orbit: Orbit) -> Vector:
-    """The orbit as `dynamics.relative_motion` takes it, (4,)."""
-    return orbit_vector(orbit.mean_motion_rad_s, orbit.eccentricity, orbit.true_anomaly_rad)
+    """The orbit as `dynamics.relative_motion` takes it, (4,), read-only."""
+    values = orbit_vector(orbit.mean_motion_rad_s, orbit.eccentricity, orbit.true_anomaly_rad)
+    values.setflags(write=False)
+    return values
 
 
 def write_motion_model(motion: Record, orbit: Orbit, noise: ProcessNoise, settings: FilterSettings) -> None:
