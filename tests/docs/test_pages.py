@@ -76,6 +76,17 @@ def test_every_claim_and_reference_is_in_the_report():
             assert f"`{path.relative_to(ROOT)}`" in page, path
 
 
+REFERENCES = ("Vallado", "Curtis", "Orekit", "tudat", "Yamanaka and Ankersen", "Basilisk", "PoseLib p3p", "OpenCV SOLVEPNP_P3P",
+              "ERFA", "astropy", "Berreman", "another camera's sky")  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFERENCES)
+def test_the_report_compares_with(name):
+    page = (ROOT / "docs" / "validation.md").read_text(encoding="utf-8")
+    rows = page.partition("<!-- validation: references -->")[2].partition("<!-- validation: end -->")[0].splitlines()
+    assert any(name in row.split(" | ")[0] for row in rows)
+
+
 def test_a_paper_has_one_year_everywhere():
     """Cai et al. is dated by what our text of it says, 1996, in pages, models, sources and the citation alike."""
     files = [*PAGES, *(ROOT / "relnav").rglob("*.py"), *(ROOT / "models").rglob("*.toml")]
