@@ -76,8 +76,20 @@ def test_every_claim_and_reference_is_in_the_report():
             assert f"`{path.relative_to(ROOT)}`" in page, path
 
 
-REFERENCES = ("Vallado", "Curtis", "Orekit", "tudat", "Yamanaka and Ankersen", "Basilisk", "PoseLib p3p", "OpenCV SOLVEPNP_P3P",
-              "ERFA", "astropy", "Berreman", "another camera's sky")  # fmt: skip
+REFERENCES = (
+    "Vallado",
+    "Curtis",
+    "Orekit",
+    "tudat",
+    "Yamanaka and Ankersen",
+    "Basilisk",
+    "PoseLib p3p",
+    "OpenCV SOLVEPNP_P3P",
+    "ERFA",
+    "astropy",
+    "Berreman",
+    "another camera's sky",
+)
 
 
 @pytest.mark.parametrize("name", REFERENCES)
