@@ -4,12 +4,21 @@ Nothing in this file calls the product's geometry, so that a test that uses it c
 Cai, Zhao, Sun, Qiao, Dai (1996), "Determination of target relative position and range by PSD optical sensor system".
 """
 
+import importlib.util
+import json
 import math
+import os
 from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+
+spec = importlib.util.spec_from_file_location("raise_sites", Path(__file__).with_name("raise_sites.py"))
+raise_sites = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(raise_sites)
+raise_sites.watch()  # before anything of relnav is imported
 
 from relnav.mission import Attitude, Camera, Docking, FilterSettings, Model, Orbit, ProcessNoise
 from relnav.sensors.three_beacon import ThreeBeaconSensor
@@ -145,3 +154,8 @@ def make_model(sensor: ThreeBeaconSensor) -> Callable[..., Model]:
         return Model(**{**given, **parts})  # type: ignore[arg-type]  # parts by name
 
     return make
+
+
+def pytest_sessionfinish(session):
+    if "RAISED" in os.environ:
+        Path(os.environ["RAISED"]).write_text(json.dumps(sorted(raise_sites.seen)))
