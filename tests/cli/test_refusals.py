@@ -56,6 +56,9 @@ DAY = "2026-07-02T12:00:00"
 REFUSED = {
     "accuracy aps_sun --plot x.png": (2, "--plot draws relative navigation missions; aps_sun has no picture"),
     f"accuracy {PSD} --faults --plot x.png": (2, "--faults has no picture; leave --plot out"),
+    "accuracy loose.toml --faults": (2, "--faults flies a mission of beacons or markers with [tolerances]"),
+    f"campaign {PSD} --runs 2 --out good.csv": (2, "good.csv: is a file; a campaign needs a folder of its own"),
+    "report good.csv --model three_marker_vision --method spots --out r.html": (2, "--method is for three-beacon mo"),
     "budget aps_sun": (2, "aps_sun: no error budget is known for this kind of sensor"),
     "budget loose.toml": (2, "a budget needs the section [tolerances]"),
     f"budget {PSD} --set acceleration_noise_density_m2_s3=1e40": (2, "too large or too small for a budget: accel"),
