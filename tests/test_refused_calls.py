@@ -1,6 +1,8 @@
 """What calls refuse, and in which words: a line for each message that no other test of its package triggers."""
 
 import dataclasses
+import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -121,7 +123,108 @@ def vehicle(call):
     return call(navigator)
 
 
+def plan(**changes):
+    from relnav.accuracy.campaign_plan import Plan
+    from relnav.simulation.dispersions import Scenario
+
+    return Plan(**({"model": PSD, "scenario": Scenario(), "method": "fix", "seed": 1, "runs": 2} | changes))
+
+
+def too_many_approaches():
+    from relnav.accuracy.campaign import run_campaign
+    from relnav.simulation.trajectory import Approach
+
+    return run_campaign(PSD, Approach(), (), 10**9, 1)
+
+
+def one_run(which):
+    from relnav.accuracy import faults, report
+
+    if which == "faults":
+        return faults.fly_faults([], None, (), (), {}, 1, 7, None)
+    return report.measure(PSD, relnav.load_published("three_beacon_psd"), runs=1)
+
+
+def patent_of_one_field(which):
+    from relnav.accuracy import dual_field_patent, dual_field_runs
+
+    camera = relnav.load_model("ground_camera")
+    if which == "angle":
+        return dual_field_patent.cross_angle_error(camera, 0.2, 10, 1)
+    if which == "rates":
+        rates = SimpleNamespace(sensor=camera)
+        return dual_field_runs._rates(rates, None, 1, np.random.default_rng(1), np.zeros(3))
+    return dual_field_patent.spurious_quadruples(camera, 1, 1)
+
+
+def birefringent_fit():
+    from relnav.sensors.birefringent_sun.direction import fit_two_spots
+
+    sensor = relnav.load_model("birefringent_sun").sensor
+    return fit_two_spots(sensor, np.array([[0.0, 0.0], [1e-4, 0.0]]), -np.eye(4))
+
+
+def sun_seen(**changes):
+    from relnav.sensors.sun_direction import attitude_observation
+
+    given = {"sun_inertial": [0.0, 0.0, 1.0], "dcm_body_from_inertial": np.eye(3), "sun_sigma_rad": 0.0} | changes
+    sun = relnav.aps_sun.SunDirection(np.array([0.0, 0.0, 1.0]), np.diag([1e-8, 1e-8, 0.0]), relnav.Status.OK)
+    return attitude_observation(sun, **given)
+
+
+def branching():
+    from relnav.codegen.trace import Symbol, Tape
+
+    return bool(Symbol(Tape(), 0))
+
+
+def no_light(angle_rad):
+    from relnav.sensors.aps_sun.calibration import compile_table
+
+    model = relnav.load_model("aps_sun")
+    sensor = dataclasses.replace(model.sensor, field_half_angle_rad=angle_rad)
+    return compile_table(dataclasses.replace(model, sensor=sensor), None, cells=8)
+
+
+def strange_kind():
+    vehicle = SimpleNamespace(models={"psd": object()}, sensor={"psd": SimpleNamespace(model="x")})
+    return type(VEHICLE).kind(vehicle, "psd")
+
+
+def two_mirrors():
+    from relnav.sensors.dual_field import fold_fit
+
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in {"_identified": True, "mirror_of": True, "_distance": math.inf, "_middle": None}.items():
+            patch.setattr(fold_fit, name, lambda *_, value=value: value)
+        patch.setattr(fold_fit, "calibrate_fold", lambda *_: SimpleNamespace(normal=np.ones(3)))
+        return fold_fit.fit_fold([(SPOTS, None, None)], STARS, np.zeros(3))
+
+
+def contradicting_pairs():
+    from relnav.files.sun_self_calibration import _agreeing
+
+    return _agreeing(np.array([1.0] * 3 + [1e9] * 2))
+
+
 CALLS = {
+    "no run": (lambda: plan(runs=0), "runs must be 1 or more; got 0"),
+    "no method": (lambda: plan(method="spot"), 'method must be "spots" or "fix"; got \'spot\''),
+    "too many": (too_many_approaches, "runs must be .* or fewer, as seeds lie so far apart; got 1000000000"),
+    "one fault": (lambda: one_run("faults"), "runs must be 2 or more; got 1"),
+    "one approach": (lambda: one_run("report"), "runs must be 2 or more; got 1"),
+    "one accuracy": (lambda: relnav.measure_accuracy("three_beacon_psd", runs=1), "runs must be 2 or more; got 1"),
+    "angle": (lambda: patent_of_one_field("angle"), "a sensor of one field has no angle across fields"),
+    "rates": (lambda: patent_of_one_field("rates"), "the patent's method is for two fields"),
+    "quadruples": (lambda: patent_of_one_field(""), "the patent's method is for two fields"),
+    "branch": (branching, r"cannot branch on its numbers: use select\(condition, a, b\)"),
+    "no direction": (lambda: no_light(1.54), "the ray model has no direction for some spots of the field"),
+    "no vehicle's": (strange_kind, "sensor.psd.model: a three_beacon, .* model is expected"),
+    "no mirror": (two_mirrors, "1 frames show both fields, but no two agree on the mirror"),
+    "covariance": (birefringent_fit, "covariance_m2 is symmetric and positive definite; got"),
+    "sun attitude": (lambda: sun_seen(dcm_body_from_inertial=-np.eye(3)), "dcm_body_from_inertial is a rotation"),
+    "sun sigma": (lambda: sun_seen(sun_sigma_rad=-1.0), "sun_sigma_rad is an angle in radians, 0 or more; got -1.0"),
+    "contradicting": (contradicting_pairs, "2 of 5 pairs of spots contradict the others; are they of this sensor?"),
     "told beacons": (lambda: told("beacons"), r"three_beacon_psd has no \[tolerances\]: what a built sensor"),
     "told markers": (lambda: told("markers"), r"three_marker_vision has no \[tolerances\]: what a built sensor"),
     "kernel": (entry_of_words, "frame_rate takes numbers, arrays and records; got "),

@@ -31,6 +31,7 @@ def folder(tmp_path_factory):
     sky = [f"{j},{30 * i},{37 * i * i % 500}" for j in range(2) for i in range(20)]
     files = {
         "good.csv": [*log],
+        "late.csv": [f"{log[0]},image_t_s", *(f"{line},{line.split(',')[0]}" for line in log[1:])],
         "unseen.csv": [log[0], *unseen],
         "line.csv": ["true_x_um,true_y_um,spot_x_um,spot_y_um", *(f"{i},0,{i + 1},0" for i in range(20))],
         "sun.csv": ["alpha_deg,beta_deg,spot_x_px,spot_y_px", "1,2,3,4"],
@@ -59,6 +60,7 @@ REFUSED = {
     "accuracy loose.toml --faults": (2, "--faults flies a mission of beacons or markers with [tolerances]"),
     f"campaign {PSD} --runs 2 --out good.csv": (2, "good.csv: is a file; a campaign needs a folder of its own"),
     "report good.csv --model three_marker_vision --method spots --out r.html": (2, "--method is for three-beacon mo"),
+    f"filter late.csv --follow --model {PSD} --quiet": (2, "of beacons --follow takes them as they come: leave the"),
     "budget aps_sun": (2, "aps_sun: no error budget is known for this kind of sensor"),
     "budget loose.toml": (2, "a budget needs the section [tolerances]"),
     f"budget {PSD} --set acceleration_noise_density_m2_s3=1e40": (2, "too large or too small for a budget: accel"),

@@ -1,12 +1,15 @@
 """What the files' package refuses, and in which words: what no other of its tests triggers."""
 
 import dataclasses
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import relnav
 
+ROOT = Path(__file__).parents[2]
 PSD = relnav.load_model("three_beacon_psd")
 VEHICLE = relnav.load_model("rendezvous_demo")
 SPOTS = np.tile([[-0.0015, 0.0], [0.0015, 0.0], [0.0, 0.0]], (3, 1, 1))
@@ -39,7 +42,8 @@ def parquet(path, names, **columns):
     from pyarrow import Table, array
     from pyarrow.parquet import write_table
 
-    write_table(Table.from_arrays([array(column) for column in columns.values()], names=names), path / "log.parquet")
+    table = Table.from_arrays([array(column) for column in columns.values()], names=names)
+    write_table(table, path / "log.parquet", use_dictionary=False)
     return relnav.filter_log(path / "log.parquet", PSD)
 
 
@@ -140,11 +144,65 @@ def test_a_few_kilobytes_that_unpack_to_much(tmp_path, monkeypatch):
     monkeypatch.setattr("relnav.files.parquet.BOMB_RATIO", 2)
     names = ["t_s", *(f"spot_{beacon}_{axis}_um" for beacon in "abc" for axis in "xy")]
     with pytest.raises(relnav.LogError, match=r"unpacks from \d+ to \d+ bytes; no measured log does"):
-        parquet(tmp_path, names, **{name: np.arange(20_000) // 10_000 * 1.0 for name in names})
+        parquet(tmp_path, names, **{name: 0.0 + (np.arange(50_000) > 25_000) for name in names})
 
 
 def test_a_calibration_of_the_other_sun_sensor(tmp_path):
     from relnav.files.sun_measuring import measure_sun
 
     with pytest.raises(relnav.UsageError, match="--calibration is for the APS sensor; a birefringent sensor's"):
-        measure_sun(tmp_path / "pairs.csv", relnav.load_model("birefringent_sun"), object())
+        measure_sun(tmp_path / "pairs.csv", relnav.load_model("birefringent_sun"), calibration=object())
+
+
+def test_a_table_that_is_read_whole():
+    from relnav.files.logs import read_csv
+
+    with pytest.raises(relnav.LogError, match="more than 2 rows; a table of this kind is read whole: cut it in parts"):
+        read_csv(ROOT / "examples" / "basilisk_approach" / "vbar_log.csv", most_rows=2)
+
+
+def test_no_scheduler_answers(tmp_path, monkeypatch):
+    pytest.importorskip("distributed", reason="distributed is not installed")
+    monkeypatch.setattr("relnav.files.cluster.CONNECT_S", 1)
+    with pytest.raises(relnav.UsageError, match=r"cluster tcp://127.0.0.1:9: no dask scheduler answers there"):
+        relnav.campaign(PSD, 2, 1, out=tmp_path / "flights", cluster="tcp://127.0.0.1:9")
+
+
+def test_a_picture_that_holds_no_numbers(monkeypatch):
+    from relnav.files import sun_measuring
+
+    monkeypatch.setattr(sun_measuring, "read_picture", lambda _: SimpleNamespace(counts=[[np.nan, 1.0]]))
+    with pytest.raises(relnav.InputError, match=r"sun.fits: 1 pixels are no finite number"):
+        sun_measuring.measure_sun(Path("sun.fits"), relnav.load_model("aps_sun"))
+
+
+def test_pairs_of_spots_that_never_agree(monkeypatch):
+    from relnav.files import sun_self_calibration as own
+
+    turns = iter(np.arange(100) % 2 == 0)
+    monkeypatch.setattr(own, "_agreement", lambda *_: (np.zeros((2, 2, 2)), np.zeros(2)))
+    monkeypatch.setattr(own, "_agreeing", lambda _: np.array([True, next(turns)]))
+    monkeypatch.setattr(own, "self_calibrate", lambda *_, **__: SimpleNamespace(sensor=None))
+    with pytest.raises(ValueError, match="which pairs of spots agree with the others does not settle"):
+        own._settled(None, np.zeros((2, 2, 2)), ())
+
+
+def test_runs_of_another_campaign(tmp_path):
+    from relnav.files.campaign_page import write_campaign_page
+
+    flown = SimpleNamespace(described={}, summary=None, runs=SimpleNamespace(failed=dict.popitem))
+    with pytest.raises(relnav.InputError, match=r"runs and campaign.json do not belong together"):
+        write_campaign_page(flown, tmp_path / "page.html")
+
+
+def test_what_spice_itself_refuses(tmp_path):
+    pytest.importorskip("spiceypy", reason="spiceypy is not installed")
+    from spiceypy.utils.exceptions import SpiceyError
+
+    from relnav.files.spice import _kernel
+
+    def full(*_):
+        raise SpiceyError(short="SPICE(DASFULL)", long="The disk is full.")
+
+    with pytest.raises(relnav.UsageError, match="SPICE refuses to write it"), _kernel(full, full, tmp_path, tmp_path):
+        pass
