@@ -113,7 +113,7 @@ def truth() -> SimpleNamespace:
 def outside(record_property: Callable[[str, object], None]) -> Callable[..., None]:
     """outside(reference, what, difference, bound): held to the bound, and noted for `benchmarks/validation.py`.
 
-    For a reference of other hands: a textbook, another program. `difference` is in the unit that `what` ends with.
+    For an independent reference: a textbook, another program. `difference` is in the unit that `what` ends with.
     """
 
     def hold(reference: str, what: str, difference: float, bound: float) -> None:
