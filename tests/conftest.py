@@ -10,7 +10,7 @@ import math
 import os
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -121,6 +121,12 @@ def outside(record_property: Callable[[str, object], None]) -> Callable[..., Non
         assert difference <= bound, f"{reference}: {what} differs by {difference}, more than {bound}"
 
     return hold
+
+
+@pytest.fixture(scope="session")
+def messages() -> ModuleType:
+    """`raise_sites.py`: what was triggered in this process so far."""
+    return raise_sites
 
 
 @pytest.fixture(scope="session")

@@ -10,6 +10,7 @@ import builtins
 import importlib.abc
 import importlib.machinery
 import sys
+from functools import cache
 from pathlib import Path
 from types import CodeType
 
@@ -28,6 +29,7 @@ def name_of(path: Path, node: ast.stmt) -> str:
     return f"{PACKAGE.name}/{path.relative_to(PACKAGE).as_posix()}:{node.lineno}"
 
 
+@cache
 def sites() -> dict[str, str]:
     """Every site of the package -> its statement."""
     return {
