@@ -207,7 +207,134 @@ def contradicting_pairs():
     return _agreeing(np.array([1.0] * 3 + [1e9] * 2))
 
 
+def spinning(mean_motion_rad_s):
+    from relnav.dynamics.rigid_body import RigidBody
+
+    return RigidBody(np.eye(3), mean_motion_rad_s)
+
+
+def certain():
+    from relnav.estimation.consistency import chi_square_interval
+
+    return chi_square_interval(6, 1.0)
+
+
+def saved_by_another():
+    from relnav.navigation.arguments import refuse_another_version
+
+    return refuse_another_version("0.0.0")
+
+
+def attitude(call):
+    inertia = np.diag([100.0, 120.0, 140.0])
+    return call(relnav.TargetAttitude(inertia, 1e-3, rate_noise_density_rad2_s3=1e-8, initial_rate_sigma_rad_s=0.01))
+
+
+def pose(call, **settings):
+    return call(relnav.PoseNavigator(MARKERS, **settings))
+
+
+def pose_log(t_s, spots_px):
+    from relnav.navigation.pose_log import filter_marker_epochs
+
+    return filter_marker_epochs(MARKERS, t_s, spots_px)
+
+
+def restarted_at(t_s):
+    navigator = relnav.Navigator(PSD)
+    navigator.step(1.0, SPOTS)
+    return navigator.start(t_s, [10.0, 0.0, 0.0, 0.0, 0.0, 0.0], np.eye(6))
+
+
+def settled_behind():
+    from relnav.navigation.steady_state_filter import settled_filter
+
+    return settled_filter(PSD, [-10.0, 0.0, 0.0], 10.0)
+
+
+def broken_beacon(**wrong):
+    from relnav.simulation.beacon_faults import BeaconFault
+
+    return BeaconFault(**({"kind": "dead", "beacon": 0} | wrong))
+
+
+def dark():
+    from relnav.simulation.detector import background_current_a
+
+    return background_current_a(bare(PSD, "light"))
+
+
+def marker_faults():
+    from relnav.simulation.marker_flight import MarkerFaults
+
+    return MarkerFaults(dropout=2.0)
+
+
+def observed(sensor, value, covariance=None):
+    return vehicle(lambda n: n.observe(sensor, 0.1, value, covariance))
+
+
+def sun(direction, covariance):
+    return relnav.aps_sun.SunDirection(np.array(direction), np.array(covariance), relnav.Status.OK)
+
+
+UNSEEN = np.full((2, 3, 2), np.nan)
+MOTION = ([20.0, 0.0, 0.0, 0.0, 0.0, 0.0], np.eye(12))
 CALLS = {
+    "spinning": (lambda: spinning(-1.0), "mean_motion_rad_s must be >= 0 and finite; got -1.0"),
+    "certain": (certain, "0 < probability < 1 is expected; got 1.0"),
+    "markers": (lambda: relnav.Navigator(MARKERS), "is a marker mission: it is flown by relnav.PoseNavigator"),
+    "no model": (lambda: relnav.Navigator("psd"), r"model is a loaded mission, relnav.load_model\(...\); got 'psd'"),
+    "no engine": (lambda: relnav.Navigator(PSD, engine="ekf"), 'engine must be "compiled" or "filterpy"; got'),
+    "huge": (lambda: relnav.Navigator(PSD).start(0.0, [1e40] * 6, np.eye(6)), "state must be up to 1e.30 in size"),
+    "start at no time": (lambda: restarted_at(math.nan), "t_s must be finite; got nan"),
+    "start before": (lambda: restarted_at(0.5), "t_s must be after the last step's 1.0 s; got 0.5"),
+    "saved": (saved_by_another, "a navigator saved by relnav 0.0.0 cannot go on in relnav"),
+    "degrees": (lambda: attitude(lambda a: a.step(0.0, np.eye(3), 1e40 * np.eye(3))), "covariance_rad2 is in rad.2"),
+    "sigma shape": (
+        lambda: relnav.filter_epochs(PSD, [0.0, 0.1], UNSEEN, spot_sigma_m=np.ones(2)),
+        r"spot_sigma_m has shape \(2, 3, 2\); got \(2,\)",
+    ),
+    "sigma": (
+        lambda: relnav.filter_epochs(PSD, [0.0, 0.1], UNSEEN + SPOTS, spot_sigma_m=np.zeros((2, 3, 2))),
+        "spot_sigma_m is above zero and finite; got .* at epoch 0",
+    ),
+    "pose log": (lambda: pose_log([0.0], UNSEEN), "t_s has one axis and spots_px has shape .*; got"),
+    "pose times": (lambda: pose_log([0.0, math.inf], UNSEEN), "t_s must be finite"),
+    "pose order": (lambda: pose_log([1.0, 0.0], UNSEEN), "t_s must not go back; the last epoch was at nan s"),
+    "pose model": (lambda: relnav.PoseNavigator(PSD), "PoseNavigator flies a marker mission, such as"),
+    "pose start": (
+        lambda: pose(lambda n: n.start(0.0, MOTION[0], -np.eye(3), np.zeros(3), MOTION[1])),
+        r"dcm_lvlh_from_target is a rotation matrix \(3, 3\)",
+    ),
+    "pose start before": (
+        lambda: pose(lambda n: [n.start(t, MOTION[0], np.eye(3), np.zeros(3), MOTION[1]) for t in (1.0, 0.5)]),
+        "t_s must not be before the last epoch, 1.0; got 0.5",
+    ),
+    "pose covariance": (
+        lambda: pose(lambda n: n.step(0.0, UNSEEN[0], spot_covariance_px2=np.eye(2))),
+        r"spot_covariance_px2 has shape \(3, 2, 2\), one a marker; got \(2, 2\)",
+    ),
+    "pose late": (
+        lambda: pose(lambda n: n.step(0.0, UNSEEN[0], image_t_s=-0.1), engine="filterpy"),
+        'engine="filterpy" takes no late images: leave image_t_s out',
+    ),
+    "settled": (settled_behind, "no measurement at .* m in the docking frame"),
+    "fault's kind": (lambda: broken_beacon(kind="bent"), 'kind is "dead", "fading", "swapped" or "glint"; got'),
+    "fault's beacon": (lambda: broken_beacon(beacon=3), "a beacon is 0, 1 or 2; got 3 and 0"),
+    "dark": (dark, r"has no \[detector\] and \[light\]: a background current needs both"),
+    "marker faults": (marker_faults, "dropout is a probability, 0 <= dropout < 1; got 2.0"),
+    "quaternion": (lambda: observed("star", np.zeros(3)), r"star: a quaternion \(x, y, z, w\) of v_sensor = R v_in"),
+    "star's noise": (lambda: observed("star", [0, 0, 0, 1], np.eye(2)), r"star: a covariance \(3, 3\) rad.2 in sensor"),
+    "star's sign": (lambda: observed("star", [0, 0, 0, 1], -np.eye(3)), "star: a covariance is symmetric and positive"),
+    "sun's shape": (lambda: observed("sun_aps", sun([0, 0, 1], np.eye(2))), r"sun_aps: a direction \(3,\) and its cov"),
+    "sun's sign": (
+        lambda: observed("sun_aps", sun([0.0, 0.0, 1.0], [[0.0, 1.0, 0.0], [0.0] * 3, [0.0] * 3])),
+        "sun_aps: a covariance is finite and symmetric",
+    ),
+    "lights": (lambda: observed("psd", np.zeros((6, 2)), np.eye(2)), r"psd: covariances of 6 spots are \(6, 2"),
+    "no vehicle": (lambda: relnav.VehicleNavigator(PSD), "a vehicle is expected, as relnav.load_model"),
+    "far start": (lambda: relnav.VehicleNavigator(VEHICLE, t_s=1e30), "t_s of the start is a time in seconds, at most"),
     "no run": (lambda: plan(runs=0), "runs must be 1 or more; got 0"),
     "no method": (lambda: plan(method="spot"), 'method must be "spots" or "fix"; got \'spot\''),
     "too many": (too_many_approaches, "runs must be .* or fewer, as seeds lie so far apart; got 1000000000"),
