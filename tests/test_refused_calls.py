@@ -290,7 +290,11 @@ CALLS = {
     "start at no time": (lambda: restarted_at(math.nan), "t_s must be finite; got nan"),
     "start before": (lambda: restarted_at(0.5), "t_s must be after the last step's 1.0 s; got 0.5"),
     "saved": (saved_by_another, "a navigator saved by relnav 0.0.0 cannot go on in relnav"),
-    "degrees": (lambda: attitude(lambda a: a.step(0.0, np.eye(3), 1e40 * np.eye(3))), "covariance_rad2 is in rad.2"),
+    "degrees": (lambda: attitude(lambda a: a.step(0.0, np.eye(3), 1e101 * np.eye(3))), "covariance_rad2 is in rad.2"),
+    "mirrored": (
+        lambda: attitude(lambda a: a.step(0.0).relative(-np.eye(3))),
+        r"dcm_chaser_from_lvlh must be a rotation matrix \(3, 3\); got",
+    ),
     "sigma shape": (
         lambda: relnav.filter_epochs(PSD, [0.0, 0.1], UNSEEN, spot_sigma_m=np.ones(2)),
         r"spot_sigma_m has shape \(2, 3, 2\); got \(2,\)",
