@@ -97,8 +97,8 @@ def watched_type() -> np.dtype[np.void]:
     """A group of at most three rows.
 
     Handed over for each image: rows; seen; value, z - h(x); variances of what is new in each image (noise), of the
-    state's part H P H' (state), of what lasts (lasting); motion, what an image that is one second late adds to value;
-    taken, while a step is doubted, what images since have put into h(x); changed, variance of what lasting errors have
+    state's part H P H' (state), of lasting errors (lasting); motion, what an image one second late adds to value;
+    taken, while a step is doubted, what images since have put into h(x); changed, variance by which lasting errors have
     changed since the older mean was made.
     """
     return np.dtype(
@@ -123,7 +123,7 @@ def watched_type() -> np.dtype[np.void]:
             ("middle", _F, 3),
             ("usual", _F, 3),
             ("usual_state", _F, 3),
-            ("usual_spread", _F, 3),  # mean 1-sigma of what lasts
+            ("usual_spread", _F, 3),  # mean 1-sigma of lasting errors
             ("usual_white", _F, 3),  # H P H' in it, as of white innovations
             ("fast_state", _F, 3),
             ("scatter", _F),

@@ -47,9 +47,9 @@ SENSOR = np.dtype(
         ("held", _F, (3, 3)),  # the model's attitude, and whether it is known, for steps that are told no other
         ("held_known", _I),
         ("turned", _I),  # `mount` holds another attitude
-        ("attitude_sigma", _F),  # of the stated attitude, each axis: what lasts
+        ("attitude_sigma", _F),  # of the stated attitude, each axis: the lasting part
         ("attitude_noise", _F),  # and what is new at every image
-        ("field_center", _F, 2),  # where what lasts in the spots was calibrated
+        ("field_center", _F, 2),  # where the spots were calibrated
         ("field_half_width", _F, 2),
         ("cam_from_dock", _F, (3, 3)),  # derived from the attitude, as the next (`sight.attitude_changed`)
         ("offset", _F, 3),  # camera minus chaser's centre of mass, minus the port: camera from O = state + offset
@@ -96,7 +96,7 @@ BEACON = np.dtype(
     [
         ("position", _F, 3),  # from the target's centre of mass, lvlh_ccsds
         ("spot_sigma", _F, 2),  # of its spot's noise
-        ("lasting_sigma", _F),  # of what lasts in its spot
+        ("lasting_sigma", _F),  # of its spot's lasting error
     ]
 )
 SCRATCH = np.dtype(

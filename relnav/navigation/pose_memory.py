@@ -85,7 +85,7 @@ POSE_SCRATCH = np.dtype(
     ]
 )
 LASTING = np.dtype([("attitude", _F), ("focal_length", _F), ("mounting", _F), ("placement", _F)])
-"""1-sigma of what lasts: chaser's attitude, focal length (relative), camera's mounting, each marker's place."""
+"""1-sigma of lasting errors: chaser's attitude, focal length (relative), camera's mounting, each marker's place."""
 CHASER_ATTITUDE, MOUNTING, FOCAL_LENGTH, PLACEMENT = 0, 3, 6, 7
 """Where each stands among the considered errors; the first three always do."""
 POSE_CLOCK = np.dtype(

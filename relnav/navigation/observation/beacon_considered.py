@@ -13,7 +13,7 @@ measurements, so S is carried as the estimate itself is:
 
 and P = L D L^T + S S^T is reported. For gate and gain R holds them too, as if they were new in every image: what is a
 coordinate's own (its spot's, its beacon's place) whole, so that a bad one counts for less; what all share as far as
-the state cannot take it up, (E - H S)^2. R of a fix, which the state takes up whole, holds what lasts in the spots.
+the state cannot take it up, (E - H S)^2. R of a fix, which the state takes up whole, holds the spots' lasting errors.
 
 What lasts in the spots is a smooth field over the detector: neighbouring spots share it, and a spot that travels
 leaves its error behind. It is carried as independent errors on 4 x 4 nodes over the calibrated box, for x and for y;
