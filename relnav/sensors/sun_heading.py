@@ -1,7 +1,7 @@
 """A rover's yaw from the sun, and the drift of its gyro: what the APS patent says a Mars rover's sun sensor is for.
 
-The sun direction s and the upward vertical u, both in body axes, give the angle a from the rover's forward axis f to the
-sun about the vertical, h = s - (s.u) u the sun's horizontal part: tan a = u.(f x h) / f.h. With the sun's azimuth Z,
+The sun direction s and the upward vertical u, both in body axes, give the angle a from the rover's forward axis f to
+the sun about the vertical, h = s - (s.u) u its horizontal part: tan a = u.(f x h) / f.h. With the sun's azimuth Z,
 clockwise from north, the yaw is Z + a. Errors of the sun across its azimuth and of the vertical about the sun's
 azimuth, of elevation e:
 
@@ -102,7 +102,8 @@ def gyro_drift(t_s: ArrayLike, gyro_yaw_rad: ArrayLike, sun_yaw_rad: ArrayLike, 
     t, gyro, sun = numbers("t_s", t_s), numbers("gyro_yaw_rad", gyro_yaw_rad), numbers("sun_yaw_rad", sun_yaw_rad)
     sigma = np.broadcast_to(numbers("sigma_rad", sigma_rad), t.shape)
     if t.ndim != 1 or not t.shape == gyro.shape == sun.shape or len(t) < 3:
-        raise ValueError(f"three yaws or more, arrays (n,) alike, are expected; got {t.shape}, {gyro.shape}, {sun.shape}")
+        shapes = f"{t.shape}, {gyro.shape}, {sun.shape}"
+        raise ValueError(f"three yaws or more, arrays (n,) alike, are expected; got {shapes}")
     if not (np.all(sigma > 0.0) and np.ptp(t) > 0.0):
         raise ValueError("sigmas are above zero, and the times differ")
     off = np.unwrap(sun - gyro)

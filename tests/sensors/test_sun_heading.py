@@ -52,7 +52,7 @@ def test_sigma_is_the_scatter():
 
 
 def test_drift_of_a_gyro_over_an_hour():
-    """A drift of 0.1 deg/h from yaws of 0.03 deg each minute, one of them wrong by 20 deg: sigma 0.014 deg/h, honest."""
+    """A drift of 0.1 deg/h from yaws of 0.03 deg a minute, one of them wrong by 20 deg: sigma 0.014 deg/h."""
     rng, t, z = np.random.default_rng(2), np.arange(0.0, 3600.0, 60.0), []
     for _ in range(200):
         true = 3.0 + 0.4 * np.sin(t / 500.0)  # passes through pi
