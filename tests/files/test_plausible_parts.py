@@ -20,7 +20,7 @@ def test_a_slip_of_unit(tmp_path, name):
     lines[at] = f"{key} = {value}"
     path = tmp_path / "model.toml"
     path.write_text("\n".join(lines))
-    with pytest.raises(relnav.ModelError, match="model.toml") as caught:
+    with pytest.raises(relnav.ModelError, match=r"model\.toml") as caught:
         relnav.load_model(path)
     assert text in str(caught.value)
     assert f"model.toml:{at + 1}:" in str(caught.value)
