@@ -24,6 +24,8 @@ def load_star_catalogue() -> StarCatalogue:
     try:
         with np.load(path) as table:
             columns = {name: table[name] for name in table.files}
+        for angle in ("ra", "dec"):
+            columns[f"{angle}_rad"] = columns.pop(f"{angle}_1e10_rad") / 1e10
         for values in columns.values():
             values.setflags(write=False)
         return StarCatalogue(**columns)

@@ -73,5 +73,5 @@ def test_a_damaged_file_is_named(monkeypatch, tmp_path):
     (tmp_path / "star_catalogue").mkdir()
     (tmp_path / NAME).write_bytes(b"no archive")
     monkeypatch.setattr("relnav.files.star_catalogue.models_root", lambda: tmp_path)
-    with pytest.raises(relnav.InputError, match=r"hip2_hp80.npz: the star catalogue cannot be read .*install relnav"):
+    with pytest.raises(relnav.InputError, match=r"hip2_hp80\.npz: the star catalogue cannot be read .*install relnav"):
         load_star_catalogue.__wrapped__()
