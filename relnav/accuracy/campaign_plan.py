@@ -9,6 +9,7 @@ from relnav.accuracy.run_score import RunScorer, RunStatus, columns
 from relnav.arrays import Codes, Matrix, whole
 from relnav.mission import Model
 from relnav.navigation.memory import METHODS
+from relnav.simulation.dispersed import check_flyable
 from relnav.simulation.dispersions import Scenario
 
 EPOCHS_OF_A_BATCH = 1_000_000
@@ -50,6 +51,7 @@ class Plan:
         whole("seed", self.seed)
         if not isinstance(self.method, str) or self.method not in METHODS:
             raise ValueError(f'method must be "spots" or "fix"; got {self.method!r}')
+        check_flyable(self.model, self.scenario)
 
     @property
     def columns(self) -> tuple[str, ...]:

@@ -66,12 +66,17 @@ def simulate(model: Model, scenario: Scenario | None = None, seed: int = 0, run:
     return fly_run(model, scenario or Scenario(), seed, run).log
 
 
+def check_flyable(model: Model, scenario: Scenario) -> None:
+    """Raise a ValueError where a scenario asks for what a model does not say."""
+    if scenario.as_built.by_tolerances and model.tolerances is None:
+        raise ValueError(f"model {model.name} has no [tolerances], by which the scenario draws the sensor as built")
+
+
 def fly_run(model: Model, scenario: Scenario, seed: int, run: int) -> Flight:
     """Draw what is uncertain of a run, fly it and image it."""
     if not isinstance(model, Model):
         raise ValueError(f"scenarios are flown by three-beacon missions, relnav.load_model(...); got {model!r}")
-    if scenario.as_built.by_tolerances and model.tolerances is None:
-        raise ValueError(f"model {model.name} has no [tolerances], by which the scenario draws the sensor as built")
+    check_flyable(model, scenario)
     draws = Draws(seed, run)
     drawn: dict[str, float] = {}
     approach, disturbances = _disturbed(model, scenario, draws, drawn)

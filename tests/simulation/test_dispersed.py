@@ -108,3 +108,5 @@ def test_tolerances_must_be_there(model):
     bare = dataclasses.replace(model, tolerances=None)
     with pytest.raises(ValueError, match=r"has no \[tolerances\]"):
         relnav.simulate(bare, Scenario(SHORT, as_built=AsBuilt(by_tolerances=True)))
+    with pytest.raises(ValueError, match=r"has no \[tolerances\]"):  # before any run is flown and called failed
+        relnav.campaign(bare, 4, 1, dispersions=Scenario(SHORT, as_built=AsBuilt(by_tolerances=True)))
