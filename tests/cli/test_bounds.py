@@ -17,6 +17,13 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "wait4"), reason="what a child u
 MODEL = ("--model", "three_beacon_psd")
 SPOTS = "t_s,spot_a_x_um,spot_a_y_um,spot_b_x_um,spot_b_y_um,spot_c_x_um,spot_c_y_um"
 MOST_CPU_S, MOST_BYTES = 2.0, 500e6
+LAUNCHER = """import os, subprocess, sys
+process = subprocess.Popen(sys.argv[2:])
+_, status, used = os.wait4(process.pid, 0)
+with open(sys.argv[1], "w") as out:
+    print(os.waitstatus_to_exitcode(status), used.ru_utime + used.ru_stime, used.ru_maxrss, file=out)
+"""
+"""A small program between: a child's largest memory is at least what its parent had when it was made."""
 
 
 def png_of(side):
@@ -44,8 +51,9 @@ def spent(tmp_path):
 
     def call(arguments, feed=None):
         with (tmp_path / "said").open("wb+") as said:
+            used = tmp_path / "used"
             process = subprocess.Popen(
-                [sys.executable, "-m", "relnav", *arguments],
+                [sys.executable, "-I", "-c", LAUNCHER, used, sys.executable, "-m", "relnav", *arguments],
                 cwd=tmp_path,
                 env=os.environ | {"RELNAV_JIT": "0"},
                 stdin=subprocess.DEVNULL if feed is None else subprocess.PIPE,
@@ -54,11 +62,11 @@ def spent(tmp_path):
             )
             if feed is not None:
                 threading.Thread(target=feed, args=(process.stdin,), daemon=True).start()
-            _, status, used = os.wait4(process.pid, 0)
-            process.returncode = os.waitstatus_to_exitcode(status)
+            process.wait()
             said.seek(0)
             words = said.read().decode()
-        return process.returncode, words, used.ru_utime + used.ru_stime, used.ru_maxrss * 1024
+        code, seconds, kilobytes = used.read_text().split()
+        return int(code), words, float(seconds), int(kilobytes) * 1024
 
     return call
 

@@ -119,6 +119,6 @@ def test_another_ending_is_refused(nothing, tmp_path):
 
 def test_a_solution_fits_a_screen(solution):
     text = repr(solution)
-    assert len(text.splitlines()) <= 5
-    assert all(len(line) <= 120 for line in text.splitlines())
+    assert len(text.splitlines()) <= 7
+    assert all(len(line) <= 80 for line in text.splitlines())
     assert "300 epochs" in text
