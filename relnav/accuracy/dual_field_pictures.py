@@ -59,10 +59,10 @@ def occupancy(sensor: StarSensor, frames: int, seed: int) -> tuple[float, float,
     The lens alone shows 0.75 mag more of one field than each of two fields that share its light.
     """
     rng = np.random.default_rng(seed)
-    quiet = {"magnitude_noise": 0.0, "missing": 0.0, "false_spots": 0}
-    simulator = StarFieldSimulator(sensor, SkyConditions(**quiet))
+    quiet = SkyConditions(magnitude_noise=0.0, missing=0.0, false_spots=0)
+    simulator = StarFieldSimulator(sensor, quiet)
     alone = dataclasses.replace(sensor, fold=dataclasses.replace(sensor.fold, kind="none"))
-    deep = StarFieldSimulator(alone, SkyConditions(faintest_mag=SkyConditions().faintest_mag + 0.75, **quiet))
+    deep = StarFieldSimulator(alone, dataclasses.replace(quiet, faintest_mag=quiet.faintest_mag + 0.75))
     spots = [simulator.frame(rng).spots_px for _ in range(frames)]
     count, single = sum(len(s) for s in spots), sum(len(deep.frame(rng).spots_px) for _ in range(frames))
     lit = SPOT_PX**2 / (frames * math.prod(sensor.camera.detector_size_px))
