@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 from fuzzing import run_targets, try_cases
+from fuzzing_more_calls import MORE
 from fuzzing_values import OTHERS, asked, check_covariance, drawn, in_turn, like, number, rotation
 from hypothesis import strategies as st
 
@@ -329,13 +330,17 @@ CALLS: dict[str, Callable[[Any], list[str]]] = {
     "load_model": models,
     "simulate": simulated,
     "VehicleNavigator.observe": vehicle,
+    **MORE,
 }
 
 
-def fuzz(name: str, _folder: Path, cases: int, *, derandomize: bool = False) -> dict[str, Any]:
+def fuzz(
+    name: str, _folder: Path, cases: int, *, derandomize: bool = False, number: int | None = None
+) -> dict[str, Any]:
     """Try so many cases of one call; what came of them. The first that must not be is raised, made small."""
     outcomes: Counter[str] = Counter()
-    try_cases(st.data(), lambda data: outcomes.update(CALLS[name](data)), cases, derandomize=derandomize)
+    one = CALLS[name]
+    try_cases(st.data(), lambda data: outcomes.update(one(data)), cases, derandomize=derandomize, number=number)
     return {"call": name, "cases": sum(outcomes.values()), "outcomes": dict(sorted(outcomes.items())), "faults": []}
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from fuzzing import SLOWEST_S
+from fuzzing import SLOWEST_S, watched
 from hypothesis import strategies as st
 from numba.core.event import install_timer
 
@@ -103,7 +103,7 @@ def asked(call: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
     before, begin, result = _kept(arguments, named), time.process_time(), None
     compiling: list[float] = []  # once a process, and told: no part of a call's time
     try:
-        with warnings.catch_warnings(), install_timer("numba:compile", compiling.append):
+        with warnings.catch_warnings(), install_timer("numba:compile", compiling.append), watched(30 * SLOWEST_S):
             warnings.simplefilter("error")
             warnings.filterwarnings("ignore", ".* encountered in scalar ")  # of kernels run as plain Python alone
             result = call(*arguments, **named)

@@ -39,6 +39,14 @@ COMMANDS = {
     "budget": (["budget", "three_beacon_psd", "--json", "b.json"], ["b.json"]),
     "accuracy": (["accuracy", "birefringent_sun", "--runs", "60", "--json", "acc.json"], ["acc.json"]),
     "report": (["report", "log.csv", *MODEL, "--out", "r.html"], ["r.html"]),
+    "markers": (
+        ["filter", "markers.csv", "--model", "three_marker_vision", "--out", "m.csv", "--json", "mk.json"],
+        ["m.csv", "mk.json"],
+    ),
+    "vehicle": (
+        ["filter", "vehicle.csv", "--model", "rendezvous_demo", "--out", "v.csv", "--json", "v.json"],
+        ["v.csv", "v.json"],
+    ),
 }
 SIGNALS = {"SIGINT": signal.SIGINT, "SIGTERM": signal.SIGTERM, "SIGKILL": signal.SIGKILL}
 OLD = "of yesterday\n"
@@ -55,10 +63,15 @@ def prepare(folder: Path) -> None:
         for (x, y), (dx, dy) in zip(places, rng.normal(0, 5, (169, 2)).tolist(), strict=True)
     ]
     (folder / "grid.csv").write_text("\n".join(["true_x_um,true_y_um,spot_x_um,spot_y_um", *grid]))
-    spots = [f"{x!r},{y!r},{abs(flux)!r}" for x, y, flux in rng.uniform(-500, 500, (40, 3)).tolist()]
+    spots = [f"{x!r},{y!r},{abs(flux)!r}" for x, y, flux in rng.uniform(-500, 500, (5, 3)).tolist()]
     directions = [f"{k},{512 + 3 * k},{512 - k}" for k in range(200)]
     (folder / "sun.csv").write_text("\n".join(["t_s,spot_x_px,spot_y_px", *directions]))
     (folder / "frame.csv").write_text("\n".join(["x_px,y_px,flux", *spots]))
+    names = ",".join(f"spot_{beacon}_{axis}_px" for beacon in "abc" for axis in "xy")
+    markers = [f"{0.1 * k:.1f},469.3,553.7,553.7,553.7,511.5,511.5" for k in range(40)]
+    (folder / "markers.csv").write_text("\n".join([f"t_s,{names}", *markers]))
+    samples = [f"{0.01 * k:.2f},gyro,0,0.00113,0" for k in range(200)]
+    (folder / "vehicle.csv").write_text("\n".join(["t_s,sensor,v0,v1,v2", *samples]))
 
 
 def start(arguments: list[str], folder: Path) -> subprocess.Popen[bytes]:

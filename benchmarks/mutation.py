@@ -2,12 +2,15 @@
 
 A mutant is made in memory, where the module is imported, and its tests run in a child of a process that has loaded
 numpy and pytest already: kernels as plain Python (`RELNAV_JIT=0`), so that nothing is compiled. The tests of a module
-are those of the files that name it, its own package's first, as far as the time allows. A mutant is killed if a test
-fails, or if they take five times as long.
+are those of the files that name it, its own package's first, as far as the time allows. They have to pass unchanged
+first. A mutant is killed if a test fails (pytest's exit code 1), or if they take five times the processor time. One
+whose tests could not be run (any other code) counts as neither.
 
-    python benchmarks/mutation.py [--sample 100] [--seed 0] [--module relnav/estimation/factored.py] [--json FILE]
+    python benchmarks/mutation.py [--sample 100] [--seed 0] [--room estimation] [--json FILE]
+    python benchmarks/mutation.py --module relnav/estimation/factored.py
 
-Survivors are printed with their line. Those that change no answer are named with the reason in mutation_judged.toml.
+Survivors are printed with their line. Those that change no answer are named with the reason in mutation_judged.toml, by
+the function, the source line and the place in it, so that no other change of the same letters is excused.
 """
 
 import argparse
@@ -19,11 +22,13 @@ import importlib.util
 import json
 import os
 import random
+import resource
 import signal
 import sys
 import tempfile
 import time
 import tomllib
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -35,7 +40,7 @@ CLOSED_FORMS = (
     *(f"sensors/three_marker/{name}.py" for name in ("as_published", "camera", "pose")),
     *(f"sensors/{name}.py" for name in ("sun_direction",)),
 )
-BUDGET_S, LONGEST_TEST_S = 20.0, 4.0
+BUDGET_S, LONGEST_TEST_S = 12.0, 3.0
 """Of a module's tests, plain and unchanged, together and each: the quickest are taken."""
 SWAPS: dict[type, tuple[type, ...]] = {
     ast.Add: (ast.Sub,),
@@ -63,6 +68,8 @@ class Mutant(NamedTuple):
     number: int
     choice: int
     line: int
+    within: str
+    """Function, source line and column in it, and which of these: tells the place when lines above come and go."""
     before: str
     after: str
 
@@ -118,11 +125,21 @@ def _word(name: ast.Name | ast.Attribute) -> str:
 
 def mutants(path: Path) -> list[Mutant]:
     """Every mutant of a file."""
-    tree, found = ast.parse(path.read_text(encoding="utf-8")), []
+    source = path.read_text(encoding="utf-8")
+    tree, found, lines = ast.parse(source), [], source.splitlines()
+    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    seen: Counter[tuple[str, str]] = Counter()
     for number, node in enumerate(places(tree)):
+        inside = [one.name for one in functions if one.lineno <= node.lineno <= (one.end_lineno or 0)]
+        line = lines[node.lineno - 1]
+        column = node.col_offset - len(line) + len(line.lstrip())
+        within = f"{inside[-1] if inside else ''}: {line.strip()} @{column}"
+        seen[within, type(node).__name__] += 1
+        if (count := seen[within, type(node).__name__]) > 1:
+            within += f" #{count}"
         for choice, change in enumerate(changes(node)):
-            entry = str(path.relative_to(ROOT)), number, choice, node.lineno, ast.unparse(node), ast.unparse(change)
-            found.append(Mutant(*entry))
+            entry = str(path.relative_to(ROOT)), number, choice, node.lineno, within
+            found.append(Mutant(*entry, ast.unparse(node), ast.unparse(change)))
     return found
 
 
@@ -190,11 +207,20 @@ def _too_long(number: int, frame: object) -> None:  # noqa: ARG001  (the signatu
     raise TimeoutError
 
 
+TOO_LONG = -int(signal.SIGXCPU)
+KILLED = (1, TOO_LONG)
+"""Exit codes of tests that noticed; pytest's others say that it could not run them."""
+
+
 def run_tests(tests: list[str], mutant: Mutant | None, limit_s: float, watch: Stopwatch | None = None) -> int:
-    """Run tests in a child, up to the first that fails unless they are timed; pytest's exit code, -1 if too long."""
+    """Run tests in a child, up to the first that fails unless they are timed; the exit code of pytest or `TOO_LONG`.
+
+    `limit_s` is processor time; a child that waits instead is ended after twenty times as long.
+    """
     begin, child = time.monotonic(), os.fork()
     if child == 0:
         os.setpgid(0, 0)
+        resource.setrlimit(resource.RLIMIT_CPU, (int(limit_s) + 1, int(limit_s) + 5))
         null = os.open(os.devnull, os.O_RDWR)
         os.dup2(null, 1)
         os.dup2(null, 2)
@@ -205,14 +231,14 @@ def run_tests(tests: list[str], mutant: Mutant | None, limit_s: float, watch: St
         options = ["-q", "-p", "no:xdist", "-p", "no:cacheprovider", "--override-ini=addopts=--import-mode=importlib"]
         options += ["-W", "ignore:.*encountered in scalar:RuntimeWarning", *(["-x"] if watch is None else [])]
         os._exit(int(pytest.main([*options, *tests], plugins=[watch] if watch else [])))
-    while time.monotonic() - begin < limit_s:
+    while time.monotonic() - begin < 20.0 * limit_s:
         done, status = os.waitpid(child, os.WNOHANG)
         if done:
             return os.waitstatus_to_exitcode(status)
         time.sleep(0.01)
     os.killpg(child, signal.SIGKILL)
     os.waitpid(child, 0)
-    return -1
+    return TOO_LONG
 
 
 def tests_of(path: Path, timed: dict[str, dict[str, float]]) -> dict[str, float]:
@@ -242,9 +268,52 @@ def tests_of(path: Path, timed: dict[str, dict[str, float]]) -> dict[str, float]
 
 
 def judged() -> dict[tuple[str, str, str], str]:
-    """Survivors that were looked at: (file, before, after) -> why no test can tell, or needs to."""
+    """Survivors that were looked at: (file, within, after) -> why no test can tell, or needs to."""
     table = tomllib.loads((ROOT / "benchmarks" / "mutation_judged.toml").read_text(encoding="utf-8"))
-    return {(entry["file"], entry["before"], entry["after"]): entry["why"] for entry in table.get("survivor", [])}
+    return {(entry["file"], entry["within"], entry["after"]): entry["why"] for entry in table.get("survivor", [])}
+
+
+def room_files() -> dict[str, list[Path]]:
+    """The packages of formulas and their files; a file that is named and missing is an error."""
+    rooms = {room: sorted((ROOT / "relnav" / room).glob("*.py")) for room in ROOMS}
+    rooms["closed forms"] = [ROOT / "relnav" / name for name in CLOSED_FORMS]
+    missing = [str(path) for files in rooms.values() for path in files if not path.is_file()]
+    if missing or not all(rooms.values()):
+        raise FileNotFoundError(f"formulas that are named in mutation.py are not there: {missing or rooms}")
+    return rooms
+
+
+def try_room(room: str, files: list[Path], options: argparse.Namespace, timed: dict[str, dict[str, float]]) -> Any:
+    """A sample of the mutants of some files, and what became of each."""
+    known, begin = judged(), time.monotonic()
+    every = [mutant for path in files for mutant in mutants(path)]
+    chosen = random.Random(options.seed).sample(every, min(options.sample or len(every), len(every)))
+    counts = {"possible": len(every), "tried": 0, "killed": 0, "judged": 0}
+    entry: dict[str, Any] = {"room": room, **counts, "untested": [], "broken": [], "survivors": []}
+    tests: dict[str, dict[str, float]] = {}
+    for mutant in chosen:  # in the order drawn, so that a run which is cut short is a sample too
+        if time.monotonic() - begin > options.seconds:
+            break
+        if mutant.path not in tests:
+            found = tests_of(ROOT / mutant.path, timed)
+            passes = found and run_tests(list(found), None, 20.0 + 5.0 * sum(found.values())) == 0
+            tests[mutant.path] = found if passes else {}
+        if not tests[mutant.path]:
+            entry["untested"] = sorted({*entry["untested"], mutant.path})
+            continue
+        code = run_tests(list(tests[mutant.path]), mutant, 20.0 + 5.0 * sum(tests[mutant.path].values()))
+        if code not in (0, *KILLED):
+            entry["broken"].append({**mutant._asdict(), "code": code})
+            continue
+        entry["tried"] += 1
+        if code in KILLED:
+            entry["killed"] += 1
+            continue
+        why = known.get((mutant.path, mutant.within, mutant.after), "")
+        entry["judged"] += bool(why)
+        entry["survivors"].append({**mutant._asdict(), "why": why})
+        print(f"survived: {mutant.path}:{mutant.line}: {mutant.before} -> {mutant.after}  {why}", flush=True)
+    return entry
 
 
 def main() -> None:
@@ -252,8 +321,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--sample", type=int, default=100, help="Mutants of each package; 0: all of them.")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--room", choices=(*ROOMS, "closed forms"), action="append")
     parser.add_argument("--module", type=Path, action="append")
-    parser.add_argument("--seconds", type=float, default=float("inf"), help="Begin no mutant after that long.")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="Of each package, of wall time.")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     os.chdir(ROOT)
@@ -268,43 +338,17 @@ def main() -> None:
         "pytest",
     ):
         importlib.import_module(name)
-    rooms = {room: sorted((ROOT / "relnav" / room).glob("*.py")) for room in ROOMS}
-    rooms["closed forms"] = [path for name in CLOSED_FORMS if (path := ROOT / "relnav" / name).is_file()]
+    rooms = room_files()
+    if options.room:
+        rooms = {room: rooms[room] for room in options.room}
     if options.module:
         rooms = {str(path): [path.resolve()] for path in options.module}
-    begin, known, timed, found = time.monotonic(), judged(), {}, []
+    timed, found = dict[str, dict[str, float]](), []
     for room, files in rooms.items():
-        every = [mutant for path in files for mutant in mutants(path)]
-        chosen = random.Random(options.seed).sample(every, min(options.sample or len(every), len(every)))
-        entry = {
-            "room": room,
-            "possible": len(every),
-            "tried": 0,
-            "killed": 0,
-            "judged": 0,
-            "untested": [],
-            "survivors": [],
-        }
-        for mutant in sorted(chosen):
-            tests = tests_of(ROOT / mutant.path, timed)
-            if time.monotonic() - begin > options.seconds:
-                break
-            if not tests:
-                entry["untested"] = sorted({*entry["untested"], mutant.path})
-                continue
-            entry["tried"] += 1
-            code = run_tests(list(tests), mutant, 20.0 + 5.0 * sum(tests.values()))
-            if code != 0:
-                entry["killed"] += 1
-                continue
-            why = known.get((mutant.path, mutant.before, mutant.after), "")
-            entry["judged"] += bool(why)
-            entry["survivors"].append({**mutant._asdict(), "why": why})
-            print(f"survived: {mutant.path}:{mutant.line}: {mutant.before} -> {mutant.after}  {why}", flush=True)
-        found.append(entry)
+        found.append(entry := try_room(room, files, options, timed))
         print(json.dumps({key: value for key, value in entry.items() if key != "survivors"}), flush=True)
-    if options.json:
-        options.json.write_text(json.dumps(found, indent=2) + "\n")
+        if options.json:
+            options.json.write_text(json.dumps(found, indent=2) + "\n")
 
 
 if __name__ == "__main__":

@@ -118,12 +118,14 @@ def survivor(one: dict[str, Any]) -> str:
 FUZZED = """## Hostile files
 
 `python benchmarks/fuzzing.py --cases N`: good files with names, cells, lines, keys, types, numbers and bytes exchanged
-(hypothesis; the strategies are in the script). The test suite runs a part of them (`tests/files/test_fuzzing.py`). A
-fault is any of these:
+(hypothesis; the strategies are in `fuzzing_bytes.py` beside it). `--inputs 1000000` tries a million over all targets,
+in rounds of other seeds, and counts what was tried; that has not been run to its end yet. The test suite runs a part of
+them, and every file that once broke something (`tests/files/found/`, `tests/files/test_fuzzing.py`). A fault is any of
+these:
 
 - an exception that is not documented, or a warning;
 - a message with control characters or without the file's name;
-- 5 s of processor time for one file, or 1 GiB of memory;
+- 5 s of processor time for one file, a minute of waiting, or 1 GiB of memory;
 - a number of a track that is not finite, or a covariance that is not positive definite.
 
 | target | files | read | refused in a sentence | faults | memory so far, MiB | tried on |
@@ -131,8 +133,8 @@ fault is any of these:
 CALLED = """## Hostile calls
 
 `python benchmarks/fuzzing_calls.py --cases N`: every public call with numbers, shapes, types, times and masks
-exchanged, in sequences where an object remembers. The test suite runs some of them
-(`tests/navigation/test_fuzzed_calls.py`). A fault is any of these:
+exchanged, in sequences where an object remembers. The test suite runs some of them, and holds that every public name
+is called or named with the reason why not (`tests/navigation/test_fuzzed_calls.py`). A fault is any of these:
 
 - an error that is no ValueError with a printable sentence, or a warning;
 - 5 s of processor time;
@@ -156,9 +158,9 @@ starting. A fault is any of these:
 MUTATED = """## Mutants of the formulas
 
 `python benchmarks/mutation.py --sample N`: one operator, comparison, number or function of a formula is exchanged, and
-the tests that name its module have to fail, in plain Python and within some twenty seconds. Of what a package or a
-module holds a random sample is tried. Survivors that change no answer are judged in
-`benchmarks/mutation_judged.toml`, with the reason.
+the tests that name its module have to fail, in plain Python and within some ten seconds of processor time. They have
+to pass unchanged first. Of what a package or a module holds a random sample is tried. Survivors that change no answer
+are judged in `benchmarks/mutation_judged.toml`, with the reason.
 
 | package or module | possible | tried | killed | judged harmless | survive | tried on |
 | --- | ---: | ---: | ---: | ---: | ---: | --- |"""

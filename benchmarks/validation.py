@@ -64,7 +64,7 @@ def _shown(rows: list[dict]) -> list[dict]:
 
 
 class Noted:
-    """A pytest plugin: what tests hold against references of other hands (the fixture `outside`)."""
+    """A pytest plugin: what tests hold against independent references (the fixture `outside`)."""
 
     def __init__(self) -> None:
         self.found: dict[tuple[str, str], tuple[float, float, str]] = {}

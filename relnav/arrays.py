@@ -107,6 +107,14 @@ def number(name: str, value: float) -> float:
     return float(array)
 
 
+def whole(name: str, value: Any, least: int = 0, below: int = 2**64) -> int:
+    """A caller's whole number; ValueError for anything else, and outside of its bounds."""
+    if not isinstance(value, int | np.integer) or not least <= value < below:
+        bounds = f"{least} or more" + (" and below 2^64" if below == 2**64 else f" and below {below}")
+        raise ValueError(f"{name} is {bounds}, a whole number; got {value!r}")
+    return int(value)
+
+
 def one_piece(name: str, value: ArrayLike) -> NDArray[np.float64]:
     """`numbers` in one piece of memory that may be written: kernels compile anew for any other kind of array."""
     array = numbers(name, value)

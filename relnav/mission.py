@@ -79,7 +79,7 @@ class Attitude:
     q_cam_from_lvlh : (4,)
         Rotation v_cam = R v_lvlh, scalar last.
     sigma_rad : float
-        1-sigma about each axis of what lasts in the error of this attitude, or of the one that comes with an image: by
+        1-sigma about each axis of the lasting part of this attitude's error, or of the one that comes with an image: by
         it `fix` tells an image that contradicts it, and with `spots` the filter's covariance includes it.
     noise_rad : float
         1-sigma about each axis of what is new in it at every image.
@@ -251,7 +251,7 @@ class Model:
 
     @property
     def spot_sigma_m(self) -> float:
-        """1-sigma of a spot coordinate that a filter works with: its noise, and what lasts."""
+        """1-sigma of a spot coordinate that a filter works with: its noise, and its lasting error."""
         return float(np.hypot(self.sensor.spot_noise_m, self.lasting_spot_sigma_m))
 
     def corrected(self, spots_m: Stack) -> Stack:
@@ -325,7 +325,7 @@ class Chaser:
     port_position_m : (3,)
         Its docking port from its centre of mass, chaser axes.
     attitude_sigma_rad, attitude_noise_rad : float
-        1-sigma error of its own attitude, each axis: what lasts (alignment; considered), and what is new at an image.
+        1-sigma error of its attitude, each axis: the lasting part (alignment; considered), and what an image has anew.
     """
 
     port_position_m: Triple = (0.0, 0.0, 0.0)

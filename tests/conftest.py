@@ -4,15 +4,24 @@ Nothing in this file calls the product's geometry, so that a test that uses it c
 Cai, Zhao, Sun, Qiao, Dai (1996), "Determination of target relative position and range by PSD optical sensor system".
 """
 
+import importlib.util
+import json
 import math
+import os
 from collections.abc import Callable
-from types import SimpleNamespace
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
 
-from relnav.mission import Attitude, Camera, Docking, FilterSettings, Model, Orbit, ProcessNoise
-from relnav.sensors.three_beacon import ThreeBeaconSensor
+spec = importlib.util.spec_from_file_location("raise_sites", Path(__file__).with_name("raise_sites.py"))
+raise_sites = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(raise_sites)
+raise_sites.watch()  # before anything of relnav is imported
+
+from relnav.mission import Attitude, Camera, Docking, FilterSettings, Model, Orbit, ProcessNoise  # noqa: E402
+from relnav.sensors.three_beacon import ThreeBeaconSensor  # noqa: E402
 
 A_M = 0.3
 B_M = math.sqrt(3.0) * A_M  # equilateral, Cai et al. (1996) section 1
@@ -104,7 +113,7 @@ def truth() -> SimpleNamespace:
 def outside(record_property: Callable[[str, object], None]) -> Callable[..., None]:
     """outside(reference, what, difference, bound): held to the bound, and noted for `benchmarks/validation.py`.
 
-    For a reference of other hands: a textbook, another program. `difference` is in the unit that `what` ends with.
+    For an independent reference: a textbook, another program. `difference` is in the unit that `what` ends with.
     """
 
     def hold(reference: str, what: str, difference: float, bound: float) -> None:
@@ -112,6 +121,12 @@ def outside(record_property: Callable[[str, object], None]) -> Callable[..., Non
         assert difference <= bound, f"{reference}: {what} differs by {difference}, more than {bound}"
 
     return hold
+
+
+@pytest.fixture(scope="session")
+def messages() -> ModuleType:
+    """`raise_sites.py`: what was triggered in this process so far."""
+    return raise_sites
 
 
 @pytest.fixture(scope="session")
@@ -145,3 +160,29 @@ def make_model(sensor: ThreeBeaconSensor) -> Callable[..., Model]:
         return Model(**{**given, **parts})  # type: ignore[arg-type]  # parts by name
 
     return make
+
+
+def pytest_sessionfinish(session):
+    """A whole run in which every test passes names the messages of the package that none of them triggered.
+
+    With RELNAV_MESSAGES=strict in the environment it fails for them. RELNAV_MESSAGES=FILE.json keeps what any run
+    triggered.
+    """
+    config, told, wish = session.config, raise_sites.seen, os.environ.get("RELNAV_MESSAGES", "")
+    if hasattr(config, "workeroutput"):
+        config.workeroutput["told"] = sorted(told)
+        return
+    if wish.endswith(".json"):
+        Path(wish).write_text(json.dumps(sorted(told)), encoding="utf-8")
+    chosen = (getattr(config.option, name, None) for name in ("keyword", "markexpr", "deselect", "ignore", "lf"))
+    whole = config.args_source is config.ArgsSource.TESTPATHS and not any(chosen)
+    if whole and session.exitstatus == pytest.ExitCode.OK and (untold := raise_sites.untold(told)):
+        print(f"\n\n{len(untold)} messages that no test triggers:", *untold, sep="\n  ")
+        if wish == "strict":
+            session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node):
+    """pytest-xdist: what a worker's tests have triggered."""
+    raise_sites.seen.update(getattr(node, "workeroutput", {}).get("told", ()))

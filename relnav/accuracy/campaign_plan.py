@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from relnav.accuracy.run_score import RunScorer, RunStatus, columns
-from relnav.arrays import Codes, Matrix
+from relnav.arrays import Codes, Matrix, whole
 from relnav.mission import Model
 from relnav.navigation.memory import METHODS
 from relnav.simulation.dispersions import Scenario
@@ -44,9 +44,11 @@ class Plan:
         if not isinstance(self.model, Model):
             kind = type(self.model).__name__
             raise ValueError(f"a campaign flies a three-beacon mission, relnav.load_model(...); got a {kind}")
-        if self.runs < 1:
-            raise ValueError(f"runs must be 1 or more; got {self.runs}")
-        if self.method not in METHODS:
+        if not isinstance(self.scenario, Scenario):
+            raise ValueError(f"a scenario is expected, relnav.load_scenario(...); got a {type(self.scenario).__name__}")
+        whole("runs", self.runs, 1)
+        whole("seed", self.seed)
+        if not isinstance(self.method, str) or self.method not in METHODS:
             raise ValueError(f'method must be "spots" or "fix"; got {self.method!r}')
 
     @property

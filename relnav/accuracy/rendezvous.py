@@ -1,6 +1,6 @@
 """What a vehicle's filter delivers at the docking port, against truth: errors, honesty by block, what each sensor buys.
 
-Every run draws anew what lasts (mountings, levers, lights, lenses, thrusters), the start, the orbit and all noise.
+Every run draws anew lasting errors (mountings, levers, lights, lenses, thrusters), the start, the orbit and all noise.
 """
 
 from collections.abc import Callable, Sequence
@@ -132,7 +132,7 @@ def fly(
 def honesty(points: Sequence[Checkpoint], places: dict[str, slice], names: str) -> tuple[float, int]:
     """Mean NEES over its degrees of freedom, and these; of some blocks, or of the port's twelve ("port").
 
-    One point a run: what lasts is drawn once a run, so that only runs are independent.
+    One point a run: lasting errors are drawn once a run, so that only runs are independent.
     """
     if names == "port":
         errors = np.stack([point.port_error for point in points])

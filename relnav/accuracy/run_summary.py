@@ -8,12 +8,20 @@ import numpy as np
 
 from relnav.accuracy.published import Comparison, Published, PublishedTrend
 from relnav.estimation.consistency import Consistency, consistency_of_sum
+from relnav.navigation.lasting_words import left_out_line
 from relnav.navigation.record import Solution
 from relnav.navigation.status import Alarm, EpochStatus
 from relnav.sensors.measurement import Status
 
 GAP = 10.0
 """Times the interval before: so much longer is a gap in the log."""
+
+
+METHOD_WORDS = {
+    "fix": "fix needs three spots and no attitude; --method spots: one is enough, angles as good as the attitude",
+    "spots": "spots needs the camera's attitude, whose error is in the angles; --method fix: three spots, none",
+}
+"""What each measurement model needs, and what the other would bring."""
 
 
 class RunSummary:
@@ -63,7 +71,7 @@ class RunSummary:
         self.alarms: Counter[int] = Counter()
         self.alarmed, self.alarm_first_s, self.alarm_last_s = 0, math.nan, math.nan
         self.last = EpochStatus.WAITING
-        self.ignored, self.considered = "", ""
+        self.ignored, self.considered, self.left_out = "", "", ""
         self.notes: tuple[str, ...] = ()
         self._trend = PublishedTrend(published)
         self.longest_gap_s, self.hint, self._t_before, self._interval = 0.0, "", math.nan, math.nan
@@ -74,7 +82,7 @@ class RunSummary:
     def take(self, part: Solution) -> None:
         """Go on with the next epochs; at least one."""
         self.model, self.method, self.smoothed, self.restarts = part.model, part.method, part.smoothed, part.restarts
-        self.considered = part.metadata.get("considered", "")
+        self.considered, self.left_out = part.metadata.get("considered", ""), part.metadata.get("left out", "")
         if self.epochs == 0:
             self.t_first_s = float(part.t_s[0])
         self.epochs += len(part)
@@ -199,6 +207,7 @@ class RunSummary:
             "method": self.method,
             "smoothed": self.smoothed,
             "considered": self.considered,
+            "left_out": self.left_out,
             "epochs": self.epochs,
             "t_first_s": self.t_first_s,
             "t_last_s": self.t_last_s,
@@ -235,10 +244,13 @@ class RunSummary:
         method = self.method + (", smoothed" if self.smoothed else "")
         span = f"{self.epochs} epochs, {self.t_first_s:.12g} s to {self.t_last_s:.12g} s"
         lines = [f"{log}: {span}; model {self.model}, method {method}"]
+        lines.append(METHOD_WORDS[self.method])
         if self.ignored:
             lines.append(f"ignored columns: {self.ignored}")
         if self.considered:
             lines.append(f"lasting errors in the covariance: {self.considered}")
+        if self.left_out:
+            lines.append(left_out_line(self.left_out))
         lines.extend(self.notes)
         if not self.started:
             names = [f"{Status(code).name} {count}" for code, count in sorted(self.reasons.items())]

@@ -83,6 +83,8 @@ def root() -> None:
     """Optical relative navigation: from detector spots to a relative state and a covariance one can trust."""
 
 
+AGAIN_S = 0.05
+"""After which a signal is sent again that was dropped."""
 NOT_MET, WRONG_USE, BAD_INPUT, INTERNAL, NOT_STARTED, INTERRUPTED, TERMINATED = 1, 2, 3, 4, 5, 130, 143
 
 
@@ -122,10 +124,11 @@ def run(arguments: list[str] | None = None) -> int:
         error.show()
         return WRONG_USE
     except BaseException as error:
-        if os.environ.get("RELNAV_DEBUG") and _code(error) == INTERNAL:
+        ended = error if isinstance(error, KeyboardInterrupt) or not _ASKED else _ASKED[-1]()
+        if os.environ.get("RELNAV_DEBUG") and _code(ended) == INTERNAL:
             raise
         done = f"written: {', '.join(written)}" if written else "nothing was written"
-        return fail(_sentence(error, done), _code(error))
+        return fail(_sentence(ended, done), _code(ended))
 
 
 def _command(arguments: list[str] | None, written: list[str]) -> int:
@@ -175,18 +178,39 @@ def _sentence(error: BaseException, done: str) -> str:
 def main() -> None:
     """Run the command line of this process; `relnav/__main__.py` is what begins it."""
     _open_streams()
+    sys.unraisablehook = _dropped
     for number, handler in ((signal.SIGTERM, _terminate), (signal.SIGINT, _interrupt)):
         if signal.getsignal(number) is not signal.SIG_IGN:  # as under nohup
             signal.signal(number, handler)
     sys.exit(run())
 
 
+_ASKED: list[type[KeyboardInterrupt]] = []
+"""How the program was asked to end. An error that follows may come of it: LLVM's call back into Python drops what is
+raised there, and numba then misses what it was to be given."""
+
+
 def _interrupt(number: int, frame: object) -> None:  # noqa: ARG001  (the signature of a signal's handler)
+    _ASKED.append(Interrupted)
     raise Interrupted
 
 
 def _terminate(number: int, frame: object) -> None:  # noqa: ARG001  (the signature of a signal's handler)
+    _ASKED.append(Terminated)
     raise Terminated
+
+
+def _dropped(what: Any) -> None:
+    """An exception that Python could not raise where it came: of a signal, send it again; of others, say them."""
+    if not isinstance(what.exc_value, Interrupted | Terminated):
+        sys.__unraisablehook__(what)
+        return
+    import threading
+
+    number = signal.SIGTERM if isinstance(what.exc_value, Terminated) else signal.SIGINT
+    again = threading.Timer(AGAIN_S, os.kill, (os.getpid(), number))
+    again.daemon = True
+    again.start()
 
 
 def _open_streams() -> None:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     "--seed", default=7, show_default=True, type=click.IntRange(min=0), help="The same seed, the same report."
 )
 @click.option("--json", "json_path", type=OutputPath(), help="Write the report as one JSON object.")
-@click.option("--plot", type=OutputPath(), help="Draw errors and 1-sigma over range, .png.")
+@click.option("--plot", type=OutputPath(), help="Draw errors and 1-sigma over range, .png, .pdf or .svg.")
 @click.option(
     "--faults",
     is_flag=True,
@@ -42,8 +42,9 @@ def command(
     from relnav.cli import NOT_MET
     from relnav.errors import UsageError
     from relnav.files.accuracy import measure_accuracy
-    from relnav.files.atomic import Outputs, check_distinct, check_folder, check_png
+    from relnav.files.atomic import Outputs, check_distinct, check_folder
     from relnav.files.models import load_model
+    from relnav.files.picture_style import check_picture
     from relnav.files.systems import system_of
     from relnav.files.tables import write_json
 
@@ -51,7 +52,7 @@ def command(
         if path is not None:
             check_folder(path)
     if plot is not None:
-        check_png(plot)
+        check_picture(plot)
     check_distinct(json_path, plot)
     mission = load_model(model)
     system = system_of(mission)

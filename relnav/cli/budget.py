@@ -19,7 +19,7 @@ from relnav.cli.printing import OutputPath, say
     help="Replace a value of MODEL; as often as you like.",
 )
 @click.option("--json", "json_path", type=OutputPath(), help="Write the budget as one JSON object.")
-@click.option("--plot", type=OutputPath(), help="Draw the budget by range, .png.")
+@click.option("--plot", type=OutputPath(), help="Draw the budget by range, .png, .pdf or .svg.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(model: str, settings: tuple[str, ...], json_path: Path | None, plot: Path | None, quiet: bool) -> None:
     """Error budget of MODEL: every imperfection's share by analysis, before anything is built.
@@ -28,8 +28,9 @@ def command(model: str, settings: tuple[str, ...], json_path: Path | None, plot:
     """
     from relnav.cli.settings import setting
     from relnav.errors import UsageError
-    from relnav.files.atomic import Outputs, check_distinct, check_folder, check_png
+    from relnav.files.atomic import Outputs, check_distinct, check_folder
     from relnav.files.models import load_model
+    from relnav.files.picture_style import check_picture
     from relnav.files.systems import resolve, system_of
     from relnav.files.tables import write_json
 
@@ -37,7 +38,7 @@ def command(model: str, settings: tuple[str, ...], json_path: Path | None, plot:
         if path is not None:
             check_folder(path)
     if plot is not None:
-        check_png(plot)
+        check_picture(plot)
     check_distinct(json_path, plot)
     changes, change = dict(setting(text) for text in settings), " ".join(settings)
     mission = load_model(model, changes)

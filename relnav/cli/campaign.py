@@ -45,6 +45,9 @@ if TYPE_CHECKING:
 @click.option(
     "--only", type=click.IntRange(min=0), metavar="RUN", help="Fly one run, and write its log, truth and row."
 )
+@click.option(
+    "--pictures", default="png", show_default=True, type=click.Choice(["png", "pdf", "svg"]), help="Kind of pictures."
+)
 @click.option("--no-pictures", is_flag=True, help="Draw nothing.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
@@ -58,6 +61,7 @@ def command(
     workers: int | None,
     cluster: str | None,
     only: int | None,
+    pictures: str,
     no_pictures: bool,
     quiet: bool,
 ) -> None:
@@ -92,7 +96,7 @@ def command(
     else:
         with _Progress(plan, out, quiet) as progress:
             fly_missing(plan, out, workers, cluster, progress.done)
-        lines = finish(plan, out, pictures=not no_pictures).lines()
+        lines = finish(plan, out, pictures=None if no_pictures else pictures).lines()
         lines.append(f"results: {out}")
     if not quiet:
         say(lines)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from relnav.cli.epoch_bar import epoch_bar
 from relnav.cli.printing import say
 from relnav.errors import UsageError
+from relnav.navigation.lasting_words import left_out, left_out_line
 from relnav.navigation.status import Alarm
 
 if TYPE_CHECKING:
@@ -34,14 +35,16 @@ def filter_markers(
     from relnav.cli import NOT_STARTED
     from relnav.files.atomic import Outputs
     from relnav.files.filter_file import engine_words
-    from relnav.files.marker_logs import marker_solutions, write_track
+    from relnav.files.marker_logs import is_controlled, marker_log, marker_solutions, write_track
     from relnav.files.tables import write_json
 
     if refused:
         raise UsageError(f"{refused} is for three-beacon models; {mission.name} has one filter, on its spots")
     summary = Summary(mission)
     picture.of(mission)
-    filtered = marker_solutions(log, mission, smooth=smooth, engine=engine)
+    opened = marker_log(log, mission)
+    summary.controlled = is_controlled(opened)
+    filtered = marker_solutions(opened, mission, smooth=smooth, engine=engine)
     parts = track.passing(picture.passing(summary.passing(filtered)))
     with Outputs() as outputs, epoch_bar(log, quiet=quiet) as progress:
         parts = parts if progress is None else counted(parts, progress)
@@ -68,6 +71,8 @@ def counted(parts: "Iterable[PoseSolution]", progress: Callable[[int], None]) ->
         yield part
 
 
+REFUSED_SHARE = 0.02
+"""Of a log's images: with more refused in part, what the model does not know of is looked for."""
 _ALARMS = {str(one.name).lower(): one for one in Alarm if one is not Alarm.UNWATCHED}
 _MONITORS = {name: one for name, one in _ALARMS.items() if one not in (Alarm.EXCHANGED, Alarm.OUT_OF_VIEW)}
 
@@ -77,7 +82,13 @@ class Summary:
 
     def __init__(self, mission: "VisionMission") -> None:
         """Take the model."""
+        from relnav.files.gathered import Gathered
+
+        self._parts = Gathered(self._take)
         self._mission, self._nis, self._dof, self._attitude = mission, 0.0, 0, ""
+        self._left_out = left_out(mission)
+        self.controlled = True
+        self._notes: tuple[str, ...] = ()
         self._last: tuple[Vector, Vector] | None = None
         self._smoothed = False
         names = (
@@ -94,37 +105,45 @@ class Summary:
 
     def passing(self, parts: "Iterable[PoseSolution]") -> "Iterator[PoseSolution]":
         """The parts, each taken in when it has passed."""
+        from relnav.files.attitude_reading import reading_that_looks
+        from relnav.files.filter_file import spacing_note
+
+        looked = False
+        for part in parts:
+            if not looked:
+                self._attitude = reading_that_looks(part.epochs["chaser"][0], self._mission.dcm_chaser_from_lvlh)
+                self._notes = spacing_note(part.t_s)
+                looked = True
+            yield part
+            self._parts.take(part)
+
+    def _take(self, part: "PoseSolution") -> None:
         import numpy as np
 
-        from relnav.files.attitude_reading import reading_that_looks
-
-        for part in parts:
-            if self._last is None:
-                self._attitude = reading_that_looks(part.epochs["chaser"][0], self._mission.dcm_chaser_from_lvlh)
-            yield part
-            started = np.isfinite(part.state[:, 0])
-            refused = part.refused
-            whole = (part.dof > 0) & ~refused
-            flags = {
-                "epochs": np.ones(len(part), dtype=bool),
-                "with_state": started,
-                "with_rejected_spots": refused,
-                "unobservable": started & ~part.observable,
-                "ambiguous": np.isfinite(part.ambiguity),
-                "too_late": part.too_late,
-                "alarmed": part.alarm != 0,
-            } | {name: part.alarm & int(code) > 0 for name, code in _ALARMS.items()}
-            for name, flag in flags.items():
-                self._counts[name] += int(flag.sum())
-            self._nis += float(part.nis[whole].sum())
-            self._dof += int(part.dof[whole].sum())
-            self._smoothed = part.smoothed
-            self._last = part.port_m[-1], np.sqrt(np.diag(part.docking_covariance[-1]))
+        started = np.isfinite(part.state[:, 0])
+        refused = part.refused
+        whole = (part.dof > 0) & ~refused
+        flags = {
+            "epochs": np.ones(len(part), dtype=bool),
+            "with_state": started,
+            "with_rejected_spots": refused,
+            "unobservable": started & ~part.observable,
+            "ambiguous": np.isfinite(part.ambiguity),
+            "too_late": part.too_late,
+            "alarmed": part.alarm != 0,
+        } | {name: part.alarm & int(code) > 0 for name, code in _ALARMS.items()}
+        for name, flag in flags.items():
+            self._counts[name] += int(flag.sum())
+        self._nis += float(part.nis[whole].sum())
+        self._dof += int(part.dof[whole].sum())
+        self._smoothed = part.smoothed
+        self._last = part.port_m[-1], np.sqrt(np.diag(part.docking_covariance[-1]))
 
     def figures(self) -> dict[str, Any]:
         """The figures as plain values; NIS is that of the epochs used whole."""
         from relnav.estimation.consistency import consistency_of_sum
 
+        self._parts.settle()
         consistency = consistency_of_sum("NIS", self._nis, self._dof)
         assert self._last is not None
         port, sigma = self._last
@@ -132,16 +151,23 @@ class Summary:
         return {
             "model": self._mission.name,
             "smoothed": self._smoothed,
+            "left_out": self._left_out,
             **counts,
             "nis_per_dof": consistency.ratio,
             "nis": str(consistency),
             "attitude_hint": self._attitude,
+            "notes": [*self._notes, *self._control_hint()],
             "port_m": [float(value) for value in port],
             "sigma_port_m": [float(value) for value in sigma[:3]],
             "sigma_port_velocity_m_s": [float(value) for value in sigma[3:6]],
             "sigma_turn_deg": [math.degrees(value) for value in sigma[6:9]],
             "sigma_rate_deg_s": [math.degrees(value) for value in sigma[9:]],
         }
+
+    def _control_hint(self) -> "Iterator[str]":
+        """What a log without control columns may lack, if many images were refused."""
+        if not self.controlled and self._counts["with_rejected_spots"] > REFUSED_SHARE * self._counts["epochs"]:
+            yield "the log has no control columns (accel_x_m_s2, ...): if the chaser thrusts, add them"
 
 
 def lines(figures: dict[str, Any], name: str) -> list[str]:
@@ -152,6 +178,9 @@ def lines(figures: dict[str, Any], name: str) -> list[str]:
 
     model = figures["model"] + (", smoothed" if figures["smoothed"] else "")
     out = [f"{name}: {figures['epochs']} epochs, model {model}, {figures['epochs_with_state']} with a state"]
+    if figures["left_out"]:
+        out.append(left_out_line(figures["left_out"]))
+    out += figures["notes"]
     if figures["attitude_hint"]:
         out.append(figures["attitude_hint"])
     if figures["epochs_with_state"] == 0:

@@ -23,6 +23,10 @@ OPTIONS = (
 )  # fmt: skip
 
 
+NOTED = 1000
+"""Observations whose times are looked at."""
+
+
 def simulate_vehicle(
     vehicle: "Vehicle", out: Path, truth: Path | None, seed: int, final_range_m: float | None, *, quiet: bool
 ) -> None:
@@ -89,12 +93,17 @@ class Summary:
 
     def __init__(self, vehicle: "Vehicle") -> None:
         self._vehicle, self._rows = vehicle, 0
+        self._times: dict[str, list[float]] = {}
         self._last: VehicleEstimate | None = None
+        self._estimates = 0
+        self._alarms: dict[str, tuple[float, int]] = {}
 
     def counted(self, rows: "Iterable[Row]") -> "Iterator[Row]":
         """The observations, counted."""
         for row in rows:
             self._rows += 1
+            if self._rows <= NOTED:
+                self._times.setdefault(row[0], []).append(row[1])
             yield row
 
     def passing(
@@ -103,6 +112,11 @@ class Summary:
         """The estimates, the last one kept."""
         for estimate in estimates:
             self._last = estimate
+            self._estimates += 1
+            for name, health in estimate.sensors.items():
+                if health.alarm:
+                    first, count = self._alarms.get(name, (estimate.t_s, 0))
+                    self._alarms[name] = first, count + 1
             if progress is not None:
                 progress(1)
             yield estimate
@@ -110,7 +124,18 @@ class Summary:
     def figures(self) -> dict[str, Any]:
         """As plain values."""
         assert self._last is not None
-        return _figures(self._last, self._vehicle, self._rows)
+        alarms = {name: {"first_s": first, "estimates": count} for name, (first, count) in self._alarms.items()}
+        said = {"estimates": self._estimates, "alarms": alarms, "notes": self._notes()}
+        return _figures(self._last, self._vehicle, self._rows) | said
+
+    def _notes(self) -> list[str]:
+        """What is odd about the times of the sensor that is seen most often."""
+        import numpy as np
+
+        from relnav.files.filter_file import spacing_note
+
+        most = max(self._times.values(), key=len, default=[])
+        return list(spacing_note(np.array(most), "divide them by 1000"))
 
     def lines(self, name: str) -> list[str]:
         """For a reader."""
@@ -156,6 +181,7 @@ def _lines(figures: dict[str, Any], name: str) -> list[str]:
 
     lines = [
         f"{name}: {figures['observations']} observations, model {figures['model']}",
+        *figures["notes"],
         f"port from port at {figures['t_s']:.2f} s, target axes: {triple('port_m', digits='.3f')} m",
         f"  1-sigma {triple('sigma_port_m', 1e3)} mm, {triple('sigma_port_velocity_m_s', 1e3)} mm/s, attitude "
         f"{triple('sigma_turn_deg')} deg, rate {triple('sigma_rate_deg_s')} deg/s",
@@ -165,4 +191,9 @@ def _lines(figures: dict[str, Any], name: str) -> list[str]:
             lines.append(f"{sensor}: never used")
         else:
             lines.append(f"{sensor}: last used at {health['last_used_s']:.2f} s, NIS/n {health['nis_per_dof']:.2f}")
+    for sensor, alarm in figures["alarms"].items():
+        lines.append(
+            f"ALARM {sensor} in {alarm['estimates']} of {figures['estimates']} estimates, first at "
+            f"{alarm['first_s']:.2f} s: it contradicts the others, do not use the states there"
+        )
     return lines

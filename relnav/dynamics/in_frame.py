@@ -13,11 +13,13 @@ have in common with position and velocity turns on the side of those.
 
 import math
 from dataclasses import dataclass, field
+from importlib import import_module
+from textwrap import fill
 from typing import Any
 
 import numpy as np
 
-from relnav.arrays import Matrix, Stack, Vector
+from relnav.arrays import Matrix, Stack, Vector, numbers
 from relnav.dynamics.two_body import inertial_orbit
 from relnav.errors import UsageError
 from relnav.geometry.frames import DCM_LVLH_CCSDS_FROM_RSW
@@ -88,9 +90,30 @@ class FramedTrack:
     def __len__(self) -> int:
         return len(self.t_s)
 
+    def to_dataframe(self) -> Any:
+        """A pandas.DataFrame: time, state, attitude where there is one, sigmas and covariance; `attrs` holds the rest.
+
+        Raises
+        ------
+        UsageError
+            If pandas is not installed; says how to.
+        """
+        return import_module("relnav.files.data_frames").framed_dataframe(self)
+
+    def to_xarray(self) -> Any:
+        """The same as an xarray.Dataset over time, covariance as one array, units as attributes.
+
+        Raises
+        ------
+        UsageError
+            If xarray is not installed; says how to.
+        """
+        return import_module("relnav.files.data_frames").framed_xarray(self)
+
     def __repr__(self) -> str:
-        """One line for the console."""
-        return f"FramedTrack of {len(self)} epochs in {self.frame}: {FRAMES[self.frame]}"
+        """A few lines for the console."""
+        said = f"FramedTrack of {len(self)} epochs in {self.frame}: {FRAMES[self.frame]}"
+        return f"{fill(said, 80, subsequent_indent='  ')}\n  .to_dataframe()  .to_xarray()"
 
 
 def in_frame(
@@ -188,14 +211,15 @@ def frame_words(frame: str, mission: Any, orientation_deg: tuple[float, float, f
     UsageError
         For an unknown frame, or one that needs what was not given.
     """
-    if frame not in FRAMES:
+    if not isinstance(frame, str) or frame not in FRAMES:
         raise UsageError(f"frame is one of {', '.join(FRAMES)}; got {frame!r}")
     said = {"frame": f"{frame}: {FRAMES[frame]}"}
     if mission is None and frame in (*INERTIAL, "dock"):
         raise UsageError(f"frame {frame!r} needs the model that was flown, which is no shipped one: pass it")
     if frame not in INERTIAL:
         return said
-    if orientation_deg is None or len(orientation_deg) != 3 or not np.all(np.isfinite(orientation_deg)):
+    angles = None if orientation_deg is None else numbers("orientation_deg", orientation_deg)
+    if orientation_deg is None or angles is None or angles.shape != (3,) or not np.isfinite(angles).all():
         raise UsageError(
             f"frame {frame!r} needs the orientation of the target's orbit: inclination, right ascension of the "
             f"ascending node, argument of perigee, deg; got {orientation_deg!r}"

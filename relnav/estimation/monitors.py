@@ -63,8 +63,6 @@ SCATTER_LIMIT = 8.0
 JUMP_S = 5.0
 """A jump of the clock is looked for so long after a step that was too long; these are rare, so that four sigma do."""
 EXPLAINED, LATE_LIMIT2 = 0.25, 16.0
-REPEATS, LEAST_MOTION = 10, 0.1
-"""A spot that is read alike so often, to the last bit, has no noise; where it should have moved too, it is stuck."""
 
 _F, _I = np.float64, np.int64
 
@@ -75,6 +73,7 @@ WATCH = np.dtype(
         ("clock", _I),  # as if by a jump of the clock
         ("restart", _I),  # the filter is asked to start anew
         ("pulled", _I),  # a spot that was stuck was used
+        ("returned", _I),  # what was refused for long is used, and wrong: 1 + its group
         ("age", _F),  # of the older means
         ("quiet", _F),  # since the innovations are what they were
         ("hold", _F),  # left of it
@@ -98,8 +97,9 @@ def watched_type() -> np.dtype[np.void]:
     """A group of at most three rows.
 
     Handed over for each image: rows; seen; value, z - h(x); variances of what is new in each image (noise), of the
-    state's part H P H' (state), of what lasts (lasting); motion, what an image that is one second late adds to value;
-    taken, while a step is doubted, what images since have put into h(x).
+    state's part H P H' (state), of lasting errors (lasting); motion, what an image one second late adds to value;
+    taken, while a step is doubted, what images since have put into h(x); changed, variance by which lasting errors have
+    changed since the older mean was made.
     """
     return np.dtype(
         [
@@ -116,12 +116,14 @@ def watched_type() -> np.dtype[np.void]:
             ("lasting", _F, 3),
             ("motion", _F, 3),
             ("taken", _F, 3),
+            ("changed", _F, 3),
+            ("weight", _F),  # of this image in the older mean; 0: not learnt
             ("offset", _F, 3),  # mean of value over a second, watched or not
             ("fast", _F, 3),
             ("middle", _F, 3),
             ("usual", _F, 3),
             ("usual_state", _F, 3),
-            ("usual_spread", _F, 3),  # mean 1-sigma of what lasts
+            ("usual_spread", _F, 3),  # mean 1-sigma of lasting errors
             ("usual_white", _F, 3),  # H P H' in it, as of white innovations
             ("fast_state", _F, 3),
             ("scatter", _F),
@@ -154,7 +156,7 @@ def watch_start(watch: Record, groups: Record, again: bool, comparable: bool) ->
         forget(watch, groups)
         watch["hold"], watch["alarm"], watch["jumped"], watch["interval"] = 0.0, 0, math.inf, 0.0
         watch["contradicted"], watch["noisy"], watch["pause"] = 0.0, 0.0, 0.0
-        watch["doubted"], watch["unproven"], watch["pulled"] = 0.0, 0.0, 0
+        watch["doubted"], watch["unproven"], watch["pulled"], watch["returned"] = 0.0, 0.0, 0, 0
         return
     watch["doubted"] = 0.0
     clock = 1 if watch["clock"] > 0 or watch["jumped"] < JUMP_S else 0
@@ -164,7 +166,8 @@ def watch_start(watch: Record, groups: Record, again: bool, comparable: bool) ->
         watch["contradicted"], watch["noisy"] = 0.0, 0.0
     if not comparable or not watch["age"] > WARM_S:
         forget(watch, groups)
-    watch["on"], watch["restart"], watch["quiet"], watch["clock"], watch["pulled"] = 0, 0, 0.0, clock, 0
+    watch["on"], watch["restart"], watch["quiet"], watch["clock"] = 0, 0, 0.0, clock
+    watch["pulled"], watch["returned"] = 0, 0
     for g in range(groups.shape[0]):
         groups[g]["images"] = 0
 
@@ -205,6 +208,7 @@ def _take(group: Record, dt: float, learning: bool) -> None:
         if group["learnt"] == 1:
             group["usual_share"] = 1.0
         slow = max(1.0 / group["learnt"], dt / (dt + USUAL_S))
+        group["weight"] = slow
         group["usual_share"] = _mean_share(group["usual_share"], slow)
         for k in range(group["rows"]):
             usual[k] += slow * (value[k] - usual[k])
@@ -222,7 +226,8 @@ def _shift(group: Record) -> tuple[float, float, float]:
     mean, longer, usual = group["fast"], group["middle"], group["usual"]
     largest, short, long = 0.0, 0.0, 0.0
     for k in range(group["rows"]):
-        noise, common = group["noise"][k], 0.5 * (group["state"][k] + group["usual_state"][k])
+        noise = group["noise"][k]
+        common = 0.5 * (group["state"][k] + group["usual_state"][k]) + group["changed"][k]
         off = mean[k] - usual[k]
         one = off * off / (noise * (group["fast_share"] + group["usual_share"]) + common)
         off = longer[k] - usual[k]
@@ -271,7 +276,7 @@ def _looks_late(watch: Record, groups: Record) -> bool:
             continue
         for k in range(group["rows"]):
             variance = group["noise"][k] * (group["fast_share"] + group["usual_share"])
-            variance += 0.5 * (group["state"][k] + group["usual_state"][k])
+            variance += 0.5 * (group["state"][k] + group["usual_state"][k]) + group["changed"][k]
             off, motion = group["fast"][k] - group["usual"][k], group["motion"][k]
             along += off * motion / variance
             scale += motion * motion / variance
@@ -288,19 +293,6 @@ def follow(group: Record, k: int, dt: float) -> float:
     offset = group["offset"]
     offset[k] += dt / (dt + FAST_S) * (group["value"][k] - offset[k])
     return float(offset[k])
-
-
-@kernel
-def repeats(group: Record, x: float, y: float, dt: float) -> bool:
-    """Note a reading dt s after the last; whether it now has been the same ten times or more, for `since` s."""
-    reading = group["reading"]
-    if x == reading[0] and y == reading[1]:
-        group["repeated"] += 1
-        group["since"] += dt
-    else:
-        reading[0], reading[1] = x, y
-        group["repeated"], group["since"] = 0, 0.0
-    return bool(group["repeated"] >= REPEATS)
 
 
 @kernel
@@ -352,6 +344,7 @@ def watch_image(watch: Record, groups: Record, dt: float) -> None:
     warm = watch["age"] > WARM_S
     for g in range(groups.shape[0]):
         group = groups[g]
+        group["weight"] = 0.0
         if group["seen"] == 0 or not whole:
             continue
         _take(group, group["away"], learning)

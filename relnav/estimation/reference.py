@@ -1,4 +1,4 @@
-"""The same estimation on filterpy's ExtendedKalmanFilter: an engine of other hands to check ours against.
+"""The same estimation on filterpy's ExtendedKalmanFilter: an independent engine to check ours against.
 
 filterpy keeps P itself and updates it in Joseph's form with an inverted S: right on well-conditioned problems. Its
 traps are kept out: predict() comes before update() (`predict_update` linearises at the unpredicted state), NIS is

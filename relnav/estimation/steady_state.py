@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import LARGEST, Matrix, Vector
 
 
 @dataclass(frozen=True)
@@ -44,9 +44,16 @@ def steady_state(phi: Matrix, q: Matrix, h: Matrix, r: Matrix) -> SteadyState:
         Transition and process noise covariance over one step.
     h, r : (m, 6), (m, m)
         Measurement rows and noise.
+
+    Raises
+    ------
+    OverflowError
+        If the process noise is beyond what floats hold.
     """
     import control
 
+    if not np.abs(q).max() < LARGEST:
+        raise OverflowError(f"process noise of a step is up to {np.abs(q).max():g}; {LARGEST:g} is the most")
     whitener = np.linalg.inv(np.linalg.cholesky(r))
     values = np.linalg.svd(control.obsv(phi, whitener @ h), compute_uv=False)
     nothing = np.full((6, 6), np.nan)

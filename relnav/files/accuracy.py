@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
+from relnav.arrays import whole
 from relnav.files.models import load_model, load_published
 from relnav.files.systems import resolve, system_of
 
@@ -37,9 +38,6 @@ def measure_accuracy(
     """
     mission = load_model(model) if isinstance(model, str) else model
     system = system_of(mission)
-    if runs is not None and runs < 2:
-        raise ValueError(f"runs must be 2 or more; got {runs}")
+    count, seed = whole("runs", system.runs if runs is None else runs, 2), whole("seed", seed)
     measure = resolve(system.accuracy)
-    return measure(
-        mission, load_published(mission), runs=system.runs if runs is None else runs, seed=seed, progress=progress
-    )
+    return measure(mission, load_published(mission), runs=count, seed=seed, progress=progress)

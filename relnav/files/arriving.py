@@ -73,20 +73,21 @@ class Arriving:
             If the file was cut or another one took its name.
         """
         with path.open("rb", buffering=0) as file:
+            into = memoryview(bytearray(BYTES_AT_ONCE))
             grows = stat.S_ISREG(os.fstat(file.fileno()).st_mode) and not is_stream(path)
-            while came := self._next(path, file, grows):
+            while came := self._next(path, file, grows, into):
                 yield came
 
-    def _next(self, path: Path, file: Any, grows: bool) -> bytes:
-        """What came next; empty at the end."""
+    def _next(self, path: Path, file: Any, grows: bool, into: memoryview) -> bytes:
+        """What came next; empty at the end. `into`: room for it, made once."""
         look = time.monotonic() + LOOK_AGAIN_S
         try:
             try:
                 self._waiting = True
                 while not self.ended_by:
-                    came: bytes | None = file.read(BYTES_AT_ONCE)  # None: a pipe that does not wait
-                    if came or (came == b"" and not grows):
-                        return came
+                    count: int | None = file.readinto(into)  # None: a pipe that does not wait
+                    if count or (count == 0 and not grows):
+                        return bytes(into[:count])
                     time.sleep(POLL_S)
                     if grows and time.monotonic() > look:
                         look = time.monotonic() + LOOK_AGAIN_S

@@ -53,18 +53,6 @@ def check_folder(path: Path) -> None:
     _resolved(path)
 
 
-def check_png(path: Path) -> None:
-    """Refuse a picture of another kind.
-
-    Raises
-    ------
-    UsageError
-        Naming the ending.
-    """
-    if path.suffix.lower() != ".png" and not is_stream(path):
-        raise UsageError(f"{path}: a picture ends in .png; got '{path.suffix}'")
-
-
 def _resolved(path: Path) -> Path:
     try:
         return path.resolve()

@@ -7,8 +7,18 @@ import numpy as np
 
 from relnav.accuracy.budget import QUANTITIES, Budget
 from relnav.errors import UsageError
-from relnav.files.atomic import check_png
-from relnav.files.picture_style import INK, QUIET, SERIES, heading, new_figure, one_legend, plain_decades, save, styled
+from relnav.files.picture_style import (
+    INK,
+    QUIET,
+    SERIES,
+    check_picture,
+    heading,
+    new_figure,
+    one_legend,
+    plain_decades,
+    save,
+    styled,
+)
 
 LEAST = 1e-4
 """Share of the largest total: lines that are nowhere larger are left out."""
@@ -16,14 +26,14 @@ UNSEEN = "beacons out of view:\nno fix, and the curves end"
 
 
 def draw_budget(report: Any, path: Path, before: Any = None, change: str = "") -> None:
-    """Draw a budget; .png. With the budget before a change, its total is drawn too.
+    """Draw a budget. With the budget before a change, its total is drawn too.
 
     Raises
     ------
     UsageError
         For another ending, or a budget of another kind.
     """
-    check_png(path)
+    check_picture(path)
     if not isinstance(report, Budget):
         raise UsageError("--plot draws budgets of three-beacon missions; this one has no picture")
     with styled():

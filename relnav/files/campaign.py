@@ -8,14 +8,16 @@ from typing import Any
 
 from relnav.accuracy.campaign_plan import Plan, fly_batch
 from relnav.accuracy.campaign_summary import CampaignSummary, summarise
+from relnav.arrays import whole
 from relnav.files.campaign_folder import Runs, missing, open_folder, table_of, write_batch, write_failed
 from relnav.files.models import load_model, load_published
 from relnav.files.parquet import require_pyarrow
+from relnav.files.paths import path_of
 from relnav.files.scenarios import load_scenario
 from relnav.files.tables import write_json
 from relnav.simulation.dispersions import Scenario
 
-SUMMARY, ERRORS_PICTURE, FINAL_PICTURE = "summary.json", "errors_by_range.png", "final_errors.png"
+SUMMARY, ERRORS_PICTURE, FINAL_PICTURE = "summary.json", "errors_by_range", "final_errors"
 QUEUED = 4
 """Batches handed out ahead, for each worker."""
 
@@ -74,13 +76,16 @@ def campaign(
     mission = load_model(model) if isinstance(model, str | os.PathLike) else model
     scenario = dispersions if isinstance(dispersions, Scenario) else load_scenario(dispersions)
     plan = Plan(mission, scenario, method, seed, runs)
+    if workers is not None:
+        whole("workers", workers, 1)
     if out is None:
         if cluster is not None:
             raise ValueError("a campaign on a cluster needs a folder that all its workers see: out=...")
         return _in_memory(plan, workers, progress)
-    fly_missing(plan, Path(out), workers, cluster, progress)
-    finish(plan, Path(out))
-    return Runs(Path(out), plan).table()
+    folder = path_of(out, "a campaign's folder")
+    fly_missing(plan, folder, workers, cluster, progress)
+    finish(plan, folder)
+    return Runs(folder, plan).table()
 
 
 def fly_missing(plan: Plan, folder: Path, workers: int | None, cluster: str | None, progress: Progress | None) -> None:
@@ -105,19 +110,22 @@ def fly_missing(plan: Plan, folder: Path, workers: int | None, cluster: str | No
             progress(done)
 
 
-def finish(plan: Plan, folder: Path, *, pictures: bool = True) -> CampaignSummary:
-    """Sum a finished campaign up, from its parts: summary, runs that failed, pictures. It can be done again."""
+def finish(plan: Plan, folder: Path, *, pictures: str | None = "png") -> CampaignSummary:
+    """Sum a finished campaign up, from its parts: summary, runs that failed, pictures. It can be done again.
+
+    `pictures`: png, pdf or svg; None draws nothing.
+    """
     runs = Runs(folder, plan)
     write_failed(folder, runs.failed())
     summary = summarise(plan.runs, runs.status(), plan.scenario.range_edges_m, runs.read, load_published(plan.model))
     write_json(
         {"model": plan.model.name, "method": plan.method, "seed": plan.seed} | summary.to_dict(), folder / SUMMARY
     )
-    if pictures:
+    if pictures is not None:
         from relnav.files.campaign_pictures import draw_errors, draw_final
 
-        draw_errors(summary, runs.read, folder / ERRORS_PICTURE)
-        draw_final(runs.read, folder / FINAL_PICTURE)
+        draw_errors(summary, runs.read, folder / f"{ERRORS_PICTURE}.{pictures}")
+        draw_final(runs.read, folder / f"{FINAL_PICTURE}.{pictures}")
     return summary
 
 

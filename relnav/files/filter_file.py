@@ -20,6 +20,7 @@ from relnav.dynamics.in_frame import Turning
 from relnav.errors import UsageError
 from relnav.files.attitude_reading import ROWS_TRIED, reading_that_starts
 from relnav.files.frame_logs import log_in_memory
+from relnav.files.gathered import Gathered
 from relnav.files.late_log import filter_late_log, says_exposures
 from relnav.files.log_columns import ACCELERATION, DELTA_V, log_metadata
 from relnav.files.logs import Log, LogFile, check_beacons, opened
@@ -33,7 +34,8 @@ from relnav.files.tracks import write
 from relnav.files.wording import listed
 from relnav.mission import Model
 from relnav.navigation.arguments import controls
-from relnav.navigation.log import Epochs, LogFilter, considered_words
+from relnav.navigation.lasting_words import lasting_words
+from relnav.navigation.log import Epochs, LogFilter
 from relnav.navigation.record import Solution
 
 FAR_APART_S = 10.0
@@ -118,14 +120,14 @@ def filter_file(
     run = _Run(log, LogFilter(mission, method, projection=projection, engine=engine), progress)
     summary = RunSummary(load_published(mission), mission.filter.gate_probability)
     summary.ignored = listed(log.columns.ignored)
-
+    gathered = Gathered(summary.take)
     of_log = log_metadata(log.path, log.metadata, log.columns.ignored)
 
     def parts() -> Iterator[Table]:
         for solution in run.smoothed() if smooth else run.filtered():
             solution.metadata.update(of_log)
             yield rows_of(solution, turning(solution))
-            summary.take(solution)
+            gathered.take(solution)
             if watch is not None:
                 watch(solution)
 
@@ -134,8 +136,9 @@ def filter_file(
             pass
     else:
         stated = head(mission.name, method, smooth) | turning.stated
-        stated |= considered_words(mission, method) | engine_words(engine) | of_log
+        stated |= lasting_words(mission, method) | engine_words(engine) | of_log
         writer(Path(out), COLUMNS, parts(), stated, INTEGERS)
+    gathered.settle()
     summary.hint, summary.notes = run.hint(summary.started), run.spacing()
     return summary
 
@@ -145,8 +148,10 @@ def _whole_summary(solution: Solution, model: Model) -> RunSummary:
     summary = RunSummary(load_published(model), model.filter.gate_probability)
     said = solution.metadata
     summary.ignored = said.get("ignored columns", "")
+    summary.notes = spacing_note(solution.t_s)
     if "slots" in said:
-        summary.notes = (f"slots: {said['slots']}; spot noise {said['spot noise']}", f"beacons: {said['beacons']}")
+        slots = (f"slots: {said['slots']}; spot noise {said['spot noise']}", f"beacons: {said['beacons']}")
+        summary.notes = slots + summary.notes
     summary.take(solution)
     return summary
 
@@ -180,6 +185,15 @@ def engine_words(engine: str) -> dict[str, str]:
     return {} if engine == "compiled" else {"engine": engine}
 
 
+def spacing_note(t_s: Vector, what: str = "name the column t_ms") -> tuple[str, ...]:
+    """A note where rows (of their first times) are so far apart, in whole numbers, that the unit is in doubt."""
+    t = t_s[:ROWS_TRIED]
+    apart = float(np.median(np.diff(t))) if len(t) > 2 else 0.0
+    if apart < FAR_APART_S or not bool((t == np.rint(t)).all()):
+        return ()
+    return (f"rows are {apart:g} s apart: if the times are milliseconds, {what}",)
+
+
 class _Run:
     """One log on its way through one filter."""
 
@@ -189,11 +203,7 @@ class _Run:
 
     def spacing(self) -> tuple[str, ...]:
         """A note where rows are so far apart, in whole numbers, that the unit of time is in doubt."""
-        t = np.zeros(0) if self._first is None else self._first.t
-        apart = float(np.median(np.diff(t))) if len(t) > 2 else 0.0
-        if apart < FAR_APART_S or not bool((t == np.rint(t)).all()):
-            return ()
-        return (f"rows are {apart:g} s apart: if the times are milliseconds, name the column t_ms",)
+        return () if self._first is None else spacing_note(self._first.t)
 
     def hint(self, started: bool) -> str:
         """Why the filter did not start or rejects much, as far as the log's columns tell."""

@@ -10,6 +10,7 @@ from relnav.arrays import Matrix, Vector, numbers
 from relnav.errors import LogError
 from relnav.files.log_columns import Columns, parse_header
 from relnav.files.logs import LogFile
+from relnav.files.paths import path_of
 from relnav.files.ros_bag import is_bag, read_bag
 
 
@@ -22,7 +23,8 @@ def log_in_memory(source: Any, parse: Callable[[list[str], str], Columns] = pars
     """The log, if it is a frame or the messages of a ROS bag; None for a file of rows."""
     if is_frame(source):
         return FrameLog(source, parse)
-    return FrameLog(read_bag(Path(source)), parse) if is_bag(Path(source)) else None
+    path = path_of(source, "a log's path, or a table in memory,")
+    return FrameLog(read_bag(path), parse) if is_bag(path) else None
 
 
 class FrameLog(LogFile):

@@ -160,13 +160,13 @@ def _read_fits(path: Path) -> Picture:
     require_astropy()
     from astropy.io import fits
 
-    with path.open("rb") as file:
-        if file.read(6) != b"SIMPLE":
-            raise InputError(f"{path}: not a FITS file: it does not begin with SIMPLE")
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), path.open("rb") as file:  # by name, astropy leaves a damaged one open
             warnings.simplefilter("ignore")  # of headers that break the standard; what matters here is checked
-            with fits.open(path, memmap=False, lazy_load_hdus=True) as hdus:
+            if file.read(6) != b"SIMPLE":
+                raise InputError(f"{path}: not a FITS file: it does not begin with SIMPLE")
+            file.seek(0)
+            with fits.open(file, memmap=False, lazy_load_hdus=True) as hdus:
                 image = next((hdu for hdu in hdus if hdu.is_image and len(hdu.shape) >= 2), None)
                 if image is None:
                     raise InputError(f"{path}: holds no picture: no HDU with two axes")

@@ -20,6 +20,19 @@ DEGREES = 180.0 / math.pi
 FIX_COLUMNS = (("innovation_range_m", 1.0), ("innovation_azimuth_deg", DEGREES), ("innovation_elevation_deg", DEGREES))
 
 
+def unsaid(part: Solution | PoseSolution) -> str:
+    """Why innovations or gates of a solution may be missing, for a reader.
+
+    A smoothed state, or one that a later image has changed, is not what its image was compared with.
+    """
+    if part.smoothed:
+        return "the track is smoothed, and its states are not those that images were compared with: leave --smooth out"
+    if isinstance(part, PoseSolution):
+        late = part.spots_px is None
+        return "images came late, and changed what they were compared with" if late else "tolerances are considered"
+    return "lasting errors are considered" if part.metadata.get("considered", "") else "the attitude is the log's"
+
+
 class Innovations:
     """Columns of the innovations of consecutive parts of one solution of beacons.
 

@@ -2,6 +2,7 @@
 
 import difflib
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from relnav.errors import LogError
@@ -77,14 +78,28 @@ class Columns:
     ignored: tuple[str, ...]
     layout: Layout = BEACONS
 
-    @property
+    @cached_property
     def beacons(self) -> int:
         """Number of beacons that the log knows."""
         return sum(f"spot_{letter}_x" in self.index for letter in LETTERS)
 
+    @cached_property
+    def scaled(self) -> tuple[tuple[slice | list[int], float], ...]:
+        """Which columns of a table that holds the quantities in this order are not in SI, with their factor."""
+        found: dict[float, list[int]] = {}
+        for position, base in enumerate(self.index):
+            if self.factor[base] != 1.0:
+                found.setdefault(self.factor[base], []).append(position)
+        return tuple((_as_slice(positions), factor) for factor, positions in found.items())
+
     def has(self, group: tuple[str, ...]) -> bool:
         """Whether the log holds a group of columns."""
         return group[0] in self.index
+
+
+def _as_slice(positions: list[int]) -> slice | list[int]:
+    first, last = positions[0], positions[-1]
+    return slice(first, last + 1) if last - first == len(positions) - 1 else positions
 
 
 def _example(base: str, layout: Layout) -> str:

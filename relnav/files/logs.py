@@ -280,10 +280,8 @@ def pieces(rows: Iterator[tuple[int, str]]) -> Iterator[list[tuple[int, str]]]:
 
 def to_si_units(values: Matrix, columns: Columns) -> Matrix:
     """The values, each column multiplied by its factor in place."""
-    for position, base in enumerate(columns.index):
-        factor = columns.factor[base]
-        if factor != 1.0:
-            values[:, position] = to_si(values[:, position], factor)
+    for where, factor in columns.scaled:
+        values[:, where] = to_si(values[:, where], factor)
     return values
 
 

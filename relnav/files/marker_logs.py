@@ -120,12 +120,22 @@ def marker_header(mission: VisionMission) -> Callable[[list[str], str], Columns]
     return partial(parse_header, layout=markers(len(mission.markers.positions_m)))
 
 
-def _chunks(path: Any, mission: VisionMission) -> Iterator[tuple[Vector, Stack, Matrix, Matrix, Vector | None]]:
-    """Times, spots, control, chaser attitude and exposures of a log, a few thousand rows at a time."""
+def marker_log(path: Any, mission: VisionMission) -> LogFile:
+    """The log, opened: a file, a table in memory, a ROS bag, or one that is open already."""
     parse = marker_header(mission)
     if isinstance(path, TextTable):
-        path = LogFile(path, parse)
-    log = path if isinstance(path, LogFile) else log_in_memory(path, parse) or LogFile(Path(path), parse)
+        return LogFile(path, parse)
+    return path if isinstance(path, LogFile) else log_in_memory(path, parse) or LogFile(Path(path), parse)
+
+
+def is_controlled(log: LogFile) -> bool:
+    """Whether a log says what the thrusters do."""
+    return log.columns.has(ACCELERATION) or log.columns.has(DELTA_V)
+
+
+def _chunks(path: Any, mission: VisionMission) -> Iterator[tuple[Vector, Stack, Matrix, Matrix, Vector | None]]:
+    """Times, spots, control, chaser attitude and exposures of a log, a few thousand rows at a time."""
+    log = marker_log(path, mission)
     layout = log.columns.layout
     for values in log.tables():
         t, spots = log.group(values, ("t",)), log.group(values, layout.spots)

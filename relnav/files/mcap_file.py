@@ -21,6 +21,8 @@ from relnav.files.ros_bag import poses
 from relnav.files.tables import framed, relnav_version
 
 NANOSECOND = 1e-9
+LAST_S = 1.8e10
+"""Its times are nanoseconds of 64 bits."""
 NEED = "An MCAP file needs mcap"
 _NUMBER, _NUMBERS = {"type": "number"}, {"type": "array", "items": {"type": "number"}}
 _INTEGER, _TEXT = {"type": "integer"}, {"type": "string"}
@@ -80,12 +82,14 @@ def write_mcap(solution: Any, path: Path, settings: dict[str, Any]) -> None:
     Raises
     ------
     UsageError
-        If mcap is missing, or a time lies before zero, which the format cannot hold.
+        If mcap is missing, or a time lies before zero or beyond `LAST_S`, which the format cannot hold.
     """
     writers = require("mcap.writer", "mcap", NEED)
     t = np.asarray(solution.t_s)
     if float(t.min()) < 0.0:
         raise UsageError(f"an MCAP file has times from 0 on; the log begins at {float(t.min()):.9g} s")
+    if float(t.max()) > LAST_S:
+        raise UsageError(f"an MCAP file has times up to {LAST_S:.4g} s; the log ends at {float(t.max()):.9g} s")
     with replacing(path) as temporary, temporary.open("wb") as file:
         writer = writers.Writer(file)
         writer.start(profile="", library=f"relnav {relnav_version()}")

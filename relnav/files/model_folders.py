@@ -10,6 +10,7 @@ import tomllib
 from pathlib import Path
 
 from relnav.errors import UnknownModelError
+from relnav.files.paths import path_of
 from relnav.files.wording import shown
 
 
@@ -33,11 +34,11 @@ def find_model(name_or_path: str | os.PathLike[str]) -> Path:
     UnknownModelError
         If there is none; a close match is suggested.
     """
-    name = os.fspath(name_or_path)
+    path = path_of(name_or_path, "a model's name or path")
+    name = str(path)
     shipped = models_root() / name / "model.toml"
     if name in list_models():
         return shipped
-    path = Path(name)
     if path.is_dir() and (path / "model.toml").is_file():
         return path / "model.toml"
     if path.is_file():

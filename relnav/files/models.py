@@ -13,6 +13,7 @@ from relnav.errors import ModelError
 from relnav.files.model_defaults import add_defaults
 from relnav.files.model_folders import find_model, list_models
 from relnav.files.orbit_altitude import mean_motion_of_altitude
+from relnav.files.paths import path_of
 from relnav.files.plausibility import implausible
 from relnav.files.psd_calibration import named_calibration
 from relnav.files.systems import SYSTEMS, resolve
@@ -214,8 +215,11 @@ def load_published(model: Any) -> Published:
     ModelError
         If a claim is incomplete.
     """
-    path = find_model(model) if isinstance(model, str | os.PathLike) else Path(model.path)
-    path = path.with_name("published.toml")
+    if isinstance(model, str | os.PathLike):
+        file = find_model(model)
+    else:
+        file = path_of(getattr(model, "path", model), "a loaded model, or the name or path of one,")
+    path = file.parent / "published.toml"
     if not path.is_file():
         return Published((), ())
     table, problems = read_toml(path)

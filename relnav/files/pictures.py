@@ -6,10 +6,10 @@ from typing import Any
 
 from relnav.accuracy.published import QUANTITIES
 from relnav.accuracy.report import AccuracyReport
-from relnav.files.atomic import check_png
 from relnav.files.picture_style import (
     INK,
     SERIES,
+    check_picture,
     heading,
     named_line,
     new_figure,
@@ -29,14 +29,14 @@ DOTS = 24
 
 
 def draw_accuracy(report: AccuracyReport, path: Path) -> None:
-    """Draw rms errors and reported 1-sigma over range, beside single shots and the published lines; .png.
+    """Draw rms errors and reported 1-sigma over range, beside single shots and the published lines.
 
     Raises
     ------
     UsageError
         For another ending.
     """
-    check_png(path)
+    check_picture(path)
     with styled():
         figure = new_figure(11.7, 8.6)
         axes = figure.subplots(3, 2, sharex=True, sharey="row")

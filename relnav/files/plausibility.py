@@ -4,7 +4,7 @@ A limit is far beyond anything built, so that what is refused here is a mistake,
 """
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,8 +13,14 @@ from relnav.geometry.rotation import dcm_from_quaternion
 from relnav.mission import Model, Orbit, VisionMission
 from relnav.simulation.orbits import EARTH_RADIUS_M
 
+if TYPE_CHECKING:  # at run time a model's class is imported when it is loaded
+    from relnav.sensors.dual_field.sensor import StarSensor
+    from relnav.spacecraft import Vehicle
+
 FASTEST_RAD_S = 1.25 * math.sqrt(MU_EARTH_M3_S2 / EARTH_RADIUS_M**3)
 """A quarter more than at the ground: a body's fastest orbit is sqrt(4/3 pi G density), and no planet is denser."""
+LARGEST_RAD = 0.2
+"""Noise or misalignment of a sensor that anybody flies, 11 deg: above it a unit was meant otherwise."""
 SHORTEST, LONGEST = 0.05, 500.0
 """Focal length in detector widths: a field of 168 deg, and of 0.1 deg."""
 
@@ -25,6 +31,11 @@ def implausible(mission: Any) -> list[tuple[str, str]]:
         return [*_orbit(mission.orbit), *_beacon_camera(mission)]
     if isinstance(mission, VisionMission):
         return [*_orbit(mission.orbit), *_marker_camera(mission)]
+    kind = type(mission).__name__
+    if kind == "StarSensor":
+        return _star_camera(mission)
+    if kind == "Vehicle":
+        return [*_orbit(mission.orbit), *_mounted(mission)]
     return []
 
 
@@ -70,20 +81,44 @@ def _beacon_camera(mission: Model) -> list[tuple[str, str]]:
     return found
 
 
-def _marker_camera(mission: VisionMission) -> list[tuple[str, str]]:
-    camera, found = mission.camera, []
-    width = min(camera.image_size_px)
-    if camera.spot_noise_px >= width:
-        found.append(("camera.spot_noise_px", f"noise of {camera.spot_noise_px:g} px on {width} px says nothing"))
-    ratio = min(camera.focal_length_px) / width
+def _star_camera(sensor: "StarSensor") -> list[tuple[str, str]]:
+    camera = sensor.camera
+    return _pixels("detector", min(camera.detector_size_px), camera.spot_noise_px, camera.focal_length_px)
+
+
+def _mounted(vehicle: "Vehicle") -> list[tuple[str, str]]:
+    """Star sensors of a vehicle: their noise and alignment are of small angles."""
+    found = []
+    for name, mounted in vehicle.sensor.items():
+        angles = {"noise_rad": max(mounted.noise_rad or (0.0,)), "mount_sigma_rad": mounted.mount_sigma_rad}
+        for key, value in angles.items():
+            if value > LARGEST_RAD:
+                found.append(
+                    (f"sensor.{name}.{key}", f"{value:.4g} rad is {math.degrees(value):.3g} deg; arcsec, mrad or deg?")
+                )
+    return found
+
+
+def _pixels(what: str, width: float, noise: float, focal: float) -> list[tuple[str, str]]:
+    """Of a camera in pixels."""
+    found = []
+    if noise >= width:
+        found.append(("camera.spot_noise_px", f"noise of {noise:g} px on {width:g} px says nothing"))
+    ratio = focal / width
     if not SHORTEST <= ratio <= LONGEST:
         found.append(
             (
                 "camera.focal_length_px",
-                f"{min(camera.focal_length_px):.4g} px is {ratio:.3g} times the image's width of {width} px, and "
-                f"{SHORTEST:g} to {LONGEST:g} times is a lens; millimetres? divide by the pixel's size",
+                f"{focal:.4g} px is {ratio:.3g} times the {what}'s width of {width:g} px, and {SHORTEST:g} to "
+                f"{LONGEST:g} times is a lens; millimetres? divide by the pixel's size",
             )
         )
+    return found
+
+
+def _marker_camera(mission: VisionMission) -> list[tuple[str, str]]:
+    camera = mission.camera
+    found = _pixels("image", min(camera.image_size_px), camera.spot_noise_px, min(camera.focal_length_px))
     return found + _looks_away("view.q_cam_from_target", mission.view.q_cam_from_target, np.array([-1.0, 0.0, 0.0]))
 
 

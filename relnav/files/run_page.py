@@ -62,6 +62,8 @@ def _body(
         if key not in shown:
             continue
         said = _OF_VEHICLES.get(key, said) if view.of_vehicle else said
+        if key == "measurements" and view.unsaid:
+            said = f"{said} {view.unsaid}"
         parts.append(
             section(
                 title, paragraph(said), f'<div class="charts{" pairs" if key in _PAIRED else ""}" id="{key}"></div>'

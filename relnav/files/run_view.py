@@ -16,7 +16,7 @@ from relnav.arrays import Matrix, Vector
 from relnav.estimation.consistency import Consistency, consistency_of_sum
 from relnav.estimation.gating import chi_square_limit
 from relnav.files.approach_view import Place, Places, misalignments
-from relnav.files.innovation_columns import Innovations, SpotInnovations
+from relnav.files.innovation_columns import Innovations, SpotInnovations, unsaid
 from relnav.files.port_columns import PortColumns
 from relnav.files.tables import COLUMNS, DOCKING_COLUMNS, STATE_COLUMNS, rows_of
 from relnav.files.thinning import Thin, Thinning
@@ -136,6 +136,8 @@ class RunView:
         Of the filter; NaN where it is not known.
     innovations : tuple of Quantity
         What an image was compared with, in columns of that name with gates in `gate_...`; empty if not known.
+    unsaid : str
+        Why innovations or gates are missing, a sentence; empty where they are not.
     of_vehicle : bool
         Whether it is a vehicle's.
     sensors : tuple of str
@@ -156,6 +158,7 @@ class RunView:
     events: list[Event] = field(default_factory=list)
     events_left_out: int = 0
     innovations: tuple[Quantity, ...] = ()
+    unsaid: str = ""
     rows: tuple[Row, ...] = ()
     sensors: tuple[str, ...] = ()
     of_vehicle: bool = False
@@ -275,7 +278,7 @@ class RunWatcher:
         self._alarmed: Counter[str] = Counter()
         self._total, self._dof, self._title = 0.0, 0, ""
         self._innovations: Innovations | SpotInnovations | None = None
-        self._port = PortColumns()
+        self._port, self._unsaid = PortColumns(), ""
         self._metadata: dict[str, str] = {}
 
     def take(self, part: Any) -> None:
@@ -297,6 +300,7 @@ class RunWatcher:
             columns |= self._innovations.columns(part)
             self._title = part.model + (", smoothed" if part.smoothed else "")
         self._metadata = {key: str(value) for key, value in part.metadata.items()}
+        self._unsaid = unsaid(part)
         self.take_columns(columns)
 
     def take_columns(self, columns: Mapping[str, Any]) -> None:
@@ -332,7 +336,7 @@ class RunWatcher:
             said["log"] = log
         settings = getattr(self._model, "filter", None)
         events, left_out = self._events()
-        return RunView(
+        view = RunView(
             title=title or self._title,
             metadata=said,
             thin=self._thinning.thin(),
@@ -348,6 +352,9 @@ class RunWatcher:
             rows=self._rows(),
             places=self._places.places(),
         )
+        if self._unsaid and not any(view.has(f"gate_{quantity.column}") for quantity in view.innovations):
+            view.unsaid = f"No {'gates' if view.innovations else 'innovations'}: {self._unsaid}."
+        return view
 
     def _events(self) -> tuple[list[Event], int]:
         """What happened, and how much more of it there was."""

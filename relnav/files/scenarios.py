@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from relnav.errors import UsageError
+from relnav.files.paths import path_of
 from relnav.files.toml_values import Problems, build, change_value, read_toml
 from relnav.files.wording import shown
 from relnav.simulation.dispersions import AsBuilt, Images, Results, Scenario, Spread, Thrust
@@ -50,7 +51,7 @@ def load_scenario(path: str | os.PathLike[str] | None = None, changes: Mapping[s
         table: dict[str, Any] = {}
         problems = Problems(Path("--set"), "")
     else:
-        file = Path(path)
+        file = path_of(path, "a scenario's path")
         if not file.is_file():
             raise UsageError(f"{shown(file)}: no such scenario file; name a TOML file with [approach], [spread], ...")
         table, problems = read_toml(file)

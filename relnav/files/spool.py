@@ -28,14 +28,21 @@ class Spool:
         """Keep one more group."""
         self._file.seek(0, 2)
         self._entries.append((self._file.tell(), [(array.shape, array.dtype) for array in arrays]))
-        for array in arrays:
-            self._file.write(np.ascontiguousarray(array).view(np.uint8).data if array.size else b"")
+        self._write(arrays)
 
     def replace(self, k: int, *arrays: Any) -> None:
         """Write other arrays of the same sizes over a group."""
         self._file.seek(self._entries[k][0])
-        for array in arrays:
-            self._file.write(np.ascontiguousarray(array).view(np.uint8).data if array.size else b"")
+        self._write(arrays)
+
+    def _write(self, arrays: tuple[Any, ...]) -> None:
+        try:
+            for array in arrays:
+                self._file.write(np.ascontiguousarray(array).view(np.uint8).data if array.size else b"")
+            self._file.flush()
+        except OSError as error:
+            where = f"a temporary file in {tempfile.gettempdir()} (TMPDIR names another folder)"
+            raise OSError(error.errno, error.strerror, where) from error
 
     def __getitem__(self, k: int) -> list[Any]:
         start, entries = self._entries[k]

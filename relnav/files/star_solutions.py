@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from relnav.arrays import Matrix
-from relnav.files.atomic import check_png
 from relnav.files.images import Picture
-from relnav.files.picture_style import INK, QUIET, SERIES, heading, new_figure, one_legend, save, styled
+from relnav.files.picture_style import INK, QUIET, SERIES, check_picture, heading, new_figure, one_legend, save, styled
 from relnav.files.star_pictures import Seen
 from relnav.files.wording import printable
 from relnav.geometry.rotation import quaternion_from_dcm
@@ -67,14 +66,14 @@ def _rms(solution: StarSolution) -> float:
 
 
 def draw_solution(solution: StarSolution, seen: Seen, title: str, path: Path) -> None:
-    """Draw the spots, and which of them are which star, over the picture if there is one; .png.
+    """Draw the spots, and which of them are which star, over the picture if there is one.
 
     Raises
     ------
     UsageError
         For another ending.
     """
-    check_png(path)
+    check_picture(path)
     with styled():
         figure = new_figure(10.0, 8.2)
         axis = figure.subplots()

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from relnav.arrays import Matrix
 from relnav.errors import InputError
+from relnav.files.paths import path_of
 from relnav.files.sun_measurements import SunMeasurements, read_sun_measurements
 from relnav.files.tables import read_json, relnav_version, write_json
 from relnav.geometry.projection_angles import direction_from_gimbal
@@ -156,7 +157,7 @@ def load_sun_calibration(path: str | os.PathLike[str]) -> Calibration:
     InputError
         If it is not one, or a value is missing or of the wrong shape.
     """
-    source = Path(path)
+    source = path_of(path, "a calibration's path")
     try:
         content = read_json(source, "a calibration file")
     except OSError as error:

@@ -6,20 +6,19 @@ from typing import Any
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
-from relnav.files.atomic import check_png
-from relnav.files.picture_style import heading, new_figure, save, styled
+from relnav.files.picture_style import check_picture, heading, new_figure, save, styled
 from relnav.files.sun_calibration import SunCalibrationReport
 
 
 def draw_residual_maps(report: SunCalibrationReport, path: Path) -> None:
-    """Draw alpha and beta errors over the field, before and after the calibration; .png.
+    """Draw alpha and beta errors over the field, before and after the calibration.
 
     Raises
     ------
     UsageError
         For another ending.
     """
-    check_png(path)
+    check_picture(path)
     counted = report.counted
     angles = np.degrees(report.measurements.angles_rad[counted])
     with styled():

@@ -66,7 +66,8 @@ Table = list[Vector]
 def rows_of(part: Solution, turned: FramedTrack | None = None) -> Table:
     """The columns `COLUMNS` of some epochs; with their states and covariances in another frame, if that is given."""
     view, degrees = part.view, 180.0 / np.pi
-    sigma_docking = np.sqrt(view[[3, 6, 8]])
+    angles, sigma_docking = view[1:3] * degrees, np.sqrt(view[[3, 6, 8]])
+    sigma_docking[1:] *= degrees
     state, covariance = part.state, view[9:]
     if turned is not None:
         state, covariance = turned.state, turned.covariance[:, UPPER[0], UPPER[1]].T
@@ -74,12 +75,9 @@ def rows_of(part: Solution, turned: FramedTrack | None = None) -> Table:
         part.t_s,
         *state.T,
         view[0],
-        view[1] * degrees,
-        view[2] * degrees,
+        *angles,
         *np.sqrt(covariance[DIAGONAL]),
-        sigma_docking[0],
-        sigma_docking[1] * degrees,
-        sigma_docking[2] * degrees,
+        *sigma_docking,
         part.nis,
         part.dof,
         part.accepted,

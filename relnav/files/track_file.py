@@ -6,16 +6,19 @@ from typing import Any
 
 import numpy as np
 
+from relnav.arrays import Vector
 from relnav.errors import LogError
 from relnav.files.approach_view import PORT_COVARIANCE, STATE_COVARIANCE
 from relnav.files.log_columns import Columns
 from relnav.files.logs import LogFile
 from relnav.files.text_table import TextTable
 from relnav.files.wording import listed
-from relnav.navigation.status import PREDICTED, REJECTED, STARTED, UPDATED, WAITING
+from relnav.navigation.status import PREDICTED, REJECTED, STARTED, UPDATED, WAITING, Alarm, EpochStatus
 
 NEEDED = ("t_s", "x_m", "y_m", "z_m", "sigma_x_m", "nis", "dof")
 NEEDED_OF_VEHICLE = (*NEEDED[:5], "gyro_lost")
+CODES = {"status": max(EpochStatus), "alarm": sum(Alarm)}
+"""Columns of codes, and the largest of each."""
 
 
 def is_track(names: list[str]) -> bool:
@@ -72,12 +75,24 @@ class TrackFile:
             if late.size:
                 where = f"{self.path}:{int(lines[late[0]])}"
                 raise LogError(f"{where}: t_s does not increase; a track has one row an epoch")
+            self._check_codes(columns, lines)
             before = float(t[-1])
             if "status" not in columns and not self.of_vehicle:
                 columns["status"] = self._status(columns)
             yield columns
         if before == -np.inf:
             raise LogError(f"{self.path}: no rows after the header; at least one epoch is expected")
+
+    def _check_codes(self, columns: dict[str, Any], lines: Vector) -> None:
+        """Refuse codes that are none: of another program, or damaged."""
+        for name, most in CODES.items():
+            codes = columns.get(name, np.zeros(0))
+            whole = (codes >= 0) & (codes <= most) & (codes == np.floor(codes))
+            if (bad := np.flatnonzero(~(whole | (np.isnan(codes) & (name != "status"))))).size:
+                raise LogError(
+                    f"{self.path}:{int(lines[bad[0]])}: column '{name}': a code, a whole number from 0 to {most}, is "
+                    f"expected; got {codes[bad[0]]:.6g}"
+                )
 
     def _status(self, columns: dict[str, Any]) -> Any:
         """Codes of EpochStatus as far as a beacon track tells them: refused is REJECTED, in part or whole."""

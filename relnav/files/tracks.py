@@ -10,6 +10,7 @@ import numpy as np
 
 from relnav.dynamics.in_frame import OWN, Turning
 from relnav.errors import UsageError
+from relnav.files.paths import path_of
 from relnav.files.systems import resolve
 from relnav.files.tables import COLUMNS, INTEGERS, TRACKS, Table, check_format, head, rows_of, write_table
 from relnav.navigation.pose_record import PoseSolution
@@ -74,7 +75,7 @@ def write(
         raise UsageError(f"a solution as relnav.filter_log returns it is expected; got a {type(solution).__name__}")
     from relnav.files.models import mission_of
 
-    target, mission = Path(path), mission_of(solution) if model is None else model
+    target, mission = path_of(path, "an output's path"), mission_of(solution) if model is None else model
     settings = {"frame": frame, "orientation_deg": orientation_deg, "model": mission, "epoch": epoch}
     settings["attitude"] = isinstance(solution, PoseSolution)
     if target.suffix.lower() in EXCHANGE:
@@ -136,6 +137,7 @@ def joined(parts: list[Any]) -> Any:
     first = parts[0]
     if not isinstance(first, Solution):
         return replace(first, epochs=np.concatenate([part.epochs for part in parts]))
-    names = [*PER_EPOCH, *(["lever_lvlh_m"] if len(first.lever_lvlh_m) == len(first) > 1 else [])]
+    turning = all(len(part.lever_lvlh_m) == len(part) for part in parts)
+    names = [*PER_EPOCH, *(["lever_lvlh_m"] if turning else [])]
     arrays: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
     return replace(first, restarts=parts[-1].restarts, **arrays)

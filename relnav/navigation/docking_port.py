@@ -109,7 +109,7 @@ def _write_docking(
 ) -> None:
     """Write values (n, 3, 3), relative attitudes (n, 3, 3) and covariances (n, 12, 12) of `docking_states`.
 
-    sigma (2,): of the chaser's attitude, what lasts and what is new; work (36, 12) is scratch.
+    sigma (2,): of the chaser's attitude, lasting and new at an image; work (36, 12) is scratch.
     """
     G, product, taken = work[:12], work[12:24], work[24:27]
     A, rows = work[27:30].reshape((12, 3)), work[30:36].reshape((24, 3))

@@ -34,7 +34,7 @@ class Inputs:
 
 @dataclass(frozen=True)
 class Image:
-    """An epoch: spots (n, 2) m, all NaN where there is none, and what lasts in them, (n,) m, if the model says so."""
+    """An epoch: spots (n, 2) m, all NaN where there is none, and their lasting errors, (n,) m, if the model says so."""
 
     t_s: float
     spots_m: Matrix

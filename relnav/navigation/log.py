@@ -14,6 +14,7 @@ from relnav.estimation.rows import copy_track
 from relnav.geometry.rotation import dcm_from_quaternion_into
 from relnav.mission import Model
 from relnav.navigation.arguments import choose, controls, quaternions
+from relnav.navigation.lasting_words import lasting_words
 from relnav.navigation.memory import Memory, views
 from relnav.navigation.observation.beacon_considered import add_considered
 from relnav.navigation.observation.beacon_geometry import attitude_changed
@@ -137,13 +138,6 @@ def _join(state: Matrix, factor: Matrix, considered: Stack, ld: Matrix) -> None:
             pack_factors(ld, factor[e])
 
 
-def considered_words(model: Model, method: str) -> dict[str, str]:
-    """Which lasting errors the covariance includes, for a reader: {"considered": words}, or {} if there are none."""
-    attitude = "attitude" if method == "spots" and model.attitude.sigma_rad > 0.0 else ""
-    words = ", ".join(part for part in (attitude, model.considered) if part)
-    return {"considered": words} if words else {}
-
-
 class LogFilter:
     """A filter that is fed a log in chunks, forward; and each chunk backward, once what comes after it is known."""
 
@@ -156,10 +150,12 @@ class LogFilter:
         self._reference = for_beacons(engine, model, method, projection, self.block)
         self._named = views(self.block)
         self._considered = len(self._named.sensitivities)
+        self._dock, self._port = model.dcm_dock_from_lvlh, model.port_position_m
+        self._held_lever, self._words = _levers(model, 1, np.empty((0, 4))), lasting_words(model, method)
 
     def room(self, n: int, *, smooth: bool) -> Epochs:
         """Room for n epochs, which are to be smoothed or not."""
-        return Epochs.empty(n, len(self.model.beacons_lvlh_m), self._considered if smooth else 0)
+        return Epochs.empty(n, len(self._named.beacons), self._considered if smooth else 0)
 
     def nothing_later(self) -> Vector:
         """What stands after a log's last epoch."""
@@ -226,11 +222,11 @@ class LogFilter:
             model=self.model.name,
             method=self.method,
             restarts=self.restarts,
-            dcm_dock_from_lvlh=self.model.dcm_dock_from_lvlh,
-            port_m=self.model.port_position_m,
-            lever_lvlh_m=_levers(self.model, len(t), quaternion),
+            dcm_dock_from_lvlh=self._dock,
+            port_m=self._port,
+            lever_lvlh_m=_levers(self.model, len(t), quaternion) if len(quaternion) else self._held_lever,
             smoothed=smoothed,
-            metadata=considered_words(self.model, self.method),
+            metadata=dict(self._words),
         )
 
 

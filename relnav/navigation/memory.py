@@ -1,5 +1,6 @@
 """The memory of the beacon filter: one array (`codegen.memory_layout`), and the names of its parts."""
 
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ from relnav.codegen.memory_layout import Layout
 from relnav.dynamics.relative_motion import orbit_vector
 from relnav.estimation.gating import gate_limits
 from relnav.estimation.monitors import WATCH, watched_type
+from relnav.estimation.returning import RETURNING
 from relnav.estimation.rows import group_type, track_type
 from relnav.mission import FilterSettings, Model, Orbit, ProcessNoise
 from relnav.sensors.three_beacon.fix import WORK_ROWS
@@ -45,9 +47,9 @@ SENSOR = np.dtype(
         ("held", _F, (3, 3)),  # the model's attitude, and whether it is known, for steps that are told no other
         ("held_known", _I),
         ("turned", _I),  # `mount` holds another attitude
-        ("attitude_sigma", _F),  # of the stated attitude, each axis: what lasts
+        ("attitude_sigma", _F),  # of the stated attitude, each axis: the lasting part
         ("attitude_noise", _F),  # and what is new at every image
-        ("field_center", _F, 2),  # where what lasts in the spots was calibrated
+        ("field_center", _F, 2),  # where the spots were calibrated
         ("field_half_width", _F, 2),
         ("cam_from_dock", _F, (3, 3)),  # derived from the attitude, as the next (`sight.attitude_changed`)
         ("offset", _F, 3),  # camera minus chaser's centre of mass, minus the port: camera from O = state + offset
@@ -94,7 +96,7 @@ BEACON = np.dtype(
     [
         ("position", _F, 3),  # from the target's centre of mass, lvlh_ccsds
         ("spot_sigma", _F, 2),  # of its spot's noise
-        ("lasting_sigma", _F),  # of what lasts in its spot
+        ("lasting_sigma", _F),  # of its spot's lasting error
     ]
 )
 SCRATCH = np.dtype(
@@ -125,6 +127,7 @@ RESULT = np.dtype([("nis", _F), ("status", _I), ("dof", _I), ("reason", _I), ("i
 TRACK = track_type(MOTION)
 GROUP = group_type(MOTION)
 WATCHED = watched_type()
+RETURN = np.dtype(RETURNING)
 KEPT = np.dtype(
     [
         ("dock", _F, (3, 4)),  # dcm_dock_from_lvlh | port position, lvlh_ccsds
@@ -187,10 +190,13 @@ class Memory(NamedTuple):
     groups: Record  # (n,)
     independent: Record  # (n,), scratch
     by_error: Matrix  # (2 n, m), what one sigma of each lasting error does to each row
+    lasting_now: Matrix  # (2 n, m), what it shows in the innovations of `spots`
+    lasting_usual: Matrix  # (2 n, m), and has usually shown
     turns: Matrix  # (2 n, 3), each row by a turn of the camera
     noise: Matrix  # (2 n, 2 n), of coordinates that share the attitude's noise
     factor: Matrix  # (2 n, 2 n), scratch
     watched: Record  # (n,), groups of rows under watch
+    returning: Record  # (n,), how long each spot was refused, and how far off
     nothing: Matrix  # (0, 0)
 
 
@@ -210,10 +216,13 @@ _LAYOUT = Layout(
         "groups": (GROUP, "n"),
         "independent": (GROUP, "n"),
         "by_error": ("2n", "m"),
+        "lasting_now": ("2n", "m"),
+        "lasting_usual": ("2n", "m"),
         "turns": ("2n", 3),
         "noise": ("2n", "2n"),
         "factor": ("2n", "2n"),
         "watched": (WATCHED, "n"),
+        "returning": (RETURN, "n"),
         "nothing": (0, 0),
     },
 )
@@ -283,9 +292,12 @@ def considered_errors(model: Model, method: str) -> tuple[int, int]:
     return 0 if tolerances or model.calibration is not None else FIELD_ERRORS, last
 
 
+@lru_cache(maxsize=8)
 def orbit_values(orbit: Orbit) -> Vector:
-    """The orbit as `dynamics.relative_motion` takes it, (4,)."""
-    return orbit_vector(orbit.mean_motion_rad_s, orbit.eccentricity, orbit.true_anomaly_rad)
+    """The orbit as `dynamics.relative_motion` takes it, (4,), read-only."""
+    values = orbit_vector(orbit.mean_motion_rad_s, orbit.eccentricity, orbit.true_anomaly_rad)
+    values.setflags(write=False)
+    return values
 
 
 def write_motion_model(motion: Record, orbit: Orbit, noise: ProcessNoise, settings: FilterSettings) -> None:

@@ -14,7 +14,7 @@ PACKED = POSE * (POSE + 1) // 2
 LOWER = np.tril_indices(POSE)
 """Rows and columns of packed factors."""
 
-SETTLED_S = 5.0
+SETTLED_S = 3.9
 """After the leading hypothesis was too wide to tell roots apart: until roots that it has left are found again."""
 
 _F, _I = np.float64, np.int64

@@ -13,6 +13,7 @@ from relnav.codegen.memory_layout import Layout
 from relnav.dynamics.rigid_body import BODY_ROWS, RigidBody
 from relnav.estimation.gating import gate_limits
 from relnav.estimation.monitors import WATCH
+from relnav.estimation.returning import RETURNING
 from relnav.estimation.rows import group_type
 from relnav.mission import VisionMission
 from relnav.navigation.memory import MOTION_MODEL, STEP, WATCHED, fill, watch_anew, write_motion_model
@@ -84,7 +85,7 @@ POSE_SCRATCH = np.dtype(
     ]
 )
 LASTING = np.dtype([("attitude", _F), ("focal_length", _F), ("mounting", _F), ("placement", _F)])
-"""1-sigma of what lasts: chaser's attitude, focal length (relative), camera's mounting, each marker's place."""
+"""1-sigma of lasting errors: chaser's attitude, focal length (relative), camera's mounting, each marker's place."""
 CHASER_ATTITUDE, MOUNTING, FOCAL_LENGTH, PLACEMENT = 0, 3, 6, 7
 """Where each stands among the considered errors; the first three always do."""
 POSE_CLOCK = np.dtype(
@@ -104,7 +105,7 @@ POSE_CLOCK = np.dtype(
         ("window", _F),  # when the witness began to compare images
         ("compared", _I),  # images since
         ("over", _I),  # the witness agrees again
-        ("contrast", _F, 2),  # its NIS of the last two windows, the latest first; NaN: none
+        ("windows", _I),  # that it has compared
         ("leader", _F),  # `added` of the hypothesis under watch
         ("usurped", _F),  # since when another one leads; NaN: it does not
     ]
@@ -112,11 +113,10 @@ POSE_CLOCK = np.dtype(
 SPOT = np.dtype(
     [
         ("sums", _F, 2),  # of what it is off the witness'
+        ("means", _F, (3, 2)),  # of that in the last three windows, the latest first; NaN: not known
         ("count", _F),  # of how many images
         ("speed", _F),  # px/s, as predicted
-        ("refused", _F),  # s for which it has been seen and not used
-        ("off", _F, 2),  # mean of its residual, px, over the last images that refused it
-        ("surprise", _F),  # NIS of its own, where it was refused for long
+        *RETURNING,
     ]
 )
 NEWEST, OLDER, WITNESS = 0, 1, 2

@@ -5,6 +5,7 @@ here imports it and a solution stays plain values.
 """
 
 from importlib import import_module
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,7 +36,7 @@ class Presented:
             lines.append(f"  at {solution.t_s[last]:.9g} s: position {x:.4f}, {y:.4f}, {z:.4f} m (lvlh_ccsds)")
             lines.append(f"  {solution.nis_consistency()} (whole epochs)")
         lines.append("  .plot()  .in_frame('rsw')  .to_dataframe()  .to_xarray()  relnav.write(solution, path)")
-        return "\n".join(lines)
+        return "\n".join(fill(line, 80, subsequent_indent="    ") for line in lines)
 
     def plot(
         self, path: "str | os.PathLike[str] | None" = None, *, model: Any = None, corridor_deg: float = 10.0
@@ -81,8 +82,8 @@ class Presented:
         Returns
         -------
         FramedTrack
-            `t_s`, `state` (n, 6), `covariance` (n, 6, 6), `frame`, `metadata`; of markers `covariance` (n, 12, 12),
-            `dcm_frame_from_target`, `q_frame_from_target` and `rate_rad_s` too.
+            `t_s`, `state` (n, 6), `covariance` (n, 6, 6), `frame`, `metadata`, `to_dataframe()`, `to_xarray()`; of
+            markers `covariance` (n, 12, 12), `dcm_frame_from_target`, `q_frame_from_target` and `rate_rad_s` too.
 
         Raises
         ------

@@ -120,7 +120,7 @@ def gyro_drift(t_s: ArrayLike, gyro_yaw_rad: ArrayLike, sun_yaw_rad: ArrayLike, 
 
 def _line(J: Matrix, off: Vector, sigma: Vector) -> tuple[Vector, Matrix]:
     """Weighted least squares and its covariance."""
-    weighted: Matrix = J / sigma[:, None]
+    weighted = J / sigma[:, None]
     covariance: Matrix = np.asarray(np.linalg.inv(weighted.T @ weighted), dtype=np.float64)
     return covariance @ (weighted.T @ (off / sigma)), covariance
 

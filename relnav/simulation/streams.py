@@ -13,9 +13,9 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from relnav.arrays import Codes, Vector
+from relnav.arrays import Codes, Vector, whole
 from relnav.codegen.kernel import kernel, long_kernel
-from relnav.codegen.words import ALL_ONES, lower_product, upper_product, wrapped_sum
+from relnav.codegen.words import lower_product, upper_product, wrapped_sum
 
 ROUNDS = 10
 FIRST_FACTOR, SECOND_FACTOR = 0xD2E7470EE14C6C93, 0xCA5A826395121157
@@ -148,8 +148,7 @@ class Draws:
 
     def __init__(self, seed: int, run: int) -> None:
         for name, value in (("seed", seed), ("run", run)):
-            if not isinstance(value, int | np.integer) or not 0 <= value <= ALL_ONES:
-                raise ValueError(f"{name} is 0 or more and below 2^64, a whole number; got {value!r}")
+            whole(name, value)
         self._key, self._words = np.array([seed, run, 0, 0], dtype=np.uint64), np.zeros(5, dtype=np.uint64)
 
     def uniforms(self, stream: Stream, shape: tuple[int, ...]) -> Vector:

@@ -58,7 +58,7 @@ class VehicleState(NamedTuple):
     ----------
     t_s : float
     values : (n,)
-        Additive values by the layout: position, velocity (`lvlh_ccsds` of the stated orbit), rate, bias and what lasts;
+        Additive values by layout: position, velocity (`lvlh_ccsds` of the stated orbit), rate, bias, lasting errors;
         zero where the error is that of an attitude.
     dcm_lvlh_from_target, dcm_inertial_from_chaser : (3, 3)
     covariance : (n, n)
@@ -141,7 +141,7 @@ class Estimates(NamedTuple):
 def start_state(
     vehicle: Vehicle, layout: Layout, frame: OrbitFrame, t_s: float, motion: Vector, filters: int
 ) -> Estimates:
-    """The estimates at hand-over with this motion (6,): attitudes and rate as held, what lasts as stated."""
+    """The estimates at hand-over with this motion (6,): attitudes and rate as held, lasting errors as stated."""
     values = np.zeros(layout.size)
     values[:6], values[TARGET_RATE] = motion, vehicle.start_rate_rad_s
     dcm = (vehicle.chaser.dcm_chaser_from_lvlh @ frame.dcm_lvlh_from_inertial(t_s)).T

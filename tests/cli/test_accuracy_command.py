@@ -36,5 +36,5 @@ def test_wrong_use(tmp_path, capsys):
     assert run(["accuracy", "three_beacon_psd", "--runs", "1"]) == 2
     assert run(["accuracy", "three_beacon_psd", *SMALL, "--plot", str(tmp_path / "none" / "a.png")]) == 2
     assert "the folder" in capsys.readouterr().err
-    assert run(["accuracy", "three_beacon_psd", "--runs", "10000", "--plot", str(tmp_path / "a.pdf")]) == 2
-    assert "a.pdf: a picture ends in .png; got '.pdf'" in capsys.readouterr().err
+    assert run(["accuracy", "three_beacon_psd", "--runs", "10000", "--plot", str(tmp_path / "a.gif")]) == 2
+    assert "a.gif: a picture ends in .png, .pdf or .svg; got '.gif'" in capsys.readouterr().err

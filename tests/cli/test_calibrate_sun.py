@@ -81,7 +81,7 @@ def test_scattered_points_give_true_figures(tmp_path, capsys):
     [
         (["--out", "{tmp}/none/sun.json"], 2, "the folder"),
         (["--out", "{tmp}/sun.toml"], 2, "a sun calibration is written as .json; got '.toml'"),
-        (["--out", "{tmp}/sun.json", "--plot", "{tmp}/maps.pdf"], 2, "a picture ends in .png"),
+        (["--out", "{tmp}/sun.json", "--plot", "{tmp}/maps.gif"], 2, "a picture ends in .png, .pdf or .svg"),
         (["--out", "{tmp}/sun.json", "--json", "{tmp}/sun.json"], 2, "is named twice"),
         (["--out", "{tmp}/sun.json", "--model", "three_beacon_psd"], 3, "a sun sensor is expected"),
         (["--out", "{tmp}/sun.json", "--method", "patent"], 3, "lacks 14592 of 14641"),

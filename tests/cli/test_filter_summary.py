@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import relnav
+from relnav.accuracy.run_summary import METHOD_WORDS
 from relnav.files.filter_log import filter_log
 
 MODEL = ("--model", "three_beacon_psd")
@@ -24,6 +25,8 @@ def test_the_figures_in_the_terminal(run, vbar_log, solutions, method):
     assert code == 0
     assert err == ""
     assert f"vbar_log.csv: 3000 epochs, 0 s to 299.9 s; model three_beacon_psd, method {method}" in out
+    assert METHOD_WORDS[method] in out.splitlines()
+    assert "not in the covariance: focal length, mountings, beacons" in out
     assert f"restarts 0; epochs used whole {solution.accepted.sum()}," in out
     assert f"NIS per degree of freedom {solution.nis_consistency().ratio:.3f}" in out
     lines = {line.split()[0]: line for line in out.splitlines() if line.startswith("  ")}

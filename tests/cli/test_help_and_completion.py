@@ -1,10 +1,13 @@
 """Help in groups that fits a terminal, suggestions for what is misspelt, and what shells are told to complete."""
 
+import contextlib
 import os
 import re
 import shutil
 import subprocess
 import sys
+import threading
+import time
 
 import click
 import pytest
@@ -146,19 +149,87 @@ told relnav filter log.csv --model three_marker_vision_
 """
 
 
-@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")
-def test_in_bash_itself(tmp_path):
-    """The line of docs/start.md, in a shell."""
+@pytest.fixture
+def installed(tmp_path):
+    """Environment of a shell that finds relnav, in a home of its own."""
     program = tmp_path / "relnav"
     program.write_text(f'#!/bin/sh\nexec {sys.executable} -m relnav "$@"\n')
     program.chmod(0o755)
-    environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    return os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "HOME": str(tmp_path), "TERM": "xterm"}
+
+
+def needed(shell):
+    if shutil.which(shell) is None:
+        pytest.skip(f"no {shell}: apt-get install {shell}")
+
+
+def test_in_bash_itself(installed):
+    """The line of docs/start.md, in a shell."""
+    needed("bash")
     done = subprocess.run(
-        ["bash", "--norc", "-c", BASH], env=environment, capture_output=True, text=True, check=True, timeout=60
+        ["bash", "--norc", "-c", BASH], env=installed, capture_output=True, text=True, check=True, timeout=60
     )
     said, command, model = done.stdout.splitlines()
     assert "_relnav_completion" in said
     assert (command, model) == ("filter", "three_marker_vision_flat")
+
+
+ZSH = """\
+autoload -U compinit && compinit -D -u
+eval "$(_RELNAV_COMPLETE=zsh_source relnav)"
+written() { print -r -- "$BUFFER" >> written }
+zle -N written
+bindkey '^X' written
+"""
+
+
+def test_in_zsh_itself(installed, tmp_path):
+    """Typed at its prompt, with the tabulator; a key of the test writes down what stands there then."""
+    needed("zsh")
+    (tmp_path / ".zshrc").write_text(ZSH)
+    lines = ["relnav fil\t", "relnav filter log.csv --model three_marker_vision_f\t", "relnav filter log.csv --smo\t"]
+    master, slave = os.openpty()
+    shell = subprocess.Popen(
+        ["zsh", "-i"], stdin=slave, stdout=slave, stderr=slave, cwd=tmp_path, env=installed, start_new_session=True
+    )
+    os.close(slave)
+    threading.Thread(target=_drained, args=(master,), daemon=True).start()
+    try:
+        written, found = tmp_path / "written", []
+        for line in lines:
+            os.write(master, f"{line}\x18".encode())  # zsh reads on when a completion is done
+            until = time.monotonic() + 60.0
+            while len(found) <= lines.index(line) and time.monotonic() < until:
+                time.sleep(0.05)
+                found = written.read_text().splitlines() if written.exists() else []
+            os.write(master, b"\x15")  # the line is emptied
+    finally:
+        shell.kill()
+        shell.wait()
+        os.close(master)
+    assert [line.split()[-1] for line in found] == ["filter", "three_marker_vision_flat", "--smooth"]
+
+
+def _drained(terminal):
+    with contextlib.suppress(OSError):
+        while os.read(terminal, 4096):
+            pass
+
+
+def test_in_fish_itself(installed, tmp_path):
+    """The line of docs/start.md; fish says itself what it would offer."""
+    needed("fish")
+    (tmp_path / ".config" / "fish" / "completions").mkdir(parents=True)
+    script = "_RELNAV_COMPLETE=fish_source relnav > ~/.config/fish/completions/relnav.fish"
+    asked = ["relnav fil", "relnav filter log.csv --model three_marker_vision_f", "relnav filter log.csv --smo"]
+    found = []
+    for line in [None, *asked]:
+        command = script if line is None else f"complete -C '{line}'"
+        done = subprocess.run(
+            ["fish", "-c", command], env=installed, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=99
+        )
+        found += [word.split("\t")[0] for word in done.stdout.splitlines()]
+    assert found == ["filter", "three_marker_vision_flat", "--smooth"]
 
 
 @pytest.mark.parametrize("shell", ["zsh", "fish"])

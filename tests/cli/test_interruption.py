@@ -80,3 +80,29 @@ def test_while_it_is_still_being_loaded(program, tmp_path, number, code, word):
     places = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
     done = program("models", environment={"PYTHONPATH": places})
     assert (done.returncode, done.stderr) == (code, f"relnav: {word}; nothing was written\n")
+
+
+@pytest.mark.parametrize("then", ["raise RuntimeError('no compiled object yet')", "time.sleep(30)"])
+@pytest.mark.parametrize(("number", "code", "word"), [("SIGTERM", 143, "terminated"), ("SIGINT", 130, "interrupted")])
+def test_while_a_library_calls_back(tmp_path, number, code, word, then):
+    """What is raised in a callback of LLVM's is dropped; numba then said "no compiled object yet"."""
+    script = f"""
+import ctypes, os, signal, time
+import relnav.cli
+
+def interrupted(*_):
+    def call_back():
+        os.kill(os.getpid(), signal.{number})
+        time.sleep(0.01)
+    ctypes.CFUNCTYPE(None)(call_back)()
+    {then}
+
+relnav.cli._command = interrupted
+relnav.cli.main()
+"""
+    begin = time.monotonic()
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=tmp_path, timeout=60
+    )
+    assert (done.returncode, done.stderr) == (code, f"relnav: {word}; nothing was written\n")
+    assert time.monotonic() - begin < 25.0

@@ -241,3 +241,49 @@ def test_a_log_of_another_sensor_names_the_model(folder, tmp_path, capsys):
     log.write_text((folder / "log.csv").read_text().replace("_px", "_um"))
     assert run(["filter", str(log), "--model", "three_marker_vision"]) == 3
     assert "a log of beacons? --model three_beacon_psd, or a beacon model of yours" in capsys.readouterr().err
+
+
+def cut(folder, path, rows, change=lambda cells, _names: cells):
+    """The first rows of the log, each changed."""
+    lines = [line for line in (folder / "log.csv").read_text().splitlines() if line[0] != "#"][: rows + 1]
+    names = lines[0].split(",")
+    changed = [",".join(change(line.split(","), names)) for line in lines[1:]]
+    path.write_text("\n".join([lines[0], *changed]))
+    return path
+
+
+def test_no_start_is_an_exit_code(folder, tmp_path, capsys):
+    """One image starts nothing; why stands in the summary."""
+    log = cut(folder, tmp_path / "one.csv", 1)
+    assert run(["filter", str(log), "--model", "three_marker_vision", "--out", str(tmp_path / "track.csv")]) == 5
+    assert "no start: three markers on one image are needed" in capsys.readouterr().out
+    assert (tmp_path / "track.csv").exists()
+
+
+def test_times_in_milliseconds_are_noticed(folder, tmp_path, capsys):
+    def slow(cells, names):
+        at = names.index("t_s")
+        return [*cells[:at], repr(round(1000.0 * float(cells[at]))), *cells[at + 1 :]]
+
+    log = cut(folder, tmp_path / "ms.csv", 10, slow)
+    run(["filter", str(log), "--model", "three_marker_vision"])
+    assert "rows are 250 s apart: if the times are milliseconds, name the column t_ms" in capsys.readouterr().out
+    run(["filter", str(cut(folder, tmp_path / "s.csv", 10)), "--model", "three_marker_vision"])
+    assert "milliseconds" not in capsys.readouterr().out
+
+
+def test_refused_spots_without_control_columns_are_explained(folder, tmp_path, capsys):
+    """The log says nothing of thrusters, and the markers run away from where the filter expects them."""
+    lines = [line.split(",") for line in (folder / "log.csv").read_text().splitlines() if line[0] != "#"]
+    keep = [k for k, name in enumerate(lines[0]) if not name.startswith(("accel_", "delta_v_"))]
+    x = [k for k, name in enumerate(lines[0]) if name.startswith("spot_") and name.endswith("_x_px")]
+    for row, cells in enumerate(lines[1:]):
+        for k in x:
+            if cells[k] and row > 40:
+                cells[k] = repr(float(cells[k]) + 15.0 * (row % 3))
+    log = tmp_path / "thrusting.csv"
+    log.write_text("\n".join(",".join(cells[k] for k in keep) for cells in lines))
+    run(["filter", str(log), "--model", "three_marker_vision"])
+    assert "the log has no control columns" in capsys.readouterr().out
+    run(["filter", str(folder / "log.csv"), "--model", "three_marker_vision"])
+    assert "the log has no control columns" not in capsys.readouterr().out

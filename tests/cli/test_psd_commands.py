@@ -156,9 +156,16 @@ def test_budget_without_tolerances(run, tmp_path):
     code, _, error = run("budget", path)
     assert code == 2
     assert "a budget needs the section [tolerances]" in error
-    code, _, error = run("budget", path, "--plot", tmp_path / "b.pdf")
+    code, _, error = run("budget", path, "--plot", tmp_path / "b.gif")
     assert code == 2
-    assert f"{tmp_path / 'b.pdf'}: a picture ends in .png; got '.pdf'" in error
+    assert f"{tmp_path / 'b.gif'}: a picture ends in .png, .pdf or .svg; got '.gif'" in error
+
+
+@pytest.mark.parametrize(("ending", "begins"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
+def test_a_budget_is_drawn_in_every_kind(run, tmp_path, ending, begins):
+    code, _, _ = run("budget", "three_beacon_psd", "--plot", tmp_path / f"b.{ending}")
+    assert code == 0
+    assert (tmp_path / f"b.{ending}").read_bytes().startswith(begins)
 
 
 def test_spot_noise_by_received_power_is_in_the_log(run, tmp_path):

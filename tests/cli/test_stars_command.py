@@ -76,7 +76,7 @@ WRONG_USE = {
     "two fields, no focal length": ([FRAME, "--model", "dual_field_star", "--focal-px", "8000"], "a single field"),
     "velocity alone": ([FRAME, "--model", "ground_camera", "--velocity-km-s", 1, 2, 3], "needs --epoch as well"),
     "epoch": ([FRAME, "--model", "ground_camera", "--epoch", "soon"], "--epoch takes a Julian year or an ISO date"),
-    "picture": ([FRAME, "--model", "ground_camera", "--plot", "a.pdf"], "a picture ends in .png; got '.pdf'"),
+    "picture": ([FRAME, "--model", "ground_camera", "--plot", "a.gif"], "a picture ends in .png, .pdf or .svg"),
     "folder": ([FRAME, "--model", "ground_camera", "--json", "none/a.json"], "the folder none does not exist"),
     "negative": ([FRAME, "--focal-px", "-5"], "-5"),
     "no number": ([FRAME, "--focal-px", "nan"], "--focal-px is a focal length in pixels; got nan"),

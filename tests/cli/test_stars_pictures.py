@@ -40,12 +40,12 @@ def solve(run, tmp_path, picture, *options):
 def test_with_a_model_and_everything_written(run, tmp_path, sky):
     counts, dcm, _ = sky
     Image.fromarray(counts).save(tmp_path / "sky.png")
-    written = ["--spots", tmp_path / "spots.csv", "--plot", tmp_path / "plot.png"]
+    written = ["--spots", tmp_path / "spots.csv", "--plot", tmp_path / "plot.svg"]
     out, values = solve(run, tmp_path, tmp_path / "sky.png", "--model", "ground_camera", *written)
     assert out.startswith("ok: right ascension")
     assert off_arcsec(values, dcm) < 5.0 * values["sigma_arcsec"][0]
     assert values["centre_px"] == [511.5, 383.5]
-    assert (tmp_path / "plot.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "plot.svg").read_bytes().startswith(b"<?xml")
     head, *rows = [line for line in (tmp_path / "spots.csv").read_text().splitlines() if not line.startswith("#")]
     assert head.startswith("x_px,y_px,flux,sigma_x_px")
     assert len(rows) >= values["matches"] >= 25

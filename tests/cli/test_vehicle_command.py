@@ -4,11 +4,16 @@ import os
 import random
 import re
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import relnav
+from relnav.cli.vehicle import Summary
 from relnav.files.model_folders import find_model
+from relnav.vehicle.monitor import ALARM_SIGMA
+from relnav.vehicle.navigator import SensorHealth
 
 HEADER = "t_s,sensor,v0,v1,v2,v3,v4,v5,v6,v7,v8,v9,v10,v11"
 
@@ -92,6 +97,19 @@ def test_what_is_not_for_a_vehicle(run, model, vbar_log, tmp_path):
     code, _, error = run("filter", vbar_log, "--model", model, "--out", tmp_path / "track.oem")
     assert (code, "a table ends in .csv, .jsonl or .parquet; got '.oem'" in error) == (2, True)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_alarms_are_in_the_summary():
+    """Of each sensor: when first, and in how many estimates."""
+    vehicle = relnav.load_model("rendezvous_demo")
+    port = SimpleNamespace(sigma=np.ones(12), position_m=np.zeros(3))
+    good, bad = SensorHealth(1.0, 0, 1.0, 0.5), SensorHealth(1.0, 0, 9.0, ALARM_SIGMA + 1.0)
+    summary = Summary(vehicle)
+    for t_s, camera in ((10.0, good), (11.0, bad), (12.0, bad), (13.0, good)):
+        list(summary.passing([SimpleNamespace(t_s=t_s, sensors={"camera": camera, "star": good}, port=port)]))
+    assert summary.figures()["alarms"] == {"camera": {"first_s": 11.0, "estimates": 2}}
+    (said,) = [line for line in summary.lines("log.csv") if line.startswith("ALARM")]
+    assert said.startswith("ALARM camera in 2 of 4 estimates, first at 11.00 s")
 
 
 def test_a_frame_adds_the_centre_of_mass_and_the_target(run, model, tmp_path):

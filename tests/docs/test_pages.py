@@ -32,6 +32,15 @@ def test_files_that_are_named_exist(page):
     assert gone == []
 
 
+def test_files_that_the_architecture_names_exist():
+    """There they are named from `relnav/` on, or from the folder that was named just before."""
+    text = re.sub(r"^```.*?^```", "", (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8"), flags=re.M | re.S)
+    named = {name for name in re.findall(r"`([\w/]+(?:\.py|/))`", text) if "NAME" not in name}
+    there = {f"/{path.relative_to(ROOT).as_posix()}{'/' * path.is_dir()}" for path in ROOT.rglob("*")}
+    assert len(named) > 50
+    assert [name for name in sorted(named) if not any(path.endswith(f"/{name}") for path in there)] == []
+
+
 def test_every_tutorial_has_its_script():
     scripts = {path.stem for path in (ROOT / "examples").glob("*.py")}
     tutorials = {path.stem for path in (ROOT / "docs" / "tutorials").glob("*.md")} - {"index"}
@@ -74,6 +83,29 @@ def test_every_claim_and_reference_is_in_the_report():
     for path in (ROOT / "tests").rglob("test_*.py"):
         if re.search(r"^def test_\w+\([^)]*\boutside\b", path.read_text(encoding="utf-8"), re.MULTILINE):
             assert f"`{path.relative_to(ROOT)}`" in page, path
+
+
+REFERENCES = (
+    "Vallado",
+    "Curtis",
+    "Orekit",
+    "tudat",
+    "Yamanaka and Ankersen",
+    "Basilisk",
+    "PoseLib p3p",
+    "OpenCV SOLVEPNP_P3P",
+    "ERFA",
+    "astropy",
+    "Berreman",
+    "another camera's sky",
+)
+
+
+@pytest.mark.parametrize("name", REFERENCES)
+def test_the_report_compares_with(name):
+    page = (ROOT / "docs" / "validation.md").read_text(encoding="utf-8")
+    rows = page.partition("<!-- validation: references -->")[2].partition("<!-- validation: end -->")[0].splitlines()
+    assert any(name in row.split(" | ")[0] for row in rows)
 
 
 def test_a_paper_has_one_year_everywhere():

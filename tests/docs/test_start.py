@@ -48,3 +48,38 @@ def test_every_extra_is_explained():
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     table = PAGE.partition("| extra | brings |")[2].partition("\n\n")[0]
     assert sorted(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)) == sorted(declared)
+
+
+def test_an_extra_brings_what_the_page_says():
+    """`formats` is all of the extras above it; what the page names is what the extra installs."""
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+
+    def packages(extra):
+        found = set()
+        for line in declared[extra]:
+            inner = re.fullmatch(r"relnav\[([\w,]+)\]", line)
+            found |= set().union(*map(packages, inner[1].split(","))) if inner else {re.match(r"[\w.-]+", line)[0]}
+        return found
+
+    table = PAGE.partition("| extra | brings |")[2].partition("\n\n")[0]
+    rows = re.findall(r"^\| `(\w+)` \| (.*) \|", table, re.MULTILINE)
+    above = [extra for extra, _ in rows[: [extra for extra, _ in rows].index("formats")]]
+    assert set().union(*map(packages, above)) == packages("formats")
+    assert packages("cluster") >= packages("parquet")
+    for extra, package in {
+        "parquet": "pyarrow", "pandas": "pandas", "xarray": "xarray", "netcdf": "h5netcdf", "mcap": "mcap",
+        "ros": "rosbags", "spice": "spiceypy", "images": "pillow", "cluster": "distributed", "docs": "sphinx",
+    }.items():  # fmt: skip
+        assert package in packages(extra)
+    assert set().union(*map(packages, ("formats", "images", "docs", "cluster", "oracles"))) <= packages("dev")
+
+
+def test_version_and_pythons_are_said_alike():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    version = project["version"]
+    assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
+    assert re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[1] == version
+    pythons = re.findall(r"Python :: (3\.\d+)", " ".join(project["classifiers"]))
+    assert project["requires-python"] == f">={pythons[0]}"
+    tried = re.search(r"^VERSIONS = \((.*)\)", (ROOT / "benchmarks" / "python_versions.py").read_text(), re.MULTILINE)
+    assert pythons == re.findall(r"[\d.]+", tried[1]) == ["3.11", "3.12", "3.13", "3.14"]

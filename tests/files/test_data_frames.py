@@ -46,6 +46,26 @@ def test_a_frame_has_the_columns_of_the_track(solution, tmp_path):
     assert frame.attrs["model"] == "three_beacon_psd"
 
 
+def test_a_frame_of_another_frame(solution):
+    """State and covariance are those of `in_frame`, units stand beside them."""
+    pytest.importorskip("pandas", reason="pandas is not installed")
+    track = solution.in_frame("rsw")
+    frame = track.to_dataframe()
+    np.testing.assert_array_equal(frame[list(frame.columns[1:7])].to_numpy(), track.state)
+    np.testing.assert_array_equal(frame["sigma_vz_m_s"], track.sigma[:, 5])
+    np.testing.assert_array_equal(frame["cov_y_vx"], track.covariance[:, 1, 3])
+    assert (frame.attrs["units"]["vy_m_s"], frame.attrs["frame"][:4]) == ("m s-1", "rsw:")
+    pytest.importorskip("xarray", reason="xarray is not installed")
+    data = track.to_xarray()
+    np.testing.assert_array_equal(data.covariance, track.covariance)
+    assert (data.vx.attrs["units"], data.attrs["frame"]) == ("m s-1", frame.attrs["frame"])
+
+
+def test_what_is_shown_fits_a_screen(solution):
+    for shown in (solution, solution.in_frame("rsw"), solution.in_frame("eci", orientation_deg=(51.6, 130.0, 40.0))):
+        assert max(len(line) for line in repr(shown).splitlines()) <= 80
+
+
 def test_a_log_may_be_a_frame(solution, short):
     pandas = pytest.importorskip("pandas", reason="pandas is not installed")
     frame = pandas.read_csv(short)

@@ -1,13 +1,17 @@
 """From file to file in bounded memory: the same bits as in memory, wherever the chunks end."""
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import relnav
+from relnav.accuracy.run_summary import RunSummary
 from relnav.files import logs, parquet
 from relnav.files.filter_file import filter_file
+from relnav.files.gathered import Gathered
+from relnav.files.models import load_published
 from relnav.files.simulated import write_log
 from relnav.navigation.log import LogFilter
 from relnav.navigation.memory import views
@@ -101,3 +105,21 @@ def test_memory_does_not_grow_with_the_log(model, tmp_path, monkeypatch):
 
 def test_a_filter_starts_each_log_anew(model):
     assert views(LogFilter(model, method="spots").block).clock["t"] == -np.inf
+
+
+def test_a_summary_of_rows_is_that_of_the_whole(vbar_log):
+    """Handed on in hundreds, with levers that turn with the attitude and with one that is held."""
+    solution = relnav.filter_log(vbar_log, "three_beacon_psd")
+    model = relnav.load_model("three_beacon_psd")
+    lever = np.random.default_rng(3).normal(size=(len(solution), 3))
+    for one in (solution, replace(solution, lever_lvlh_m=lever)):
+        whole, rows = (RunSummary(load_published(model), 0.9999) for _ in range(2))
+        whole.take(one)
+        gathered = Gathered(rows.take)
+        for k in range(len(one)):
+            gathered.take(one.part(k, k + 1))
+        gathered.settle()
+        said, expected = rows.to_dict(), whole.to_dict()
+        for name in ("nis_per_dof", "nis_all_per_dof"):  # sums in another order
+            assert said.pop(name) == pytest.approx(expected.pop(name), rel=1e-12)
+        assert said == expected

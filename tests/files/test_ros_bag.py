@@ -195,3 +195,25 @@ def test_numbers_of_any_message():
             self.spot_a_x_px, self.seen, self.text = np.float32(0.5), True, "text"
 
     assert numbers_of(Message()) == {"spot_a_x_px": 0.5, "seen": 1.0}
+
+
+@pytest.mark.usefixtures("rosbags")
+def test_a_bag_that_is_too_long(log, tmp_path, monkeypatch):
+    monkeypatch.setattr("relnav.files.ros_bag.MOST_ROWS", 20)
+    with pytest.raises(LogError, match="more than 20 messages of /camera/spots; split the bag in time"):
+        relnav.filter_log(write_rows(tmp_path / "bag", *rows_of(log)), "three_beacon_psd")
+
+
+@pytest.mark.usefixtures("rosbags")
+def test_times_that_no_stamp_holds(tmp_path):
+    solution = relnav.filter_epochs(relnav.load_model("three_beacon_psd"), [-1.0, 0.0], np.full((2, 3, 2), np.nan))
+    with pytest.raises(UsageError, match=r"a ROS bag has times from 0 to .* s; the log has -1 to 0 s"):
+        relnav.write(solution, tmp_path / "track.rosbag2")
+
+
+@pytest.mark.usefixtures("rosbags")
+def test_messages_that_change_their_fields(log, tmp_path, monkeypatch):
+    each = iter([{"t_s": 0.0, "spot_a_x_um": 1.0}, {"t_s": 0.1, "spot_b_x_um": 1.0}])
+    monkeypatch.setattr("relnav.files.ros_bag.numbers_of", lambda said: next(each) if hasattr(said, "name") else {})
+    with pytest.raises(LogError, match="message 2 of /camera/spots has other fields than the one before"):
+        relnav.filter_log(write_rows(tmp_path / "bag", *rows_of(log)), "three_beacon_psd")

@@ -39,6 +39,15 @@ def test_counts_and_events(view, solution):
     np.testing.assert_array_equal(view.line("range_m"), solution.range_m)
 
 
+def test_why_gates_are_missing_is_said(view, vbar_log):
+    assert view.unsaid == "No gates: lasting errors are considered."  # the attitude's, of what `spots` sees
+    solution = filter_log(vbar_log, "three_beacon_psd")
+    for part, said in ((solution, ""), (replace(solution, smoothed=True), "No gates: the track is smoothed")):
+        watcher = watcher_of(relnav.load_model("three_beacon_psd"), 1500)
+        watcher.take(part)
+        assert watcher.view().unsaid[: len(said) or None] == said
+
+
 def test_alarms_are_told_beside_what_became_of_images(solution, tmp_path):
     """One stretch, over the parts in which it came; in the picture a row of its own."""
     number = np.arange(len(solution))

@@ -10,6 +10,7 @@ import pytest
 import relnav
 
 CASES = {"PoseNavigator.step": 4, "dual_field.measure": 4, "VehicleNavigator.observe": 8, "find_stars": 25}
+CASES |= {"measure_accuracy": 6, "campaign": 10, "write": 25, "filter_log": 15}
 EACH = 30
 SPOTS = [[-1.5e-3, 0.0], [1.5e-3, 0.0], [0.0, 0.0]]
 
@@ -28,12 +29,19 @@ def fuzzing():
 NAMES = (
     *("Navigator.step", "PoseNavigator.step", "TargetAttitude.step", "filter_epochs", "three_beacon.measure"),
     *("three_marker.measure", "dual_field.measure", "find_stars", "sun sensors' measure", "load_model", "simulate"),
-    "VehicleNavigator.observe",
+    *("VehicleNavigator.observe", "filter_log", "write", "loaders", "measure_accuracy", "campaign", "Solution"),
 )
 
 
 def test_no_call_is_left_out(fuzzing):
     assert set(fuzzing.CALLS) == set(NAMES)
+
+
+def test_every_public_name_is_called_or_said_why_not(fuzzing):
+    more = importlib.import_module("fuzzing_more_calls")
+    assert not set(more.COVERED) & set(more.NOT_CALLED)
+    assert set(more.COVERED) | set(more.NOT_CALLED) == set(relnav.__all__)
+    assert set(more.COVERED.values()) == set(fuzzing.CALLS)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -76,6 +76,12 @@ def test_noise_does_not_excuse_a_spot_that_was_refused_for_long(mission, flown):
     assert not run_once(mission, flown, Fault.BIAS_LARGE, 7 * SEED_STRIDE + 16).silent
 
 
+@pytest.mark.parametrize("run", [91, 105, 110, 158, 195])
+def test_a_witness_that_knows_less_does_not_end_an_alarm(mission, run):
+    """The chi-square of a spot that is off for good falls as the witness spreads: the fault was taken for over."""
+    assert not run_once(mission, DRAWN, Fault.BIAS_SMALL, 7 * SEED_STRIDE + run).silent
+
+
 @pytest.mark.parametrize("fault", UNSEEN)
 def test_what_images_cannot_tell_is_covered_where_it_is_told(mission, fault):
     assert not run_once(mission, TOLD, fault, 1).silent

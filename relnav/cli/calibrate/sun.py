@@ -54,7 +54,7 @@ MAP_SIDE = 7
     help="Birefringent sensor: the constants to fit, also crystal_thickness_m, axis_polar_rad, axis_azimuth_rad, "
     "ordinary_index, extraordinary_index.",
 )
-@click.option("--plot", type=OutputPath(), help="Draw residual maps, .png.")
+@click.option("--plot", type=OutputPath(), help="Draw residual maps, .png, .pdf or .svg.")
 @click.option("--json", "json_path", type=OutputPath(), help="Write the report as one JSON object.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 @click.pass_context
@@ -81,7 +81,8 @@ def command(
     spots, spot_a_x_px, spot_a_y_px, spot_b_x_px, spot_b_y_px, and nothing is known of the sun.
     """
     from relnav.errors import UsageError
-    from relnav.files.atomic import Outputs, check_distinct, check_folder, check_png
+    from relnav.files.atomic import Outputs, check_distinct, check_folder
+    from relnav.files.picture_style import check_picture
     from relnav.files.sun_calibration import calibrate_sun, write_sun_calibration
     from relnav.files.sun_measuring import load_sun_sensor
     from relnav.files.sun_pictures import draw_residual_maps
@@ -92,7 +93,7 @@ def command(
         if path is not None:
             check_folder(path)
     if plot is not None:
-        check_png(plot)
+        check_picture(plot)
     check_distinct(measurements, out, plot, json_path)
     sensor = load_sun_sensor(model)
     if not isinstance(sensor, ApsSunModel):

@@ -62,7 +62,7 @@ ARCSEC = 648000.0 / math.pi
 @click.option("--json", "json_path", type=OutputPath(), help="Write the solution as one JSON object.")
 @click.option("--spots", "spots_path", type=OutputPath(), help="Picture: write the spots found, .csv or .parquet.")
 @click.option("--wcs", type=OutputPath(), help="Write world coordinates as a FITS header (TAN, SIP), .fits.")
-@click.option("--plot", type=OutputPath(), help="Draw spots and stars, over the picture if it is one, .png.")
+@click.option("--plot", type=OutputPath(), help="Draw spots and stars, over a picture if it is one, .png, .pdf, .svg.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(frame: Path, quiet: bool, **options: Any) -> None:
     """Find the inertial attitude of FRAME: a picture (PNG, TIFF, JPEG, FITS), or a CSV of spots.
@@ -71,8 +71,9 @@ def command(frame: Path, quiet: bool, **options: Any) -> None:
     declination are those of camera +z (for a model its optical axis, else the image's centre); roll is
     atan2(-A[0,2], A[1,2]) of dcm_cam_from_icrs. A frame without a credible attitude is refused, with a reason.
     """
-    from relnav.files.atomic import Outputs, check_distinct, check_folder, check_png
+    from relnav.files.atomic import Outputs, check_distinct, check_folder
     from relnav.files.epochs import julian_year
+    from relnav.files.picture_style import check_picture
 
     written = [options[name] for name in ("json_path", "spots_path", "wcs", "plot")]
     for path in written:
@@ -80,7 +81,7 @@ def command(frame: Path, quiet: bool, **options: Any) -> None:
             check_folder(path)
     check_distinct(frame, *written)
     if options["plot"] is not None:
-        check_png(options["plot"])
+        check_picture(options["plot"])
     epoch, velocity = options["epoch"], options["velocity_km_s"]
     year = None if epoch is None else julian_year(epoch)
     seen = _read(frame, options)

@@ -7,7 +7,9 @@
   const numbers = (text, Kind) => {
     const raw = atob(text), bytes = new Uint8Array(raw.length);
     for (let i = 0; i < raw.length; i++) bytes[i] = raw.charCodeAt(i);
-    return Array.from(new Kind(bytes.buffer), v => (Number.isFinite(v) ? v : null));
+    const found = new Kind(bytes.buffer);
+    for (let i = 0; i < found.length; i++) if (!Number.isFinite(found[i])) found[i] = NaN;
+    return found;
   };
   const time = numbers(run.time, Float64Array);
   const cache = {};
@@ -18,9 +20,69 @@
   let shown = whole.slice();
   const charts = new Map();
 
-  /* Charts in sight follow at once, the others when they come into sight. */
-  const seen = new Set(), stale = new Set();
-  const follow = u => u.setScale("x", { min: shown[0], max: shown[1] });
+  /* First point not before a time. */
+  function since(t) {
+    let low = 0, high = time.length;
+    while (low < high) { const m = (low + high) >> 1; if (time[m] < t) low = m + 1; else high = m; }
+    return low;
+  }
+
+  /* Where the points of a window so many pixels wide begin that share a pixel; where few do, each point stands for
+     itself. One point beyond each border, to which curves lead. All charts of a width share the answer. */
+  let asked = "", groups = [];
+  function sharing(low, high, pixels) {
+    const key = low + " " + high + " " + pixels;
+    if (key === asked) return groups;
+    const begin = Math.max(0, since(low) - 1), end = Math.min(time.length, since(high) + 2);
+    const few = end - begin <= 4 * pixels, across = pixels / (high - low);
+    asked = key; groups = [];
+    for (let k = begin, last = NaN; k < end; k++) {
+      const pixel = few ? k : Math.floor((time[k] - low) * across);
+      if (pixel !== last) groups.push(k);
+      last = pixel;
+    }
+    groups.push(end);
+    return groups;
+  }
+
+  /* What of a chart's columns can be told apart there: of points that share a pixel least and greatest of each curve,
+     in their order. */
+  function told(columns, low, high, pixels) {
+    const from = sharing(low, high, pixels), out = [[]], known = v => (v === v ? v : null);
+    for (let g = 0; g + 1 < from.length; g++) {
+      out[0].push(time[from[g]]);
+      if (from[g + 1] - from[g] > 1) out[0].push(time[from[g + 1] - 1]);
+    }
+    for (const v of columns) {
+      const one = [];
+      for (let g = 0; g + 1 < from.length; g++) {
+        const begin = from[g], end = from[g + 1];
+        if (end - begin < 3) { for (let k = begin; k < end; k++) one.push(known(v[k])); continue; }
+        let least = Infinity, most = -Infinity, first = 0, last = 0;
+        for (let k = begin; k < end; k++) {
+          const x = v[k];
+          if (x < least) { least = x; first = k; }
+          if (x > most) { most = x; last = k; }
+        }
+        if (least > most) one.push(null, null); else if (first < last) one.push(least, most); else one.push(most, least);
+      }
+      out.push(one);
+    }
+    return out;
+  }
+
+  /* Charts in sight follow with the next frame, the others when they come into sight. */
+  const seen = new Set(), stale = new Set(), whole_of = new Map();
+  let due = false;
+  function follow(u) {
+    const columns = whole_of.get(u);
+    if (columns) u.setData(told(columns, shown[0], shown[1], Math.round(u.width * (devicePixelRatio || 1))), false);
+    u.setScale("x", { min: shown[0], max: shown[1] });
+  }
+  function followed() {
+    due = false;
+    charts.forEach((u, box) => (seen.has(box) ? follow(u) : stale.add(box)));
+  }
   function chosen(low, high) {
     const hair = 1e-9 * (whole[1] - whole[0]);
     if (Math.abs(low - shown[0]) > hair || Math.abs(high - shown[1]) > hair) show(low, high);
@@ -30,7 +92,7 @@
     const least = (whole[1] - whole[0]) / Math.max(10, time.length);
     if (high - low < least) { const m = (low + high) / 2; low = m - least / 2; high = m + least / 2; }
     shown = [Math.max(whole[0], low), Math.min(whole[1], high)];
-    charts.forEach((u, box) => (seen.has(box) ? follow(u) : stale.add(box)));
+    if (!due) { due = true; requestAnimationFrame(followed); }
     document.getElementById("span").textContent = short(shown[0]) + " s to " + short(shown[1]) + " s";
   }
   function zoom(factor) {
@@ -44,23 +106,57 @@
   }
 
   function drawn(chart) {
-    const data = [time], series = [{ label: "t", value: (u, v) => (v == null ? "" : short(v) + " s") }], bands = [];
-    const add = (values, options) => { data.push(values); series.push(Object.assign({ value: (u, v) => short(v), points: { show: false } }, options)); };
+    const columns = [], series = [{ label: "t", value: (u, v) => (v == null ? "" : short(v) + " s") }], around = [];
+    const add = (values, options) => { columns.push(values); series.push(Object.assign({ value: (u, v) => short(v), points: { show: false } }, options)); };
     for (const line of chart.lines) {
-      const values = line.constant == null ? column(line.column).map(v => (v == null ? null : v * (line.times || 1)))
-        : time.map(() => line.constant);
+      const values = line.constant == null ? Float64Array.from(column(line.column), v => v * (line.times || 1))
+        : new Float64Array(time.length).fill(line.constant);
       if (line.sigma) {
         const s = column(line.sigma), at = series.length;
-        add(values.map((v, i) => (v == null || s[i] == null ? null : v + 3 * s[i])), { label: "+3 sigma", stroke: "transparent" });
-        add(values.map((v, i) => (v == null || s[i] == null ? null : v - 3 * s[i])), { label: "-3 sigma", stroke: "transparent" });
-        bands.push({ series: [at, at + 1], fill: colour("envelope") });
+        add(values.map((v, i) => v + 3 * s[i]), { label: "+3 sigma", stroke: "transparent", paths: () => null });
+        add(values.map((v, i) => v - 3 * s[i]), { label: "-3 sigma", stroke: "transparent", paths: () => null });
+        around.push(at);
       }
       const dots = line.kind === "dots";
       add(values, { label: line.label, stroke: colour(line.colour), width: time.length > 4000 ? 1 : 1.4, dash: line.dash ? [6, 4] : undefined,
         paths: dots ? () => null : line.kind === "steps" ? uPlot.paths.stepped({ align: 1 }) : undefined,
         points: { show: false } });
     }
-    return { data, series, bands };
+    return { columns, series, around };
+  }
+
+  /* Between an upper curve and the one after it. Where points are dense, a bar for each pixel: a path of as many teeth
+     (the library's bands are one) costs a processor that draws ten times as much. */
+  function envelopes(u, around) {
+    const c = u.ctx, b = u.bbox, x = u.data[0], at = (v, scale) => u.valToPos(v, scale, true);
+    c.save(); c.beginPath(); c.rect(b.left, b.top, b.width, b.height); c.clip();
+    c.fillStyle = colour("envelope");
+    for (const upper of around) {
+      const high = u.data[upper], low = u.data[upper + 1];
+      if (x.length > b.width) {
+        let pixel = NaN, top = 0, bottom = 0;
+        for (let k = 0; k <= x.length; k++) {
+          const here = k < x.length ? Math.round(at(x[k], "x")) : NaN;
+          if (here !== pixel) {
+            if (bottom > top) c.fillRect(pixel, top, Math.min(2, here - pixel) || 1, bottom - top);
+            pixel = here; top = Infinity; bottom = -Infinity;
+          }
+          if (k === x.length || high[k] == null || low[k] == null) continue;
+          top = Math.min(top, at(high[k], "y")); bottom = Math.max(bottom, at(low[k], "y"));
+        }
+        continue;
+      }
+      for (let k = 0, end; k < x.length; k = end + 1) {
+        end = k;
+        while (end < x.length && high[end] != null && low[end] != null) end++;
+        if (end === k) continue;
+        c.beginPath();
+        for (let m = k; m < end; m++) c.lineTo(at(x[m], "x"), at(high[m], "y"));
+        for (let m = end - 1; m >= k; m--) c.lineTo(at(x[m], "x"), at(low[m], "y"));
+        c.fill();
+      }
+    }
+    c.restore();
   }
 
   function axes(unit, log) {
@@ -84,51 +180,57 @@
     const c = u.ctx, b = u.bbox, s = 4 * devicePixelRatio, values = column(chart.lines.find(line => line.kind === "dots").column);
     const dot = 2 * devicePixelRatio, low = u.scales.x.min, high = u.scales.x.max;
     const left = b.left, across = b.width / (high - low), down = b.height / (chart.limits[1] - chart.limits[0]);
-    let begin = 0, end = time.length;
-    for (let lo = 0, hi = time.length; lo < hi; begin = lo) { const m = (lo + hi) >> 1; if (time[m] < low) lo = m + 1; else hi = m; }
-    while (end > begin && time[end - 1] > high) end--;
+    const begin = since(low), end = since(high + 1e-12 * (whole[1] - whole[0]));
     /* No pixel is filled twice: many dots lie upon one another. */
-    const wide = Math.ceil(b.width) + 1, taken = new Uint8Array(wide * (Math.ceil(b.height) + 1)), outside = [];
+    const wide = Math.ceil(b.width) + 1, taken = new Uint8Array(wide * (Math.ceil(b.height) + 1)), above = new Set(), below = new Set();
     c.fillStyle = colour("dots");
     for (let k = begin; k < end; k++) {
       const v = values[k];
-      if (v == null) continue;
+      if (!Number.isFinite(v)) continue;
       const x = (time[k] - low) * across, y = (chart.limits[1] - v) * down;
-      if (y < 0 || y > b.height) { outside.push([x, y < 0]); continue; }
+      if (y < 0 || y > b.height) {  // marks that share a pixel are one
+        (y < 0 ? above : below).add(Math.round(x));
+        continue;
+      }
       const place = Math.round(y) * wide + Math.round(x);
       if (taken[place]) continue;
       taken[place] = 1;
       c.fillRect(left + x - dot / 2, b.top + y - dot / 2, dot, dot);
     }
     c.fillStyle = colour("gate");
-    for (const [x, above] of outside) {
-      const y = above ? b.top : b.top + b.height, d = above ? 1 : -1;
+    for (const [border, y, d] of [[above, b.top, 1], [below, b.top + b.height, -1]]) for (const x of border) {
       c.beginPath(); c.moveTo(left + x, y); c.lineTo(left + x - s, y + d * 1.6 * s); c.lineTo(left + x + s, y + d * 1.6 * s); c.fill();
     }
   }
 
   function build(box, chart) {
-    const old = charts.get(box);
-    if (old) old.destroy();
-    const { data, series, bands } = drawn(chart);
+    forget(box);
+    const { columns, series, around } = drawn(chart);
     const log = chart.log;
     const u = new uPlot({
-      width: box.clientWidth, height: chart.height || 200, series, bands, axes: axes(chart.unit, log),
+      width: box.clientWidth, height: chart.height || 200, series, axes: axes(chart.unit, log),
       scales: { x: { time: false }, y: log ? { distr: 3 } : { range: room(chart) } },
       legend: { live: true }, hooks: {
+        drawAxes: [v => envelopes(v, around)],
         draw: [v => beyond(v, chart)],
         setScale: [(v, key) => { if (key === "x" && v.status === 1) chosen(v.scales.x.min, v.scales.x.max); }],
       },
       cursor: { sync: { key: "run", filters: { pub: kind => kind === "mousemove" || kind === "mouseleave" } }, drag: { x: true, y: false } },
-    }, data, box);
+    }, [[], ...columns.map(() => [])], box);
     charts.set(box, u);
+    whole_of.set(u, columns);
     follow(u);
     u.over.addEventListener("dblclick", () => show(whole[0], whole[1]));
   }
 
-  function timeline(box, chart) {
+  function forget(box) {
     const old = charts.get(box);
-    if (old) old.destroy();
+    if (!old) return;
+    old.destroy(); whole_of.delete(old);
+  }
+
+  function timeline(box, chart) {
+    forget(box);
     const rows = chart.rows, n = rows.length;
     const u = new uPlot({
       width: box.clientWidth, height: 34 + 26 * n, legend: { show: false },
@@ -145,19 +247,25 @@
           rows.forEach((row, i) => {
             c.fillStyle = colour(row.colour);
             const top = v.valToPos(n - i - 0.14, "y", true), bottom = v.valToPos(n - i - 0.86, "y", true), on = column(row.column);
-            for (let k = 0; k < time.length; k++) {
+            /* From the mark before the window on; marks that share a pixel are one. */
+            const end = since(v.scales.x.max + 1e-12 * (whole[1] - whole[0]));
+            let k = Math.max(0, since(v.scales.x.min) - 1), from = NaN, to = NaN;
+            while (k > 0 && on[k] > 0) k--;
+            for (; k < end; k++) {
               if (!(on[k] > 0)) continue;
               let e = k;
               while (e + 1 < time.length && on[e + 1] > 0) e++;
               const a = v.valToPos(time[k], "x", true), b = v.valToPos(time[Math.min(e + 1, time.length - 1)], "x", true);
-              c.fillRect(a, top, Math.max(least, b - a), bottom - top);
+              if (!(a <= to)) { if (to > from) c.fillRect(from, top, to - from, bottom - top); from = a; }
+              to = Math.max(a + least, b);
               k = e;
             }
+            if (to > from) c.fillRect(from, top, to - from, bottom - top);
           });
           c.restore();
         }],
       },
-    }, [time, time.map(() => null)], box);
+    }, [whole, [null, null]], box);
     charts.set(box, u);
     follow(u);
     u.over.addEventListener("dblclick", () => show(whole[0], whole[1]));
@@ -192,7 +300,12 @@
   }
   const finish = () => { stale.forEach(box => follow(charts.get(box))); stale.clear(); waiting.forEach((chart, box) => make(box, chart)); waiting.clear(); };
   const again = () => { for (const [box, chart] of all) if (charts.has(box)) make(box, chart); space(); };
-  new ResizeObserver(() => charts.forEach((u, box) => { if (Math.abs(u.width - box.clientWidth) > 1) u.setSize({ width: box.clientWidth, height: u.height }); space(); })).observe(document.body);
+  new ResizeObserver(() => {
+    charts.forEach((u, box) => {
+      if (Math.abs(u.width - box.clientWidth) > 1) { u.setSize({ width: box.clientWidth, height: u.height }); follow(u); }
+    });
+    space();
+  }).observe(document.body);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
   /* Printed are all charts, and in the colours of paper. */
   const paper = printed => { document.documentElement.classList.toggle("printing", printed); finish(); again(); };

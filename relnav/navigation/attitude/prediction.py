@@ -29,7 +29,7 @@ from relnav.estimation.unscented_attitude import POINTS, SIGMA_POINTS, gather_po
 from relnav.navigation.status import PREDICTED, REJECTED, WAITING
 
 STEPS_A_PIECE = 4
-"""Runge-Kutta steps after which sigma points are drawn anew, and what lasts is carried: a turn of 0.2 rad."""
+"""Runge-Kutta steps after which sigma points are drawn anew, and lasting errors are carried: a turn of 0.2 rad."""
 
 LARGEST_SIGMA_RAD = 0.1
 """Of a track's attitude, up to which errors count as small; at 0.2 rad NEES after a gap is three times too large."""
@@ -75,7 +75,7 @@ MEMORY = np.dtype(
 
 @kernel
 def _largest_sigmas(track: Record) -> tuple[float, float]:
-    """The largest 1-sigma of the attitude's errors and of the rate's, what lasts included."""
+    """The largest 1-sigma of the attitude's errors and of the rate's, lasting errors included."""
     ld, lasting, turn, speed = track["ld"], track["lasting"], 0.0, 0.0
     for i in range(6):
         total = ld[i, i]

@@ -133,8 +133,8 @@ class AttitudeRecord:
     ) -> RelativeAttitude:
         """The target's rotation relative to the chaser at this epoch; NaN while WAITING.
 
-        What lasts in the chaser's attitude drops out as far as it turned the measured attitudes alike: the relative
-        attitude is what was measured, and is known better than the target's in `lvlh_ccsds`.
+        A lasting error of the chaser's attitude drops out as far as it turned the measured attitudes alike: the
+        relative attitude is what was measured, and is known better than the target's in `lvlh_ccsds`.
 
         Parameters
         ----------

@@ -4,7 +4,7 @@ The paper is Liu, Xu, Xu (2013),
 "Vision-based relative navigation for autonomous rendezvous and docking of spacecraft".
 `method="unscented"` is the paper's reduced-order UKF (`estimation/unscented_attitude.py`); `method="multiplicative"` is
 an extended Kalman filter of a small rotation vector. They differ in the prediction alone, and in the paper's case give
-the same figures. Start, gate, restart and what lasts are one: `step.py`.
+the same figures. Start, gate, restart and lasting errors are one: `step.py`.
 """
 
 import math
@@ -77,7 +77,7 @@ class TargetAttitude:
         inertia_sigma_kg_m2 : (3, 3), optional
             1-sigma of each entry of the inertia, symmetric, >= 0: errors that last, considered in the covariance.
         chaser_attitude_sigma_rad : float
-            1-sigma of what lasts in the chaser's attitude, each of its axes, >= 0: it turns all measured attitudes
+            1-sigma of the lasting error of the chaser's attitude, each axis, >= 0: it turns all measured attitudes
             alike, so that no number of them averages it out.
         restart_after : int
             Measured attitudes rejected in a row after which others that agree may replace the track, >= 1.
@@ -140,7 +140,7 @@ class TargetAttitude:
             Measured attitude: chaser attitude times camera mounting times measured relative attitude. NaN = none.
         covariance_rad2 : (3, 3)
             Of its rotation vector, target axes: of the noise of the vision and of the chaser's own attitude together,
-            without what lasts.
+            without lasting errors.
         dcm_chaser_from_lvlh : (3, 3), optional
             The chaser's attitude that was used; needed where `chaser_attitude_sigma_rad` is not zero.
 

@@ -13,7 +13,7 @@ measurements, so S is carried as the estimate itself is:
 
 and P = L D L^T + S S^T is reported. For gate and gain R holds them too, as if they were new in every image: what is a
 coordinate's own (its spot's, its beacon's place) whole, so that a bad one counts for less; what all share as far as
-the state cannot take it up, (E - H S)^2. R of a fix, which the state takes up whole, holds what lasts in the spots.
+the state cannot take it up, (E - H S)^2. R of a fix, which the state takes up whole, holds the spots' lasting errors.
 
 What lasts in the spots is a smooth field over the detector: neighbouring spots share it, and a spot that travels
 leaves its error behind. It is carried as independent errors on 4 x 4 nodes over the calibrated box, for x and for y;
@@ -48,7 +48,7 @@ from relnav.navigation.propagation import moves
 
 
 @kernel
-def _shared(m: Memory) -> tuple[int, int]:
+def shared_errors(m: Memory) -> tuple[int, int]:
     """Rows of the errors that all beacons share: from the first to before the last."""
     count, first = m.by_error.shape[1], FIELD_ERRORS - m.fixed["first_error"]
     return min(count, first), min(count, first + ATTITUDE_ERRORS + TOLERANCES_SHARED)
@@ -64,7 +64,7 @@ def add_considered_noise(m: Memory, x: Vector, sensitivities: Matrix, spots: Mat
     if count == 0 and noise == 0.0:
         return
     errors_of_coordinates(m, x, spots)
-    first, last = _shared(m)
+    first, last = shared_errors(m)
     subtract_taken(m.groups, m.by_error, sensitivities, first, last)
     for i in range(2 * m.groups.shape[0]):
         variance, turn, row = m.groups[i // 2]["variance"], m.turns[i], m.by_error[i]

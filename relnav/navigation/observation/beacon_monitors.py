@@ -15,16 +15,18 @@ from relnav.estimation.clock_monitor import doubt_clock, is_doubtful, weigh_jump
 from relnav.estimation.factored import innovation_variance
 from relnav.estimation.monitors import (
     AWAY_S,
-    LEAST_MOTION,
     STUCK,
     follow,
     note_step,
-    repeats,
     watch_image,
     watch_start,
 )
+from relnav.estimation.repeated_reading import LEAST_MOTION, repeats
+from relnav.estimation.returning import LONG_S, note_pair, returns_wrong
 from relnav.navigation.memory import Memory
+from relnav.navigation.observation.beacon_considered import shared_errors
 from relnav.navigation.observation.beacon_geometry import see_beacon, uses_coordinates
+from relnav.navigation.observation.beacon_lasting_change import learn_lasting, note_lasting
 from relnav.navigation.status import PARTIAL, UPDATED
 
 EDGE_SIGMAS = 2.0
@@ -58,6 +60,7 @@ def gather_rows(m: Memory, track: Record, spots: Matrix) -> None:
                 _write_row(m, group, k, source["residual"][k], source["variance"][k], 0.0, h)
         return
     turned = m.sensor["attitude_noise"] ** 2
+    first, last = shared_errors(m)
     for i in range(m.groups.shape[0]):
         group, source, own = m.watched[i], m.groups[i], m.beacons[i]["spot_sigma"]
         residual, variance = source["residual"], source["variance"]
@@ -70,9 +73,25 @@ def gather_rows(m: Memory, track: Record, spots: Matrix) -> None:
                 turn = m.turns[2 * i + k]
                 noise += turned * (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
             _write_row(m, group, k, residual[k], noise, max(0.0, variance[k] - noise), h)
+            note_lasting(m, group, k, 2 * i + k, h, first, last)
             expected = spots[i, k] - residual[k] + follow(group, k, m.step["dt"])
             if abs(expected) > half[k] - EDGE_SIGMAS * own[k]:
                 m.watch["pause"] = AWAY_S
+        note_pair(m.returning[i], m.track["ld"], source["gradient"], variance, 0.0, residual)
+
+
+@kernel
+def _note_return(m: Memory, i: int, used: bool, refused: bool, dt: float) -> None:
+    """Say SHIFTED of a spot that was refused for long and is used though it surprises, until it is refused again.
+
+    The state takes up what is wrong with it, so that innovations which are quiet again say nothing.
+    """
+    if returns_wrong(m.returning[i], used, refused, dt):
+        m.watch["returned"], m.watch["on"] = i + 1, 1
+    elif m.watch["returned"] == i + 1 and m.returning[i]["refused"] > LONG_S:
+        m.watch["returned"] = 0
+    if m.watch["returned"] > 0:
+        m.watch["quiet"] = 0.0
 
 
 @kernel
@@ -118,12 +137,16 @@ def watch(m: Memory, spots: Matrix, dt: float, status: int) -> None:
     coordinates = uses_coordinates(m.sensor)
     for i in range(groups.shape[0]):
         used = status == UPDATED or (status == PARTIAL and (not coordinates or m.groups[i]["tested"] > 0))
+        if coordinates and groups[i]["seen"] > 0:
+            _note_return(m, i, used, status == PARTIAL and not used, dt)
         if not used or (not coordinates and i > 1):
             groups[i]["seen"] = 0
         if _is_stuck(m, i, spots, dt):
             stuck = True
             m.watch["pulled"] = 1 if used else m.watch["pulled"]
     watch_image(m.watch, groups, dt)
+    if coordinates:
+        learn_lasting(m)
     if m.watch["pulled"] > 0 and not stuck:  # it is over, and has pulled the state away
         m.watch["restart"] = 1
     if stuck or m.watch["pulled"] > 0:

@@ -87,7 +87,7 @@ def linearise_coordinates(
 
 @straight_line(jacobian=(3, 6), sigma=(3, 3), factor=(3, 3), variances=(3,))
 def correlated_noise(jacobian: Matrix, sigma: Matrix, factor: Matrix, variances: Vector) -> bool:
-    """Write L and d of R = J S J^T = L diag(d) L^T; sigma: a row a beacon, of its noise x, y, and of what lasts."""
+    """Write L and d of R = J S J^T = L diag(d) L^T; sigma: a row a beacon, of its noise x, y, and lasting error."""
     r, weighted = np.zeros((3, 3)), np.zeros((3, 6))
     for k in range(6):
         own, lasting = sigma[k // 2, k % 2], sigma[k // 2, 2]

@@ -25,15 +25,15 @@ from relnav.dynamics.rigid_body import MEAN_MOTION
 from relnav.estimation.monitors import (
     AWAY_S,
     JUMP_S,
-    LEAST_MOTION,
     STUCK,
     WARM_S,
     note_step,
-    repeats,
     watch_image,
     watch_start,
     write_alarm,
 )
+from relnav.estimation.repeated_reading import LEAST_MOTION, repeats
+from relnav.estimation.returning import note_pair, returns_wrong
 from relnav.estimation.rows import Observed, pair_covariance, sweep
 from relnav.navigation.observation.marker_rows import has_spot, new_noise, observe_markers
 from relnav.navigation.pose_epoch import odds_of
@@ -55,10 +55,6 @@ LONGEST_JUMP_S = 10.0
 FALLEN = 1.0 / 3.0
 OUTLYING = 100.0
 """Times the gate's limit: a spot so far off is a glint, and no part of a mean."""
-SURPRISE = -2.0 * math.log(0.01)
-"""Chi-square of two, of a spot that comes back: a good one is beyond it once in a hundred."""
-REMEMBERED, LEFT = 0.2, 0.25
-"""Weight of an image in the mean of what a refused spot is off; the share of it that noise may hide, no more."""
 
 
 @kernel
@@ -67,21 +63,15 @@ def _note_spots(m: PoseMemory, lead: Record, count: int) -> None:
     v, rate, dcm, mean_motion = lead["motion"], lead["rate"], lead["dcm"], m.body["values"][MEAN_MOTION, 0]
     for g in range(count):
         source, spot = m.groups[g], m.spots[int(m.which[g])]
-        residual, speed = source["residual"], m.scratch["error"]
+        speed = m.scratch["error"]
         for k in range(2):
             h, speed[k] = source["gradient"][k], 0.0
             for j in range(3):  # the orbit turns by -n about y
                 speed[k] += h[j] * v[3 + j] + h[6 + j] * (rate[j] + mean_motion * dcm[1, j])
             source["innovation"][k] = speed[k]
         spot["speed"] = math.hypot(speed[0], speed[1])
-        x, y, off = residual[0], residual[1], spot["off"]
-        along, length2 = x * off[0] + y * off[1], off[0] * off[0] + off[1] * off[1]
-        if spot["refused"] > AWAY_S:
-            xx, xy, yy = pair_covariance(lead["ld"], source["gradient"], source["variance"], m.noise[2 * g, 2 * g + 1])
-            surprise = (x * x * yy - 2.0 * x * y * xy + y * y * xx) / (xx * yy - xy * xy)
-            spot["surprise"] = math.inf if along > LEFT * length2 else surprise
-        weight = REMEMBERED if spot["refused"] > 0.0 else 1.0
-        off[0], off[1] = off[0] + weight * (x - off[0]), off[1] + weight * (y - off[1])
+        covariance = m.noise[2 * g, 2 * g + 1]
+        note_pair(spot, lead["ld"], source["gradient"], source["variance"], covariance, source["residual"])
 
 
 @kernel
@@ -192,8 +182,7 @@ def _call_witness(m: PoseMemory, t: float) -> None:
     """Carry the older copy of the track to t, as what was before the fault."""
     past, kept, clock, motion = m.past, m.past_sensitivities, m.clock, m.scratch["error"]
     witness, since = past[WITNESS], past[OLDER]["added"]
-    clock["window"], clock["compared"], clock["over"] = t, 0, 0
-    clock["contrast"][0], clock["contrast"][1] = math.nan, math.nan
+    clock["window"], clock["compared"], clock["over"], clock["windows"] = t, 0, 0, 0
     copy_pose(past[OLDER], witness)
     copy_rows(kept[OLDER], kept[WITNESS])
     if not t - since <= WITNESS_S:
@@ -232,38 +221,60 @@ def _compare(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) -> int:
 
 
 @kernel
-def _contrast(m: PoseMemory, count: int, covariances: Stack) -> tuple[float, int]:
-    """Chi-square of the means of spots against the witness, and its degrees of freedom; infinite without three."""
+def _end_window(m: PoseMemory, count: int, covariances: Stack) -> bool:
+    """Write the means of a window, and the noise of means; False where fewer than three spots tell."""
     telling, least = 0, math.inf
+    for i in range(m.spots.shape[0]):
+        means = m.spots[i]["means"]
+        for k in range(2):
+            means[2, k], means[1, k], means[0, k] = means[1, k], means[0, k], math.nan
     for g in range(count):
         spot, group = m.spots[int(m.which[g])], m.groups[g]
         sums, images, group["tested"] = spot["sums"], spot["count"], 0
         if 2.0 * images > m.clock["compared"]:
             telling, least, group["tested"] = telling + 1, min(least, images), 1
-            group["residual"][0], group["residual"][1] = sums[0] / images, sums[1] / images
+            spot["means"][0, 0], spot["means"][0, 1] = sums[0] / images, sums[1] / images
     if telling < 3:
-        return math.inf, 0
-    n = 2 * count
-    for i in range(n):
+        return False
+    for i in range(2 * count):
         for j in range(i + 1):
             m.noise[i, j] -= (1.0 - 1.0 / least) * new_noise(m, i, j, covariances)
             m.noise[j, i] = m.noise[i, j]
         m.groups[i // 2]["variance"][i % 2] = m.noise[i, i]
+    return True
+
+
+@kernel
+def _contrast(m: PoseMemory, count: int, window: int) -> tuple[float, int]:
+    """Chi-square of the means of a window against the witness as it is now, and its degrees of freedom.
+
+    NaN of an earlier window where a spot that tells now had no mean.
+    """
+    for g in range(count):
+        mean, group = m.spots[int(m.which[g])]["means"][window], m.groups[g]
+        group["residual"][0], group["residual"][1] = mean[0], mean[1]
+    n = 2 * count
     image = Observed(m.groups[:count], m.noise[:n, :n], m.factor[:n, :n], m.independent[:count])
     return sweep(m.past[WITNESS], m.past[WITNESS]["state"], image, m.work)
 
 
 @kernel
 def _agrees(m: PoseMemory, count: int, covariances: Stack) -> bool:
-    """Whether the means of a window agree with the witness, as those before did not, or always did."""
-    before = m.clock["contrast"]
-    nis, dof = _contrast(m, count, covariances)
-    never, highest = math.isnan(before[0]), before[0] if math.isnan(before[1]) else max(before[0], before[1])
-    before[1], before[0] = before[0], nis
-    if dof == 0:
+    """Whether the means of a window agree with the witness, as those before did not, or always did.
+
+    All are compared by what the witness knows now: by what it knew then, what is off by a constant falls too.
+    """
+    windows = m.clock["windows"]
+    m.clock["windows"] += 1
+    if not _end_window(m, count, covariances):
         return False
-    if never:
+    nis, dof = _contrast(m, count, 0)
+    if windows == 0:
         return bool(nis <= dof + 2.0 * math.sqrt(2.0 * dof))  # mean and two sigma
+    highest = 0.0
+    for window in range(1, min(windows, 2) + 1):
+        before, _ = _contrast(m, count, window)
+        highest = before if before > highest else highest
     return bool(nis <= m.gate[dof - 1] and nis <= FALLEN * highest)
 
 
@@ -304,12 +315,9 @@ def _comes_back(m: PoseMemory, spots: Matrix, dt: float) -> bool:
     """Count how long spots are refused, others not; whether one that was for long is used though it surprises."""
     surprises = False
     for i in range(m.spots.shape[0]):
-        spot = m.spots[i]
-        if m.accepted[i] > 0.0:
-            surprises = surprises or (spot["refused"] > AWAY_S and spot["surprise"] > SURPRISE)
-            spot["refused"] = 0.0
-        elif has_spot(spots, i) and m.result["used"] > 0:
-            spot["refused"] += dt
+        refused = has_spot(spots, i) and m.result["used"] > 0
+        if returns_wrong(m.spots[i], m.accepted[i] > 0.0, refused, dt):
+            surprises = True
     return surprises
 
 

@@ -1,0 +1,23 @@
+"""Which errors that last a covariance includes, and which that the model states it does not, in words for a reader."""
+
+from relnav.mission import Model, VisionMission
+
+
+def lasting_words(model: Model, method: str) -> dict[str, str]:
+    """Of a beacon filter: {"considered": words, "left out": words}, each only where there is something to say."""
+    attitude = "attitude" if method == "spots" and model.attitude.sigma_rad > 0.0 else ""
+    words = ", ".join(part for part in (attitude, model.considered) if part)
+    said = {"considered": words, "left out": left_out(model)}
+    return {key: value for key, value in said.items() if value}
+
+
+def left_out(mission: Model | VisionMission) -> str:
+    """Tolerances that a model states and that its filter is told not to consider; empty if there are none."""
+    if mission.tolerances is None or mission.tolerances.considered:
+        return ""
+    return "focal length, mountings, beacons" if isinstance(mission, Model) else "focal length, mounting, markers"
+
+
+def left_out_line(words: str) -> str:
+    """The line of a summary."""
+    return f"not in the covariance: {words} (the model's [tolerances]; considered = true there includes them)"

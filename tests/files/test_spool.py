@@ -1,0 +1,29 @@
+"""The temporary file of a long log: what is kept comes back; where there is no room the message says where that is."""
+
+import errno
+
+import numpy as np
+import pytest
+
+from relnav.files.spool import Spool
+
+
+def test_what_is_kept_comes_back():
+    with Spool() as spool:
+        spool.append(np.arange(3.0), np.zeros((0, 2)))
+        spool.append(np.arange(4))
+        spool.replace(0, np.ones(3), np.zeros((0, 2)))
+        np.testing.assert_array_equal(spool[0][0], 1.0)
+        assert spool[0][1].shape == (0, 2)
+        np.testing.assert_array_equal(spool[1][0], np.arange(4))
+
+
+def test_a_full_folder_of_temporary_files_is_named(monkeypatch, tmp_path):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with Spool() as spool:
+        spool._file.close()
+        spool._file = open("/dev/full", "r+b", buffering=0)  # noqa: SIM115  (closed with the spool)
+        with pytest.raises(OSError, match=r"TMPDIR names another folder") as caught:
+            spool.append(np.zeros(10))
+    assert caught.value.errno == errno.ENOSPC
+    assert str(tmp_path) in caught.value.filename
