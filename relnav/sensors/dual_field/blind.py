@@ -51,6 +51,8 @@ of the attitudes."""
 SHEAR, LEAST_SHEAR = 0.01, 0.002
 """Error of a spot relative to its distance from the pair, left by unknown distortion: of any lens, of a long one."""
 
+ALL_SEARCHES, FIRST_SEARCH, OTHER_SEARCHES = slice(None), slice(1), slice(1, None)
+
 CELLS = 4
 """Along each side of the field: where bright spots crowd (leaves, lamps) the brightest of every cell comes first."""
 
@@ -236,7 +238,15 @@ def spread_order(points: Matrix) -> Codes:
     return np.argsort(place, kind="stable")
 
 
-def solve_blind(blind: Blind, catalogue: StarCatalogue, epoch_jyear: float, log10_pfa: float = -8.0) -> StarSolution:
+def solve_blind(
+    blind: Blind,
+    catalogue: StarCatalogue,
+    epoch_jyear: float,
+    log10_pfa: float = -8.0,
+    *,
+    searches: slice = ALL_SEARCHES,
+    tried: int = 0,
+) -> StarSolution:
     """Attitude, focal length and distortion of a single-field frame, or a status with the reason why not.
 
     Parameters
@@ -249,6 +259,10 @@ def solve_blind(blind: Blind, catalogue: StarCatalogue, epoch_jyear: float, log1
         For their proper motion.
     log10_pfa : float
         Decimal logarithm of the false alarm probability that is accepted.
+    searches : slice
+        Which of the four searches are made, one after the other, each longer than that before.
+    tried : int
+        Attitudes that were tried in those that were made before.
     """
     n = len(blind.spots_px)
     if n < LEAST_SPOTS:
@@ -263,23 +277,23 @@ def solve_blind(blind: Blind, catalogue: StarCatalogue, epoch_jyear: float, log1
         sky_for(catalogue, epoch_jyear, points, blind.velocity_km_s, stars)
         for stars in (FEW_STARS_IN_FIELD, STARS_IN_FIELD)
     )
-    as_given, spread, tried = np.arange(n), spread_order(points), 0
-    for order, shear, sky in (
+    as_given, spread = np.arange(n), spread_order(points)
+    ways: list[tuple[Codes, float, Sky]] = [
         (as_given, SHEAR, few),
         (as_given, LEAST_SHEAR, few),
         (spread, SHEAR, few),
         (as_given, SHEAR, all_stars),
-    ):
+    ]
+    for order, shear, sky in ways[searches]:
         fit, tried = _search(blind.of(order), points[order], sky, log10_pfa, shear=shear, tried=tried)
         if fit is not None:
             return fit.in_order(order).solution(sky, tried)
+    reason = f"no attitude with a focal length within {FOCAL_RANGE:.0%} of {blind.focal_px:g} px explains the spots"
+    if searches == FIRST_SEARCH:
+        return no_solution(StarStatus.NO_MATCH, reason, n, tried=tried)
     mirrored = replace(blind, spots_px=blind.spots_px * (1.0, -1.0), lens_known=False)
-    hint = ""
     if _search(mirrored, mirrored.points, all_stars, log10_pfa, MIRRORED_PAIRS)[0] is not None:
-        hint = "; mirrored it does: x_px must count to the right and y_px down, as on the detector seen from behind"
-    reason = (
-        f"no attitude with a focal length within {FOCAL_RANGE:.0%} of {blind.focal_px:g} px explains the spots{hint}"
-    )
+        reason += "; mirrored it does: x_px must count to the right and y_px down, as on the detector seen from behind"
     return no_solution(StarStatus.NO_MATCH, reason, n, tried=tried)
 
 
