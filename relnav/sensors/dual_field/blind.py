@@ -48,8 +48,11 @@ STARS_IN_FIELD, FEW_STARS_IN_FIELD = 25.0, 12.0
 """Catalogue stars expected in the field among which pairs are looked up; the brighter half is tried first, at a quarter
 of the attitudes."""
 
-SHEAR, LEAST_SHEAR = 0.01, 0.002
-"""Error of a spot relative to its distance from the pair, left by unknown distortion: of any lens, of a long one."""
+SHEAR, LEAST_SHEAR, MOST_SHEAR = 0.01, 0.002, 0.03
+"""Error of a spot relative to its distance from the pair, left by unknown distortion: of any lens, a long one, a wide one."""
+
+WIDE = 0.4
+"""Distance of the farthest spot from the axis, in focal lengths, of a wide lens."""
 
 ALL_SEARCHES, FIRST_SEARCH, OTHER_SEARCHES = slice(None), slice(1), slice(1, None)
 
@@ -238,6 +241,12 @@ def spread_order(points: Matrix) -> Codes:
     return np.argsort(place, kind="stable")
 
 
+def half_orders(points: Matrix) -> list[Codes]:
+    """Indices (n,) of spots, four times: those of one half of the field first, as if the other half were a roof."""
+    at = points - 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return [np.argsort(~(sign * at[:, axis] > 0.0), kind="stable") for axis in range(2) for sign in (1.0, -1.0)]
+
+
 def solve_blind(
     blind: Blind,
     catalogue: StarCatalogue,
@@ -260,7 +269,7 @@ def solve_blind(
     log10_pfa : float
         Decimal logarithm of the false alarm probability that is accepted.
     searches : slice
-        Which of the four searches are made, one after the other, each longer than that before.
+        Which of the searches are made, one after the other, each longer than that before.
     tried : int
         Attitudes that were tried in those that were made before.
     """
@@ -282,8 +291,11 @@ def solve_blind(
         (as_given, SHEAR, few),
         (as_given, LEAST_SHEAR, few),
         (spread, SHEAR, few),
+        *((half, SHEAR, few) for half in half_orders(points)),
         (as_given, SHEAR, all_stars),
     ]
+    if float(np.max(np.hypot(points[:, 0], points[:, 1]))) > WIDE:
+        ways.append((as_given, MOST_SHEAR, few))
     for order, shear, sky in ways[searches]:
         fit, tried = _search(blind.of(order), points[order], sky, log10_pfa, shear=shear, tried=tried)
         if fit is not None:
