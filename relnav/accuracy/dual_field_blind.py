@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Flags, Matrix, Vector
 from relnav.sensors.dual_field.blind import Blind, solve_blind
 from relnav.sensors.dual_field.catalogue import StarCatalogue
 from relnav.sensors.dual_field.optics import plane_points, project, rays
 from relnav.simulation.star_field import random_attitude
 
-WIDTHS_DEG = (5.0, 6.0, 8.0, 11.4, 15.0, 20.0, 30.0, 45.0, 60.0)
+WIDTHS_DEG = (5.0, 6.0, 8.0, 11.4, 15.0, 20.0, 30.0, 45.0, 60.0, 75.0, 90.0)
 HEIGHTS_PX = (576.0, 768.0, 1024.0)
 WIDTH_PX = 1024.0
 KINDS = ("true", "true", "true", "false spots", "mirrored", "scrambled")
@@ -21,7 +21,7 @@ EPOCH_JYEAR = 2020.0
 def fly_blind(catalogue: StarCatalogue, count: int, seed: int) -> dict[str, int]:
     """Solve `count` frames with a focal length up to 3 % wrong, no distortion known; how many came out how.
 
-    Cameras: 5 to 60 deg wide, radial distortion up to 15 %, principal point off by 8 px, centroids of 0.1 to 0.5 px,
+    Cameras: 5 to 90 deg wide, radial distortion up to 15 %, principal point off by 8 px, centroids of 0.1 to 0.5 px,
     0 to 8 false spots, up to 30 % of stars missing, magnitudes off by up to 0.6. Half of the frames are true ones; the
     others are false spots alone, mirrored, or have two quarters of the image swapped in x and y. "wrong" counts
     attitudes more than 3 px off at the image's centre, and every attitude of false spots or of a mirrored frame.
@@ -31,7 +31,7 @@ def fly_blind(catalogue: StarCatalogue, count: int, seed: int) -> dict[str, int]
     result = {"frames": 0, "true_frames": 0, "solved": 0, "refused": 0, "wrong": 0}
     while result["frames"] < count:
         kind = str(rng.choice(KINDS))
-        spots, mag, focal, at_centre = _frame(rng, directions, magnitude, kind)
+        spots, mag, focal, at_centre, _ = _frame(rng, directions, magnitude, kind)
         if len(spots) < 8:
             continue
         given = focal * (1.0 + rng.uniform(-FOCAL_ERROR, FOCAL_ERROR))
@@ -52,8 +52,8 @@ def fly_blind(catalogue: StarCatalogue, count: int, seed: int) -> dict[str, int]
 
 def _frame(
     rng: np.random.Generator, directions: Matrix, magnitude: Vector, kind: str
-) -> tuple[Matrix, Vector, float, Vector]:
-    """One frame: spots (n, 2) px, magnitudes, focal length px, and the true direction (3,) of the image's centre."""
+) -> tuple[Matrix, Vector, float, Vector, Flags]:
+    """Spots (n, 2) px, magnitudes, focal length px, the centre's true direction (3,), and which spots are stars."""
     width = np.radians(rng.choice(WIDTHS_DEG))
     size = np.array([WIDTH_PX, rng.choice(HEIGHTS_PX)])
     focal = 0.5 * WIDTH_PX / np.tan(0.5 * width)
@@ -67,7 +67,7 @@ def _frame(
     spots, mag = spots[inside], mag[inside]
     order = np.argsort(mag)[: rng.choice([12, 20, 40, 80])]
     spots, mag = spots[order] + rng.normal(size=(len(order), 2)) * rng.choice([0.1, 0.2, 0.5]), mag[order]
-    false = int(rng.choice([0, 3, 8]))
+    false, stars = int(rng.choice([0, 3, 8])), len(mag)
     if len(mag):
         spots = np.concatenate([spots, (rng.random((false, 2)) - 0.5) * size])
         mag = np.concatenate([mag, rng.uniform(mag.min(), mag.max(), false)])
@@ -79,24 +79,24 @@ def _frame(
         spots = np.where((spots[:, :1] > 0.0) == (spots[:, 1:] > 0.0), spots, spots[:, ::-1])
     order = np.argsort(mag)
     at_centre = rays(plane_points(np.zeros((1, 2)), focal, principal, (k1, 0.0)))[0] @ A
-    return spots[order], mag[order], float(focal), at_centre
+    return spots[order], mag[order], float(focal), at_centre, order < stars
 
 
 def fly_hidden(catalogue: StarCatalogue, count: int, seed: int, lights: int) -> dict[str, int]:
     """Solve `count` frames of the same cameras of which a roof hides about half, with so many lights on it.
 
-    Fourteen spots of the sky or more are left, and a focal length up to 3 % wrong is given. "wrong" counts attitudes
+    Fourteen true stars or more are left, and a focal length up to 3 % wrong is given. "wrong" counts attitudes
     more than `HIDDEN_WRONG_PX` off at the image's centre, which the roof may hide.
     """
     rng = np.random.default_rng(seed)
     directions, magnitude = catalogue.directions(EPOCH_JYEAR), np.asarray(catalogue.hp_mag, dtype=np.float64)
     result = {"frames": 0, "lights": lights, "solved": 0, "wrong": 0}
     while result["frames"] < count:
-        spots, mag, focal, at_centre = _frame(rng, directions, magnitude, "true")
+        spots, mag, focal, at_centre, is_star = _frame(rng, directions, magnitude, "true")
         angle = rng.uniform(0.0, 2.0 * np.pi)
         up, edge = np.array([np.cos(angle), np.sin(angle)]), rng.uniform(-50.0, 100.0)
         sky = spots @ up > edge
-        if sky.sum() < LEAST_IN_SIGHT:
+        if np.sum(sky & is_star) < LEAST_IN_SIGHT:
             continue
         roof = (rng.random((1000, 2)) - 0.5) * (WIDTH_PX, min(HEIGHTS_PX))
         roof = roof[roof @ up < edge][:lights]

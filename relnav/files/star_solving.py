@@ -11,7 +11,7 @@ from relnav.errors import UsageError
 from relnav.files.models import load_model
 from relnav.files.star_catalogue import load_star_catalogue
 from relnav.files.star_frames import StarFrame
-from relnav.sensors.dual_field.blind import FOCAL_RANGE, WIDEST_RAD, Blind, solve_blind
+from relnav.sensors.dual_field.blind import FIRST_SEARCH, FOCAL_RANGE, OTHER_SEARCHES, WIDEST_RAD, Blind, solve_blind
 from relnav.sensors.dual_field.measure import (
     in_order_of_spots,
     measure,
@@ -129,11 +129,15 @@ def solve_frame(
     if model is not None and focal_px is None:
         solution = _solve_with_model(frame, model, epoch_jyear, velocity_km_s)
         return replace(solution, lens=_known_lens(model, solution)) if solution.ok else solution
-    solution = no_solution(StarStatus.NO_MATCH, "", 0)
-    for step in focal_steps(focal_error):
-        solution = _solve_with_focal(frame, model, step * float(focal_px or 0.0), epoch_jyear, velocity_km_s)
-        if solution.status is not StarStatus.NO_MATCH:
-            return solution
+    solution, steps = no_solution(StarStatus.NO_MATCH, "", 0), focal_steps(focal_error)
+    tried = dict.fromkeys(steps, 0)
+    for searches in (FIRST_SEARCH, OTHER_SEARCHES):  # the short one with every focal length before the long ones
+        for step in steps:
+            focal = step * float(focal_px or 0.0)
+            solution = _solve_with_focal(frame, model, focal, epoch_jyear, velocity_km_s, searches, tried[step])
+            if solution.status is not StarStatus.NO_MATCH:
+                return solution
+            tried[step] = solution.tried
     if focal_error > FOCAL_RANGE:
         reason = f"no attitude with a focal length within {focal_error:.0%} of {focal_px:g} px explains the spots"
         return replace(solution, reason=reason)
@@ -187,6 +191,8 @@ def _solve_with_focal(
     focal_px: float,
     epoch_jyear: float | None,
     velocity_km_s: tuple[float, float, float] | None,
+    searches: slice,
+    tried: int,
 ) -> StarSolution:
     magnitude = spot_magnitudes(frame.flux, frame.magnitude, len(frame.spots_px), 0.0)
     widest = 2.0 * focal_px * math.tan(WIDEST_RAD)
@@ -202,5 +208,6 @@ def _solve_with_focal(
         velocity_km_s=velocity_km_s,
     )
     year = EPOCH_JYEAR if model is None else model.identification.epoch_jyear
-    solution = solve_blind(blind, load_star_catalogue(), year if epoch_jyear is None else epoch_jyear)
+    epoch = year if epoch_jyear is None else epoch_jyear
+    solution = solve_blind(blind, load_star_catalogue(), epoch, searches=searches, tried=tried)
     return in_order_of_spots(solution, order, len(frame.spots_px), solution.focal_length_px)

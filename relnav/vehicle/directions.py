@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from relnav.arrays import Matrix, Vector, numbers
 from relnav.dynamics.ephemeris import sun_direction
 from relnav.geometry.rotation import dcm_from_quaternion
+from relnav.sensors.dual_field.solution import StarSolution
 from relnav.sensors.sun_direction import SunDirection
 from relnav.spacecraft import Vehicle
 from relnav.vehicle.direction_rows import MOUNTING, attitude_rows_into, sun_rows_into
@@ -56,14 +57,21 @@ class StarTracker(_Mounted):
         super().__init__(vehicle, name, layout, filters)
         self.noise = np.diag(np.square(vehicle.sensor[name].noise_rad or (np.nan,) * 3))
 
-    def taken(self, value: ArrayLike, covariance: ArrayLike | None) -> tuple[Vector, Matrix]:
+    def taken(self, value: ArrayLike | StarSolution, covariance: ArrayLike | None) -> tuple[Vector, Matrix]:
         """A caller's quaternion (4,) of v_sensor = R v_inertial, scalar last, and its noise (3, 3) rad^2, sensor axes.
+
+        What the star sensor's `measure` returns is taken with its own covariance; without an attitude it is not seen.
 
         Raises
         ------
         ValueError
             For another shape, or what is no unit quaternion; one with NaN is not seen.
         """
+        if isinstance(value, StarSolution):
+            if not value.ok:
+                return np.full(9, np.nan), self.noise
+            own = self._checked(value.covariance if covariance is None else covariance)
+            return value.dcm_cam_from_icrs.flatten(), own
         q = numbers(self.name, value)
         if q.shape != (4,):
             raise ValueError(f"{self.name}: a quaternion (x, y, z, w) of v_sensor = R v_inertial; got shape {q.shape}")

@@ -244,11 +244,13 @@ class VehicleNavigator:
             When it was exposed; of a gyro sample or a command, from when on it holds.
         value
             Of lights, their spots (n, 2), m or px as the sensor's model has them, NaN = not seen. Of a star sensor, the
-            quaternion (4,) of v_sensor = R v_inertial, scalar last. Of a sun sensor, the SunDirection that its
-            `measure` returns. Of a sensor of your own, what it takes. "gyro": the mean rate (3,) rad/s over the
-            sample's period. "thrust": the commanded acceleration (3,) m/s^2. Both in chaser axes.
+            StarSolution that its `measure` returns, or the quaternion (4,) of v_sensor = R v_inertial, scalar last. Of
+            a sun sensor, the SunDirection that its `measure` returns. Of a sensor of your own, what it takes. "gyro":
+            the mean rate (3,) rad/s over the sample's period. "thrust": the commanded acceleration (3,) m/s^2. Both in
+            chaser axes.
         covariance : optional
-            Of its noise: (n, 2, 2) of spots, (3, 3) rad^2 in sensor axes of a star sensor; the file's if left out.
+            Of its noise: (n, 2, 2) of spots, (3, 3) rad^2 in sensor axes of a star sensor; if left out, the solution's
+            or the file's.
 
         Raises
         ------

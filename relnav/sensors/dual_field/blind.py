@@ -48,8 +48,13 @@ STARS_IN_FIELD, FEW_STARS_IN_FIELD = 25.0, 12.0
 """Catalogue stars expected in the field among which pairs are looked up; the brighter half is tried first, at a quarter
 of the attitudes."""
 
-SHEAR, LEAST_SHEAR = 0.01, 0.002
-"""Error of a spot relative to its distance from the pair, left by unknown distortion: of any lens, of a long one."""
+SHEAR, LEAST_SHEAR, MOST_SHEAR = 0.01, 0.002, 0.03
+"""Error of a spot relative to its distance from the pair, left by unknown distortion: of any lens, a long one, a wide one."""
+
+WIDE = 0.4
+"""Distance of the farthest spot from the axis, in focal lengths, of a wide lens."""
+
+ALL_SEARCHES, FIRST_SEARCH, OTHER_SEARCHES = slice(None), slice(1), slice(1, None)
 
 CELLS = 4
 """Along each side of the field: where bright spots crowd (leaves, lamps) the brightest of every cell comes first."""
@@ -236,7 +241,21 @@ def spread_order(points: Matrix) -> Codes:
     return np.argsort(place, kind="stable")
 
 
-def solve_blind(blind: Blind, catalogue: StarCatalogue, epoch_jyear: float, log10_pfa: float = -8.0) -> StarSolution:
+def half_orders(points: Matrix) -> list[Codes]:
+    """Indices (n,) of spots, four times: those of one half of the field first, as if the other half were a roof."""
+    at = points - 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return [np.argsort(~(sign * at[:, axis] > 0.0), kind="stable") for axis in range(2) for sign in (1.0, -1.0)]
+
+
+def solve_blind(
+    blind: Blind,
+    catalogue: StarCatalogue,
+    epoch_jyear: float,
+    log10_pfa: float = -8.0,
+    *,
+    searches: slice = ALL_SEARCHES,
+    tried: int = 0,
+) -> StarSolution:
     """Attitude, focal length and distortion of a single-field frame, or a status with the reason why not.
 
     Parameters
@@ -249,6 +268,10 @@ def solve_blind(blind: Blind, catalogue: StarCatalogue, epoch_jyear: float, log1
         For their proper motion.
     log10_pfa : float
         Decimal logarithm of the false alarm probability that is accepted.
+    searches : slice
+        Which of the searches are made, one after the other, each longer than that before.
+    tried : int
+        Attitudes that were tried in those that were made before.
     """
     n = len(blind.spots_px)
     if n < LEAST_SPOTS:
@@ -263,23 +286,26 @@ def solve_blind(blind: Blind, catalogue: StarCatalogue, epoch_jyear: float, log1
         sky_for(catalogue, epoch_jyear, points, blind.velocity_km_s, stars)
         for stars in (FEW_STARS_IN_FIELD, STARS_IN_FIELD)
     )
-    as_given, spread, tried = np.arange(n), spread_order(points), 0
-    for order, shear, sky in (
+    as_given, spread = np.arange(n), spread_order(points)
+    ways: list[tuple[Codes, float, Sky]] = [
         (as_given, SHEAR, few),
         (as_given, LEAST_SHEAR, few),
         (spread, SHEAR, few),
+        *((half, SHEAR, few) for half in half_orders(points)),
         (as_given, SHEAR, all_stars),
-    ):
+    ]
+    if float(np.max(np.hypot(points[:, 0], points[:, 1]))) > WIDE:
+        ways.append((as_given, MOST_SHEAR, few))
+    for order, shear, sky in ways[searches]:
         fit, tried = _search(blind.of(order), points[order], sky, log10_pfa, shear=shear, tried=tried)
         if fit is not None:
             return fit.in_order(order).solution(sky, tried)
+    reason = f"no attitude with a focal length within {FOCAL_RANGE:.0%} of {blind.focal_px:g} px explains the spots"
+    if searches == FIRST_SEARCH:
+        return no_solution(StarStatus.NO_MATCH, reason, n, tried=tried)
     mirrored = replace(blind, spots_px=blind.spots_px * (1.0, -1.0), lens_known=False)
-    hint = ""
     if _search(mirrored, mirrored.points, all_stars, log10_pfa, MIRRORED_PAIRS)[0] is not None:
-        hint = "; mirrored it does: x_px must count to the right and y_px down, as on the detector seen from behind"
-    reason = (
-        f"no attitude with a focal length within {FOCAL_RANGE:.0%} of {blind.focal_px:g} px explains the spots{hint}"
-    )
+        reason += "; mirrored it does: x_px must count to the right and y_px down, as on the detector seen from behind"
     return no_solution(StarStatus.NO_MATCH, reason, n, tried=tried)
 
 

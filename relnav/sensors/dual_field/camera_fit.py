@@ -25,6 +25,10 @@ FIRST_NOISE_PX, LEAST_NOISE_PX = 0.5, 0.03
 DEPTHS = 8
 """Ways to count the sky's stars when chance is judged: all, the brighter half, the brighter quarter and so on."""
 
+GROWTHS, GROWTH = 4, 4.0
+"""How often stars are looked for farther from the spots, and how many times as far, once a fit has settled: it may
+have settled on the middle of the field alone."""
+
 LEAST_BRIGHT_SEEN = 0.4
 """Share of the bright stars that should be in the frame that must be among the spots."""
 
@@ -222,17 +226,44 @@ def fit_camera(
     )
     star = np.full(len(spots_px), -1, dtype=np.int64)
     star[: len(first_match)] = first_match
-    residual = np.full(len(spots_px), np.nan)
-    covariance, free = np.zeros((8, 8)), 4
-    wide = float(np.max(np.hypot(*(spots_px - principal_px).T))) / focal_px > 0.25
-    tolerance = math.inf
+    found = _settle(camera, star, stars, focal_px)
+    for _ in range(GROWTHS):
+        if found is None:
+            return None
+        wider = _match(found.camera.rays(), found.camera.dcm, stars, GROWTH * found.tolerance)[0]
+        grown = _settle(replace(found.camera, dcm=found.camera.dcm.copy()), wider, stars, focal_px)
+        if grown is None or not grown.log_false_alarm(stars, tried) < found.log_false_alarm(stars, tried):
+            break
+        found = grown
+    return None if found is None else _judge(found, stars, tried)
+
+
+@dataclass(frozen=True)
+class _Settled:
+    """A camera whose matches are those that it was fitted to; `free` as of `_Camera.improve`."""
+
+    camera: _Camera
+    star: Codes
+    residual: Vector
+    free: int
+    tolerance: float
+
+    def log_false_alarm(self, stars: Matrix, tried: float) -> float:
+        """Logarithm of a bound on the number of fits as good by chance."""
+        return _log_false_alarm(self.star, stars[:, 3], self.tolerance, self.free, tried)
+
+
+def _settle(camera: _Camera, star: Codes, stars: Matrix, focal_px: float) -> _Settled | None:
+    """Fit and match by turns, the tolerance that of what the fit leaves and never growing; None if it falls apart."""
+    residual, free, tolerance = np.full(len(star), np.nan), 4, math.inf
+    wide = float(np.max(np.hypot(*(camera.spots_px - camera.principal_px).T))) / focal_px > 0.25
     for passes in range(8):
         count = int(np.sum(star >= 0))
         if count < LEAST_MATCHES:
             return None
-        free = 4 if lens_known or count < 9 or passes == 0 else 6 if wide and count >= 14 else 5
+        free = 4 if camera.principal_known or count < 9 or passes == 0 else 6 if wide and count >= 14 else 5
         for _ in range(3):
-            covariance = camera.improve(star, stars, free)
+            camera.improve(star, stars, free)
         if not (0.5 < camera.focal_px / focal_px < 2.0 and np.all(np.abs(camera.distortion) < 5.0)):
             return None
         d = camera.rays()[star >= 0] - stars[star[star >= 0], :3] @ camera.dcm.T
@@ -240,25 +271,16 @@ def fit_camera(
         camera.variance = max(spread, LEAST_NOISE_PX / focal_px) ** 2
         tolerance = min(tolerance, max(5.0 * spread, 0.5 / focal_px))
         star, residual = _match(camera.rays(), camera.dcm, stars, tolerance)
-    return _judge(camera, stars, star, residual, covariance, free, tolerance, tried)
+    return _Settled(camera, star, residual, free, tolerance)
 
 
-def _judge(
-    camera: _Camera,
-    stars: Matrix,
-    star: Codes,
-    residual: Vector,
-    covariance: Matrix,
-    free: int,
-    tolerance: float,
-    tried: float,
-) -> CameraFit | None:
+def _judge(found: _Settled, stars: Matrix, tried: float) -> CameraFit | None:
     """The fit with its false alarm probability; None if the bright stars that should be there are not."""
-    matched = star >= 0
-    count = int(np.sum(matched))
+    camera, star, residual, free = found.camera, found.star, found.residual, found.free
+    count = int(np.sum(star >= 0))
     if count < LEAST_MATCHES or not _bright_stars_are_there(camera, stars, star):
         return None
-    log = _log_false_alarm(star, stars[:, 3], tolerance, free, tried)
+    log = found.log_false_alarm(stars, tried)
     dof = max(2 * count - free, 3)
     square = float(np.nansum(residual**2)) / (dof - 2)  # mean of the variance's posterior
     floor = (LEAST_NOISE_PX / camera.focal_px) ** 2
