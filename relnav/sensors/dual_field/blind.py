@@ -49,7 +49,7 @@ STARS_IN_FIELD, FEW_STARS_IN_FIELD = 25.0, 12.0
 of the attitudes."""
 
 SHEAR, LEAST_SHEAR, MOST_SHEAR = 0.01, 0.002, 0.03
-"""Error of a spot relative to its distance from the pair, by distortion that is not known: any lens, a long, a wide one."""
+"""Error of a spot relative to its distance from the pair, by distortion not known: any lens, a long one, a wide one."""
 
 WIDE = 0.4
 """Distance of the farthest spot from the axis, in focal lengths, of a wide lens."""
