@@ -44,7 +44,7 @@ def test_checksum_size_and_credit(builder):
     text = (path.parent / "README.md").read_text()
     assert hashlib.sha256(path.read_bytes()).hexdigest() in text
     assert builder.SOURCE_SHA256 in text
-    assert path.stat().st_size < 1_100_000
+    assert path.stat().st_size < 1_000_000
     assert re.search(r"European Space Agency.*van Leeuwen", text, re.DOTALL)
 
 
