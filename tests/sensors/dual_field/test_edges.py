@@ -27,8 +27,8 @@ def tilted(arcsec):
 
 
 def test_no_frame_is_solved_far_off(mounted_sensor):
-    """`benchmarks/star_sensor.py edges --full` does it 10,000 times; what can be solved is."""
-    result = fly_edges(mounted_sensor, 300, 5)
+    """A tenth of `benchmarks/star_sensor.py edges --full`; what can be solved is."""
+    result = fly_edges(mounted_sensor, 1000, 5)
     assert set(result) == set(KINDS)
     assert {kind: row["far"] for kind, row in result.items()} == dict.fromkeys(result, 0)
     assert result["mirrored"]["solved"] == result["noisy"]["solved"] == 0
