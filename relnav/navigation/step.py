@@ -50,7 +50,7 @@ def _look_for_start(m: Memory, spots: Matrix) -> bool:
     """Test the trial with this image, or open one; True if a trial was confirmed and now is the track."""
     clock = m.clock
     if clock["trial"] > 0:
-        outcome = correct(m, m.trial, m.trial_sensitivities, spots)
+        outcome = correct(m, m.trial, m.trial_sensitivities, spots, False)
         whole = 6 if uses_coordinates(m.sensor) else 3
         if outcome == UPDATED and m.result["dof"] >= whole:
             if not prior_is_tight(m.prior):
@@ -113,7 +113,7 @@ def step(block: Vector, t: float, spots: Matrix) -> int:
     clock["t"] = t
     status = WAITING
     if running:
-        status = correct(m, m.track, m.sensitivities, spots)
+        status = correct(m, m.track, m.sensitivities, spots, True)
         running = status != LOST
         clock["running"] = 1 if running else 0
     if running:

@@ -86,10 +86,10 @@ def _keep_innovations(m: Memory) -> None:
 
 
 @kernel
-def correct(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix) -> int:
+def correct(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix, watched: bool) -> int:
     """Update a track, state and factors, and its sensitivities (m, 6), with one image (n, 2) m.
 
-    Returns an epoch status, details in the result.
+    watched: the monitors are handed its rows. Returns an epoch status, details in the result.
     """
     x, result, work = track["state"], m.result, m.work
     clear_results(result, m.innovations)
@@ -110,7 +110,8 @@ def correct(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix) -> i
     _keep_innovations(m)
     nis, dof = sweep(track, x, image, work)
     result["nis"], result["dof"] = nis, dof
-    gather_rows(m, track, spots)
+    if watched:
+        gather_rows(m, track, spots)
     passed = seen
     # a part's NIS is at most the whole's, and no whole beacon has fewer than two degrees of freedom
     if not coordinates or usable < 2 * seen or not nis <= m.gate[1]:

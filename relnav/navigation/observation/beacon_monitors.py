@@ -156,4 +156,6 @@ def watch(m: Memory, spots: Matrix, dt: float, status: int) -> None:
 @kernel
 def watch_new_track(m: Memory, again: bool) -> None:
     """A track has started; again: it replaced one."""
+    for i in range(m.returning.shape[0]):
+        m.returning[i]["refused"] = 0.0
     watch_start(m.watch, m.watched, again, not uses_coordinates(m.sensor))
