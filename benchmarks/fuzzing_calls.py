@@ -74,6 +74,7 @@ def navigator_step(data: Any) -> list[str]:
                 dcm_cam_from_lvlh=model("three_beacon_psd").dcm_cam_from_lvlh,
                 spot_sigma_m=np.full((3, 2), 1e-5),
                 attitude_noise_rad=1e-3,
+                attitude_sigma_rad=1e-3,
             )
             time_s, spots = data.draw(like(t)), data.draw(like(SPOTS_M))
         if k and data.draw(st.integers(0, 9)) == 9:
@@ -112,6 +113,7 @@ def pose_step(data: Any) -> list[str]:
                 chaser_rate_rad_s=np.zeros(3),
                 spot_covariance_px2=np.tile(0.01 * np.eye(2), (3, 1, 1)),
                 attitude_noise_rad=1e-3,
+                attitude_sigma_rad=1e-3,
             )
             time_s, spots = data.draw(like(t)), data.draw(like(SPOTS_PX))
         outcomes.append(in_turn(navigator, look_at_pose, navigator.step, time_s, spots, **told))

@@ -19,7 +19,7 @@ from relnav.navigation.observation.beacon_geometry import attitude_changed
 from relnav.navigation.smoothing import pack_factors
 from relnav.navigation.step import step, wrong_use
 
-ACCELERATION, DELTA_V, ATTITUDE, SPOT_SIGMA, ATTITUDE_NOISE = 1, 2, 4, 8, 16
+ACCELERATION, DELTA_V, ATTITUDE, SPOT_SIGMA, ATTITUDE_NOISE, ATTITUDE_SIGMA = 1, 2, 4, 8, 16, 32
 """Bits of `told`."""
 
 _F, _I = np.float64, np.int64
@@ -63,7 +63,14 @@ def _are_credible(values: Vector) -> bool:
 
 @kernel
 def _can_be_taken(
-    m: Memory, told: int, acceleration: Vector, delta_v: Vector, dcm: Matrix, spot_sigma: Matrix, attitude_noise: float
+    m: Memory,
+    told: int,
+    acceleration: Vector,
+    delta_v: Vector,
+    dcm: Matrix,
+    spot_sigma: Matrix,
+    attitude_noise: float,
+    attitude_sigma: float,
 ) -> bool:
     """Whether what is told has the shapes and values that `Navigator.step` asks for."""
     if told & ACCELERATION and not _are_credible(acceleration):
@@ -71,6 +78,8 @@ def _can_be_taken(
     if told & DELTA_V and not _are_credible(delta_v):
         return False
     if told & ATTITUDE_NOISE and not 0.0 <= attitude_noise < math.inf:
+        return False
+    if told & ATTITUDE_SIGMA and not 0.0 <= attitude_sigma < math.inf:
         return False
     if told & ATTITUDE:
         if dcm.shape[0] != 3 or dcm.shape[1] != 3:
@@ -98,13 +107,14 @@ def take_inputs(
     dcm: Matrix,
     spot_sigma: Matrix,
     attitude_noise: float,
+    attitude_sigma: float,
 ) -> bool:
     """Write this step's control, attitude and noise; what is not told is zero, the model's, or the last one.
 
     False, and nothing is written, if something that is told cannot be taken.
     """
     m = views(block)
-    if not _can_be_taken(m, told, acceleration, delta_v, dcm, spot_sigma, attitude_noise):
+    if not _can_be_taken(m, told, acceleration, delta_v, dcm, spot_sigma, attitude_noise, attitude_sigma):
         return False
     push, impulse, mount, held = m.motion["acceleration"], m.motion["delta_v"], m.kept["mount"], m.sensor["held"]
     for j in range(3):
@@ -119,6 +129,8 @@ def take_inputs(
         attitude_changed(m.kept, m.sensor)
     if told & ATTITUDE_NOISE:
         m.sensor["attitude_noise"] = attitude_noise
+    if told & ATTITUDE_SIGMA:
+        m.sensor["attitude_sigma"] = attitude_sigma
     if told & SPOT_SIGMA:
         for i in range(spot_sigma.shape[0]):
             own = m.beacons[i]["spot_sigma"]
@@ -214,12 +226,13 @@ def navigate(
     dcm: Matrix,
     spot_sigma: Matrix,
     attitude_noise: float,
+    attitude_sigma: float,
     report: Vector,
 ) -> bool:
     """`take_inputs`, `step` and `write_report`; False, and nothing is done, for wrong use."""
     if wrong_use(views(block), t, spots) != 0:
         return False
-    if not take_inputs(block, told, acceleration, delta_v, dcm, spot_sigma, attitude_noise):
+    if not take_inputs(block, told, acceleration, delta_v, dcm, spot_sigma, attitude_noise, attitude_sigma):
         return False
     step(block, t, spots)
     write_report(block, report)

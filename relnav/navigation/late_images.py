@@ -26,6 +26,7 @@ class Inputs:
     dcm: Matrix
     spot_sigma: Matrix
     attitude_noise: float
+    attitude_sigma: float
 
     def only(self, told: int) -> "Inputs":
         """The same with less of it told."""
@@ -139,7 +140,7 @@ class LateImages:
         self._block[:] = before
         if image.lasting_m is not None:
             self._beacons["lasting_sigma"] = image.lasting_m
-        inputs = own.acceleration, own.delta_v, own.dcm, own.spot_sigma, own.attitude_noise
+        inputs = own.acceleration, own.delta_v, own.dcm, own.spot_sigma, own.attitude_noise, own.attitude_sigma
         taken = self._navigate(self._block, image.t_s, image.spots_m, own.told, *inputs, self._report)
         assert taken is True  # all of it was checked when it came
         return self._block.copy(), self._kept.copy()

@@ -277,13 +277,18 @@ def new_memory(model: Model, method: str, projection: str) -> Vector:
     return block
 
 
+def attitude_counts(model: Model, method: str) -> bool:
+    """Whether an error of the attitude moves the state: of a `fix`, only by the arm to the camera."""
+    return method == "spots" or bool(np.any(model.camera_lever_cam_m))
+
+
 def considered_errors(model: Model, method: str) -> tuple[int, int]:
     """Which of all lasting errors a filter considers: from the first to before the last (`beacon_considered.py`).
 
     The attitude's turns what `spots` see of a state; of a `fix` it turns the arm to the camera.
     """
     tolerances = model.tolerances is not None and model.tolerances.considered
-    turned = model.attitude.sigma_rad > 0.0 and (method == "spots" or bool(np.any(model.camera_lever_cam_m)))
+    turned = model.attitude.sigma_rad > 0.0 and attitude_counts(model, method)
     last = FIELD_ERRORS
     if tolerances:
         last += ATTITUDE_ERRORS + TOLERANCES_SHARED + 3 * len(model.beacons_lvlh_m)

@@ -67,8 +67,8 @@ class Event:
     dcm_chaser_from_lvlh : (3, 3)
     row : bool
         An epoch of the log, not the exposure of a late image.
-    attitude_noise_rad : float
-        1-sigma of what is new in the chaser's attitude.
+    attitude_noise_rad, attitude_sigma_rad : float, optional
+        1-sigma of what is new in the chaser's attitude, and of what lasts in its error; the model's if None.
     """
 
     t_s: float
@@ -78,7 +78,8 @@ class Event:
     covariance_px2: Stack
     dcm_chaser_from_lvlh: Matrix
     row: bool = True
-    attitude_noise_rad: float = 0.0
+    attitude_noise_rad: float | None = None
+    attitude_sigma_rad: float | None = None
 
 
 class PoseNavigator:
@@ -194,6 +195,7 @@ class PoseNavigator:
         chaser_rate_rad_s: ArrayLike | None = None,
         spot_covariance_px2: ArrayLike | None = None,
         attitude_noise_rad: float | None = None,
+        attitude_sigma_rad: float | None = None,
     ) -> PoseRecord:
         """Go on to t_s, and use the image that arrived there.
 
@@ -217,6 +219,9 @@ class PoseNavigator:
             positive definite counts as not seen.
         attitude_noise_rad : float, optional
             1-sigma about each axis of what is new in the chaser's attitude at the exposure; the model's if left out.
+        attitude_sigma_rad : float, optional
+            And of what lasts in its error; the model's if left out. It stays one error, of another size: told anew at
+            every image it is not taken for noise.
 
         Raises
         ------
@@ -235,6 +240,8 @@ class PoseNavigator:
         event = self._event(t_s, acceleration_m_s2, delta_v_m_s, dcm_chaser_from_lvlh)
         if attitude_noise_rad is not None:
             event = replace(event, attitude_noise_rad=not_negative("attitude_noise_rad", attitude_noise_rad))
+        if attitude_sigma_rad is not None:
+            event = replace(event, attitude_sigma_rad=not_negative("attitude_sigma_rad", attitude_sigma_rad))
         image = self._with_image(event, spots_px, spot_covariance_px2)
         rate = None if chaser_rate_rad_s is None else _vector("chaser_rate_rad_s", chaser_rate_rad_s)
         oldest, too_late = t_s - self.mission.filter.longest_delay_s, False
@@ -255,8 +262,7 @@ class PoseNavigator:
             raise ValueError("dcm_chaser_from_lvlh is a rotation matrix (3, 3)")
         push = self._nothing if acceleration is None else _vector("acceleration_m_s2", acceleration)
         impulse = self._nothing if delta_v is None else _vector("delta_v_m_s", delta_v)
-        noise = self.mission.chaser.attitude_noise_rad
-        return Event(t_s, push, impulse, NO_SPOTS, NO_COVARIANCES, attitude, attitude_noise_rad=noise)
+        return Event(t_s, push, impulse, NO_SPOTS, NO_COVARIANCES, attitude)
 
     def _with_image(self, event: Event, spots_px: ArrayLike | None, covariance: ArrayLike | None) -> Event:
         if spots_px is None:
@@ -274,14 +280,16 @@ class PoseNavigator:
 
     def _take(self, before: Vector, event: Event) -> "tuple[Vector, Outcome]":
         """Take an event into the filter as it was: the compiled step, and what it wants of the closed form."""
+        chaser = _told(self.mission, event).chaser
         if self._reference is not None:
-            image = event.dcm_chaser_from_lvlh, event.attitude_noise_rad, event.spots_px, event.covariance_px2
+            errors = chaser.attitude_noise_rad, chaser.attitude_sigma_rad
+            image = event.dcm_chaser_from_lvlh, *errors, event.spots_px, event.covariance_px2
             done = self._reference.take(event.t_s, *image, event.acceleration_m_s2, event.delta_v_m_s)
             return before, Outcome(EpochStatus(done.status), done.accepted, done.nis, done.dof, done.alarm)
         m = self._named
         self.memory[:] = before
         m.motion["acceleration"], m.motion["delta_v"] = event.acceleration_m_s2, event.delta_v_m_s
-        m.camera["attitude_noise"] = event.attitude_noise_rad
+        m.camera["attitude_noise"], m.lasting["attitude"] = chaser.attitude_noise_rad, chaser.attitude_sigma_rad
         wants = pose_step(self.memory, event.t_s, event.dcm_chaser_from_lvlh, event.spots_px, event.covariance_px2)
         if wants != NOTHING:
             look_for_roots(m, self.mission, event, wants)
@@ -316,7 +324,7 @@ class PoseNavigator:
             status = EpochStatus.STARTED
         one["nis"], one["dof"] = outcome.nis, outcome.dof
         one["status"], one["too_late"], one["used"] = int(status), too_late, np.count_nonzero(outcome.accepted)
-        return PoseRecord(one, outcome.accepted, self.mission, dcm, rate)
+        return PoseRecord(one, outcome.accepted, _told(self.mission, event), dcm, rate)
 
 
 @dataclass(frozen=True)
@@ -344,7 +352,7 @@ def outcome_of(m: PoseMemory) -> Outcome:
 
 def look_for_roots(m: PoseMemory, mission: VisionMission, event: Event, wants: int) -> None:
     """Open a trial on the poses that explain an image, or take up those that no hypothesis covers."""
-    running = m.clock["running"] > 0
+    mission, running = _told(mission, event), m.clock["running"] > 0
     keeps = running and (wants == NEW_ROOTS or is_wide(m.bank[0]))
     effects = m.bank_sensitivities[0]
     believed = (state_of(m.bank[0], np.zeros((0, POSE))), effects.copy()) if keeps else None
@@ -365,6 +373,16 @@ def look_for_roots(m: PoseMemory, mission: VisionMission, event: Event, wants: i
         open_trial(m, found, used)
     elif contradicted:
         m.result["alarm"] |= OUT_OF_VIEW
+
+
+def _told(mission: VisionMission, event: Event) -> VisionMission:
+    """The mission with what an event says of the chaser's attitude."""
+    noise, sigma, chaser = event.attitude_noise_rad, event.attitude_sigma_rad, mission.chaser
+    if noise is None and sigma is None:
+        return mission
+    noise = chaser.attitude_noise_rad if noise is None else noise
+    sigma = chaser.attitude_sigma_rad if sigma is None else sigma
+    return replace(mission, chaser=replace(chaser, attitude_noise_rad=noise, attitude_sigma_rad=sigma))
 
 
 def _vector(name: str, value: ArrayLike) -> Vector:

@@ -17,6 +17,7 @@ from relnav.navigation.epoch_report import (
     ACCELERATION,
     ATTITUDE,
     ATTITUDE_NOISE,
+    ATTITUDE_SIGMA,
     DELTA_V,
     SPOT_SIGMA,
     navigate,
@@ -25,7 +26,15 @@ from relnav.navigation.epoch_report import (
     write_report,
 )
 from relnav.navigation.late_images import Image, Inputs, LateImages
-from relnav.navigation.memory import MOTION, fill, views, watch_anew
+from relnav.navigation.memory import (
+    FIELD_ERRORS,
+    MOTION,
+    attitude_counts,
+    considered_errors,
+    fill,
+    views,
+    watch_anew,
+)
 from relnav.navigation.record import FilterRecord
 from relnav.navigation.reference import for_beacons
 from relnav.navigation.step import wrong_use
@@ -78,7 +87,7 @@ class Navigator:
         self._beacons = len(self._named.beacons)
         self._report, self._kept = new_report(self._beacons)
         self._reference = for_beacons(engine, model, method, projection, self._block)
-        given = self._block, 0.0, NO_MATRIX, 0, NOTHING, NOTHING, NO_MATRIX, NO_MATRIX, 0.0, self._report
+        given = self._block, 0.0, NO_MATRIX, 0, NOTHING, NOTHING, NO_MATRIX, NO_MATRIX, 0.0, 0.0, self._report
         self._navigate: Callable[..., Any] = ready(navigate, *given) if self._reference is None else self._by_reference
         self._calibration = model.calibration
         self._at_once = isinstance(self._navigate, BuiltinFunctionType) and self._calibration is None
@@ -154,6 +163,7 @@ class Navigator:
         dcm_cam_from_lvlh: ArrayLike | None = None,
         spot_sigma_m: ArrayLike | None = None,
         attitude_noise_rad: float | None = None,
+        attitude_sigma_rad: float | None = None,
     ) -> FilterRecord:
         """Take one image, and return the state after it.
 
@@ -178,8 +188,10 @@ class Navigator:
             1-sigma of the spots' noise from now on; where it is NaN, or left out, the last one stays. What a
             calibration leaves comes on top.
         attitude_noise_rad : float, optional
-            1-sigma about each axis of what is new in the attitude, from now on; the model's if never said. What lasts
-            in it stands in the model (`[attitude] sigma_deg`).
+            1-sigma about each axis of what is new in the attitude, from now on; the model's if never said.
+        attitude_sigma_rad : float, optional
+            1-sigma about each axis of what lasts in its error, from now on; the model's (`[attitude] sigma_deg`) if
+            never said. It stays one error, of another size: told anew at every image it is not taken for noise.
 
         Returns
         -------
@@ -199,9 +211,11 @@ class Navigator:
             told |= ATTITUDE
         if spot_sigma_m is not None:
             told |= SPOT_SIGMA
-        noise = 0.0
+        noise = lasting = 0.0
         if attitude_noise_rad is not None:
             told, noise = told | ATTITUDE_NOISE, not_negative("attitude_noise_rad", attitude_noise_rad)
+        if attitude_sigma_rad is not None:
+            told, lasting = told | ATTITUDE_SIGMA, self._lasting(attitude_sigma_rad)
         try:
             if (
                 self._at_once
@@ -217,6 +231,7 @@ class Navigator:
                         dcm_cam_from_lvlh,
                         spot_sigma_m,
                         noise,
+                        lasting,
                         self._report,
                     )
                     is True
@@ -228,13 +243,13 @@ class Navigator:
         inputs = self._checked(acceleration_m_s2, delta_v_m_s, dcm_cam_from_lvlh, spot_sigma_m)
         if self._late is not None:
             a, v, dcm, sigma = inputs
-            return self._take_late(self._late, t_s, spots_m, image_t_s, Inputs(told, a, v, dcm, sigma, noise))
+            return self._take_late(self._late, t_s, spots_m, image_t_s, Inputs(told, a, v, dcm, sigma, noise, lasting))
         if image_t_s is not None and number("image_t_s", image_t_s) != number("t_s", t_s):
             raise ValueError(
                 f"image_t_s {image_t_s!r} is not t_s = {t_s!r}: images come at once here; for late ones give the "
                 "model's [filter] a longest_delay_s (engine='filterpy' takes none)"
             )
-        self._take(t_s, spots_m, told, (*inputs, noise))
+        self._take(t_s, spots_m, told, (*inputs, noise, lasting))
         return FilterRecord(self._kept.tobytes())
 
     def _take_late(
@@ -270,6 +285,17 @@ class Navigator:
             )
         last = float(self._named.clock["t"])
         return ValueError(f"t_s must be finite and after the last step's {last!r} s; got {t_s!r}")
+
+    def _lasting(self, value: float) -> float:
+        """A lasting sigma of the attitude; ValueError where the filter has no place for that error."""
+        sigma = not_negative("attitude_sigma_rad", value)
+        carried = considered_errors(self.model, self.method)[1] > FIELD_ERRORS
+        if sigma > 0.0 and not carried and attitude_counts(self.model, self.method):
+            raise ValueError(
+                f"attitude_sigma_rad = {value!r}: {self.model.name} is stated without a lasting attitude error, so "
+                "that the filter carries none; state one in the model ([attitude] sigma_deg above 0)"
+            )
+        return sigma
 
     def _checked(
         self,

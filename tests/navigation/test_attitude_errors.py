@@ -9,6 +9,7 @@ import relnav
 from relnav.estimation.consistency import nees
 from relnav.geometry.pinhole import central_projection
 from relnav.simulation.detector import Faults
+from relnav.simulation.marker_flight import simulate_flight
 from relnav.simulation.scenario import simulate
 from relnav.simulation.trajectory import Approach
 
@@ -112,10 +113,84 @@ def test_noise_told_with_an_image_is_that_of_the_model():
         np.testing.assert_array_equal(record.state, whole.state[k])
 
 
+@pytest.mark.parametrize("engine", ["compiled", "filterpy"])
+def test_a_lasting_sigma_told_with_an_image_is_that_of_the_model(engine):
+    told, model = model_of(0.1, 0.0), model_of(0.4, 0.0)
+    log = simulate(model, APPROACH, Faults(), seed=3)
+    spots = turned_spots(model, log, 3, 0.4, 0.0)[:30]
+    navigators = [relnav.Navigator(one, method="spots", engine=engine) for one in (told, model)]
+    for k in range(30):
+        said = {"acceleration_m_s2": log.acceleration_m_s2[k]}
+        own = {"attitude_sigma_rad": model.attitude.sigma_rad} if k == 0 else {}
+        ours, theirs = (
+            navigator.step(log.t_s[k], spots[k], **said, **more)
+            for navigator, more in zip(navigators, (own, {}), strict=True)
+        )
+        np.testing.assert_array_equal(ours.state, theirs.state)
+        np.testing.assert_array_equal(ours.covariance, theirs.covariance)
+
+
+@pytest.mark.parametrize("each_image", [False, True])
+def test_honest_where_a_lasting_sigma_is_told(each_image):
+    """0.2 deg told where the model states 0.02: NEES / 6 in [0.6, 1.3], told once or with every image (as noise: 7)."""
+    model, ratios = model_of(0.02, 0.0, (0.02, -0.03, 0.3)), []
+    for seed in range(RUNS):
+        log = simulate(model, APPROACH, Faults(), seed=seed)
+        spots = turned_spots(model, log, seed, 0.2, 0.0)
+        navigator, inside = relnav.Navigator(model, method="spots"), []
+        for k, t in enumerate(log.t_s):
+            said = {"attitude_sigma_rad": np.radians(0.2)} if each_image or k == 0 else {}
+            record = navigator.step(t, spots[k], acceleration_m_s2=log.acceleration_m_s2[k], **said)
+            if t > 10.0:
+                inside.append(nees((record.state - log.truth[k])[None], record.covariance[None])[0] / 6.0)
+        ratios.append(np.mean(inside))
+    assert 0.6 <= np.mean(ratios) <= 1.3
+
+
+def test_a_late_image_brings_its_lasting_sigma():
+    model = model_of(0.1, 0.0)
+    model = dataclasses.replace(model, filter=dataclasses.replace(model.filter, longest_delay_s=1.0))
+    log = simulate(model, APPROACH, Faults(), seed=3)
+    spots, nothing = turned_spots(model, log, 3, 0.4, 0.0), np.full((3, 2), np.nan)
+    in_order, delayed = (relnav.Navigator(model, method="spots") for _ in range(2))
+    said = {"attitude_sigma_rad": np.radians(0.4)}
+    for k in range(12):
+        t = float(log.t_s[k])
+        in_order.step(t, spots[k], **said)
+        wanted = in_order.step(t + 0.05, nothing)
+        delayed.step(t + 0.05, nothing)
+        record = delayed.step(t + 0.05, spots[k], image_t_s=t, **said)
+    assert wanted.has_state
+    np.testing.assert_array_equal(record.covariance, wanted.covariance)
+
+
+def test_a_lasting_sigma_has_no_place_in_a_filter_without_one():
+    model = model_of(0.0, 0.0)
+    navigator = relnav.Navigator(model, method="spots")
+    with pytest.raises(ValueError, match=r"attitude_sigma_rad = 0.001: .* state one in the model"):
+        navigator.step(0.0, np.zeros((3, 2)), attitude_sigma_rad=1e-3)
+    navigator.step(0.0, np.zeros((3, 2)), attitude_sigma_rad=0.0)
+    relnav.Navigator(model).step(0.0, np.zeros((3, 2)), attitude_sigma_rad=1e-3)  # a fix is not moved by it
+
+
+def test_errors_of_the_attitude_told_with_markers_are_those_of_the_model():
+    """From the start on, in the state and at the docking ports."""
+    shipped = relnav.load_model("three_marker_vision")
+    errors = {"attitude_sigma_rad": np.radians(0.3), "attitude_noise_rad": np.radians(0.1)}
+    stated = dataclasses.replace(shipped, chaser=dataclasses.replace(shipped.chaser, **errors))
+    flight = simulate_flight(shipped, Approach(10.0, 4.0, start_m=(6.0, 0.2, -0.1)), seed=1)
+    ours, theirs = relnav.PoseNavigator(shipped), relnav.PoseNavigator(stated)
+    for t, spots in zip(flight.t_s, flight.spots_px, strict=True):
+        told, wanted = ours.step(t, spots, **errors), theirs.step(t, spots)
+        np.testing.assert_array_equal(told.covariance, wanted.covariance)
+    np.testing.assert_array_equal(told.docking.covariance, wanted.docking.covariance)
+
+
+@pytest.mark.parametrize("name", ["attitude_noise_rad", "attitude_sigma_rad"])
 @pytest.mark.parametrize("wrong", [-1e-3, np.nan, np.inf, "much"])
-def test_noise_that_is_none_is_refused_by_name(wrong):
+def test_errors_that_are_none_are_refused_by_name(wrong, name):
     beacons = relnav.Navigator(relnav.load_model("three_beacon_psd"))
     markers = relnav.PoseNavigator(relnav.load_model("three_marker_vision"))
     for navigator, spots in ((beacons, np.zeros((3, 2))), (markers, np.full((3, 2), np.nan))):
-        with pytest.raises(ValueError, match="attitude_noise_rad"):
-            navigator.step(0.0, spots, attitude_noise_rad=wrong)
+        with pytest.raises(ValueError, match=name):
+            navigator.step(0.0, spots, **{name: wrong})

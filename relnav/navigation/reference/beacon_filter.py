@@ -21,7 +21,7 @@ from relnav.estimation.reference import ReferenceTrack, believed
 from relnav.geometry.rotation import dcm_from_quaternion
 from relnav.mission import Model
 from relnav.navigation.docking_view import LOWER
-from relnav.navigation.epoch_report import ACCELERATION, ATTITUDE, ATTITUDE_NOISE, DELTA_V, SPOT_SIGMA
+from relnav.navigation.epoch_report import ACCELERATION, ATTITUDE, ATTITUDE_NOISE, ATTITUDE_SIGMA, DELTA_V, SPOT_SIGMA
 from relnav.navigation.memory import fill, views
 from relnav.navigation.reference.attitude_check import attitude_is_credible
 from relnav.navigation.reference.beacon_rows import POSITION, BeaconImage, BeaconOptics, Prior
@@ -31,6 +31,8 @@ from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDA
 from relnav.navigation.update import LONE_GATE_SHARE, MAX_ITERATIONS
 from relnav.sensors.measurement import MISALIGNED, OK
 
+_TOLD = "spot_sigma", "lasting", "attitude_noise", "attitude_sigma", "dcm", "known"
+"""What a caller changes of the optics."""
 NOTHING_SAID = {"nis": math.nan, "status": 0, "dof": 0, "reason": 0, "iterations": 0, "used": 0}
 
 
@@ -58,7 +60,7 @@ class ReferenceEngine:
     def saved(self) -> dict[str, Any]:
         """What `restore` needs, as values."""
         optics = self.optics
-        said = {name: getattr(optics, name) for name in ("spot_sigma", "lasting", "attitude_noise", "dcm", "known")}
+        said = {name: getattr(optics, name) for name in _TOLD}
         own = {"t_s": self.t_s, "streak": self.streak, "starts": self.starts}
         return copy.deepcopy({"optics": said, "own": own, "tracks": (_values(self.track), _values(self.trial))})
 
@@ -69,7 +71,14 @@ class ReferenceEngine:
         self.track, self.trial = (_track(values) for values in saved["tracks"])
 
     def tell(
-        self, told: int, acceleration: Vector, delta_v: Vector, dcm: Matrix, sigma: Matrix, attitude_noise: float
+        self,
+        told: int,
+        acceleration: Vector,
+        delta_v: Vector,
+        dcm: Matrix,
+        sigma: Matrix,
+        attitude_noise: float,
+        attitude_sigma: float,
     ) -> None:
         """Take this step's control, attitude and noise, which have been checked: as `epoch_report.take_inputs`."""
         optics = self.optics
@@ -79,6 +88,8 @@ class ReferenceEngine:
         optics.known = bool(told & ATTITUDE) or optics.held_known
         if told & ATTITUDE_NOISE:
             optics.attitude_noise = attitude_noise
+        if told & ATTITUDE_SIGMA:
+            optics.attitude_sigma = attitude_sigma
         if told & SPOT_SIGMA:
             optics.spot_sigma = np.where(sigma > 0.0, sigma, optics.spot_sigma)
 
@@ -280,7 +291,7 @@ class ReferenceEngine:
             push, impulse = (control[e, :3], control[e, 3:]) if len(control) else (nothing, nothing)
             dcm = dcm_from_quaternion(quaternion[e]) if len(quaternion) else none
             noise = sigma[e] if len(sigma) else none
-            self.tell(told | (SPOT_SIGMA if len(sigma) else 0), push, impulse, dcm, noise, 0.0)
+            self.tell(told | (SPOT_SIGMA if len(sigma) else 0), push, impulse, dcm, noise, 0.0, 0.0)
             if len(lasting):
                 self.optics.lasting = lasting[e]
             status = self.step(float(t[e]), spots[e])

@@ -92,6 +92,7 @@ class ReferencePose:
         t_s: float,
         chaser: Matrix,
         attitude_noise: float,
+        attitude_sigma: float,
         spots: Matrix,
         covariances: Stack,
         acceleration: Vector,
@@ -99,6 +100,7 @@ class ReferencePose:
     ) -> Result:
         """Go on to an image (`Exposure`), or to a time without one (spots (0, 2)), the control acting until then."""
         image = Exposure(t_s, chaser, attitude_noise, spots, covariances)
+        self.optics.attitude_sigma = attitude_sigma
         self.result = Result(np.zeros(len(self._used_s), dtype=bool))
         self._control, self._chaser = np.concatenate([acceleration, delta_v]), image.chaser
         self._advance(image.t_s)

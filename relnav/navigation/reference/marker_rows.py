@@ -93,7 +93,7 @@ class MarkerOptics:
         self._lens, self._distortion = np.array(camera.position_m), camera.distortion
         self._focal, self._center = np.array(camera.focal_length_px), np.array(camera.principal_point_px)
         self.size, self.spot_noise = np.array(camera.image_size_px, dtype=np.float64), camera.spot_noise_px
-        self._attitude = mission.chaser.attitude_sigma_rad
+        self.attitude_sigma = mission.chaser.attitude_sigma_rad
         self._built = tolerances if tolerances is not None and tolerances.considered else None
         self.considered = 3 if self._built is None else 7 + 3 * len(self.points)
 
@@ -152,7 +152,7 @@ class MarkerOptics:
         """What one sigma of each lasting error does to each row, (2 k, m)."""
         k, built = len(which), self._built
         out = np.zeros((k, 2, self.considered))
-        out[:, :, :3] = self._attitude * slopes[:, :, CHASER]
+        out[:, :, :3] = self.attitude_sigma * slopes[:, :, CHASER]
         if built is not None:
             out[:, :, 3:6] = built.camera_mounting_sigma_rad * slopes[:, :, MOUNTING]
             out[:, :, 6] = built.focal_length_relative_sigma * slopes[:, :, FOCAL]

@@ -87,7 +87,7 @@ def _track_on(
     of_spots = by_pose @ joined @ by_pose.T
     by_chaser = np.vstack([back @ cross_matrix(place), (mount.T @ in_cam).T])
     covariance = np.zeros((12, 12))
-    covariance[np.ix_(SEEN, SEEN)] = WIDENED * of_spots + mission.chaser.attitude_noise_rad**2 * by_chaser @ by_chaser.T
+    covariance[np.ix_(SEEN, SEEN)] = WIDENED * of_spots + image.attitude_noise**2 * by_chaser @ by_chaser.T
     covariance[3:6, 3:6] = settings.initial_velocity_sigma_m_s**2 * np.eye(3)
     covariance[9:, 9:] = settings.initial_rate_sigma_rad_s**2 * np.eye(3)
     motion, considered = np.concatenate([-back @ place, np.zeros(3)]), np.zeros((optics.considered, 12))
