@@ -8,6 +8,7 @@ import pytest
 import relnav
 from relnav.estimation.consistency import nees
 from relnav.geometry.pinhole import central_projection
+from relnav.simulation.as_built import as_built, attitude_off
 from relnav.simulation.detector import Faults
 from relnav.simulation.marker_flight import simulate_flight
 from relnav.simulation.scenario import simulate
@@ -70,6 +71,32 @@ def test_shipped_defaults_cover_a_twentieth_of_a_degree():
     model = relnav.load_model("three_beacon_psd")
     ratio, _ = flown(model, 0.05, 0.0)
     assert ratio <= 1.3
+
+
+@pytest.mark.parametrize("smooth", [False, True], ids=["filtered", "smoothed"])
+@pytest.mark.parametrize("method", ["fix", "spots"])
+@pytest.mark.parametrize("what", ["as built", "attitude off"])
+def test_the_shipped_model_is_honest_with_what_lasts(what, method, smooth):
+    """As built: attitude, lens, mountings and beacons within tolerances that are considered, once a flight.
+
+    Attitude off: by 0.2 deg about each axis where 0.15 is stated; of `spots` NEES / 6 is then (4 + 2 (4 / 3)^2) / 6.
+    """
+    model, ratios = relnav.load_model("three_beacon_psd"), []
+    sigma = np.radians(0.2)
+    if what == "as built":
+        sigma = model.attitude.sigma_rad
+        tolerances = dataclasses.replace(model.tolerances, considered=True, distortion_limit_m=0.0)
+        model = dataclasses.replace(model, tolerances=tolerances)
+    for seed in range(40):
+        flown = as_built(model, seed) if what == "as built" else model
+        flown = attitude_off(flown, sigma * np.random.default_rng((9, seed)).normal(size=3))
+        log = simulate(flown, APPROACH, Faults(), seed=seed)
+        solution = relnav.filter_epochs(
+            model, log.t_s, log.spots_m, acceleration_m_s2=log.acceleration_m_s2, method=method, smooth=smooth
+        )
+        late = log.t_s > 10.0
+        ratios.append(np.mean(nees((solution.state - log.truth)[late], solution.covariance[late])) / 6.0)
+    assert 0.6 <= np.mean(ratios) <= 1.3
 
 
 def test_the_reported_angle_is_the_attitude_s():

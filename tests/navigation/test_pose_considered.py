@@ -107,7 +107,11 @@ def errors_of(mission, *, built, runs, way):
     return errors.where(errors.t_s > 5.0)
 
 
-@pytest.mark.parametrize(("attitude_deg", "built"), [(0.1, False), (0.01, True)], ids=["attitude off", "as built"])
+@pytest.mark.parametrize(
+    ("attitude_deg", "built"),
+    [(0.1, False), (0.01, False), (0.01, True)],
+    ids=["attitude off", "as shipped", "as built"],
+)
 @pytest.mark.parametrize("way", [tight_errors, smoothed_errors], ids=["filtered", "smoothed"])
 def test_honest_with_what_lasts(attitude_deg, built, way):
     """Drawn once a flight; mean NEES of each three components (taken for noise: 33 and 150).
