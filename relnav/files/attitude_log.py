@@ -15,6 +15,7 @@ from relnav.files.tables import check_format, relnav_version, write_table
 from relnav.files.text_table import TextTable
 from relnav.files.units import UNITS, split_unit, to_si
 from relnav.files.wording import listed
+from relnav.geometry.linear_algebra import lengths
 from relnav.geometry.orbital_attitude import dcm_cam_from_lvlh
 from relnav.geometry.rotation import quaternion_from_dcm
 
@@ -34,7 +35,7 @@ def read_orbit(path: Path) -> Matrix:
         Naming file, line and column of what cannot be read; for times that do not increase.
     """
     table, _, lines = read_star_table(path, ORBIT_COLUMNS, ())
-    radius, speed = np.linalg.norm(table[:, 1:4], axis=1), np.linalg.norm(table[:, 4:], axis=1)
+    radius, speed = lengths(table[:, 1:4]), lengths(table[:, 4:])
     wrong = np.flatnonzero(~((radius > LEAST_RADIUS_KM) & (radius < MOST_RADIUS_KM) & (speed < MOST_SPEED_KM_S)))
     if wrong.size:
         row = wrong[0]

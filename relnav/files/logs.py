@@ -29,6 +29,7 @@ from relnav.files.log_columns import (
 )
 from relnav.files.text_table import MOST_ROWS, TextTable, table_of
 from relnav.files.units import split_unit, to_si
+from relnav.geometry.linear_algebra import lengths
 
 CHUNK_LINES = 65_536
 CHUNK_CHARACTERS = 16_000_000
@@ -360,7 +361,7 @@ def _check_values(
     quaternion = columns.layout.quaternion
     if columns.has(quaternion):
         q = np.take(values, [order[base] for base in quaternion], axis=1)
-        no_turn = np.abs(np.linalg.norm(q, axis=1) - 1.0) > 9e-4
+        no_turn = np.abs(lengths(q) - 1.0) > 9e-4
         if no_turn.any():
             row = int(np.flatnonzero(no_turn)[0])
             raise LogError(

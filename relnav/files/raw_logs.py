@@ -18,6 +18,7 @@ from relnav.files.logs import MOST, check_size, pieces
 from relnav.files.text_table import TextTable, table_of
 from relnav.files.units import UNITS, split_unit, to_si
 from relnav.files.wording import listed, shown
+from relnav.geometry.linear_algebra import lengths
 from relnav.sensors.three_beacon.pulses import NAMES
 
 ELECTRODES = ("x1", "x2", "y1", "y2")
@@ -192,7 +193,7 @@ def _check(
         )
     if QUATERNION[0] in places:
         q = np.stack([values[:, list(places).index(base)] for base in QUATERNION], axis=1)
-        wrong = np.flatnonzero(np.abs(np.linalg.norm(q, axis=1) - 1.0) > 9e-4)
+        wrong = np.flatnonzero(np.abs(lengths(q) - 1.0) > 9e-4)
         if wrong.size:
             row = int(wrong[0])
             raise LogError(

@@ -18,6 +18,7 @@ from relnav.files.atomic import is_stream, replacing
 from relnav.files.tables import relnav_version
 from relnav.files.text_table import MOST_ROWS, TextTable, table_of
 from relnav.files.wording import printable, shown
+from relnav.geometry.linear_algebra import lengths
 from relnav.sensors.sun_direction import SunDirection, direction_with_covariance
 from relnav.simulation.vehicle_sensors import Value, VehicleRun
 from relnav.spacecraft import POINTS, RESERVED, STAR, Vehicle
@@ -139,7 +140,7 @@ def _value(values: Vector, name: str, vehicle: Vehicle, where: str) -> Value:
         return values
     covariance = np.empty((3, 3))
     covariance[_UPPER_3] = covariance.T[_UPPER_3] = values[3:]
-    if abs(np.linalg.norm(values[:3]) - 1.0) > 1e-6:
+    if abs(lengths(values[:3]) - 1.0) > 1e-6:
         raise LogError(f"{where}: {name}: v0 to v2 are a unit vector; got {values[:3].tolist()}")
     return direction_with_covariance(values[:3].copy(), covariance)
 

@@ -1,4 +1,4 @@
-"""Small solvers for kernels, without allocation: Cholesky, triangular substitution, the inverse of a 3 x 3 matrix."""
+"""Small solvers for kernels, without allocation: Cholesky, triangular substitution, a 3 x 3 inverse; and vectors."""
 
 import math
 
@@ -120,4 +120,11 @@ def cross_matrix(v: ArrayLike) -> Stack:
     out = np.zeros((*v.shape, 3))
     out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
     out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
+    return out
+
+
+def lengths(vectors: Matrix) -> Vector:
+    """Lengths (...,) of vectors (..., n); infinite where a square is beyond the largest float."""
+    with np.errstate(over="ignore"):
+        out: Vector = np.linalg.norm(vectors, axis=-1)
     return out

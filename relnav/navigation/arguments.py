@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from relnav.arrays import LARGEST, Matrix, Vector, number, numbers
 from relnav.estimation.factored import factorize
+from relnav.geometry.linear_algebra import lengths
 from relnav.mission import Model, VisionMission
 from relnav.navigation.memory import METHODS, new_memory, views
 from relnav.navigation.observation.beacon_geometry import attitude_changed
@@ -82,7 +83,7 @@ def quaternions(name: str, n: int, given: Matrix | None) -> Matrix:
     if given is None:
         return np.empty((0, 4))
     quaternion = np.ascontiguousarray(vector(name, given, (n, 4)))
-    if (np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) > 9e-4).any():
+    if (np.abs(lengths(quaternion) - 1.0) > 9e-4).any():
         raise ValueError(f"{name} must hold unit quaternions (x, y, z, w)")
     return quaternion
 

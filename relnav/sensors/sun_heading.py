@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Vector, number, numbers
+from relnav.geometry.linear_algebra import lengths
 from relnav.sensors.sun_direction import SunDirection
 
 HIGHEST_RAD = math.radians(85.0)
@@ -56,7 +57,7 @@ def yaw_from_sun(
         raise ValueError("there is no sun direction to take a yaw from")
     u, f, s = numbers("up_body", up_body), numbers("forward_body", forward_body), np.array(sun_body.direction)
     for name, vector in (("up_body", u), ("forward_body", f)):
-        if vector.shape != (3,) or abs(float(np.linalg.norm(vector)) - 1.0) > 1e-6:
+        if vector.shape != (3,) or abs(float(lengths(vector)) - 1.0) > 1e-6:
             raise ValueError(f"{name} is a unit vector (3,); got {vector.tolist()}")
     h = s - (s @ u) * u
     cosine, ahead = float(np.linalg.norm(h)), f - (f @ u) * u

@@ -165,6 +165,41 @@ def test_a_rate_that_was_told_wrong(method, rate_hz):
             assert sigmas_off(records[k], dcm[k, run], rate[k, run]).max() < 5.0
 
 
+def longest_far_off(method, true_deg_s, runs, rate_hz, seed=5):
+    """Longest times (runs,) beyond 5 sigma of a state relied on, in epochs: 0.2 deg/s told, the rate another."""
+    rng, t = np.random.default_rng(seed), np.arange(80) / rate_hz
+    start, axis = Rotation.random(runs, rng=rng), rng.normal(size=(runs, 3))
+    rate = np.radians(true_deg_s) * axis / np.linalg.norm(axis, axis=1, keepdims=True)
+    dcm, rate = turning(t, start, rate, np.broadcast_to(INERTIA, (runs, 3, 3)))
+    worst = np.zeros(runs, dtype=int)
+    for run in range(runs):
+        nav, far = make(method), 0
+        for now, measured, true, turn in zip(t, noisy(dcm[:, run], rng), dcm[:, run], rate[:, run], strict=True):
+            record = nav.step(now, measured, NOISE)
+            far = far + 1 if is_relied_on(record) and sigmas_off(record, true, turn).max() > 5.0 else 0
+            worst[run] = max(worst[run], far)
+    return worst
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(("true_deg_s", "most"), [(2.0, 20), (3.0, 12), (5.0, 8)])
+def test_a_rate_that_was_told_wrong_is_seen_in_many_innovations(method, true_deg_s, most):
+    """At 10 Hz, each innovation inside the gate; by the gate alone 31, 41 and 12 epochs."""
+    assert longest_far_off(method, true_deg_s, 20, 10.0).max() <= most
+
+
+def test_innovations_of_a_right_filter_are_believed():
+    """At most the gate's one of 10,000, and by the sums one of 90,000 more."""
+    rng, t = np.random.default_rng(6), 0.1 * np.arange(200)
+    dcm, _ = slow_targets(t, 50, rng, 0.2)
+    refused = 0
+    for run in range(50):
+        nav = make("multiplicative")
+        records = [nav.step(now, seen, NOISE) for now, seen in zip(t, noisy(dcm[:, run], rng), strict=True)]
+        refused += sum(record.status == REJECTED for record in records)
+    assert refused <= 5
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_gaps_of_any_length(method):
     """Positive definite or WAITING, at once; two attitudes start it anew."""

@@ -25,6 +25,7 @@ from relnav.estimation.attitude import (
     carry_lasting,
     compare_attitude,
 )
+from relnav.estimation.innovation_sums import INNOVATION, RECENT, SUMS, remember_innovation, sums_are_credible
 from relnav.estimation.unscented_attitude import POINTS, SIGMA_POINTS, gather_points, spread_points
 from relnav.navigation.status import PREDICTED, REJECTED, WAITING
 
@@ -47,6 +48,7 @@ MEMORY = np.dtype(
         ("chaser_sigma", _F),
         ("gate", _F),
         ("trial_gate", _F),
+        ("sum_limit", _F),  # of chi-square, for the sums of innovations
         ("restart_after", _I),
         ("unscented", _I),
         ("t", _F),
@@ -61,12 +63,16 @@ MEMORY = np.dtype(
         ("track", ATTITUDE_TRACK),
         ("trial", ATTITUDE_TRACK),
         ("compared", COMPARED),
+        ("recent", INNOVATION, RECENT),  # of the track
+        ("remembered", _I),
+        ("sums", SUMS),
         ("points", SIGMA_POINTS),
         ("phi", _F, (6, 6)),
         ("noise", _F, (6, 6)),
         ("before", _F, (3, 6)),
         ("after", _F, (3, 6)),
         ("by_lasting", _F, (3, LASTING)),
+        ("seen", _F, (3, LASTING)),  # what they do to an innovation
         ("work", _F, (50, 6)),
     ]
 )
@@ -165,7 +171,8 @@ def advance(memory: Record, t: float) -> int:
 def take_if_near(memory: Record, of_trial: bool, measured: Matrix, noise: Matrix, chaser: Matrix, limit: float) -> bool:
     """Compare the track or the trial with a measured attitude (3, 3) of covariance noise (3, 3), into `compared`.
 
-    Correct it if NIS is within a limit, and say whether. chaser (3, 3): dcm_chaser_from_lvlh; its error alpha turns the
+    Correct it if NIS is within a limit, and say whether; the track, if its latest innovations together are credible
+    too (`estimation.innovation_sums`). chaser (3, 3): dcm_chaser_from_lvlh; its error alpha turns the
     measured attitude by -C_TB alpha.
     """
     m = memory[0]
@@ -180,6 +187,16 @@ def take_if_near(memory: Record, of_trial: bool, measured: Matrix, noise: Matrix
     compare_attitude(track, measured, noise, by, compared, m["work"][0:14, 0:3])
     if not compared["nis"] <= limit:
         return False
+    if not of_trial:
+        count, seen = m["remembered"], m["seen"]
+        for i in range(3):
+            for k in range(LASTING):
+                seen[i, k] = track["lasting"][i, k] + by[i, k]
+        recent = m["recent"]
+        remember_innovation(recent[count % RECENT], compared["innovation"], compared["innovation_covariance"], seen)
+        if not sums_are_credible(recent, count + 1, m["sums"], m["sum_limit"]):
+            return False
+        m["remembered"] = count + 1
     corrected = compared["track"]
     for i in range(3):
         track["rate"][i] = corrected["rate"][i]

@@ -52,7 +52,8 @@ class AttitudeRecord:
     t_s : float
         Time of the epoch.
     accepted : bool
-        Whether the attitude measured here is in the state.
+        Whether the attitude measured here is in the state. One whose own NIS is small is not where the latest
+        innovations together say that the track is off.
     rejections : int
         Measured attitudes rejected in a row up to here.
     """

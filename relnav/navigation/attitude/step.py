@@ -6,8 +6,10 @@ contradicts it opens another trial.
 
 Lock-out: from the first attitude that the track rejects, trials run beside it. After `restart_after` rejections in a
 row a trial that two more attitudes have confirmed replaces it; a shorter burst of wrong attitudes, even of ones that
-agree with each other, does not. What was told of the rate is no longer believed beside and after a contradicted track,
-nor after three trials in a row that were contradicted: it counts as unknown, as far as attitudes that often can follow.
+agree with each other, does not. A measured attitude is also rejected where the latest innovations, each inside the
+gate, lie together further to one side than chance explains: the track is off then. What was told of the rate is no
+longer believed beside and after a contradicted track, nor after three trials in a row that were contradicted: it counts
+as unknown, as far as attitudes that often can follow.
 
 A track is dropped when its errors no longer count as small, as over a long gap; the filter then waits for a new start.
 """
@@ -51,7 +53,7 @@ def use(memory: Record, measured: Matrix, noise: Matrix, chaser: Matrix) -> tupl
     if m["has_trial"] > 0 and _agrees(memory, measured, noise, chaser):
         if _is_confirmed(m):
             m["track"], m["rate_unknown"] = m["trial"], bool(m["rate_unknown"]) or running
-            m["running"], m["rejections"], m["has_trial"] = 1, 0, 0
+            m["running"], m["rejections"], m["has_trial"], m["remembered"] = 1, 0, 0, 0
             return STARTED, True
     else:
         _open_trial(memory, measured, noise, chaser, interval)

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from relnav.arrays import Matrix, Record, number, numbers, one_piece
 from relnav.dynamics.rigid_body import RigidBody
 from relnav.estimation.gating import chi_square_limit
+from relnav.estimation.innovation_sums import LIMIT_PROBABILITY
 from relnav.geometry.linear_algebra import cholesky
 from relnav.geometry.rotation import is_rotation
 from relnav.navigation.arguments import not_negative, vector
@@ -108,6 +109,7 @@ class TargetAttitude:
             chi_square_limit(number("gate_probability", gate_probability), 3),
             chi_square_limit(TRIAL_PROBABILITY, 3),
         )
+        m["sum_limit"] = chi_square_limit(LIMIT_PROBABILITY, 3)
         m["chaser_sigma"], m["restart_after"] = chaser_attitude_sigma_rad, restart_after
         m["unscented"] = method == "unscented"
         if inertia_sigma_kg_m2 is not None:

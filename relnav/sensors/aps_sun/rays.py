@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Flags, Matrix, Vector, numbers
+from relnav.geometry.linear_algebra import lengths
 from relnav.geometry.projection_angles import direction_from_tangents
 from relnav.geometry.refraction import leave_sphere, refract
 from relnav.sensors.aps_sun.sensor import ApsSunModel, Dome
@@ -33,7 +34,7 @@ def project(model: ApsSunModel, s: ArrayLike) -> Matrix:
     s = numbers("s", s)
     if s.shape[-1:] != (3,):
         raise ValueError(f"a direction has 3 components in its last axis; got shape {s.shape}")
-    if np.any(np.abs(np.linalg.norm(s, axis=-1) - 1.0) > 1e-6):
+    if np.any(np.abs(lengths(s) - 1.0) > 1e-6):
         raise ValueError("sun directions are unit vectors (within 1e-6)")
     sensor = model.sensor
     d = _through_dome(model.dome, s @ _misalignment(sensor.misalignment_rad).T)

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Stack, Vector, numbers
 from relnav.codegen.kernel import kernel
+from relnav.geometry.linear_algebra import lengths
 from relnav.sensors.birefringent_sun.crystal import extraordinary_root
 from relnav.sensors.birefringent_sun.sensor import BirefringentSunSensor
 
@@ -104,7 +105,7 @@ def project(sensor: BirefringentSunSensor, s: ArrayLike) -> Stack:
     s = numbers("s", s)
     if s.shape[-1:] != (3,):
         raise ValueError(f"a direction has 3 components in its last axis; got shape {s.shape}")
-    if np.any(np.abs(np.linalg.norm(s, axis=-1) - 1.0) > 1e-6):
+    if np.any(np.abs(lengths(s) - 1.0) > 1e-6):
         raise ValueError("sun directions are unit vectors (within 1e-6)")
     seen = np.where(s[..., 2:] > 0.0, s[..., :2], np.nan)
     return np.array(sensor.zero_spot_px) + spots_of_transverse(sensor, seen) / sensor.pixel_pitch_m
