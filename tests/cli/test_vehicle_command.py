@@ -12,8 +12,8 @@ import pytest
 import relnav
 from relnav.cli.vehicle import Summary
 from relnav.files.model_folders import find_model
+from relnav.vehicle.health import SensorHealth
 from relnav.vehicle.monitor import ALARM_SIGMA
-from relnav.vehicle.navigator import SensorHealth
 
 HEADER = "t_s,sensor,v0,v1,v2,v3,v4,v5,v6,v7,v8,v9,v10,v11"
 
