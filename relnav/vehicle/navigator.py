@@ -165,7 +165,7 @@ class VehicleNavigator:
             Whether a second filter watches the first (`relnav.vehicle.monitor`), for a third more computing.
         separation : bool
             Whether a filter without each sensor in turn is flown beside, for a protection level with one of them at
-            fault (`relnav.vehicle.separation`); each costs what the second filter does.
+            fault (`relnav.vehicle.separation`), for four times the computing with five sensors.
 
         Raises
         ------
