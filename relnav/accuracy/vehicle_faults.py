@@ -3,7 +3,8 @@
 A ramp grows from nothing, for a minute, to RAMP_SIGMA times what is stated of one observation, noise and mounting
 together, and stays: all spots of an image shift, the attitude of a star image turns, so does the direction to the sun,
 and the gyro's bias grows. A run is silently wrong if at any second the port's position is off by more than its
-protection level along an axis while no sensor is in alarm.
+protection level along an axis while no sensor is in alarm. That level is of a vehicle without faults; beside it stands
+the one with a sensor at fault (`relnav.vehicle.separation`), beyond which the port may never be before the alarm.
 """
 
 import math
@@ -45,12 +46,15 @@ class Flown(NamedTuple):
         Of the port's position at that time, largest along an axis, over its protection level; at the end without.
     silent : bool
         Whether it was beyond that level before, or without an alarm.
+    one_fault : float
+        The largest error until the alarm, over the protection level with one sensor at fault.
     """
 
     alarm_s: float
     named: str
     error: float
     silent: bool
+    one_fault: float
 
 
 def ramp_of(vehicle: Vehicle, name: str) -> float:
@@ -87,20 +91,21 @@ def bent(vehicle: Vehicle, seen: Observation, name: str, size: float) -> Any:
 def fly_ramp(run: VehicleRun, name: str) -> Flown:
     """A run with a ramp in one sensor; name "" flies it as it is."""
     vehicle = run.truth.vehicle
-    nav, full = VehicleNavigator(vehicle), ramp_of(vehicle, name) if name else 0.0
-    second, silent, error = 1.0, False, 0.0
+    nav, full = VehicleNavigator(vehicle, separation=True), ramp_of(vehicle, name) if name else 0.0
+    second, silent, error, one_fault = 1.0, False, 0.0, 0.0
     for seen in sorted(run.observations, key=lambda observation: observation.t_s):
         share = min(max((seen.t_s - BEGINS_S) / RAMP_S, 0.0), 1.0)
         nav.observe(seen.sensor, seen.t_s, bent(vehicle, seen, name, share * full))
         if not second <= seen.t_s < run.truth.end_s - 0.1:
             continue
         second, now = seen.t_s + 1.0, nav.state()
-        off = true_port(run, now.t_s)[0][:3] - now.port.position_m
-        error = float(np.abs(off / now.port.protection_level_m()).max())
+        off = np.abs(true_port(run, now.t_s)[0][:3] - now.port.position_m)
+        error = float((off / now.port.protection_level_m()).max())
+        one_fault = max(one_fault, float((off / now.protection_level_m()).max()))
         if now.alarms:
-            return Flown(now.t_s, now.alarms[0], error, silent)
+            return Flown(now.t_s, now.alarms[0], error, silent, one_fault)
         silent = silent or error > 1.0
-    return Flown(math.nan, "", error, silent)
+    return Flown(math.nan, "", error, silent, one_fault)
 
 
 @dataclass(frozen=True)
@@ -118,6 +123,8 @@ class RampRow:
         Median time from the ramp's beginning to the alarm; NaN without one.
     error : float
         Largest error of the port then, or at the end of runs without an alarm, over its protection level.
+    one_fault : float
+        Largest error until then, over the protection level with one sensor at fault.
     """
 
     sensor: str
@@ -129,10 +136,16 @@ class RampRow:
     silent_high: float
     alarm_s: float
     error: float
+    one_fault: float
 
     @property
     def ok(self) -> bool:
-        """Whether the bar may hold: silence, or without a ramp false alarms, no more often than stated."""
+        """Whether the bars may hold: silence, or without a ramp false alarms, no more often than stated.
+
+        And no error beyond the protection level with one sensor at fault.
+        """
+        if self.one_fault > 1.0:
+            return False
         if self.sensor:
             return self.silent_low <= SILENT_SHARE
         return wilson_bounds(self.alarmed, self.runs)[0] <= FALSE_ALARM_SHARE
@@ -163,15 +176,17 @@ class VehicleFaultsReport:
         out = [
             f"model {self.model}, {self.runs} runs {way} a row, seed {self.seed}",
             f"a ramp: within {RAMP_S:g} s to {RAMP_SIGMA:g} sigma of an observation, noise and mounting",
+            "error / level: at the alarm, over the level without faults; one fault: until then, over that with one",
             "after: median, from its beginning; silent: the port off by more than its protection level, and no alarm",
-            f"{'ramp in':<20}alarmed  naming it  after, s  error / level  silent  95 % bounds",
+            f"{'ramp in':<20}alarmed  naming it  after, s  error / level  one fault  silent  95 % bounds",
         ]
         for row in self.rows:
             after = "-" if math.isnan(row.alarm_s) else f"{row.alarm_s:.0f}"
             named = str(row.named) if row.sensor else "-"
             out.append(
-                f"{row.sensor or 'nothing':<20}{row.alarmed:>7}{named:>11}{after:>10}{row.error:>15.2f}{row.silent:>8}"
-                f"  {row.silent_low:.3f} .. {row.silent_high:.3f}{'' if row.ok else '  BAR NOT MET'}"
+                f"{row.sensor or 'nothing':<20}{row.alarmed:>7}{named:>11}{after:>10}{row.error:>15.2f}"
+                f"{row.one_fault:>11.2f}{row.silent:>8}  {row.silent_low:.3f} .. {row.silent_high:.3f}"
+                f"{'' if row.ok else '  BAR NOT MET'}"
             )
         out.append("every bar is met" if self.ok else "SOME BARS ARE NOT MET")
         return out
@@ -220,4 +235,5 @@ def _row(name: str, flown: list[Flown]) -> RampRow:
         silent_high=high,
         alarm_s=float(np.median([one.alarm_s - BEGINS_S for one in told])) if told else math.nan,
         error=max(one.error for one in flown),
+        one_fault=max(one.one_fault for one in flown),
     )

@@ -97,13 +97,18 @@ class Summary:
         self._last: VehicleEstimate | None = None
         self._estimates = 0
         self._alarms: dict[str, tuple[float, int]] = {}
+        self._readings: dict[str, str] = {}
 
     def counted(self, rows: "Iterable[Row]") -> "Iterator[Row]":
-        """The observations, counted."""
+        """The observations, counted; the first of each sensor looked at."""
+        from relnav.files.vehicle_log import attitude_note
+
         for row in rows:
             self._rows += 1
             if self._rows <= NOTED:
                 self._times.setdefault(row[0], []).append(row[1])
+                if row[0] not in self._readings:
+                    self._readings[row[0]] = attitude_note(row, self._vehicle)
             yield row
 
     def passing(
@@ -129,13 +134,13 @@ class Summary:
         return _figures(self._last, self._vehicle, self._rows) | said
 
     def _notes(self) -> list[str]:
-        """What is odd about the times of the sensor that is seen most often."""
+        """What is odd about the times of the sensor that is seen most often, and about attitudes."""
         import numpy as np
 
         from relnav.files.filter_file import spacing_note
 
         most = max(self._times.values(), key=len, default=[])
-        return list(spacing_note(np.array(most), "divide them by 1000"))
+        return [*spacing_note(np.array(most), "divide them by 1000"), *filter(None, self._readings.values())]
 
     def lines(self, name: str) -> list[str]:
         """For a reader."""

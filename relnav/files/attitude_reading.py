@@ -20,17 +20,29 @@ FAR_DEG, NEAR_DEG = 60.0, 20.0
 """From the attitude in which the model sees its target: no flight looks so far away, and most stay as near."""
 
 
-def reading_that_looks(dcm_chaser_from_lvlh: Matrix, expected: Matrix) -> str:
-    """A sentence on the reading of q_chaser_from_lvlh that is near the model's attitude (3, 3); empty if it is near."""
-    away = _away_deg(dcm_chaser_from_lvlh, expected)
-    quaternion = quaternion_from_dcm(dcm_chaser_from_lvlh)
-    for name, (columns, signs) in READINGS.items():
+def reading_that_looks(
+    dcm_a_from_b: Matrix,
+    expected: Matrix,
+    name: str = "q_chaser_from_lvlh",
+    frames: tuple[str, str] = ("chaser", "lvlh"),
+    expects: str = "the attitude in which the model sees the target",
+    far_deg: float = FAR_DEG,
+) -> str:
+    """A sentence on the reading of a quaternion that is near the expected attitude (3, 3); empty if it is near.
+
+    name, frames, expects: what the quaternion is called, a and b, and what the expected attitude is; far_deg: from when
+    on it does not fit.
+    """
+    away = _away_deg(dcm_a_from_b, expected)
+    quaternion = quaternion_from_dcm(dcm_a_from_b)
+    for reading, (columns, signs) in READINGS.items():
         read = _away_deg(dcm_from_quaternion(quaternion[columns] * signs), expected)
-        if away > FAR_DEG and read < NEAR_DEG:
-            words = name.replace("cam", "chaser")
+        if away > far_deg and read < NEAR_DEG:
+            a, b = frames
+            words = reading.replace("cam", a).replace("lvlh", b)
             return (
-                f"q_chaser_from_lvlh turns {away:.0f} deg away from the attitude in which the model sees the target; "
-                f"read as {words} it is {read:.0f} deg: x, y, z, w of v_chaser = R v_lvlh is expected"
+                f"{name} turns {away:.0f} deg away from {expects}; "
+                f"read as {words} it is {read:.0f} deg: x, y, z, w of v_{a} = R v_{b} is expected"
             )
     return ""
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from math import isfinite, isnan, nan
+from math import isfinite
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -15,12 +15,14 @@ from relnav.spacecraft import GYRO, POINTS, RESERVED, STAR, THRUST, Vehicle
 from relnav.vehicle.directions import StarTracker, SunSensor
 from relnav.vehicle.flying_sensor import Flown, FlyingSensor
 from relnav.vehicle.gyro import GyroSamples
-from relnav.vehicle.layout import Layout, layout_of
-from relnav.vehicle.monitor import ALARM_SIGMA, Sums, all_estimated
+from relnav.vehicle.health import Fare, SensorHealth
+from relnav.vehicle.layout import GYRO_BIAS, Layout, layout_of
+from relnav.vehicle.monitor import Sums, all_estimated
 from relnav.vehicle.motion import VehicleMotion
 from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.points import PointSensor
 from relnav.vehicle.port import PortState, port_state
+from relnav.vehicle.separation import FAULT_PROBABILITY, hide, protection_level_m
 from relnav.vehicle.state import Estimates, start_state
 from relnav.vehicle.timeline import ACCEPTED, REJECTED, REPLAYED, TOO_OLD, Event, Observed, Timeline
 from relnav.vehicle.update import Outcome, Updater
@@ -29,35 +31,6 @@ LONGEST_PREDICTION_S = 60.0
 MOST = {GYRO: 1e3, THRUST: 1e4}
 """Of a rate, rad/s, and an acceleration, m/s^2: more is a mistake."""
 _NOTHING = np.zeros((0, 0))
-
-
-@dataclass(frozen=True)
-class SensorHealth:
-    """How a sensor fares.
-
-    Attributes
-    ----------
-    last_used_s : float
-        When something of it was believed last; NaN if never.
-    refused : int
-        Observations in a row of which nothing was.
-    nis_ratio : float
-        NIS over its degrees of freedom, before the gate, faded over some ten observations; NaN before the first. One in
-        the mean; where errors are considered, innovations hang together and it wanders, to three and more.
-    deviation : float
-        How far the squared innovations of the last ten seconds lie above what is expected, 1-sigma, in the filter that
-        watches; NaN without one, and before the first observation.
-    """
-
-    last_used_s: float = nan
-    refused: int = 0
-    nis_ratio: float = nan
-    deviation: float = nan
-
-    @property
-    def alarm(self) -> bool:
-        """Whether what it says no longer agrees with what is believed of it (`relnav.vehicle.monitor`)."""
-        return self.deviation > ALARM_SIGMA
 
 
 @dataclass(frozen=True)
@@ -83,6 +56,8 @@ class VehicleEstimate:
         No observation is taken that is older: what the filter made of the time before stands.
     vehicle : Vehicle
         What flies.
+    without : mapping
+        The port as filters without each sensor in turn have it, by the sensor's name; empty unless they are flown.
     """
 
     t_s: float
@@ -99,6 +74,21 @@ class VehicleEstimate:
     gyro_lost: bool
     final_before_s: float
     vehicle: Vehicle = field(repr=False)
+    without: Mapping[str, PortState] = field(default_factory=dict, repr=False)
+
+    def protection_level_m(
+        self, probability: float = 1e-7, fault_probability: float = FAULT_PROBABILITY
+    ) -> Vector:
+        """What the port's position error exceeds along each axis with no more than this probability, (3,) m.
+
+        With any one sensor at fault, each with fault_probability (`relnav.vehicle.separation`).
+
+        Raises
+        ------
+        UsageError
+            Without `separation=True` of the navigator, and for what is no probability.
+        """
+        return protection_level_m(self.port, self.without, probability, fault_probability)
 
     def in_frame(self, frame: str) -> FramedTrack:
         """Motion, the target's attitude and rate, and their covariance (12, 12), turned: a track of one epoch.
@@ -130,36 +120,11 @@ class VehicleEstimate:
         return tuple(name for name, health in self.sensors.items() if health.alarm)
 
 
-class _Fare(NamedTuple):
-    """How a sensor fares in the filter, and its sums in the one that watches."""
-
-    sums: Sums
-    last_used_s: float = nan
-    refused: int = 0
-    nis_ratio: float = nan
-
-    def after(self, t_s: float, outcomes: list[Outcome]) -> "_Fare":
-        """The same after another observation: what became of it in the filter, and in the one that watches."""
-        nis, dof, groups, used, *_ = outcomes[0]
-        sums, last_used_s, refused, mean = self
-        for watched in outcomes[1:]:
-            sums = sums.after_outcome(t_s, watched)
-        if groups == 0:
-            return _Fare(sums, last_used_s, refused, mean)
-        mean = nis / dof if isnan(mean) else 0.9 * mean + 0.1 * nis / dof
-        return _Fare(sums, t_s, 0, mean) if used else _Fare(sums, last_used_s, refused + 1, mean)
-
-    @property
-    def health(self) -> SensorHealth:
-        """What is told of it."""
-        return SensorHealth(self.last_used_s, self.refused, self.nis_ratio, self.sums.deviation)
-
-
 class _Tracked(NamedTuple):
     """Estimates, and how each sensor has fared until then."""
 
     estimates: Estimates
-    fares: Mapping[str, _Fare]
+    fares: Mapping[str, Fare]
 
 
 class VehicleNavigator:
@@ -182,6 +147,7 @@ class VehicleNavigator:
         velocity_m_s: ArrayLike | None = None,
         sensors: Mapping[str, FlyingSensor] | None = None,
         monitor: bool = True,
+        separation: bool = False,
     ) -> None:
         """Start the filter.
 
@@ -197,6 +163,9 @@ class VehicleNavigator:
             Sensors of your own by name (`relnav.vehicle.flying_sensor`), flown beside those of the file.
         monitor : bool
             Whether a second filter watches the first (`relnav.vehicle.monitor`), for a third more computing.
+        separation : bool
+            Whether a filter without each sensor in turn is flown beside, for a protection level with one of them at
+            fault (`relnav.vehicle.separation`), for four times the computing with five sensors.
 
         Raises
         ------
@@ -217,6 +186,9 @@ class VehicleNavigator:
         self._frame = OrbitFrame(vehicle.orbit)
         self._motion = VehicleMotion(vehicle, self._frame)
         layouts = [self.layout, all_estimated(self.layout)] if monitor else [self.layout]
+        self._watched, names = len(layouts), [*vehicle.sensor, *more] if separation else []
+        self._without = {name: len(layouts) + k for k, name in enumerate(names)}
+        layouts += [self.layout] * len(names)
         self._sensors: dict[str, PointSensor | StarTracker | SunSensor | Flown]
         self._sensors = {name: self._sensor(name, len(layouts)) for name in vehicle.sensor}
         self._sensors |= {name: Flown(own, name, self.layout) for name, own in more.items()}
@@ -227,7 +199,7 @@ class VehicleNavigator:
         self._places = {name: k for k, name in enumerate([*RESERVED, *self._sensors])}
         motion = np.concatenate([place, speed])
         start = start_state(vehicle, self.layout, self._frame, number("t_s", t_s), motion, len(layouts))
-        tracked = _Tracked(start, dict.fromkeys(self._sensors, _Fare(Sums(start.t_s))))
+        tracked = _Tracked(start, dict.fromkeys(self._sensors, Fare(Sums(start.t_s))))
         self._timeline: Timeline[_Tracked, Outcome | None]
         window_s = vehicle.filter.replay_window_s
         self._timeline = Timeline(tracked, start.t_s, window_s, self._apply)
@@ -345,15 +317,18 @@ class VehicleNavigator:
         sensor = self._sensors[source]
         if at is before:
             at = before.copied()
-        outcomes = self._updater.take(at, lambda estimates: sensor.rows(estimates, value, noise))
+        hidden = [self._without[source]] if self._without else []
+        outcomes = self._updater.take(at, lambda estimates: hide(sensor.rows(estimates, value, noise), hidden))
         if self.on_outcome is not None:
             self.on_outcome(event, outcomes[0])
-        return _Tracked(at, {**fares, source: fares[source].after(t_s, outcomes)}), outcomes[0]
+        return _Tracked(at, {**fares, source: fares[source].after(t_s, outcomes[: self._watched])}), outcomes[0]
 
     def _estimate(self, tracked: _Tracked, t_s: float) -> VehicleEstimate:
         at = self._motion.settled(tracked.estimates, self._samples, t_s)
         state, rate = at.of(0), self._motion.chaser_rate(at, self._samples)
         port, _ = port_state(self.vehicle, self._frame, state, rate)
+        alone = {name: at.of(f) for name, f in self._without.items()}
+        turning = rate + state.values[GYRO_BIAS]
         return VehicleEstimate(
             t_s=t_s,
             port=port,
@@ -369,6 +344,10 @@ class VehicleNavigator:
             gyro_lost=at.lost is not None,
             final_before_s=self._timeline.newest_s - self.vehicle.filter.replay_window_s,
             vehicle=self.vehicle,
+            without={
+                name: port_state(self.vehicle, self._frame, other, turning - other.values[GYRO_BIAS])[0]
+                for name, other in alone.items()
+            },
         )
 
 

@@ -12,8 +12,8 @@ import pytest
 import relnav
 from relnav.cli.vehicle import Summary
 from relnav.files.model_folders import find_model
+from relnav.vehicle.health import SensorHealth
 from relnav.vehicle.monitor import ALARM_SIGMA
-from relnav.vehicle.navigator import SensorHealth
 
 HEADER = "t_s,sensor,v0,v1,v2,v3,v4,v5,v6,v7,v8,v9,v10,v11"
 
@@ -83,6 +83,35 @@ def test_a_bad_row_is_told_by_its_line(run, model, tmp_path, row, message):
     code, _, error = run("filter", path, "--model", model)
     assert code == 3
     assert message in error
+
+
+@pytest.mark.parametrize(
+    ("order", "signs", "reading"),
+    [
+        ([3, 0, 1, 2], [1, 1, 1, 1], "scalar first (w, x, y, z)"),
+        ([0, 1, 2, 3], [-1, -1, -1, 1], "the inverse rotation (inertial_from_sensor)"),
+        ([0, 1, 2, 3], [1, 1, 1, 1], ""),
+    ],
+)
+def test_a_star_sensors_quaternion_read_another_way(run, model, log, tmp_path, order, signs, reading):
+    """Written by a caller with another convention: told in a sentence, which healthy rows do not get."""
+    lines = log.read_text().splitlines()
+    for k, line in enumerate(lines):
+        cells = line.split(",")
+        if len(cells) > 2 and cells[1] == "star":
+            q = [float(cell) for cell in cells[2:6]]
+            cells[2:6] = [repr(sign * q[place]) for place, sign in zip(order, signs, strict=True)]
+            lines[k] = ",".join(cells)
+    other = tmp_path / "other.csv"
+    other.write_text("\n".join(lines) + "\n")
+    code, out, _ = run("filter", other, "--model", model)
+    assert code == 0
+    if not reading:
+        assert "quaternion" not in out
+        return
+    assert "star's quaternion turns " in out
+    assert f"deg away from the attitude that is held; read as {reading} it is " in out
+    assert "x, y, z, w of v_sensor = R v_inertial is expected" in out
 
 
 def test_what_is_not_for_a_vehicle(run, model, vbar_log, tmp_path):

@@ -1,5 +1,7 @@
 """The shipped vehicle, and a state in the middle of an approach with everything off a little."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,10 @@ import relnav
 from relnav.simulation.rendezvous import Rendezvous
 from relnav.simulation.vehicle_sensors import simulate_rendezvous
 from relnav.vehicle.navigator import VehicleNavigator
+
+SLOW = {"gyro.rate_hz": 20.0, "sensor.star.rate_hz": 2.0, "sensor.psd.rate_hz": 2.5, "sensor.camera.rate_hz": 2.0,
+        "sensor.sun_aps.rate_hz": 0.2, "sensor.sun_birefringent.rate_hz": 0.2}  # fmt: skip
+"""Sampled slower than the shipped vehicle, so that many runs are quick."""
 
 
 @pytest.fixture(scope="session")
@@ -18,6 +24,14 @@ def vehicle():
 def short_run(vehicle):
     """Twelve seconds at 5 m."""
     return simulate_rendezvous(vehicle, Rendezvous(start_m=5.6, final_m=5.0), seed=3)
+
+
+@pytest.fixture(scope="session")
+def slow():
+    """From 5.5 m; hand-over stands there too."""
+    vehicle = relnav.load_model("rendezvous_demo", changes=SLOW)
+    near = dataclasses.replace(vehicle.hand_over, port_distance_m=(5.5, 0.0, 0.0), position_sigma_m=0.1)
+    return dataclasses.replace(vehicle, hand_over=near)
 
 
 @pytest.fixture

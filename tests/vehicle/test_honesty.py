@@ -8,7 +8,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-import relnav
 from relnav.accuracy.rendezvous import checkpoint, fly, groups_of, honesty, port_figures, true_port
 from relnav.accuracy.vehicle_faults import bent, ramp_of
 from relnav.estimation.consistency import chi_square_interval
@@ -19,17 +18,7 @@ from relnav.vehicle.navigator import VehicleNavigator
 from relnav.vehicle.timeline import Observed
 
 RUNS = 10
-SLOW = {"gyro.rate_hz": 20.0, "sensor.star.rate_hz": 2.0, "sensor.psd.rate_hz": 2.5, "sensor.camera.rate_hz": 2.0,
-        "sensor.sun_aps.rate_hz": 0.2, "sensor.sun_birefringent.rate_hz": 0.2}  # fmt: skip
 FLIGHT = Rendezvous(start_m=5.5, final_m=2.5, fast_m_s=0.1, slow_m_s=0.1)
-
-
-@pytest.fixture(scope="module")
-def slow():
-    """From 5.5 m; hand-over stands there too."""
-    vehicle = relnav.load_model("rendezvous_demo", changes=SLOW)
-    near = dataclasses.replace(vehicle.hand_over, port_distance_m=(5.5, 0.0, 0.0), position_sigma_m=0.1)
-    return dataclasses.replace(vehicle, hand_over=near)
 
 
 @pytest.fixture(scope="module")

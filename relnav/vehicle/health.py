@@ -1,0 +1,62 @@
+"""How each sensor fares: when it was believed last, and whether what it says agrees with what is believed of it."""
+
+from dataclasses import dataclass
+from math import isnan, nan
+from typing import NamedTuple
+
+from relnav.vehicle.monitor import ALARM_SIGMA, Sums
+from relnav.vehicle.update import Outcome
+
+
+@dataclass(frozen=True)
+class SensorHealth:
+    """How a sensor fares.
+
+    Attributes
+    ----------
+    last_used_s : float
+        When something of it was believed last; NaN if never.
+    refused : int
+        Observations in a row of which nothing was.
+    nis_ratio : float
+        NIS over its degrees of freedom, before the gate, faded over some ten observations; NaN before the first. One in
+        the mean; where errors are considered, innovations hang together and it wanders, to three and more.
+    deviation : float
+        How far the squared innovations of the last ten seconds lie above what is expected, 1-sigma, in the filter that
+        watches; NaN without one, and before the first observation.
+    """
+
+    last_used_s: float = nan
+    refused: int = 0
+    nis_ratio: float = nan
+    deviation: float = nan
+
+    @property
+    def alarm(self) -> bool:
+        """Whether what it says no longer agrees with what is believed of it (`relnav.vehicle.monitor`)."""
+        return self.deviation > ALARM_SIGMA
+
+
+class Fare(NamedTuple):
+    """How a sensor fares in the filter, and its sums in the one that watches."""
+
+    sums: Sums
+    last_used_s: float = nan
+    refused: int = 0
+    nis_ratio: float = nan
+
+    def after(self, t_s: float, outcomes: list[Outcome]) -> "Fare":
+        """The same after another observation: what became of it in the filter, and in the one that watches."""
+        nis, dof, groups, used, *_ = outcomes[0]
+        sums, last_used_s, refused, mean = self
+        for watched in outcomes[1:2]:
+            sums = sums.after_outcome(t_s, watched)
+        if groups == 0:
+            return Fare(sums, last_used_s, refused, mean)
+        mean = nis / dof if isnan(mean) else 0.9 * mean + 0.1 * nis / dof
+        return Fare(sums, t_s, 0, mean) if used else Fare(sums, last_used_s, refused + 1, mean)
+
+    @property
+    def health(self) -> SensorHealth:
+        """What is told of it."""
+        return SensorHealth(self.last_used_s, self.refused, self.nis_ratio, self.sums.deviation)

@@ -1,0 +1,64 @@
+"""Protection with one sensor at fault: a filter without each sensor in turn, beside the one that is told.
+
+A fault of a sensor, whatever it is and since whenever, is not in the filter that never took it. With d the estimate
+less that of the filter without sensor s, and sigma_s of the latter, the error along an axis is at most
+
+    |e| <= |d| + |e_s|,     |e_s| <= k_s sigma_s
+
+so that max(k_0 sigma_0, max over s of |d_s| + k_s sigma_s) bounds it (solution separation, Brown and McBurney 1988,
+Self-contained GPS integrity check using maximum solution separation; Brenner 1996, Integrated GPS/inertial fault
+detection availability; with the separation as it is instead of its threshold). The probability is shared equally among
+"nothing is at fault" and each sensor. Two sensors at fault at once, the gyro and the thrusters are not covered.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from relnav.arrays import Vector
+from relnav.errors import UsageError
+from relnav.vehicle.port import PortState
+from relnav.vehicle.rows import Rows
+
+FAULT_PROBABILITY = 1e-3
+"""Assumed of each sensor in an approach."""
+
+
+def hide(rows: Rows, filters: Sequence[int]) -> Rows:
+    """The rows, with nothing to be used in some filters, in place."""
+    for f in filters:
+        rows.residual[f] = np.nan
+    return rows
+
+
+def protection_level_m(
+    port: PortState, without: Mapping[str, PortState], probability: float, fault_probability: float
+) -> Vector:
+    """The bound of above along each target axis, (3,) m.
+
+    Parameters
+    ----------
+    port, without : PortState, mapping
+        As told; of the filters without each sensor, by its name.
+    probability : float
+        Of an error beyond it, an axis.
+    fault_probability : float
+        Of a fault of each sensor.
+
+    Raises
+    ------
+    UsageError
+        Without such filters, and for what is no probability.
+    """
+    from scipy.special import ndtri
+
+    if not without:
+        raise UsageError("no filter without a sensor was flown: VehicleNavigator(vehicle, separation=True) does")
+    if not (0.0 < probability < 1.0 and 0.0 < fault_probability <= 1.0):
+        raise UsageError(f"probabilities lie between 0 and 1; got {probability!r} and {fault_probability!r}")
+    share = probability / (1.0 + len(without))
+    level: Vector = -ndtri(0.5 * share) * port.sigma[:3]
+    k = max(0.0, -float(ndtri(min(0.5, 0.5 * share / fault_probability))))
+    for other in without.values():
+        level = np.maximum(level, np.abs(port.position_m - other.position_m) + k * other.sigma[:3])
+    return level
