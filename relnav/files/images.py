@@ -4,6 +4,8 @@ A picture is read as it is stored: its first row first, no turn by metadata. Wha
 the file holds is refused before it is unpacked.
 """
 
+import mmap
+import re
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +22,8 @@ from relnav.files.wording import printable, shown
 PILLOW_ENDINGS = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm")
 FITS_ENDINGS = (".fits", ".fit", ".fts")
 WRITTEN_ENDINGS = (".png", ".tif", ".tiff", ".fits", ".fit")
+TOO_MANY_AXES = re.compile(rb"NAXIS   = *[0-9]{4}")
+"""The FITS standard (4.0, 4.4.1.1) has 999 at most."""
 LEAST_SIDE, MOST_SIDE, MOST_PIXELS = 8, 65_535, 100_000_000
 BOMB_PIXELS, BOMB_RATIO = 16_000_000, 100
 """A picture of more pixels than the first has a byte in the file for every so many of them, or more."""
@@ -165,6 +169,9 @@ def _read_fits(path: Path) -> Picture:
             warnings.simplefilter("ignore")  # of headers that break the standard; what matters here is checked
             if file.read(6) != b"SIMPLE":
                 raise InputError(f"{path}: not a FITS file: it does not begin with SIMPLE")
+            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+                if TOO_MANY_AXES.search(content):  # astropy would count them, one by one
+                    raise InputError(f"{path}: not a readable FITS file: an array of more than 999 axes")
             file.seek(0)
             with fits.open(file, memmap=False, lazy_load_hdus=True) as hdus:
                 image = next((hdu for hdu in hdus if hdu.is_image and len(hdu.shape) >= 2), None)

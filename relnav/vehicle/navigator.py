@@ -76,9 +76,7 @@ class VehicleEstimate:
     vehicle: Vehicle = field(repr=False)
     without: Mapping[str, PortState] = field(default_factory=dict, repr=False)
 
-    def protection_level_m(
-        self, probability: float = 1e-7, fault_probability: float = FAULT_PROBABILITY
-    ) -> Vector:
+    def protection_level_m(self, probability: float = 1e-7, fault_probability: float = FAULT_PROBABILITY) -> Vector:
         """What the port's position error exceeds along each axis with no more than this probability, (3,) m.
 
         With any one sensor at fault, each with fault_probability (`relnav.vehicle.separation`).
