@@ -15,9 +15,18 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 
-spec = importlib.util.spec_from_file_location("raise_sites", Path(__file__).with_name("raise_sites.py"))
-raise_sites = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(raise_sites)
+ROOT = Path(__file__).parents[1]
+
+
+def module_of(place: str) -> ModuleType:
+    """A script of the checkout, run as a module of its own."""
+    spec = importlib.util.spec_from_file_location(Path(place).stem, ROOT / place)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+raise_sites = module_of("tests/raise_sites.py")
 raise_sites.watch()  # before anything of relnav is imported
 
 from relnav.mission import Attitude, Camera, Docking, FilterSettings, Model, Orbit, ProcessNoise  # noqa: E402
@@ -121,6 +130,12 @@ def outside(record_property: Callable[[str, object], None]) -> Callable[..., Non
         assert difference <= bound, f"{reference}: {what} differs by {difference}, more than {bound}"
 
     return hold
+
+
+@pytest.fixture(scope="session")
+def script() -> Callable[[str], ModuleType]:
+    """script("benchmarks/mutation.py") -> that file as a module, made anew."""
+    return module_of
 
 
 @pytest.fixture(scope="session")
