@@ -55,7 +55,7 @@ def untold(told: set[str]) -> list[str]:
 
 
 def note_skip(report) -> None:
-    """Of pytest's report of a test or of a file; `messageless` marks tests that call nothing of the package."""
+    """Of pytest's report of a test or of a file; `messageless` marks tests that trigger no message."""
     if report.skipped and not hasattr(report, "wasxfail") and "messageless" not in getattr(report, "keywords", ()):
         skipped.add(report.nodeid)
 
