@@ -15,9 +15,18 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 
-spec = importlib.util.spec_from_file_location("raise_sites", Path(__file__).with_name("raise_sites.py"))
-raise_sites = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(raise_sites)
+ROOT = Path(__file__).parents[1]
+
+
+def module_of(place: str) -> ModuleType:
+    """A script of the checkout, run as a module of its own."""
+    spec = importlib.util.spec_from_file_location(Path(place).stem, ROOT / place)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+raise_sites = module_of("tests/raise_sites.py")
 raise_sites.watch()  # before anything of relnav is imported
 
 from relnav.mission import Attitude, Camera, Docking, FilterSettings, Model, Orbit, ProcessNoise  # noqa: E402
@@ -124,6 +133,12 @@ def outside(record_property: Callable[[str, object], None]) -> Callable[..., Non
 
 
 @pytest.fixture(scope="session")
+def script() -> Callable[[str], ModuleType]:
+    """script("benchmarks/mutation.py") -> that file as a module, made anew."""
+    return module_of
+
+
+@pytest.fixture(scope="session")
 def messages() -> ModuleType:
     """`raise_sites.py`: what was triggered in this process so far."""
     return raise_sites
@@ -162,27 +177,40 @@ def make_model(sensor: ThreeBeaconSensor) -> Callable[..., Model]:
     return make
 
 
-def pytest_sessionfinish(session):
-    """A whole run in which every test passes names the messages of the package that none of them triggered.
+def pytest_runtest_logreport(report):
+    raise_sites.note_skip(report)
 
-    With RELNAV_MESSAGES=strict in the environment it fails for them. RELNAV_MESSAGES=FILE.json keeps what any run
-    triggered.
+
+def pytest_collectreport(report):
+    raise_sites.note_skip(report)
+
+
+def pytest_deselected(items):
+    raise_sites.left_out.update(item.nodeid for item in items)
+
+
+def pytest_sessionfinish(session):
+    """A whole run in which every test passes fails for the messages of the package that none of them triggered.
+
+    Where tests were skipped, as what they need is not installed, these messages are named alone.
+    RELNAV_MESSAGES=FILE.json in the environment keeps what any run triggered.
     """
-    config, told, wish = session.config, raise_sites.seen, os.environ.get("RELNAV_MESSAGES", "")
+    config, wish = session.config, os.environ.get("RELNAV_MESSAGES", "")
     if hasattr(config, "workeroutput"):
-        config.workeroutput["told"] = sorted(told)
+        config.workeroutput |= raise_sites.kept()
         return
     if wish.endswith(".json"):
-        Path(wish).write_text(json.dumps(sorted(told)), encoding="utf-8")
-    chosen = (getattr(config.option, name, None) for name in ("keyword", "markexpr", "deselect", "ignore", "lf"))
-    whole = config.args_source is config.ArgsSource.TESTPATHS and not any(chosen)
-    if whole and session.exitstatus == pytest.ExitCode.OK and (untold := raise_sites.untold(told)):
-        print(f"\n\n{len(untold)} messages that no test triggers:", *untold, sep="\n  ")
-        if wish == "strict":
+        Path(wish).write_text(json.dumps(sorted(raise_sites.seen)), encoding="utf-8")
+    by_default = config.args_source is config.ArgsSource.TESTPATHS
+    if by_default and session.exitstatus == pytest.ExitCode.OK and raise_sites.is_whole(config.option):
+        lines, fails = raise_sites.verdict()
+        if lines:
+            print("\n", *lines, sep="\n")
+        if fails:
             session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_testnodedown(node):
-    """pytest-xdist: what a worker's tests have triggered."""
-    raise_sites.seen.update(getattr(node, "workeroutput", {}).get("told", ()))
+    """pytest-xdist: what a worker's tests have triggered, and which it skipped."""
+    raise_sites.join(getattr(node, "workeroutput", {}))

@@ -18,6 +18,15 @@ PACKAGE = Path(__file__).resolve().parents[1] / "relnav"
 NOTE = "_a_message_of_relnav"
 seen: set[str] = set()
 """Sites that ran in this process: "relnav/module.py:LINE"."""
+skipped: set[str] = set()
+"""Tests that were skipped, as something they need is not there."""
+left_out: set[str] = set()
+"""Tests that were not asked for."""
+PARTS = (
+    *("keyword", "markexpr", "deselect", "ignore", "ignore_glob", "lf", "stepwise"),
+    *("collectonly", "setuponly", "setupplan"),
+)
+"""Options of pytest that run a part of the tests, or none."""
 
 
 def is_site(node: ast.AST) -> bool:
@@ -43,6 +52,38 @@ def sites() -> dict[str, str]:
 def untold(told: set[str]) -> list[str]:
     """Sites that are not among those told, with what they say."""
     return [f"{name}: {statement}" for name, statement in sites().items() if name not in told]
+
+
+def note_skip(report) -> None:
+    """Of pytest's report of a test or of a file; `messageless` marks tests that trigger no message."""
+    if report.skipped and not hasattr(report, "wasxfail") and "messageless" not in getattr(report, "keywords", ()):
+        skipped.add(report.nodeid)
+
+
+def kept() -> dict[str, list[str]]:
+    """What this process saw, as text that another can `join`."""
+    return {"seen": sorted(seen), "skipped": sorted(skipped), "left_out": sorted(left_out)}
+
+
+def join(other: dict[str, list[str]]) -> None:
+    """Add what another process has `kept`."""
+    for mine, name in ((seen, "seen"), (skipped, "skipped"), (left_out, "left_out")):
+        mine.update(other.get(name, ()))
+
+
+def is_whole(option) -> bool:
+    """Whether all tests were asked for, by pytest's options and by what was deselected."""
+    return not left_out and not any(getattr(option, name, None) for name in PARTS)
+
+
+def verdict() -> tuple[list[str], bool]:
+    """Lines about the messages that a whole run has not triggered, and whether it fails for them."""
+    if not (missed := untold(seen)):
+        return [], False
+    lines = [f"messages that no test triggers: {len(missed)}", *(f"  {line}" for line in missed)]
+    if skipped:
+        lines.append(f"no failure, as tests that may trigger them were skipped: {len(skipped)} (pytest -rs tells why)")
+    return lines, not skipped
 
 
 class Noting(ast.NodeTransformer):

@@ -178,11 +178,11 @@ def branching():
     return bool(Symbol(Tape(), 0))
 
 
-def no_light(angle_rad):
+def no_light(angle_rad, **changes):
     from relnav.sensors.aps_sun.calibration import compile_table
 
     model = relnav.load_model("aps_sun")
-    sensor = dataclasses.replace(model.sensor, field_half_angle_rad=angle_rad)
+    sensor = dataclasses.replace(model.sensor, field_half_angle_rad=angle_rad, **changes)
     return compile_table(dataclasses.replace(model, sensor=sensor), None, cells=8)
 
 
@@ -238,6 +238,26 @@ def pose_log(t_s, spots_px):
     from relnav.navigation.pose_log import filter_marker_epochs
 
     return filter_marker_epochs(MARKERS, t_s, spots_px)
+
+
+def unaligned():
+    from relnav.codegen.kernel import is_compiled
+    from relnav.navigation.attitude.inputs import can_be_used
+
+    if not is_compiled():
+        pytest.skip("RELNAV_JIT=0 in this run: nothing is compiled")
+    apart = np.ndarray((3, 3), buffer=bytearray(73), offset=1)
+    return can_be_used(apart, np.eye(3), np.zeros((3, 3)), np.zeros((3, 3)))
+
+
+def spun_up():
+    from relnav.vehicle.layout import TARGET_RATE
+
+    navigator = relnav.VehicleNavigator(VEHICLE, monitor=False)
+    navigator.observe("gyro", 0.0, np.zeros(3))
+    at = navigator._timeline.newest.estimates
+    at.values[0, TARGET_RATE] = 1e5, 0.0, 0.0
+    return navigator._motion.settled(at, navigator._samples, 1.0)
 
 
 def restarted_at(t_s):
@@ -353,6 +373,12 @@ CALLS = {
     "quadruples": (lambda: patent_of_one_field(""), "the patent's method is for two fields"),
     "branch": (branching, r"cannot branch on its numbers: use select\(condition, a, b\)"),
     "no direction": (lambda: no_light(1.54), "the ray model has no direction for some spots of the field"),
+    "no light": (
+        lambda: no_light(1.3, misalignment_rad=(0.19, 0.19, 0.0)),
+        "no light reaches the detector from the edge of the field; make field_half_angle smaller",
+    ),
+    "unaligned": (unaligned, r"can_be_used takes aligned arrays of numpy's own class; got <f8\[2C\]"),
+    "spun up": (spun_up, r"the target's rate, 1e\+05 rad/s, is no longer known: start anew"),
     "no vehicle's": (strange_kind, "sensor.psd.model: a three_beacon, .* model is expected"),
     "no mirror": (two_mirrors, "1 frames show both fields, but no two agree on the mirror"),
     "covariance": (birefringent_fit, "covariance_m2 is symmetric and positive definite; got"),

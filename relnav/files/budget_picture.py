@@ -22,7 +22,10 @@ from relnav.files.picture_style import (
 
 LEAST = 1e-4
 """Share of the largest total: lines that are nowhere larger are left out."""
-UNSEEN = "beacons out of view:\nno fix, and the curves end"
+UNSEEN = {
+    "single": "beacons out of view:\nno fix; only the printed\nform's own error goes on",
+    "settled": "beacons out of view:\nno fix, and the curves end",
+}
 
 
 def draw_budget(report: Any, path: Path, before: Any = None, change: str = "") -> None:
@@ -63,7 +66,7 @@ def _draw(axis: Any, report: Budget, before: Any, change: str, which: str, row: 
         style, width = ("-", 1.5) if line.counts else (":", 1.2)
         name = line.name if line.counts else f"({line.name})"
         axis.semilogy(ranges, values, style, lw=width, color=SERIES[number % len(SERIES)], label=name)
-    axis.semilogy(ranges, total, "-", color=INK, lw=3.0, label="total")
+    axis.semilogy(ranges, total, "-", color=INK, alpha=0.35, lw=5.0, zorder=1.0, label="total")
     if before is not None:
         earlier = [place.total(which)[row] * scale for place in before.places]
         axis.semilogy(ranges, earlier, color=INK, lw=1.5, ls=(0, (5, 2)), label=f"total before {change}")
@@ -71,5 +74,5 @@ def _draw(axis: Any, report: Budget, before: Any, change: str, which: str, row: 
     if unseen and len(unseen) < len(ranges):
         axis.axvspan(min(unseen), min(r for r in ranges if r > max(unseen)), color=QUIET, alpha=0.15, lw=0)
         place = {"xycoords": ("data", "axes fraction"), "xytext": (4, 4), "textcoords": "offset points", "va": "bottom"}
-        axis.annotate(UNSEEN, (min(unseen), 0.0), color=INK, fontsize=8, **place)
+        axis.annotate(UNSEEN[which], (min(unseen), 0.0), color=INK, fontsize=8, **place)
     plain_decades(axis)

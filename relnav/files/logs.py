@@ -27,7 +27,7 @@ from relnav.files.log_columns import (
     sigma_columns,
     spot_columns,
 )
-from relnav.files.text_table import MOST_ROWS, TextTable, table_of
+from relnav.files.text_table import MOST_ROWS, READ_WHOLE, TextTable, table_of
 from relnav.files.units import split_unit, to_si
 from relnav.geometry.linear_algebra import lengths
 
@@ -233,11 +233,14 @@ def read_log(path: Path | TextTable | LogFile) -> Log:
 
 
 def read_csv(
-    path: Path, parse: Callable[[list[str], str], Columns] = parse_header, *, most_rows: int = MOST_ROWS
+    path: Path,
+    parse: Callable[[list[str], str], Columns] = parse_header,
+    *,
+    most: tuple[int, str] = (MOST_ROWS, READ_WHOLE),
 ) -> tuple[dict[str, str], Columns, Matrix, Vector]:
     """Metadata, columns, values in SI (n, columns in header order) and line numbers (n,) of a CSV table.
 
-    `parse` finds the columns in a header, as `parse_header` does.
+    `parse` finds the columns in a header, as `parse_header` does; most: rows, and what to do about more.
 
     Raises
     ------
@@ -249,8 +252,8 @@ def read_csv(
     for piece in file.rows():
         pieces.append(piece)
         count += len(piece[0])
-        if count > most_rows:
-            raise LogError(f"{path}: more than {most_rows} rows; a table of this kind is read whole: cut it in parts")
+        if count > most[0]:
+            raise LogError(f"{path}: more than {most[0]} rows; {most[1]}")
     if not pieces:
         return file.metadata, file.columns, np.empty((0, len(file.columns.index))), np.empty(0)
     values, lines = zip(*pieces, strict=True)

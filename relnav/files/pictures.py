@@ -72,6 +72,6 @@ def _draw(axis: Any, report: AccuracyReport, methods: list[str], row: int) -> No
         mark = MARKS[number % len(MARKS)]
         axis.plot(places, [r.measured for r in points], mark, color=INK, mfc="none", ms=5, mew=1.0, label=method)
     if shots:
-        named_line(axis, shots[0].published, f"published {shots[0].published:g} {shots[0].unit}", at=0.09, side="left")
+        named_line(axis, shots[0].published, f"published {shots[0].published:g} {shots[0].unit}", at=0.1, side="left")
         axis.set_ylabel(shots[0].unit)
     plain_decades(axis)

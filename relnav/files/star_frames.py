@@ -11,7 +11,7 @@ from relnav.arrays import Matrix, Vector
 from relnav.errors import InputError
 from relnav.files.log_columns import Columns
 from relnav.files.logs import read_csv
-from relnav.files.text_table import MOST_ROWS
+from relnav.files.text_table import MOST_ROWS, READ_WHOLE
 from relnav.files.wording import listed
 
 PLACES = ("x_px", "y_px")
@@ -19,6 +19,8 @@ BRIGHTNESS = ("flux", "magnitude")
 ENOUGH_TO_TELL = 8
 MOST_SPOTS = 20_000
 """In one frame: a picture has no more stars than that."""
+MOST_IN_FRAME = MOST_SPOTS, "one frame is expected; of a log of frames keep the rows of one time"
+MOST_IN_LOG = MOST_ROWS, READ_WHOLE
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,7 @@ def read_star_frame(path: Path, centre_px: tuple[float, float] = (0.0, 0.0)) -> 
     InputError
         Naming file, line and column of what cannot be read; if the coordinates evidently count from a corner.
     """
-    values, given, _ = read_star_table(path, PLACES, BRIGHTNESS, MOST_SPOTS)
+    values, given, _ = read_star_table(path, PLACES, BRIGHTNESS, one_frame=True)
     spots = values[:, :2] - np.asarray(centre_px)
     if centre_px == (0.0, 0.0):
         _refuse_corner_coordinates(spots, path)
@@ -65,7 +67,7 @@ def read_star_frame(path: Path, centre_px: tuple[float, float] = (0.0, 0.0)) -> 
 
 
 def read_star_table(
-    path: Path, columns: tuple[str, ...], choices: tuple[str, ...], most_rows: int = MOST_ROWS
+    path: Path, columns: tuple[str, ...], choices: tuple[str, ...], *, one_frame: bool = False
 ) -> tuple[Matrix, str, Vector]:
     """Columns of a CSV as numbers (n, m), and one of the `choices`, if it is there; its name or ""; lines.
 
@@ -74,7 +76,8 @@ def read_star_table(
     InputError
         Naming file, line and column of what cannot be read.
     """
-    _, found, values, lines = read_csv(path, partial(_parse, columns=columns, choices=choices), most_rows=most_rows)
+    parse, most = partial(_parse, columns=columns, choices=choices), MOST_IN_FRAME if one_frame else MOST_IN_LOG
+    _, found, values, lines = read_csv(path, parse, most=most)
     bad = np.argwhere(~np.isfinite(values))
     if bad.size:
         name = found.names[list(found.index.values())[bad[0][1]]]

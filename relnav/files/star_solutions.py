@@ -93,9 +93,11 @@ def _draw_spots(axis: Any, solution: StarSolution, spots_px: Matrix, *, on_pictu
     beside: Any = {"textcoords": "offset points", "fontsize": 7.5, "zorder": 1.5}  # below the rings
     if (solution.hip == 0).any():
         axis.plot(*spots_px[solution.hip == 0].T, "x", color=QUIET, ms=6, label="spots without a star")
-    for field in sorted({int(value) for value in solution.field if value >= 0}):
+    fields = sorted({int(value) for value in solution.field if value >= 0})
+    for field in fields:
         chosen, colour = solution.field == field, colours[field % len(colours)]
-        axis.plot(*spots_px[chosen].T, "o", mfc="none", ms=10, color=colour, label=f"stars of field {field}")
+        label = f"stars of field {field}" if len(fields) > 1 else "stars"
+        axis.plot(*spots_px[chosen].T, "o", mfc="none", ms=10, color=colour, label=label)
         for k in np.flatnonzero(chosen):
             name = f"HIP {solution.hip[k]}"
             axis.annotate(name, spots_px[k], (7, 5), color=colour, bbox=behind, **beside)

@@ -20,6 +20,7 @@ MOST_HEAD_LINES = 10_000
 MOST_EMPTY_LINES = 100_000
 MOST_ROWS = 1_000_000
 """Of a table that is read whole, not streamed."""
+READ_WHOLE = "a table of this kind is read whole: cut it in parts"
 HEAD_BYTES, BLOCK_BYTES = 65_536, 2_000_000
 """What is read at once: of a pipe's head what there is, then whole blocks."""
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"

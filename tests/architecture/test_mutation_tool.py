@@ -1,20 +1,13 @@
 """Mutation testing: its files are there, and each excuse is of one mutant that there is."""
 
-import importlib.util
 from collections import Counter
-from pathlib import Path
 
 import pytest
 
-SCRIPT = Path(__file__).parents[2] / "benchmarks" / "mutation.py"
-
 
 @pytest.fixture(scope="module")
-def mutation():
-    spec = importlib.util.spec_from_file_location("mutation", SCRIPT)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def mutation(script):
+    return script("benchmarks/mutation.py")
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,5 @@
 """The package's own build: what it compiles goes into the wheel, and it can be told not to."""
 
-import importlib.util
 import os
 import sys
 from types import SimpleNamespace
@@ -9,11 +8,9 @@ import pytest
 
 
 @pytest.fixture
-def build(root):
+def build(root, script):
     """build(**options) -> the hook for a wheel, and hatchling's data of it."""
-    specification = importlib.util.spec_from_file_location("hatch_build", root / "hatch_build.py")
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
+    module = script("hatch_build.py")
 
     def make(target="wheel", flights=("import this_and_that",)):
         module.FLIGHTS = dict.fromkeys(flights)

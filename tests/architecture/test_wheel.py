@@ -1,6 +1,5 @@
 """What is shipped: the wheel holds the package and its models, nothing else, and does the main job on its own."""
 
-import importlib.util
 import os
 import re
 import subprocess
@@ -70,17 +69,14 @@ def test_the_licence_and_the_command_are_declared(wheel, names):
     assert any(name.endswith("licenses/LICENSE") for name in names)
 
 
-def test_the_description_has_no_link_that_breaks_on_an_index(wheel, names, root):
+def test_the_description_has_no_link_that_breaks_on_an_index(wheel, names, script):
     with zipfile.ZipFile(wheel) as archive:
         (entry,) = [name for name in names if name.endswith("/METADATA")]
         text = archive.read(entry).decode()
     assert "# relnav" in text
     assert "Classifier: Programming Language :: Python :: 3\n" in text
     assert re.findall(r"\]\((?!https?:|#)", text) == []
-    spec = importlib.util.spec_from_file_location("hatch_build", root / "hatch_build.py")
-    build = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(build)
-    said = build.for_an_index("![a](docs/a.png) [b](docs/b.md)", "https://host/us/relnav/")
+    said = script("hatch_build.py").for_an_index("![a](docs/a.png) [b](docs/b.md)", "https://host/us/relnav/")
     assert said == "![a](https://host/us/relnav/raw/HEAD/docs/a.png) [b](https://host/us/relnav/blob/HEAD/docs/b.md)"
 
 

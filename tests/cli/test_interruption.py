@@ -1,25 +1,19 @@
 """A few of the runs of benchmarks/interruption.py, with signals at fixed shares of a command's time."""
 
-import importlib.util
 import os
 import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
-SCRIPT = Path(__file__).parents[2] / "benchmarks" / "interruption.py"
 
 
 @pytest.fixture(scope="module")
-def interruption():
-    spec = importlib.util.spec_from_file_location("interruption", SCRIPT)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def interruption(script):
+    return script("benchmarks/interruption.py")
 
 
 @pytest.mark.parametrize("name", ["filter", "calibrate"])

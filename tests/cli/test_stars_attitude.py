@@ -88,6 +88,20 @@ def test_what_is_wrong(run, flight, monkeypatch, name):
     assert not (flight / "a.csv").exists()
 
 
+def test_no_frame_has_an_attitude(run, flight):
+    """Two stars of each frame are left: nothing is written, and the sentence says where to look."""
+    head, *rows = (flight / "frames.csv").read_text().splitlines()
+    times = [row.split(",")[0] for row in rows]
+    few = [row for k, row in enumerate(rows) if times[:k].count(times[k]) < 2]
+    (flight / "frames.csv").write_text("\n".join([head, *few]) + "\n")
+    code, out, err = run(
+        "stars", "attitude", flight / "frames.csv", "--orbit", flight / "orbit.csv", *OPTIONS, "--out", flight / "a.csv"
+    )
+    assert (code, out) == (3, "")
+    assert "frames.csv: no frame of 6 has a credible attitude; `relnav stars solve` tells why" in err
+    assert not (flight / "a.csv").exists()
+
+
 def test_an_orbit_that_is_too_short(run, flight):
     (flight / "orbit.csv").write_text(
         "t_s,x_km,y_km,z_km,vx_km_s,vy_km_s,vz_km_s\n0,7000,0,0,0,7.5,0\n5,7000,37,0,0,7.5,0\n"

@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+import relnav.cli
+
 MODEL = ("--model", "three_beacon_psd")
 PLAIN = {"RELNAV_JIT": "0"}
 posix = pytest.mark.skipif(os.name == "nt", reason="POSIX pipes")
@@ -128,3 +130,12 @@ def test_nothing_to_compare_is_not_as_expected(run, tmp_path):
     assert code == 1
     assert "NOTHING TO COMPARE WITH" in out
     assert "as expected" not in out
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full on this system")
+def test_a_summary_that_cannot_be_printed(monkeypatch, capfd):
+    """A full disk behind standard output, in this process: one sentence, and nothing is tried again at exit."""
+    with open("/dev/full", "w", encoding="utf-8") as full:
+        monkeypatch.setattr(sys, "stdout", full)
+        assert relnav.cli.run(["models"]) == 3
+    assert capfd.readouterr().err == "relnav: standard output: No space left on device; nothing was written\n"

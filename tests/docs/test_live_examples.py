@@ -1,6 +1,5 @@
 """The programs of examples/live: C++ through pipes, compiled here; the ROS 2 node without ROS; MATLAB's names exist."""
 
-import importlib.util
 import os
 import re
 import shutil
@@ -47,10 +46,8 @@ def test_cpp_reads_every_estimate(tmp_path):
     assert done.stderr == ""
 
 
-def test_the_node_gives_the_port_of_the_filter():
-    spec = importlib.util.spec_from_file_location("ros2_node", LIVE / "ros2_node.py")
-    node = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(node)
+def test_the_node_gives_the_port_of_the_filter(script):
+    node = script("examples/live/ros2_node.py")
     mission = relnav.load_model("three_marker_vision")
     flight = simulate_flight(mission, Approach(duration_s=4.0, rate_hz=5.0), seed=2)
     whole = filter_marker_epochs(mission, flight.t_s, flight.spots_px)

@@ -121,13 +121,9 @@ def test_a_paper_has_one_year_everywhere():
     assert re.findall(r"^ +year: (\d+)$", citation, re.MULTILINE) == ["1996"]
 
 
-def test_figures_show_what_the_package_says():
+def test_figures_show_what_the_package_says(script):
     """The page says 5.56 deg for 5 deg at 6.5 m; the figure's function is what it is drawn by."""
-    import importlib.util
-
-    spec = importlib.util.spec_from_file_location("figures", ROOT / "docs" / "figures.py")
-    figures = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(figures)
+    figures = script("docs/figures.py")
     assert figures.printed_error_deg(6.5) == pytest.approx(0.56, abs=0.005)
     for name in figures.FIGURES:
         assert [path.name for path in (ROOT / "docs").rglob(f"{name}.png")] == [f"{name}.png"]

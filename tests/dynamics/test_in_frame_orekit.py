@@ -15,6 +15,7 @@ from relnav.dynamics.two_body import MU_EARTH_M3_S2
 from relnav.mission import Orbit
 
 ORIENTATION_DEG = (51.6, 130.0, 40.0)
+pytestmark = pytest.mark.messageless
 ORBIT = Orbit(1.1e-3, 0.12, math.radians(75.0))
 T_S = [0.0, 700.0, 1900.0, 3300.0, 5700.0]
 FRAMES = {"rsw": "QSW", "lvlh_ccsds": "LVLH_CCSDS"}

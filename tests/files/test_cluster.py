@@ -3,8 +3,12 @@
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
+from unittest import mock
 
 import pytest
+
+from relnav.errors import InputError
 
 pytest.importorskip("pyarrow", reason="campaigns are Parquet files (extra parquet)")
 pytest.importorskip("distributed", reason="campaigns on a cluster need dask (extra cluster)")
@@ -45,3 +49,18 @@ def contents(folder):
 
 def test_the_same_bytes_as_on_threads(fly):
     assert contents(fly("processes", "local")) == contents(fly("threads"))
+
+
+def test_a_cluster_that_fails_is_told(monkeypatch, tmp_path):
+    """What a worker raises, other than its death, ends the campaign with how to go on."""
+    from relnav.files import cluster
+
+    future = mock.Mock(**{"result.side_effect": OSError("no space left there")})
+    waiting = mock.MagicMock(__next__=lambda _: future)
+    client = mock.Mock(**{"scheduler_info.return_value": {"workers": {}}, "submit.return_value": future})
+    dask = mock.Mock(**{"as_completed.return_value": waiting}, KilledWorker=KeyError)
+    monkeypatch.setattr(cluster, "require_distributed", lambda: dask)
+    plan = SimpleNamespace(runs_of=lambda start: range(start, start + 4), batch=4)
+    with pytest.raises(InputError, match="the cluster failed: OSError: no space left there; call it again to go on"):
+        cluster._Driver(plan, tmp_path, client, None).fly([0])
+    waiting.add.assert_called_once_with(future)

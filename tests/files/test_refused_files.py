@@ -155,10 +155,10 @@ def test_a_calibration_of_the_other_sun_sensor(tmp_path):
 
 
 def test_a_table_that_is_read_whole():
-    from relnav.files.logs import read_csv
+    from relnav.files.logs import READ_WHOLE, read_csv
 
     with pytest.raises(relnav.LogError, match="more than 2 rows; a table of this kind is read whole: cut it in parts"):
-        read_csv(ROOT / "examples" / "basilisk_approach" / "vbar_log.csv", most_rows=2)
+        read_csv(ROOT / "examples" / "basilisk_approach" / "vbar_log.csv", most=(2, READ_WHOLE))
 
 
 def test_no_scheduler_answers(tmp_path, monkeypatch):

@@ -234,6 +234,11 @@ def test_hostile_words_of_a_campaign_stay_words(copied):
     assert page.count(html.escape(HOSTILE)) >= 4 + 4
 
 
+def of_other_runs(folder):
+    summary = json.loads((folder / "summary.json").read_text())
+    (folder / "summary.json").write_text(json.dumps(summary | {"runs": summary["runs"] + 1}))
+
+
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
@@ -242,6 +247,7 @@ def test_hostile_words_of_a_campaign_stay_words(copied):
         (lambda folder: (folder / "campaign.json").write_text("[]"), "not the description of a campaign"),
         (lambda folder: (folder / "summary.json").unlink(), "unfinished, as it holds no summary.json"),
         (lambda folder: (folder / "summary.json").write_text('{"runs": "x"}'), "not the summary of a campaign"),
+        (of_other_runs, "not the summary of this campaign; delete it, and"),
         (lambda folder: (folder / "runs" / "part-000000000004.parquet").unlink(), "unfinished, 1 of 2 batches"),
         (lambda folder: (folder / "runs" / "part-000000000004.parquet").write_bytes(b"PAR1"), "damaged"),
         (lambda folder: shutil.rmtree(folder / "runs"), "unfinished, 2 of 2 batches"),

@@ -70,6 +70,12 @@ def test_what_cannot_be_read(write, name):
     assert "\n" not in str(caught.value)
 
 
+def test_a_log_of_frames_is_no_frame(write):
+    rows = "\n".join(f"{k // 20},{10 * (k % 20) - 95},{7 * (k % 20) - 66}" for k in range(20_001))
+    with pytest.raises(relnav.InputError, match="more than 20000 rows; one frame is expected; of a log of frames keep"):
+        read_star_frame(write(f"t_s,x_px,y_px\n{rows}\n"))
+
+
 def test_coordinates_from_a_corner_are_refused(write):
     """They would be solved with a boresight half an image off."""
     corner = "x_px,y_px\n" + "\n".join(f"{100 * k},{80 * k}" for k in range(9))
