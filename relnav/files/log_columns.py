@@ -1,13 +1,18 @@
 """What the columns of a log mean: names, units, which belong together, which nobody asked for."""
 
 import difflib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
+from relnav.arrays import Matrix, Vector
 from relnav.errors import LogError
 from relnav.files.units import UNITS, same_kind, split_unit
 from relnav.files.wording import listed
+from relnav.geometry.linear_algebra import lengths
 
 AXES = ("x", "y", "z")
 LETTERS = "abcdefghijklmnopqrstuvwxyz"
@@ -196,3 +201,17 @@ def log_metadata(path: Path, metadata: dict[str, str], ignored: tuple[str, ...])
     """What a track says of the log it came from."""
     said = {"log": path.name} | {f"log.{key}": value for key, value in metadata.items()}
     return said | ({"ignored columns": listed(ignored)} if ignored else {})
+
+
+def check_quaternions(name: str, q: Matrix, lines: Sequence[int] | Vector, path: Path) -> None:
+    """Refuse rows (n, 4) that are no unit quaternions.
+
+    Raises
+    ------
+    LogError
+        Naming the first one's line.
+    """
+    wrong = np.flatnonzero(np.abs(lengths(q) - 1.0) > 9e-4)
+    if wrong.size:
+        row = int(wrong[0])
+        raise LogError(f"{path}:{int(lines[row])}: {name} {q[row].tolist()} is not a unit quaternion (x, y, z, w)")

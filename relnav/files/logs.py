@@ -23,13 +23,13 @@ from relnav.files.log_columns import (
     LETTERS,
     QUATERNION,
     Columns,
+    check_quaternions,
     parse_header,
     sigma_columns,
     spot_columns,
 )
 from relnav.files.text_table import MOST_ROWS, READ_WHOLE, TextTable, table_of
 from relnav.files.units import split_unit, to_si
-from relnav.geometry.linear_algebra import lengths
 
 CHUNK_LINES = 65_536
 CHUNK_CHARACTERS = 16_000_000
@@ -364,13 +364,7 @@ def _check_values(
     quaternion = columns.layout.quaternion
     if columns.has(quaternion):
         q = np.take(values, [order[base] for base in quaternion], axis=1)
-        no_turn = np.abs(lengths(q) - 1.0) > 9e-4
-        if no_turn.any():
-            row = int(np.flatnonzero(no_turn)[0])
-            raise LogError(
-                f"{path}:{int(lines[row])}: {quaternion[0][:-2]} {q[row].tolist()} is not a unit quaternion "
-                "(x, y, z, w)"
-            )
+        check_quaternions(quaternion[0][:-2], q, lines, path)
 
 
 def _check_exposures(image_t: Vector, t: Vector, lines: Vector, path: Path) -> None:

@@ -13,12 +13,11 @@ import numpy as np
 
 from relnav.arrays import Codes, Matrix, Vector
 from relnav.errors import LogError
-from relnav.files.log_columns import ACCELERATION, DELTA_V, QUATERNION
+from relnav.files.log_columns import ACCELERATION, DELTA_V, QUATERNION, check_quaternions
 from relnav.files.logs import MOST, check_size, pieces
 from relnav.files.text_table import TextTable, table_of
 from relnav.files.units import UNITS, split_unit, to_si
 from relnav.files.wording import listed, shown
-from relnav.geometry.linear_algebra import lengths
 from relnav.sensors.three_beacon.pulses import NAMES
 
 ELECTRODES = ("x1", "x2", "y1", "y2")
@@ -193,9 +192,4 @@ def _check(
         )
     if QUATERNION[0] in places:
         q = np.stack([values[:, list(places).index(base)] for base in QUATERNION], axis=1)
-        wrong = np.flatnonzero(np.abs(lengths(q) - 1.0) > 9e-4)
-        if wrong.size:
-            row = int(wrong[0])
-            raise LogError(
-                f"{path}:{numbers[row]}: {QUATERNION[0][:-2]} {q[row].tolist()} is not a unit quaternion (x, y, z, w)"
-            )
+        check_quaternions(QUATERNION[0][:-2], q, numbers, path)
