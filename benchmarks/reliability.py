@@ -146,7 +146,7 @@ is called or named with the reason why not (`tests/navigation/test_fuzzed_calls.
 ENDED = """## Interrupted runs
 
 `python benchmarks/interruption.py --runs N`. Each command is sent SIGINT, SIGTERM and SIGKILL in turn at times drawn
-evenly over its run (plain Python). Codes: 130 and 143 are relnav's own; -2 and -15 mean that Python itself was still
+evenly over its run (plain Python). Codes: 130 and 143 are relnav's own; -2, -15 and 1 mean that Python itself was still
 starting. A fault is any of these:
 
 - an output that is neither the old file nor the new one byte by byte;
