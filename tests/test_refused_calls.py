@@ -172,6 +172,17 @@ def sun_seen(**changes):
     return attitude_observation(sun, **given)
 
 
+def yaw_without_sun():
+    dark = relnav.aps_sun.SunDirection(np.full(3, np.nan), np.full((3, 3), np.nan), relnav.Status.NOT_SEEN)
+    return relnav.aps_sun.yaw_from_sun(dark, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], 0.0)
+
+
+def campaign_by_words():
+    from relnav.accuracy.campaign_plan import Plan
+
+    return Plan(PSD, "windy", "fix", 0, 1)
+
+
 def branching():
     from relnav.codegen.trace import Symbol, Tape
 
@@ -301,6 +312,9 @@ def sun(direction, covariance):
 UNSEEN = np.full((2, 3, 2), np.nan)
 MOTION = ([20.0, 0.0, 0.0, 0.0, 0.0, 0.0], np.eye(12))
 CALLS = {
+    "no sun": (yaw_without_sun, "there is no sun direction to take a yaw from"),
+    "scenario": (campaign_by_words, r"a scenario is expected, relnav.load_scenario\(...\); got a str"),
+    "null": (lambda: relnav.load_model("a\x00b.toml"), "a text or a path without null characters; got 'a"),
     "spinning": (lambda: spinning(-1.0), "mean_motion_rad_s must be >= 0 and finite; got -1.0"),
     "certain": (certain, "0 < probability < 1 is expected; got 1.0"),
     "markers": (lambda: relnav.Navigator(MARKERS), "is a marker mission: it is flown by relnav.PoseNavigator"),
