@@ -174,7 +174,7 @@ def sun_seen(**changes):
 
 def yaw_without_sun():
     dark = relnav.aps_sun.SunDirection(np.full(3, np.nan), np.full((3, 3), np.nan), relnav.Status.NOT_SEEN)
-    return relnav.aps_sun.yaw_from_sun(dark, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], 0.0)
+    return relnav.aps_sun.yaw_from_sun(dark, [0.0, 0.0, 1.0], 0.0)
 
 
 def campaign_by_words():
