@@ -49,13 +49,14 @@ _NOT_REAL = {
 def numbers(name: str, value: ArrayLike) -> NDArray[np.float64]:
     """A caller's numbers as float64, of any shape; the array itself, not a copy, where it is that already.
 
-    What is masked (`numpy.ma`), None or pandas' NA is a missing value, NaN: of a spot, one that was not seen.
+    What is masked (`numpy.ma`), None, or NA in a column of pandas is a missing value, NaN: of a spot, one that was not
+    seen.
 
     Raises
     ------
     ValueError
-        For what is not real numbers, rows of unequal length, or an integer beyond the largest float; `name` says in
-        the sentence which argument it was.
+        For what is not real numbers, a lone NA of pandas among them, rows of unequal length, or an integer beyond the
+        largest float; `name` says in the sentence which argument it was.
     """
     if type(value) is np.ndarray and value.dtype == _FLOAT:
         return value
@@ -71,7 +72,11 @@ def numbers(name: str, value: ArrayLike) -> NDArray[np.float64]:
         raise ValueError(f"{name} holds numbers in rows of one length: {error}") from None
     if given.dtype.kind == "O":
         missing = np.zeros(given.shape, dtype=bool) if mask is None else mask
-        items = [np.nan if out else _real(name, item) for item, out in zip(given.flat, missing.flat, strict=True)]
+        of_pandas = type(value).__module__.partition(".")[0] == "pandas"
+        items = [
+            np.nan if out or (of_pandas and _is_na(item)) else _real(name, item)
+            for item, out in zip(given.flat, missing.flat, strict=True)
+        ]
         return np.array(items, dtype=np.float64).reshape(given.shape)
     if given.dtype.kind not in _REAL_KINDS:
         raise ValueError(f"{name} holds real numbers; got {_NOT_REAL.get(given.dtype.kind, str(given.dtype))}")
@@ -131,10 +136,17 @@ def _is_masked(value: Any) -> bool:
     return isinstance(value, np.ma.MaskedArray)
 
 
+def _is_na(item: Any) -> bool:
+    """Whether it is pandas' NA, without importing pandas."""
+    return type(item).__name__ == "NAType"
+
+
 def _real(name: str, item: Any) -> float:
     """One Python object as a float; NaN for a missing value."""
-    if item is None or type(item).__name__ == "NAType":  # pandas' NA, without importing pandas
+    if item is None:
         return float("nan")
+    if _is_na(item):
+        raise ValueError(f"{name} holds real numbers; got NA of pandas: give NaN for what was not seen")
     kind = item.dtype.kind if isinstance(item, np.generic) else "U" if isinstance(item, (str, bytes)) else "O"
     if kind in _NOT_REAL:
         raise ValueError(f"{name} holds real numbers; got {_NOT_REAL[kind]}")

@@ -26,7 +26,7 @@ MASKED_ROW = np.ma.array([1.0, -9999.0], mask=[False, True])
         ([[np.ma.masked, 1.0], [2.0, 3.0]], [[math.nan, 1.0], [2.0, 3.0]]),
         (np.ma.array([None, 3.0], mask=[False, True], dtype=object), [math.nan, math.nan]),
         (np.ma.array([1.0, 2.0]), [1.0, 2.0]),
-        ([[None, 1.0], [NAType(), 3]], [[math.nan, 1.0], [math.nan, 3.0]]),
+        ([[None, 1.0], [2.0, 3]], [[math.nan, 1.0], [2.0, 3.0]]),
         ([decimal.Decimal("1.5"), 2], [1.5, 2.0]),
         (np.array([1.5, 2.0], dtype=">f4"), [1.5, 2.0]),
         (10**25, 1e25),
@@ -53,6 +53,7 @@ def test_missing_values_are_nan_and_numbers_are_kept(value, expected):
         ([10**400], "beyond the largest float"),
         ([[1.0, 2.0], [3.0]], "rows of one length"),
         ([object()], "got a object among them"),
+        ([[NAType(), 1.0]], "got NA of pandas: give NaN"),
     ],
 )
 def test_what_is_not_real_numbers_is_refused_by_name(value, said):
@@ -66,7 +67,9 @@ def test_pandas_missing_values():
         {"x": pandas.array([1.5, None], dtype="Float64"), "y": pandas.array([1, 2], dtype="Int64")}
     )
     np.testing.assert_array_equal(numbers("x", table), [[1.5, 1.0], [math.nan, 2.0]])
-    np.testing.assert_array_equal(numbers("x", [pandas.NA, 1.0]), [math.nan, 1.0])
+    np.testing.assert_array_equal(numbers("x", table["x"]), [1.5, math.nan])
+    with pytest.raises(ValueError, match="got NA of pandas: give NaN for what was not seen"):
+        numbers("x", [pandas.NA, 1.0])
     with pytest.raises(ValueError, match="dates"):
         numbers("x", pandas.date_range("2026-01-01", periods=2))
 

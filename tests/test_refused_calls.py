@@ -21,10 +21,6 @@ def bare(model, *sections):
     return dataclasses.replace(model, **dict.fromkeys(sections))
 
 
-def four_beacons():
-    return dataclasses.replace(PSD, sensor=dataclasses.replace(PSD.sensor, extra_beacons_m=((0.0, 0.5, 0.5),)))
-
-
 def told(name):
     from relnav.accuracy import faults, marker_faults
 
@@ -87,62 +83,10 @@ def stars_of_the_future():
     return relnav.dual_field.measure(np.zeros((5, 2)), STARS, velocity_km_s=np.zeros(3), epoch_jyear=1e9)
 
 
-def dispersed():
-    from relnav.simulation.dispersed import fly_run
-    from relnav.simulation.dispersions import AsBuilt, Scenario
-
-    return fly_run(bare(PSD, "tolerances"), Scenario(as_built=AsBuilt(by_tolerances=True)), 1, 0)
-
-
-def raw(model):
-    from relnav.simulation.raw import simulate_raw
-
-    return simulate_raw(model)
-
-
-def faults_without_times():
-    from relnav.simulation.raw import slot_counts
-
-    rng = np.random.default_rng(1)
-    return slot_counts(PSD, np.zeros((3, 6)), np.arange(3), rng, faults=(None,))
-
-
-def rendezvous_that_flees():
-    from relnav.simulation.rendezvous import Rendezvous
-
-    return Rendezvous(fast_m_s=-1.0)
-
-
-def vehicle_without_sensors():
-    return dataclasses.replace(VEHICLE, sensor={})
-
-
 def vehicle(call):
     navigator = relnav.VehicleNavigator(VEHICLE, monitor=False)
     navigator.observe("gyro", 0.0, np.zeros(3))
     return call(navigator)
-
-
-def plan(**changes):
-    from relnav.accuracy.campaign_plan import Plan
-    from relnav.simulation.dispersions import Scenario
-
-    return Plan(**({"model": PSD, "scenario": Scenario(), "method": "fix", "seed": 1, "runs": 2} | changes))
-
-
-def too_many_approaches():
-    from relnav.accuracy.campaign import run_campaign
-    from relnav.simulation.trajectory import Approach
-
-    return run_campaign(PSD, Approach(), (), 10**9, 1)
-
-
-def one_run(which):
-    from relnav.accuracy import faults, report
-
-    if which == "faults":
-        return faults.fly_faults([], None, (), (), {}, 1, 7, None)
-    return report.measure(PSD, relnav.load_published("three_beacon_psd"), runs=1)
 
 
 def patent_of_one_field(which):
@@ -175,12 +119,6 @@ def sun_seen(**changes):
 def yaw_without_sun():
     dark = relnav.aps_sun.SunDirection(np.full(3, np.nan), np.full((3, 3), np.nan), relnav.Status.NOT_SEEN)
     return relnav.aps_sun.yaw_from_sun(dark, [0.0, 0.0, 1.0], 0.0)
-
-
-def campaign_by_words():
-    from relnav.accuracy.campaign_plan import Plan
-
-    return Plan(PSD, "windy", "fix", 0, 1)
 
 
 def branching():
@@ -313,7 +251,6 @@ UNSEEN = np.full((2, 3, 2), np.nan)
 MOTION = ([20.0, 0.0, 0.0, 0.0, 0.0, 0.0], np.eye(12))
 CALLS = {
     "no sun": (yaw_without_sun, "there is no sun direction to take a yaw from"),
-    "scenario": (campaign_by_words, r"a scenario is expected, relnav.load_scenario\(...\); got a str"),
     "null": (lambda: relnav.load_model("a\x00b.toml"), "a text or a path without null characters; got 'a"),
     "spinning": (lambda: spinning(-1.0), "mean_motion_rad_s must be >= 0 and finite; got -1.0"),
     "certain": (certain, "0 < probability < 1 is expected; got 1.0"),
@@ -373,11 +310,6 @@ CALLS = {
     "lights": (lambda: observed("psd", np.zeros((6, 2)), np.eye(2)), r"psd: covariances of 6 spots are \(6, 2"),
     "no vehicle": (lambda: relnav.VehicleNavigator(PSD), "a vehicle is expected, as relnav.load_model"),
     "far start": (lambda: relnav.VehicleNavigator(VEHICLE, t_s=1e30), "t_s of the start is a time in seconds, at most"),
-    "no run": (lambda: plan(runs=0), "runs is 1 or more and below .*; got 0"),
-    "no method": (lambda: plan(method="spot"), 'method must be "spots" or "fix"; got \'spot\''),
-    "too many": (too_many_approaches, "runs must be .* or fewer, as seeds lie so far apart; got 1000000000"),
-    "one fault": (lambda: one_run("faults"), "runs must be 2 or more; got 1"),
-    "one approach": (lambda: one_run("report"), "runs must be 2 or more; got 1"),
     "one accuracy": (
         lambda: relnav.measure_accuracy("three_beacon_psd", runs=1),
         "runs is 2 or more and below .*; got 1",
@@ -412,12 +344,6 @@ CALLS = {
     "birefringent": (lambda: sun_spots("birefringent"), "sun directions are unit vectors"),
     "calcite": (calcite_in_radio_waves, "calcite's indices are known from 0.204 to 2.172 um; got 10000.0"),
     "year": (stars_of_the_future, r"epoch_jyear is a Julian year, up to .*; got 1000000000.0"),
-    "dispersed": (dispersed, r"has no \[tolerances\], by which the scenario draws the sensor as built"),
-    "raw": (lambda: raw(bare(PSD, "pulses")), r"has no \[detector\], \[light\] and \[pulses\]: raw logs need"),
-    "raw of four": (lambda: raw(four_beacons()), "raw logs hold beacons a, b, c; model three_beacon_psd lists 4"),
-    "times": (faults_without_times, r"faults happen at times: t_s \(n,\) is needed with them"),
-    "rendezvous": (rendezvous_that_flees, "closing rates are positive; got -1.0"),
-    "no sensor": (vehicle_without_sensors, r"a vehicle has sensors: write one section \[sensor.NAME\] for each"),
     "propagate": (lambda: vehicle(lambda n: n.propagate(1e3)), "t_s lies between the last observation .*; got 1000.0"),
     "before": (lambda: vehicle(lambda n: n.state(-1e3)), "within the replay window; got -1000.0"),
 }

@@ -155,7 +155,7 @@ def attitude_note(row: Row, vehicle: Vehicle) -> str:
     name, t_s, value = row
     if name in RESERVED or vehicle.kind(name) != STAR or isinstance(value, SunDirection):
         return ""
-    size = float(np.linalg.norm(value))
+    size = float(lengths(value))
     if not 0.5 < size < 2.0:
         return ""
     inertial = OrbitFrame(vehicle.orbit).dcm_lvlh_from_inertial(t_s)

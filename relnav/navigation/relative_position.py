@@ -89,6 +89,8 @@ class Navigator:
         self._reference = for_beacons(engine, model, method, projection, self._block)
         given = self._block, 0.0, NO_MATRIX, 0, NOTHING, NOTHING, NO_MATRIX, NO_MATRIX, 0.0, 0.0, self._report
         self._navigate: Callable[..., Any] = ready(navigate, *given) if self._reference is None else self._by_reference
+        carried = considered_errors(model, method)[1] > FIELD_ERRORS
+        self._carries_attitude = carried or not attitude_counts(model, method)
         self._calibration = model.calibration
         self._at_once = isinstance(self._navigate, BuiltinFunctionType) and self._calibration is None
         self._late: LateImages | None = None
@@ -289,8 +291,7 @@ class Navigator:
     def _lasting(self, value: float) -> float:
         """A lasting sigma of the attitude; ValueError where the filter has no place for that error."""
         sigma = not_negative("attitude_sigma_rad", value)
-        carried = considered_errors(self.model, self.method)[1] > FIELD_ERRORS
-        if sigma > 0.0 and not carried and attitude_counts(self.model, self.method):
+        if sigma > 0.0 and not self._carries_attitude:
             raise ValueError(
                 f"attitude_sigma_rad = {value!r}: {self.model.name} is stated without a lasting attitude error, so "
                 "that the filter carries none; state one in the model ([attitude] sigma_deg above 0)"

@@ -12,6 +12,7 @@ import pytest
 import relnav
 from relnav.cli.vehicle import Summary
 from relnav.files.model_folders import find_model
+from relnav.files.vehicle_log import attitude_note
 from relnav.vehicle.health import SensorHealth
 from relnav.vehicle.monitor import ALARM_SIGMA
 
@@ -193,3 +194,7 @@ def test_followed_it_is_the_track_of_the_whole_log(run, model, log, tmp_path):
         return [line for line in (tmp_path / name).read_text().splitlines() if line[0] != "#"]
 
     assert body("live.csv") == body("whole.csv")
+
+
+def test_a_quaternion_beyond_all_lengths_has_no_reading():
+    assert attitude_note(("star", 0.0, np.full(4, 1e200)), relnav.load_model("rendezvous_demo")) == ""

@@ -93,17 +93,8 @@ def run(model, log, spots, method="spots", *, smooth=False):
     filter_.forward(log.t_s, spots, control, np.empty((0, 4)), epochs)
     if smooth:
         views(filter_.block).motion["acceleration"] = 0.0
-        smooth_run(
-            filter_.block,
-            log.t_s,
-            control,
-            epochs.codes,
-            epochs.state,
-            epochs.factor,
-            epochs.considered,
-            filter_.nothing_later(),
-            new_models(),
-        )
+        forward = epochs.codes, epochs.state, epochs.factor, epochs.considered
+        smooth_run(filter_.block, log.t_s, control, *forward, filter_.nothing_later(), new_models())
     return epochs
 
 
