@@ -70,7 +70,7 @@ def test_a_clock_jumps_and_stays(run):
 
 
 def test_late_images_end_in_the_same_state(slow, run):
-    """Replayed, not fused as current: bit for bit what images in time give; stamped on arrival they give something else."""
+    """Replayed, not fused as current: bit for bit what images in time give, and not what a stamp on arrival gives."""
     early, late, current = (VehicleNavigator(slow, monitor=False) for _ in range(3))
     until_s = BEGINS_S + 8.0
     taken = [seen for seen in changed(run, VehicleFault.LATE, "camera")[2] if seen.t_s < until_s]
