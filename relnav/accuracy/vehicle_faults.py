@@ -172,11 +172,11 @@ class FaultRow:
             return "-" if math.isnan(value) else format(value, form)
 
         lost = self.inside >= 0
-        inside = f"{self.inside:>5}  {self.inside_low:.3f} .. {self.inside_high:.3f}{self.back_s:>6.0f}" if lost else ""
+        inside = f"{self.inside:>8}  {self.inside_low:.3f} .. {self.inside_high:.3f}{self.back_s:>6.0f}" if lost else ""
         return (
-            f"  {self.sensor or 'nothing is wrong':<18}{self.alarmed:>7}{self.named if self.sensor else '-':>11}"
+            f"  {self.sensor or 'nothing is wrong':<24}{self.alarmed:>7}{self.named if self.sensor else '-':>11}"
             f"{told(self.alarm_s, '.0f'):>10}{self.error:>15.2f}{told(self.one_fault, '.2f'):>11}"
-            f"{self.silent:>8}  {self.silent_low:.3f} .. {self.silent_high:.3f}  {inside}".rstrip()
+            f"{self.silent:>8}  {self.silent_low:.3f} .. {self.silent_high:.3f}{inside}".rstrip()
             + ("" if self.ok else "  BAR NOT MET")
         )
 
@@ -213,10 +213,9 @@ class VehicleFaultsReport:
         fault = None
         for row in self.rows:
             if row.fault != fault:
-                fault, lost = row.fault, "  inside  95 % bounds   back" if row.inside >= 0 else ""
-                out.append(
-                    f"{fault:<20}alarmed  naming it  after, s  error / level  one fault  silent  95 % bounds {lost}"
-                )
+                fault, lost = row.fault, "     inside  95 % bounds     back" if row.inside >= 0 else ""
+                head = f"{fault:<26}alarmed  naming it  after, s  error / level  one fault  silent  95 % bounds{lost}"
+                out.append(head.rstrip())
             out.append(row.line())
         out.append("every bar is met" if self.ok else "SOME BARS ARE NOT MET")
         return out
