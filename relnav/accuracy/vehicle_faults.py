@@ -1,10 +1,11 @@
-"""Ramps in each sensor of a vehicle, one at a time, and whether the filter that watches tells before the port is lost.
+"""A fault of one sensor of a vehicle at a time, and whether the estimate is ever wrong without a word.
 
-A ramp grows from nothing, for a minute, to RAMP_SIGMA times what is stated of one observation, noise and mounting
-together, and stays: all spots of an image shift, the attitude of a star image turns, so does the direction to the sun,
-and the gyro's bias grows. A run is silently wrong if at any second the port's position is off by more than its
-protection level along an axis while no sensor is in alarm. That level is of a vehicle without faults; beside it stands
-the one with a sensor at fault (`relnav.vehicle.separation`), beyond which the port may never be before the alarm.
+What goes wrong is in `relnav.simulation.vehicle_faults`. A run is silently wrong if at any second the port's position
+is off by more than its protection level along an axis while no sensor is in alarm. That level is of a vehicle without
+faults; beside it stands the one with a sensor at fault (`relnav.vehicle.separation`), beyond which the port may never
+be before the alarm. A sensor that is lost raises no alarm (`last_used_s` says so): at the end of the loss the port's
+twelve errors have to lie within the ellipsoid of 3 sigma, and ten seconds later the port is known as if nothing had
+been lost.
 """
 
 import math
@@ -15,22 +16,27 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from relnav.accuracy.faults import FALSE_ALARM_SHARE, SILENT_SHARE
-from relnav.accuracy.rendezvous import true_port
+from relnav.accuracy.rendezvous import checkpoint, true_port
 from relnav.accuracy.statistics import wilson_bounds
-from relnav.geometry.linear_algebra import cross_matrix
-from relnav.geometry.rotation import dcm_from_quaternion, quaternion_from_dcm
-from relnav.geometry.rotation_vector import turned
-from relnav.mission import Model as BeaconMission
-from relnav.sensors.sun_direction import SunDirection
+from relnav.arrays import Vector
+from relnav.estimation.consistency import nees
+from relnav.estimation.gating import gate_limits
 from relnav.simulation.rendezvous import Rendezvous
-from relnav.simulation.vehicle_sensors import Observation, VehicleRun, simulate_rendezvous
-from relnav.spacecraft import POINTS, Vehicle
-from relnav.vehicle.navigator import VehicleNavigator
+from relnav.simulation.vehicle_faults import BEGINS_S, LASTS_S, RAMP_SIGMA, VehicleFault, with_fault
+from relnav.simulation.vehicle_sensors import VehicleRun, simulate_rendezvous
+from relnav.spacecraft import GYRO, POINTS, Vehicle
+from relnav.vehicle.navigator import VehicleEstimate, VehicleNavigator
 
-RAMP_SIGMA, RAMP_S, BEGINS_S = 5.0, 60.0, 30.0
 FLIGHT = Rendezvous(start_m=10.0, final_m=1.0, fast_m_s=0.06, slow_m_s=0.06)
 """Two and a half minutes to a metre from contact."""
 RUNS = 10
+WITHIN, INSIDE_SHARE = 0.9973, 0.99
+"""Probability of the ellipsoid of 3 sigma, and in how many runs the port has to be in it when a sensor returns."""
+BACK_S, BACK_SHARE = 10.0, 1.25
+"""How long it may take then until no sigma of the port is more than this many times that of a flight without loss."""
+RETURNS_S = round(BEGINS_S + LASTS_S)
+TO_THE_END = (VehicleFault.NOTHING, VehicleFault.LOST)
+"""Flown on after an alarm."""
 
 
 class Flown(NamedTuple):
@@ -47,7 +53,11 @@ class Flown(NamedTuple):
     silent : bool
         Whether it was beyond that level before, or without an alarm.
     one_fault : float
-        The largest error until the alarm, over the protection level with one sensor at fault.
+        The largest error until the alarm, over the protection level with one sensor at fault; NaN without that level.
+    inside : bool
+        Whether the port's twelve errors were within the ellipsoid of 3 sigma when a lost sensor returns.
+    sigma : dict
+        Of the port's twelve, by the second from then on.
     """
 
     alarm_s: float
@@ -55,78 +65,78 @@ class Flown(NamedTuple):
     error: float
     silent: bool
     one_fault: float
+    inside: bool
+    sigma: dict[int, Vector]
 
 
-def ramp_of(vehicle: Vehicle, name: str) -> float:
-    """Full size of the ramp of a sensor: rad, of the gyro rad/s."""
-    if name == "gyro":
-        return RAMP_SIGMA * vehicle.gyro.bias_sigma_rad_s
-    mounted, model = vehicle.sensor[name], vehicle.models[name]
-    if vehicle.kind(name) == POINTS:
-        beacons = isinstance(model, BeaconMission)
-        spot = model.sensor.spot_noise_m if beacons else model.camera.spot_noise_px
-        noise = spot / (model.sensor.focal_length_m if beacons else model.camera.focal_length_px[0])
-    else:
-        noise = max(mounted.noise_rad) if mounted.noise_rad is not None else 0.0
-    return RAMP_SIGMA * math.hypot(noise, mounted.mount_sigma_rad)
-
-
-def bent(vehicle: Vehicle, seen: Observation, name: str, size: float) -> Any:
-    """What a sensor says that is off by `size` of its unit, if it is this sensor."""
-    value, turn = seen.value, turned(np.eye(3), np.array([size, 0.0, 0.0]))
-    if seen.sensor != name or size == 0.0:
-        return value
-    if isinstance(value, SunDirection):
-        across = cross_matrix(value.direction) @ np.array([1.0, 0.0, 0.0])
-        return replace(value, direction=turned(np.eye(3), size * across / np.linalg.norm(across)) @ value.direction)
-    if name == "gyro":
-        return value + np.array([size, 0.0, 0.0])
-    if vehicle.kind(name) == POINTS:
-        model = vehicle.models[name]
-        focal = model.sensor.focal_length_m if isinstance(model, BeaconMission) else model.camera.focal_length_px[0]
-        return value + np.array([focal * size, 0.0])
-    return quaternion_from_dcm(turn @ dcm_from_quaternion(value))
-
-
-def fly_ramp(run: VehicleRun, name: str) -> Flown:
-    """A run with a ramp in one sensor; name "" flies it as it is."""
-    vehicle = run.truth.vehicle
-    nav, full = VehicleNavigator(vehicle, separation=True), ramp_of(vehicle, name) if name else 0.0
-    second, silent, error, one_fault = 1.0, False, 0.0, 0.0
-    for seen in sorted(run.observations, key=lambda observation: observation.t_s):
-        share = min(max((seen.t_s - BEGINS_S) / RAMP_S, 0.0), 1.0)
-        nav.observe(seen.sensor, seen.t_s, bent(vehicle, seen, name, share * full))
-        if not second <= seen.t_s < run.truth.end_s - 0.1:
+def fly_fault(run: VehicleRun, fault: VehicleFault, name: str, seed: int = 0) -> Flown:
+    """A run with a fault of one sensor, until the first alarm; where nothing is wrong or a sensor lost, to its end."""
+    late = fault == VehicleFault.LATE  # each image has all after it done again: five more filters take a minute a run
+    nav = VehicleNavigator(run.truth.vehicle, separation=not late)
+    told = Flown(math.nan, "", 0.0, False, math.nan if late else 0.0, True, {})
+    second = 1
+    for seen in with_fault(run, fault, name, np.random.default_rng(seed)):
+        nav.observe(seen.sensor, seen.t_s, seen.value)
+        if not second <= nav.newest_s < run.truth.end_s - 0.1:
             continue
-        second, now = seen.t_s + 1.0, nav.state()
-        off = np.abs(true_port(run, now.t_s)[0][:3] - now.port.position_m)
-        error = float((off / now.port.protection_level_m()).max())
-        one_fault = max(one_fault, float((off / now.protection_level_m()).max()))
-        if now.alarms:
-            return Flown(now.t_s, now.alarms[0], error, silent, one_fault)
-        silent = silent or error > 1.0
-    return Flown(math.nan, "", error, silent, one_fault)
+        told = _after_second(run, told, nav.state(float(second)), second)
+        if told.named and fault not in TO_THE_END:
+            return told
+        second += 1
+    return told
+
+
+def _after_second(run: VehicleRun, told: Flown, now: VehicleEstimate, second: int) -> Flown:
+    """What is told of a run until one estimate later."""
+    if second >= RETURNS_S:
+        told.sigma[second] = now.port.sigma
+    if second == RETURNS_S:
+        point = checkpoint(run, now)
+        off = float(nees(point.port_error[None], point.port_covariance[None])[0])
+        told = told._replace(inside=bool(off <= gate_limits(WITHIN, 12)[-1]))
+    if told.named:
+        return told
+    missed = np.abs(true_port(run, now.t_s)[0][:3] - now.port.position_m)
+    error, one_fault = float((missed / now.port.protection_level_m()).max()), told.one_fault
+    if now.without:
+        one_fault = max(one_fault, float((missed / now.protection_level_m()).max()))
+    if now.alarms:
+        return told._replace(alarm_s=now.t_s, named=now.alarms[0], error=error, one_fault=one_fault)
+    return told._replace(error=error, one_fault=one_fault, silent=told.silent or error > 1.0)
+
+
+def back_after_s(lost: Flown, usual: Flown) -> float:
+    """How long after a sensor returned the port is known as well as in the usual flight, within a quarter, s."""
+    worse = [s for s, sigma in lost.sigma.items() if (sigma > BACK_SHARE * usual.sigma[s]).any()]
+    return float(max(worse, default=RETURNS_S - 1) + 1 - RETURNS_S)
 
 
 @dataclass(frozen=True)
-class RampRow:
-    """Runs with a ramp in one sensor ("" = none).
+class FaultRow:
+    """Runs with a fault of one sensor ("" = none).
 
     Attributes
     ----------
-    sensor : str
+    fault, sensor : str
     runs, alarmed, named, silent : int
         How many; with an alarm; of which the first is that sensor's; silently wrong.
     silent_low, silent_high : float
         95 % bounds of the silent share (Wilson).
     alarm_s : float
-        Median time from the ramp's beginning to the alarm; NaN without one.
+        Median time from the fault's beginning to the alarm; NaN without one.
     error : float
         Largest error of the port then, or at the end of runs without an alarm, over its protection level.
     one_fault : float
-        Largest error until then, over the protection level with one sensor at fault.
+        Largest error until then, over the protection level with one sensor at fault; NaN where it is not flown.
+    inside : int
+        Of a loss: runs within the ellipsoid of 3 sigma at its end; -1 of other faults.
+    inside_low, inside_high : float
+        95 % bounds of their share (Wilson); NaN of other faults.
+    back_s : float
+        The longest that the port's sigmas took to be as usual again; NaN of other faults.
     """
 
+    fault: str
     sensor: str
     runs: int
     alarmed: int
@@ -137,28 +147,48 @@ class RampRow:
     alarm_s: float
     error: float
     one_fault: float
+    inside: int
+    inside_low: float
+    inside_high: float
+    back_s: float
 
     @property
     def ok(self) -> bool:
-        """Whether the bars may hold: silence, or without a ramp false alarms, no more often than stated.
+        """Whether the bars may hold.
 
-        And no error beyond the protection level with one sensor at fault.
+        Silence, or without a fault false alarms, no more often than stated, and no error beyond the protection level
+        with one sensor at fault; after a loss inside and back as well.
         """
-        if self.one_fault > 1.0:
+        if self.one_fault > 1.0 or self.inside_high < INSIDE_SHARE or self.back_s > BACK_S:
             return False
         if self.sensor:
             return self.silent_low <= SILENT_SHARE
         return wilson_bounds(self.alarmed, self.runs)[0] <= FALSE_ALARM_SHARE
 
+    def line(self) -> str:
+        """For a reader."""
+
+        def told(value: float, form: str) -> str:
+            return "-" if math.isnan(value) else format(value, form)
+
+        lost = self.inside >= 0
+        inside = f"{self.inside:>8}  {self.inside_low:.3f} .. {self.inside_high:.3f}{self.back_s:>6.0f}" if lost else ""
+        return (
+            f"  {self.sensor or 'nothing is wrong':<24}{self.alarmed:>7}{self.named if self.sensor else '-':>11}"
+            f"{told(self.alarm_s, '.0f'):>10}{self.error:>15.2f}{told(self.one_fault, '.2f'):>11}"
+            f"{self.silent:>8}  {self.silent_low:.3f} .. {self.silent_high:.3f}{inside}".rstrip()
+            + ("" if self.ok else "  BAR NOT MET")
+        )
+
 
 @dataclass(frozen=True)
 class VehicleFaultsReport:
-    """Ramps in each sensor of a vehicle."""
+    """Faults of each sensor of a vehicle."""
 
     model: str
     runs: int
     seed: int
-    rows: tuple[RampRow, ...]
+    rows: tuple[FaultRow, ...]
 
     @property
     def ok(self) -> bool:
@@ -174,27 +204,33 @@ class VehicleFaultsReport:
         """For a reader."""
         way = f"from {FLIGHT.start_m:g} to {FLIGHT.final_m:g} m"
         out = [
-            f"model {self.model}, {self.runs} runs {way} a row, seed {self.seed}",
-            f"a ramp: within {RAMP_S:g} s to {RAMP_SIGMA:g} sigma of an observation, noise and mounting",
+            f"model {self.model}, {self.runs} runs {way} a row, seed {self.seed}; faults begin at {BEGINS_S:g} s",
+            f"a ramp: within {LASTS_S:g} s to {RAMP_SIGMA:g} sigma of an observation, noise and mounting",
             "error / level: at the alarm, over the level without faults; one fault: until then, over that with one",
             "after: median, from its beginning; silent: the port off by more than its protection level, and no alarm",
-            f"{'ramp in':<20}alarmed  naming it  after, s  error / level  one fault  silent  95 % bounds",
+            "inside: within 3 sigma when the sensor returns; back: then, the longest until sigmas are as usual, s",
         ]
+        fault = None
         for row in self.rows:
-            after = "-" if math.isnan(row.alarm_s) else f"{row.alarm_s:.0f}"
-            named = str(row.named) if row.sensor else "-"
-            out.append(
-                f"{row.sensor or 'nothing':<20}{row.alarmed:>7}{named:>11}{after:>10}{row.error:>15.2f}"
-                f"{row.one_fault:>11.2f}{row.silent:>8}  {row.silent_low:.3f} .. {row.silent_high:.3f}"
-                f"{'' if row.ok else '  BAR NOT MET'}"
-            )
+            if row.fault != fault:
+                fault, lost = row.fault, "     inside  95 % bounds     back" if row.inside >= 0 else ""
+                head = f"{fault:<26}alarmed  naming it  after, s  error / level  one fault  silent  95 % bounds{lost}"
+                out.append(head.rstrip())
+            out.append(row.line())
         out.append("every bar is met" if self.ok else "SOME BARS ARE NOT MET")
         return out
 
 
-def cases(vehicle: Vehicle) -> list[str]:
-    """Sensors with a ramp; "" = nothing is wrong."""
-    return ["", "gyro", *vehicle.sensor]
+def cases(vehicle: Vehicle) -> list[tuple[VehicleFault, str]]:
+    """Every fault with each sensor that can have it; first a vehicle at which nothing is wrong, its sensor ""."""
+    lights = [name for name in vehicle.sensor if vehicle.kind(name) == POINTS]
+    return [
+        (VehicleFault.NOTHING, ""),
+        *((fault, name) for fault in (VehicleFault.RAMP, VehicleFault.LOST) for name in (GYRO, *vehicle.sensor)),
+        *((VehicleFault.GLINT, name) for name in lights),
+        *((VehicleFault.CLOCK, name) for name in vehicle.sensor),
+        *((VehicleFault.LATE, name) for name in lights),
+    ]
 
 
 def measure_faults(
@@ -205,27 +241,32 @@ def measure_faults(
     progress: Callable[[int], None] | None = None,
     flight: Rendezvous = FLIGHT,
 ) -> VehicleFaultsReport:
-    """Fly a vehicle with a ramp in each sensor in turn, and without: alarms, false ones, and silence.
+    """Fly a vehicle with each fault of each sensor in turn, and without: alarms, false ones, silence, losses.
 
     Hand-over is where the flight begins. progress: called with 1 a flight.
     """
     hand_over = replace(vehicle.hand_over, port_distance_m=(flight.start_m, 0.0, 0.0))
     near = replace(vehicle, hand_over=hand_over)
-    flown: dict[str, list[Flown]] = {name: [] for name in cases(vehicle)}
+    flown: dict[tuple[VehicleFault, str], list[Flown]] = {case: [] for case in cases(vehicle)}
     for k in range(runs):
         run = simulate_rendezvous(near, flight, seed=seed + k)
-        for name, found in flown.items():
-            found.append(fly_ramp(run, name))
+        for (fault, name), found in flown.items():
+            found.append(fly_fault(run, fault, name, seed + k))
             if progress is not None:
                 progress(1)
-    return VehicleFaultsReport(vehicle.name, runs, seed, tuple(_row(name, found) for name, found in flown.items()))
+    usual = flown[VehicleFault.NOTHING, ""]
+    rows = tuple(_row(fault, name, found, usual) for (fault, name), found in flown.items())
+    return VehicleFaultsReport(vehicle.name, runs, seed, rows)
 
 
-def _row(name: str, flown: list[Flown]) -> RampRow:
-    told = [one for one in flown if not math.isnan(one.alarm_s)]
-    silent = sum(one.silent for one in flown)
+def _row(fault: VehicleFault, name: str, flown: list[Flown], usual: list[Flown]) -> FaultRow:
+    told, lost = [one for one in flown if one.named], fault == VehicleFault.LOST
+    silent, inside = sum(one.silent for one in flown), sum(one.inside for one in flown)
     low, high = wilson_bounds(silent, len(flown))
-    return RampRow(
+    inside_low, inside_high = wilson_bounds(inside, len(flown)) if lost else (math.nan, math.nan)
+    began_s = 0.0 if fault == VehicleFault.GLINT else BEGINS_S
+    return FaultRow(
+        fault=fault.value,
         sensor=name,
         runs=len(flown),
         alarmed=len(told),
@@ -233,7 +274,11 @@ def _row(name: str, flown: list[Flown]) -> RampRow:
         silent=silent,
         silent_low=low,
         silent_high=high,
-        alarm_s=float(np.median([one.alarm_s - BEGINS_S for one in told])) if told else math.nan,
+        alarm_s=float(np.median([one.alarm_s - began_s for one in told])) if told else math.nan,
         error=max(one.error for one in flown),
         one_fault=max(one.one_fault for one in flown),
+        inside=inside if lost else -1,
+        inside_low=inside_low,
+        inside_high=inside_high,
+        back_s=max(map(back_after_s, flown, usual)) if lost else math.nan,
     )

@@ -308,25 +308,28 @@ def copy_into(matrix: Matrix, out: Matrix) -> None:
 
 
 @kernel
-def carry_into(P: Matrix, F: Matrix, Q: Matrix, after: Matrix, work: Matrix, places: Codes, weights: Vector) -> None:
+def carry_into(
+    P: Matrix, F: Matrix, Q: Matrix, after: Matrix, work: Matrix, places: Codes, weights: Matrix, counts: Codes
+) -> None:
     """Write P after a step in which the first m errors move by F (m, k) of the first k <= n, and take noise Q (m, m).
 
-    The others last; of P the first k rows are whole. after (n, n) is not P; work (k, m), places and weights (k,)
-    scratch. Entries of F that are zero cost nothing.
+    The others last; of P the first k rows are whole. after (n, n) is not P; work (k, m), places and weights (m, k)
+    and counts (m,) scratch. Entries of F that are zero cost nothing.
     """
     moving, driving = F.shape
     n = P.shape[0]
     for i in range(moving):
         for c in range(n):
             after[i, c] = 0.0
-        _add_rows(after[i], weights, places, _pick(F[i], places, weights), P, 0)
+        counts[i] = _pick(F[i], places[i], weights[i])
+        _add_rows(after[i], weights[i], places[i], counts[i], P, 0)
     for k in range(driving):
         for i in range(moving):
             work[k, i] = after[i, k]
     for i in range(moving):
         for c in range(moving):
             after[i, c] = Q[i, c]
-        _add_rows(after[i, :moving], weights, places, _pick(F[i], places, weights), work, 0)
+        _add_rows(after[i, :moving], weights[i], places[i], counts[i], work, 0)
         for c in range(i):
             mean = 0.5 * (after[i, c] + after[c, i])
             after[i, c] = mean

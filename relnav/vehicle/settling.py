@@ -68,8 +68,9 @@ SCRATCH = np.dtype(
         ("F", _F, (MOVING, DRIVING)),
         ("Q", _F, (MOVING, MOVING)),
         ("product", _F, (DRIVING, MOVING)),
-        ("places", np.int64, DRIVING),
-        ("weights", _F, DRIVING),
+        ("places", np.int64, (MOVING, DRIVING)),
+        ("weights", _F, (MOVING, DRIVING)),
+        ("counts", np.int64, MOVING),
     ]
 )
 
@@ -227,6 +228,6 @@ def settle_into(
             return False
         _write_transition(scratch, dt, command, now, before)
         _write_noise(scratch, dt, constants["angle_walk"], bias_walk)
-        F, Q, product = scratch["F"], scratch["Q"], scratch["product"]
-        carry_into(P[f], F, Q, after[f], product, scratch["places"], scratch["weights"])
+        F, Q, product, places = scratch["F"], scratch["Q"], scratch["product"], scratch["places"]
+        carry_into(P[f], F, Q, after[f], product, places, scratch["weights"], scratch["counts"])
     return True

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from relnav.accuracy.rendezvous import checkpoint, fly, groups_of, honesty, port_figures, true_port
-from relnav.accuracy.vehicle_faults import bent, ramp_of
 from relnav.estimation.consistency import chi_square_interval
 from relnav.simulation.rendezvous import Rendezvous
+from relnav.simulation.vehicle_faults import bent, ramp_of
 from relnav.simulation.vehicle_sensors import simulate_rendezvous
 from relnav.vehicle.layout import layout_of
 from relnav.vehicle.navigator import VehicleNavigator

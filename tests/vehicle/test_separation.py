@@ -5,9 +5,9 @@ import pytest
 from scipy.stats import norm
 
 from relnav.accuracy.rendezvous import true_port
-from relnav.accuracy.vehicle_faults import bent, ramp_of
 from relnav.errors import UsageError
 from relnav.simulation.rendezvous import Rendezvous
+from relnav.simulation.vehicle_faults import bent, ramp_of
 from relnav.simulation.vehicle_sensors import simulate_rendezvous
 from relnav.vehicle.navigator import VehicleNavigator
 from relnav.vehicle.port import PortState

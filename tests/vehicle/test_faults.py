@@ -1,0 +1,149 @@
+"""What `relnav accuracy --faults` does to a vehicle's sensors, and that its bars can fail."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from relnav.accuracy import vehicle_faults
+from relnav.accuracy.vehicle_faults import FaultRow, VehicleFaultsReport, back_after_s, cases, fly_fault
+from relnav.simulation import vehicle_faults as vehicle_faults_simulated
+from relnav.simulation.rendezvous import Rendezvous
+from relnav.simulation.vehicle_faults import GLINT_RAD, JUMP_S, LATE_S, VehicleFault, with_fault
+from relnav.simulation.vehicle_sensors import simulate_rendezvous
+from relnav.vehicle.navigator import VehicleNavigator
+
+FLIGHT = Rendezvous(start_m=5.5, final_m=2.5, fast_m_s=0.1, slow_m_s=0.1)
+BEGINS_S, LASTS_S = 10.0, 10.0
+
+
+@pytest.fixture(scope="module")
+def run(slow):
+    return simulate_rendezvous(slow, FLIGHT, seed=72)
+
+
+@pytest.fixture(autouse=True)
+def _soon(monkeypatch):
+    """Faults of a short flight."""
+    for module in (vehicle_faults, vehicle_faults_simulated):
+        monkeypatch.setattr(module, "BEGINS_S", BEGINS_S)
+        monkeypatch.setattr(module, "LASTS_S", LASTS_S)
+    monkeypatch.setattr(vehicle_faults, "RETURNS_S", round(BEGINS_S + LASTS_S))
+
+
+def changed(run, fault, name):
+    """(usual, faulty) observations of one sensor, in order of exposure, and all that a navigator takes."""
+    rng = np.random.default_rng(5)
+    taken = with_fault(run, fault, name, rng)
+    usual = sorted((seen for seen in run.observations if seen.sensor == name), key=lambda seen: seen.t_s)
+    return usual, [seen for seen in taken if seen.sensor == name], taken
+
+
+def test_only_the_named_sensor_is_touched(slow, run):
+    others = {fault: name for fault, name in cases(slow) if name}
+    for fault, name in others.items():
+        taken = with_fault(run, fault, name, np.random.default_rng(5))
+        left = [seen for seen in taken if seen.sensor != name]
+        assert sorted(map(id, left)) == sorted(id(seen) for seen in run.observations if seen.sensor != name)
+
+
+def test_lost_is_lost_from_then_until_then(run):
+    usual, left, _ = changed(run, VehicleFault.LOST, "star")
+    assert left == [seen for seen in usual if not BEGINS_S <= seen.t_s < BEGINS_S + LASTS_S]
+    assert len(left) < len(usual) - 10
+
+
+def test_a_glint_is_one_spot_of_the_first_image(slow, run):
+    usual, seen, _ = changed(run, VehicleFault.GLINT, "camera")
+    moved = np.linalg.norm(seen[0].value - usual[0].value, axis=1)
+    off = GLINT_RAD * slow.models["camera"].camera.focal_length_px[0]
+    np.testing.assert_allclose(np.sort(np.nan_to_num(moved))[-2:], [0.0, off], rtol=1e-9)
+    assert seen[1:] == usual[1:]
+
+
+def test_a_clock_jumps_and_stays(run):
+    usual, seen, taken = changed(run, VehicleFault.CLOCK, "psd")
+    off = [after.t_s - before.t_s for before, after in zip(usual, seen, strict=True)]
+    assert off == pytest.approx([JUMP_S if before.t_s >= BEGINS_S else 0.0 for before in usual])
+    assert [one.t_s for one in taken] == sorted(one.t_s for one in taken)
+
+
+def test_late_images_end_in_the_same_state(slow, run):
+    """Replayed, not fused as current: bit for bit what images in time give, and not what a stamp on arrival gives."""
+    early, late, current = (VehicleNavigator(slow, monitor=False) for _ in range(3))
+    until_s = BEGINS_S + 8.0
+    taken = [seen for seen in changed(run, VehicleFault.LATE, "camera")[2] if seen.t_s < until_s]
+    assert [one.arrives_s for one in taken] == sorted(one.arrives_s for one in taken)
+    for seen in sorted(taken, key=lambda seen: seen.t_s):
+        early.observe(seen.sensor, seen.t_s, seen.value)
+    verdicts = {late.observe(seen.sensor, seen.t_s, seen.value).name for seen in taken}
+    for seen in taken:
+        fresh = dataclasses.replace(seen, t_s=seen.arrives_s) if seen.sensor == "camera" else seen
+        current.observe(fresh.sensor, fresh.t_s, fresh.value)
+    assert "REPLAYED" in verdicts
+    assert not verdicts & {"TOO_OLD"}
+    one, other = early.state(until_s), late.state(until_s)
+    assert one.values.tobytes() == other.values.tobytes()
+    assert one.covariance.tobytes() == other.covariance.tobytes()
+    assert max(one.arrives_s - one.t_s for one in taken) == pytest.approx(LATE_S)
+    wrong = np.abs(current.state(until_s).port.position_m - one.port.position_m)
+    assert (wrong / one.port.sigma[:3]).max() > 3.0
+
+
+@pytest.mark.parametrize("name", ["gyro", "camera", "psd", "star"])
+def test_a_lost_sensor_is_no_alarm_and_comes_back(run, name):
+    usual, lost = fly_fault(run, VehicleFault.NOTHING, ""), fly_fault(run, VehicleFault.LOST, name)
+    assert lost.inside
+    assert not lost.silent
+    assert lost.named == ""
+    assert 0.0 <= back_after_s(lost, usual) <= 8.0
+
+
+@pytest.mark.parametrize("name", ["camera", "psd"])
+def test_a_clock_that_jumps_is_told_before_the_port_is_lost(run, name):
+    flown = fly_fault(run, VehicleFault.CLOCK, name)
+    assert BEGINS_S < flown.alarm_s < BEGINS_S + LASTS_S
+    assert not flown.silent
+    assert flown.one_fault < 1.0
+
+
+@pytest.mark.parametrize("name", ["camera", "psd"])
+def test_a_glint_in_the_first_image_does_no_harm(run, name):
+    flown = fly_fault(run, VehicleFault.GLINT, name, seed=3)
+    assert (flown.silent, flown.named) == (False, "")
+    assert flown.one_fault < 1.0
+
+
+def test_how_long_it_takes_to_be_back():
+    def flown(*sigmas):
+        seconds = {round(BEGINS_S + LASTS_S) + k: np.array([1.0, sigma]) for k, sigma in enumerate(sigmas)}
+        return vehicle_faults.Flown(math.nan, "", 0.0, False, 0.0, True, seconds)
+
+    usual = flown(1.0, 1.0, 1.0, 1.0)
+    assert back_after_s(usual, usual) == 0.0
+    assert back_after_s(flown(2.0, 1.3, 1.2, 1.0), usual) == 2.0
+    assert back_after_s(flown(1.0, 1.0, 1.0, 1.3), usual) == 4.0
+
+
+GOOD = FaultRow("lost for 60 s", "psd", 200, 0, 0, 0, 0.0, 0.02, math.nan, 0.4, 0.3, 199, 0.97, 0.999, 4.0)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"silent_low": 0.03},
+        {"one_fault": 1.01},
+        {"inside_high": 0.98},
+        {"back_s": 11.0},
+        {"sensor": "", "alarmed": 9},
+    ],
+)
+def test_every_bar_can_fail(change):
+    row = dataclasses.replace(GOOD, **change)
+    assert GOOD.ok
+    assert not row.ok
+    report = VehicleFaultsReport("demo", 200, 7, (GOOD, row))
+    assert not report.ok
+    assert sum("BAR NOT MET" in line for line in report.lines()) == 1
+    assert "SOME BARS ARE NOT MET" in report.lines()[-1]
