@@ -19,6 +19,8 @@ from relnav.estimation.factored import compose_into, decorrelate, orthogonalise,
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.rotation_vector import rotation_vector_into, turn_by_rotation_vector
 
+TURNING = 6
+"""Errors of attitude and rate."""
 LASTING = 9
 """Errors that last: six entries of an inertia, three of the attitude of who measures."""
 CHASER = slice(LASTING - 3, LASTING)
@@ -26,7 +28,9 @@ CHASER = slice(LASTING - 3, LASTING)
 
 _F = np.float64
 
-ATTITUDE_TRACK = np.dtype([("dcm", _F, (3, 3)), ("rate", _F, 3), ("ld", _F, (6, 6)), ("lasting", _F, (6, LASTING))])
+ATTITUDE_TRACK = np.dtype(
+    [("dcm", _F, (3, 3)), ("rate", _F, 3), ("ld", _F, (TURNING, TURNING)), ("lasting", _F, (TURNING, LASTING))]
+)
 """An estimate: attitude C, rate w rad/s, the factors of P_noise, and S."""
 
 COMPARED = np.dtype(
@@ -34,7 +38,7 @@ COMPARED = np.dtype(
         ("track", ATTITUDE_TRACK),
         ("innovation", _F, 3),
         ("innovation_covariance", _F, (3, 3)),
-        ("correction", _F, 6),
+        ("correction", _F, TURNING),
         ("nis", _F),
     ]
 )
@@ -77,47 +81,47 @@ def noise_factors(noise: Matrix, factor: Matrix, variances: Vector) -> None:
         variances[k] = select(variances[k] > 0.0, variances[k], 0.0)
 
 
-@straight_line(ld=(6, 6), phi=(6, 6), noise=(6, 6))
+@straight_line(ld=(TURNING, TURNING), phi=(TURNING, TURNING), noise=(TURNING, TURNING))
 def carry_errors(ld: Matrix, phi: Matrix, noise: Matrix) -> None:
     """Replace the factors of P_noise by those of Phi P_noise Phi^T + Q, in place; noise Q (6, 6)."""
-    q_ld, variances = np.zeros((6, 6)), np.zeros(6)
+    q_ld, variances = np.zeros((TURNING, TURNING)), np.zeros(TURNING)
     noise_factors(noise, q_ld, variances)
-    for k in range(6):
+    for k in range(TURNING):
         q_ld[k, k] = variances[k]
     time_update_into(ld, phi, q_ld)
 
 
-@straight_line(lasting=(6, LASTING), phi=(6, 6), before=(3, 6), after=(3, 6))
+@straight_line(lasting=(TURNING, LASTING), phi=(TURNING, TURNING), before=(3, TURNING), after=(3, TURNING))
 def carry_lasting(lasting: Matrix, phi: Matrix, before: Matrix, after: Matrix, dt: float) -> None:
     """Replace S by Phi S, and add what the first six errors do meanwhile, in place.
 
     before, after (3, 6): the angular acceleration rad/s^2 that one sigma of each makes, at both ends of dt s.
     """
-    carried = np.zeros((6, LASTING))
-    for i in range(6):
+    carried = np.zeros((TURNING, LASTING))
+    for i in range(TURNING):
         for k in range(LASTING):
-            for j in range(6):
+            for j in range(TURNING):
                 carried[i, k] += phi[i, j] * lasting[j, k]
     for i in range(3):
-        for k in range(6):
+        for k in range(TURNING):
             push = 0.5 * dt * (before[i, k] + after[i, k])
             carried[i, k] += 0.5 * dt * push
             carried[3 + i, k] += push
-    for i in range(6):
+    for i in range(TURNING):
         for k in range(LASTING):
             lasting[i, k] = carried[i, k]
 
 
 @straight_line(
-    ld=(6, 6),
-    lasting=(6, LASTING),
+    ld=(TURNING, TURNING),
+    lasting=(TURNING, LASTING),
     by_lasting=(3, LASTING),
     noise=(3, 3),
     y=(3,),
     spread_y=(3, 3),
-    correction=(6,),
-    ld_after=(6, 6),
-    lasting_after=(6, LASTING),
+    correction=(TURNING,),
+    ld_after=(TURNING, TURNING),
+    lasting_after=(TURNING, LASTING),
 )
 def correct_errors(
     ld: Matrix,
@@ -134,7 +138,7 @@ def correct_errors(
 
     noise R (3, 3), positive definite; by_lasting B (3, LASTING). The formulas stand above.
     """
-    p, seen, s = np.zeros((6, 6)), np.zeros((3, LASTING)), np.zeros((3, 3))
+    p, seen, s = np.zeros((TURNING, TURNING)), np.zeros((3, LASTING)), np.zeros((3, 3))
     compose_into(ld, p)
     for i in range(3):
         for k in range(LASTING):
@@ -147,8 +151,8 @@ def correct_errors(
     factor, variances, root, root_variances = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3)), np.zeros(3)
     decorrelate(s, factor, variances)
     decorrelate(noise, root, root_variances)
-    gain, rest, moved = np.zeros((6, 3)), np.zeros((6, 6)), np.zeros(6)
-    for i in range(6):
+    gain, rest, moved = np.zeros((TURNING, 3)), np.zeros((TURNING, TURNING)), np.zeros(TURNING)
+    for i in range(TURNING):
         for j in range(3):
             gain[i, j] = p[i, j]
             for k in range(LASTING):
@@ -160,16 +164,16 @@ def correct_errors(
         for j in (1, 0):
             for k in range(j + 1, 3):
                 gain[i, j] -= factor[k, j] * gain[i, k]
-        for j in range(6):
+        for j in range(TURNING):
             rest[i, j] = (1.0 if i == j else 0.0) - (gain[i, j] if j < 3 else 0.0)
         moved[i] = gain[i, 0] * y[0] + gain[i, 1] * y[1] + gain[i, 2] * y[2]
-    w, weights, after = np.zeros((6, 9)), np.zeros(9), np.zeros((6, LASTING))
-    spread(rest, ld, w[:, :6], weights[:6])
-    for i in range(6):
+    w, weights, after = np.zeros((TURNING, TURNING + 3)), np.zeros(TURNING + 3), np.zeros((TURNING, LASTING))
+    spread(rest, ld, w[:, :TURNING], weights[:TURNING])
+    for i in range(TURNING):
         for j in range(3):
-            weights[6 + j] = root_variances[j]
+            weights[TURNING + j] = root_variances[j]
             for k in range(j, 3):
-                w[i, 6 + j] += gain[i, k] * root[k, j]
+                w[i, TURNING + j] += gain[i, k] * root[k, j]
         for k in range(LASTING):
             after[i, k] = lasting[i, k]
             for j in range(3):
@@ -183,7 +187,7 @@ def correct_errors(
             white[i] -= factor[i, k] * white[k]
         nis += white[i] * white[i] / variances[i]
     orthogonalise(w, weights, ld_after)
-    for i in range(6):
+    for i in range(TURNING):
         correction[i] = moved[i]
         for k in range(LASTING):
             lasting_after[i, k] = after[i, k]

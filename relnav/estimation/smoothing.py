@@ -107,7 +107,7 @@ def rts_smooth(
 
     state, factors = np.array(filtered_state), np.array(filtered_factors)
     later, later_ld = state[-1].copy(), factors[-1].copy()
-    carried, c, s_ld = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
+    carried, c, s_ld = np.zeros((3, *later_ld.shape))
     for e in range(len(state) - 2, -1, -1):
         inverse = np.linalg.inv(phi[e])
         carry_noise_back(factorize(q[e]), inverse, carried)

@@ -56,15 +56,15 @@ def steady_state(phi: Matrix, q: Matrix, h: Matrix, r: Matrix) -> SteadyState:
         raise OverflowError(f"process noise of a step is up to {np.abs(q).max():g}; {LARGEST:g} is the most")
     whitener = np.linalg.inv(np.linalg.cholesky(r))
     values = np.linalg.svd(control.obsv(phi, whitener @ h), compute_uv=False)
-    nothing = np.full((6, 6), np.nan)
-    undetectable = SteadyState(False, nothing, nothing, np.full((6, len(h)), np.nan), values)
+    nothing = np.full(phi.shape, np.nan)
+    undetectable = SteadyState(False, nothing, nothing, np.full(h.T.shape, np.nan), values)
     if values[-1] <= 1e-12 * values[0]:  # a direction that is never seen, to rounding
         return undetectable
     try:
-        predictor, prior, _ = control.dlqe(phi, np.eye(6), h, q, r)
+        predictor, prior, _ = control.dlqe(phi, np.eye(len(phi)), h, q, r)
     except (np.linalg.LinAlgError, ValueError):  # ValueError: too ill-conditioned to be ordered
         return undetectable
     gain: Matrix = np.linalg.solve(phi, predictor)
-    rest = np.eye(6) - gain @ h
+    rest = np.eye(len(phi)) - gain @ h
     posterior = rest @ prior @ rest.T + gain @ r @ gain.T
     return SteadyState(True, np.asarray(prior), posterior, gain, values)

@@ -21,19 +21,19 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, straight_line
-from relnav.estimation.attitude import noise_factors, turn_rows
+from relnav.estimation.attitude import TURNING, noise_factors, turn_rows
 from relnav.estimation.factored import orthogonalise
 from relnav.geometry.rotation_vector import rotation_vector_into, turn_by_rotation_vector
 
-POINTS = 12
+POINTS = 2 * TURNING
 """About the mean, which is one more."""
 
 SIGMA_POINTS = np.dtype(
     [
         ("dcm", np.float64, (POINTS, 3, 3)),
         ("rate", np.float64, (POINTS, 3)),
-        ("columns", np.float64, (6, POINTS)),
-        ("mean", np.float64, 6),
+        ("columns", np.float64, (TURNING, POINTS)),
+        ("mean", np.float64, TURNING),
     ]
 )
 
@@ -58,21 +58,21 @@ def spread_points(track: Record, points: Record, work: Matrix) -> None:
                 attitudes[k, i, n] = turned[i, n]
 
 
-@straight_line(columns=(6, POINTS), noise=(6, 6), mean=(6,), ld=(6, 6))
+@straight_line(columns=(TURNING, POINTS), noise=(TURNING, TURNING), mean=(TURNING,), ld=(TURNING, TURNING))
 def gather_columns(columns: Matrix, noise: Matrix, mean: Vector, ld: Matrix) -> None:
     """Write the mean (6,) of the points' errors, and the factors of their covariance about it with noise Q (6, 6)."""
-    w, weights, center = np.zeros((6, POINTS + 6)), np.zeros(POINTS + 6), np.zeros(6)
+    w, weights, center = np.zeros((TURNING, POINTS + TURNING)), np.zeros(POINTS + TURNING), np.zeros(TURNING)
     noise_factors(noise, w[:, POINTS:], weights[POINTS:])
-    for i in range(6):
+    for i in range(TURNING):
         for k in range(POINTS):
             center[i] += columns[i, k] / POINTS
     for k in range(POINTS):
         weights[k] = 1.0 / POINTS
-        for i in range(6):
+        for i in range(TURNING):
             w[i, k] = columns[i, k] - center[i]
     turn_rows(center, w[:, :POINTS])
     orthogonalise(w, weights, ld)
-    for i in range(6):
+    for i in range(TURNING):
         mean[i] = center[i]
 
 

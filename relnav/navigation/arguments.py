@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import LARGEST, Matrix, Vector, number, numbers
+from relnav.dynamics.error_state import MOTION
 from relnav.estimation.factored import factorize
 from relnav.geometry.linear_algebra import lengths
 from relnav.mission import Model, VisionMission
@@ -57,7 +58,7 @@ def vector(name: str, value: ArrayLike, shape: tuple[int, ...], most: float = LA
 
 def start_values(t_s: float, state: ArrayLike, covariance: ArrayLike, size: int) -> tuple[float, Vector, Matrix]:
     """Time, state (6,) and factors (size, size) of a start; ValueError for what is none."""
-    t, x = number("t_s", t_s), vector("state", state, (6,))
+    t, x = number("t_s", t_s), vector("state", state, (MOTION,))
     if not math.isfinite(t):
         raise ValueError(f"t_s must be finite; got {t_s!r}")
     p = vector("covariance", covariance, (size, size))
@@ -66,11 +67,15 @@ def start_values(t_s: float, state: ArrayLike, covariance: ArrayLike, size: int)
     return t, x, factorize(0.5 * (p + p.T) if np.allclose(p, p.T, rtol=1e-9, atol=0.0) else p)
 
 
+CONTROL = 6
+"""Acceleration and impulse of a row."""
+
+
 def controls(n: int, acceleration: Matrix | None, delta_v: Matrix | None) -> Matrix:
     """Acceleration and impulse of each row, (n, 6), or (0, 6) if there are none."""
     if acceleration is None and delta_v is None:
-        return np.empty((0, 6))
-    control = np.zeros((n, 6))
+        return np.empty((0, CONTROL))
+    control = np.zeros((n, CONTROL))
     if acceleration is not None:
         control[:, :3] = vector("acceleration_m_s2", acceleration, (n, 3))
     if delta_v is not None:

@@ -7,6 +7,7 @@ import numpy as np
 from relnav.arrays import Matrix, Stack, Vector
 from relnav.codegen.kernel import entry
 from relnav.dynamics.docking_port import ARM, RATE, VELOCITY, port_geometry_into
+from relnav.dynamics.error_state import POSE
 from relnav.dynamics.relative_motion import frame_rate
 from relnav.mission import VisionMission
 from relnav.navigation.memory import orbit_values
@@ -69,8 +70,8 @@ def docking_states(
     own = -dcm_chaser_from_lvlh[:, :, 1] * turn[:, None] if chaser_rate_rad_s is None else chaser_rate_rad_s
     ports = np.array([chaser.port_position_m, mission.target.port_position_m], dtype=np.float64)
     if by_chaser is None:
-        by_chaser = np.zeros((count, 3, 12))
-    values, C_TB, whole = np.empty((count, 3, 3)), np.empty((count, 3, 3)), np.empty((count, 12, 12))
+        by_chaser = np.zeros((count, 3, POSE))
+    values, C_TB, whole = np.empty((count, 3, 3)), np.empty((count, 3, 3)), np.empty((count, POSE, POSE))
     _write_docking(
         np.ascontiguousarray(motion),
         np.ascontiguousarray(dcm_lvlh_from_target),
@@ -85,7 +86,7 @@ def docking_states(
         values,
         C_TB,
         whole,
-        np.empty((36, 12)),
+        np.empty((3 * POSE, POSE)),
     )
     return DockingState(values[:, ARM], values[:, VELOCITY], C_TB, values[:, RATE], whole)
 
@@ -111,8 +112,8 @@ def _write_docking(
 
     sigma (2,): of the chaser's attitude, lasting and new at an image; work (36, 12) is scratch.
     """
-    G, product, taken = work[:12], work[12:24], work[24:27]
-    A, rows = work[27:30].reshape((12, 3)), work[30:36].reshape((24, 3))
+    G, product, taken = work[:POSE], work[POSE : 2 * POSE], work[2 * POSE : 2 * POSE + 3]
+    A, rows = work[2 * POSE + 3 : 2 * POSE + 6].reshape((POSE, 3)), work[2 * POSE + 6 :].reshape((2 * POSE, 3))
     total = sigma[0] * sigma[0] + sigma[1] * sigma[1]
     for k in range(motion.shape[0]):
         C_TL, C_TB, rates, P, out = rows[:3], relative[k], rows[3:5], covariance[k], whole[k]
@@ -126,21 +127,21 @@ def _write_docking(
         port_geometry_into(C_TL, C_TB, motion[k], rates, turn[k], ports[0], values[k], G, A, rows[5:9])
         for i in range(3):
             values[k, ARM, i] -= ports[1, i]
-        for i in range(12):
-            for j in range(12):
+        for i in range(POSE):
+            for j in range(POSE):
                 product[i, j] = 0.0
             for c in range(3):
                 taken[c, i] = 0.0
-            for r in range(12):
+            for r in range(POSE):
                 if G[i, r] != 0.0:
-                    for j in range(12):
+                    for j in range(POSE):
                         product[i, j] += G[i, r] * P[r, j]
                     for c in range(3):
                         taken[c, i] += by_chaser[k, c, r] * G[i, r]
-        for i in range(12):
+        for i in range(POSE):
             for j in range(i + 1):
                 variance = 0.0
-                for r in range(12):
+                for r in range(POSE):
                     if G[j, r] != 0.0:
                         variance += product[i, r] * G[j, r]
                 for c in range(3):

@@ -10,23 +10,26 @@ import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
 from relnav.codegen.kernel import entry, select, straight_line
+from relnav.dynamics.error_state import MOTION, factor_size
 from relnav.estimation.factored import compose_into
 from relnav.geometry.spherical import range_azimuth_elevation, range_azimuth_elevation_jacobian
 from relnav.navigation.smoothing import unpack_factors
 
-VIEW_ROWS = 30
+DOCKING_ROWS = slice(3, 3 + factor_size(3))
+STATE_ROWS = slice(DOCKING_ROWS.stop, DOCKING_ROWS.stop + factor_size(MOTION))
+VIEW_ROWS = STATE_ROWS.stop
 """Range, azimuth, elevation; the 6 elements of their covariance; the 21 of the state's, upper triangles by rows."""
-UPPER = np.triu_indices(6)
+UPPER = np.triu_indices(MOTION)
 """Rows and columns of the 21 numbers of a (6, 6) upper triangle."""
-LOWER = np.tril_indices(6)
+LOWER = np.tril_indices(MOTION)
 """Rows and columns of the 21 numbers of packed factors."""
 UPPER_THREE = np.triu_indices(3)
 
 
-@straight_line(state=(6,), packed=(21,), dock=(3, 3), port=(3,), lever=(3,), out=(VIEW_ROWS,))
+@straight_line(state=(MOTION,), packed=(factor_size(MOTION),), dock=(3, 3), port=(3,), lever=(3,), out=(VIEW_ROWS,))
 def view_epoch(state: Vector, packed: Vector, dock: Matrix, port: Vector, lever: Vector, out: Vector) -> None:
     """Cai et al. (1996) eq. (13) and J P J^T for one state with packed factors; no angles at the poles x = y = 0."""
-    ld, covariance = np.zeros((6, 6)), np.zeros((6, 6))
+    ld, covariance = np.zeros((MOTION, MOTION)), np.zeros((MOTION, MOTION))
     s, p, to_angles, j = np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
     unpack_factors(packed, ld)
     compose_into(ld, covariance)
@@ -49,8 +52,8 @@ def view_epoch(state: Vector, packed: Vector, dock: Matrix, port: Vector, lever:
                     total += j[i, m] * covariance[m, n] * j[k, n]
             out[at] = total if i == k == 0 else select(regular, total, math.nan)
             at += 1
-    for i in range(6):
-        for k in range(i, 6):
+    for i in range(MOTION):
+        for k in range(i, MOTION):
             out[at] = covariance[i, k]
             at += 1
 
@@ -88,7 +91,7 @@ def views(state: Matrix, factor: Matrix, dcm_dock_from_lvlh: Matrix, port_m: Vec
 
 def symmetric(upper: Matrix) -> Stack:
     """Symmetric matrices (n, m, m) from the rows of their upper triangles (m (m + 1) / 2, n)."""
-    size = 3 if len(upper) == 6 else 6
+    size = 3 if len(upper) == len(UPPER_THREE[0]) else MOTION
     rows, columns = UPPER_THREE if size == 3 else UPPER
     out = np.empty((upper.shape[1], size, size))
     out[:, rows, columns] = upper.T

@@ -10,6 +10,7 @@ import numpy as np
 
 from relnav.arrays import LARGEST, Matrix, Record, Vector
 from relnav.codegen.kernel import entry, kernel
+from relnav.dynamics.error_state import MOTION, factor_size
 from relnav.estimation.rows import copy_track
 from relnav.geometry.rotation import are_a_rotation
 from relnav.navigation.docking_view import VIEW_ROWS, view_epoch
@@ -36,14 +37,14 @@ REPORT = np.dtype(
         ("docking", _F, 3),  # range, azimuth, elevation
         ("docking_sigma", _F, 3),
         ("docking_covariance", _F, (3, 3)),
-        ("state", _F, 6),
-        ("covariance", _F, (6, 6)),
+        ("state", _F, MOTION),
+        ("covariance", _F, (MOTION, MOTION)),
     ]
 )
 """What a record says; behind it stand the innovations, two numbers a beacon."""
 REPORT_SIZE = REPORT.itemsize // 8
-_LOWER_SIZE = 21
-_SCRATCH = VIEW_ROWS + _LOWER_SIZE + 6
+_LOWER_SIZE = factor_size(MOTION)
+_SCRATCH = VIEW_ROWS + _LOWER_SIZE + MOTION
 
 
 def new_report(beacons: int) -> tuple[Vector, Vector]:
@@ -170,9 +171,9 @@ def _describe_state(m: Memory, out: Record, scratch: Vector) -> None:
         for k in range(i, 3):
             joint[i, k], joint[k, i] = view[at], view[at]
             at += 1
-    for i in range(6):
+    for i in range(MOTION):
         state[i] = track["state"][i]
-        for k in range(i, 6):
+        for k in range(i, MOTION):
             covariance[i, k], covariance[k, i] = view[at], view[at]
             at += 1
 
@@ -190,9 +191,9 @@ def _describe_nothing(out: Record) -> None:
         docking[i], sigma[i] = math.nan, math.nan
         for k in range(3):
             joint[i, k] = math.nan
-    for i in range(6):
+    for i in range(MOTION):
         state[i] = math.nan
-        for k in range(6):
+        for k in range(MOTION):
             covariance[i, k] = math.nan
 
 

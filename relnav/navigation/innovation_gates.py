@@ -12,6 +12,7 @@ nothing was used, P is P-. A test holds e' S^-1 e of innovations e against the f
 import numpy as np
 
 from relnav.arrays import Codes, Matrix
+from relnav.dynamics.error_state import MOTION
 from relnav.mission import Model
 from relnav.navigation.arguments import choose
 from relnav.navigation.memory import views
@@ -43,7 +44,7 @@ def innovation_covariances(model: Model, solution: Solution, at: Codes) -> list[
     numbers = 2 * len(seen) if uses_coordinates(m.sensor) else 3
     out = []
     for e in map(int, at):
-        status, h = int(solution.status[e]), np.empty((0, 6))
+        status, h = int(solution.status[e]), np.empty((0, MOTION))
         if status in (UPDATED, REJECTED) and int(solution.dof[e]) == numbers:
             h, r, _ = rows_at(model, m, solution.state[e, :3], seen)
         if len(h) != numbers:

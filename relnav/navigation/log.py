@@ -10,6 +10,7 @@ import numpy as np
 
 from relnav.arrays import Codes, Matrix, Stack, Vector, one_piece
 from relnav.codegen.kernel import entry, kernel, long_entry
+from relnav.dynamics.error_state import MOTION, factor_size
 from relnav.estimation.rows import copy_track
 from relnav.geometry.rotation import dcm_from_quaternion_into
 from relnav.mission import Model
@@ -46,8 +47,10 @@ class Epochs:
     def empty(cls, n: int, beacons: int, considered: int = 0) -> "Epochs":
         """Room for n epochs."""
         codes, numbers = np.empty((n, 4), dtype=np.int64), 2 * beacons
-        rows = np.empty((n, considered, 6))
-        return cls(np.empty((n, 6)), np.empty((n, 21)), np.empty((n, numbers)), np.empty(n), codes, rows)
+        rows = np.empty((n, considered, MOTION))
+        return cls(
+            np.empty((n, MOTION)), np.empty((n, factor_size(MOTION))), np.empty((n, numbers)), np.empty(n), codes, rows
+        )
 
     def part(self, cut: slice) -> "Epochs":
         """Some of the epochs (views, not copies)."""
@@ -109,22 +112,22 @@ def _run(
         for k in range(innovation.shape[1]):
             innovation[e, k] = m.innovations[k]
         if m.clock["running"] > 0:
-            for i in range(6):
+            for i in range(MOTION):
                 state[e, i] = m.track["state"][i]
             if sensitivities.shape[0] > apart:
                 copy_track(m.track, m.work)
                 add_considered(reported, sensitivities)
             pack_factors(reported, factor[e])
             for k in range(apart):
-                for i in range(6):
+                for i in range(MOTION):
                     considered[e, k, i] = sensitivities[k, i]
         else:
-            for i in range(6):
+            for i in range(MOTION):
                 state[e, i] = np.nan
-            for i in range(21):
+            for i in range(factor.shape[1]):
                 factor[e, i] = np.nan
             for k in range(apart):
-                for i in range(6):
+                for i in range(MOTION):
                     considered[e, k, i] = np.nan
 
 
@@ -200,7 +203,7 @@ class LogFilter:
         state, factor, considered = epochs.state, epochs.factor, epochs.considered
         smooth_run(self.block, t, control, epochs.codes, state, factor, considered, later, new_models())
         if self._considered:
-            _join(state, factor, considered, np.empty((6, 6)))
+            _join(state, factor, considered, np.empty((MOTION, MOTION)))
 
     @property
     def restarts(self) -> int:

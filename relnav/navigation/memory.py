@@ -7,13 +7,15 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.memory_layout import Layout
+from relnav.dynamics.error_state import MOTION
 from relnav.dynamics.relative_motion import orbit_vector
 from relnav.estimation.gating import gate_limits
 from relnav.estimation.monitors import WATCH, watched_type
 from relnav.estimation.returning import RETURNING
 from relnav.estimation.rows import group_type, track_type
 from relnav.mission import FilterSettings, Model, Orbit, ProcessNoise
-from relnav.sensors.three_beacon.fix import WORK_ROWS
+from relnav.navigation.blocks import considered_errors
+from relnav.sensors.three_beacon.fix import COORDINATES, WORK_ROWS
 from relnav.sensors.three_beacon.measure import PROJECTIONS
 
 """One record of a structured type: its fields are numbers, arrays or records."""
@@ -21,16 +23,6 @@ from relnav.sensors.three_beacon.measure import PROJECTIONS
 METHODS = {"spots": 0, "fix": 1}
 SPOTS = METHODS["spots"]
 FIX = METHODS["fix"]
-
-NODES = 4
-"""Along each side of the detector's field of lasting errors."""
-FIELD_ERRORS = 2 * NODES * NODES
-ATTITUDE_ERRORS = 3
-TOLERANCES_SHARED = 7
-"""Tolerances that all beacons share: the focal length, three turns of the camera, three of the beacons."""
-
-MOTION = 6
-"""Position and velocity of the chaser: the state of this filter."""
 
 _F, _I = np.float64, np.int64
 
@@ -75,9 +67,9 @@ STEP = np.dtype(
         ("dt", _F),  # what the rest was computed for
         ("acceleration", _F, 3),
         ("impulse", _I),
-        ("phi", _F, (6, 6)),
-        ("noise", _F, (6, 6)),  # factors of Q
-        ("effect", _F, 6),
+        ("phi", _F, (MOTION, MOTION)),
+        ("noise", _F, (MOTION, MOTION)),  # factors of Q
+        ("effect", _F, MOTION),
     ]
 )
 PRIOR = np.dtype([("place", _F, 3), ("range2", _F), ("variance", _F)])
@@ -88,7 +80,7 @@ POSITION_FIX = np.dtype(
         ("position", _F, 3),  # of the fix, docking frame
         ("value", _F, 3),  # invariants measured
         ("inverse", _F, (3, 3)),  # (dg/dp)^-1
-        ("jacobian", _F, (3, 6)),  # d value / d spots
+        ("jacobian", _F, (3, COORDINATES)),  # d value / d spots
         ("factor", _F, (3, 3)),  # L of R = L diag L^T
     ]
 )
@@ -101,25 +93,25 @@ BEACON = np.dtype(
 )
 SCRATCH = np.dtype(
     [
-        ("closed_form", _F, (WORK_ROWS, 6)),
+        ("closed_form", _F, (WORK_ROWS, COORDINATES)),
         ("three", _F, (3, 3)),
         ("turn", _F, (3, 3)),
         ("triads", _F, (14, 3)),
         ("rays", _F, (3, 3)),
         ("pair", _F, (3, 3)),
         ("vectors", _F, (4, 3)),
-        ("places", _F, (3, 6)),
+        ("places", _F, (3, COORDINATES)),
         ("by_beacon", _F, (9, 3)),
         ("gradients", _F, (11, 3)),
-        ("numbers", _F, (3, 6)),
+        ("numbers", _F, (3, COORDINATES)),
         ("normal", _F, (5, 3)),
-        ("covariance", _F, (6, 6)),
-        ("columns", _F, (3, 6)),
+        ("covariance", _F, (MOTION, MOTION)),
+        ("columns", _F, (3, COORDINATES)),
         ("information", _F, (3, 3)),
         ("density", _F, (3, 3)),
-        ("six", _F, (6, 6)),
-        ("back", _F, (6, 6)),  # of smoothing: Phi^-1
-        ("carried", _F, (6, 6)),  # of smoothing: factors of Phi^-1 Q Phi^-T
+        ("six", _F, (MOTION, MOTION)),
+        ("back", _F, (MOTION, MOTION)),  # of smoothing: Phi^-1
+        ("carried", _F, (MOTION, MOTION)),  # of smoothing: factors of Phi^-1 Q Phi^-T
     ]
 )
 CLOCK = np.dtype([("t", _F), ("running", _I), ("trial", _I), ("rejected", _I), ("starts", _I), ("beacons", _I)])
@@ -275,26 +267,6 @@ def new_memory(model: Model, method: str, projection: str) -> Vector:
     m.beacons["position"] = model.beacons_lvlh_m
     m.beacons["spot_sigma"], m.beacons["lasting_sigma"] = sensor.spot_noise_m, model.lasting_spot_sigma_m
     return block
-
-
-def attitude_counts(model: Model, method: str) -> bool:
-    """Whether an error of the attitude moves the state: of a `fix`, only by the arm to the camera."""
-    return method == "spots" or bool(np.any(model.camera_lever_cam_m))
-
-
-def considered_errors(model: Model, method: str) -> tuple[int, int]:
-    """Which of all lasting errors a filter considers: from the first to before the last (`beacon_considered.py`).
-
-    The attitude's turns what `spots` see of a state; of a `fix` it turns the arm to the camera.
-    """
-    tolerances = model.tolerances is not None and model.tolerances.considered
-    turned = model.attitude.sigma_rad > 0.0 and attitude_counts(model, method)
-    last = FIELD_ERRORS
-    if tolerances:
-        last += ATTITUDE_ERRORS + TOLERANCES_SHARED + 3 * len(model.beacons_lvlh_m)
-    elif turned:
-        last += ATTITUDE_ERRORS
-    return 0 if tolerances or model.calibration is not None else FIELD_ERRORS, last
 
 
 @lru_cache(maxsize=8)

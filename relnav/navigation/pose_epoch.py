@@ -6,8 +6,9 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import entry, kernel
+from relnav.dynamics.error_state import MOTION, POSE
 from relnav.estimation.considered import join_considered
-from relnav.navigation.pose_memory import POSE, PoseMemory, pose_views
+from relnav.navigation.pose_memory import PoseMemory, pose_views
 from relnav.navigation.pose_propagation import copy_rows
 
 PACKED = POSE * (POSE + 1) // 2
@@ -22,7 +23,7 @@ _F, _I = np.float64, np.int64
 EPOCH = np.dtype(
     [
         ("t", _F),
-        ("motion", _F, 6),
+        ("motion", _F, MOTION),
         ("dcm", _F, (3, 3)),
         ("rate", _F, 3),
         ("factor", _F, PACKED),  # lower triangle of `ld`, row by row
@@ -162,7 +163,7 @@ def write_epoch(m: PoseMemory, out: Record, apart: Matrix) -> None:
     out["used"] = used
     motion, dcm, rate, factor = out["motion"], out["dcm"], out["rate"], out["factor"]
     if count > 0:
-        for i in range(6):
+        for i in range(MOTION):
             motion[i] = lead["motion"][i]
         for i in range(3):
             rate[i] = lead["rate"][i]
@@ -173,7 +174,7 @@ def write_epoch(m: PoseMemory, out: Record, apart: Matrix) -> None:
     for c in range(apart.shape[0]):
         for i in range(POSE):
             apart[c, i] = math.nan
-    for i in range(6):
+    for i in range(MOTION):
         motion[i] = math.nan
     for i in range(3):
         rate[i] = math.nan

@@ -19,12 +19,13 @@ import math
 
 from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import kernel, shared_entry
+from relnav.dynamics.error_state import MOTION, POSE, RATE, THETA
 from relnav.geometry.rotation_vector import rotation_vector_into
 from relnav.navigation.observation.marker_exchange import gates_share, is_exchanged
 from relnav.navigation.observation.marker_monitors import gather_markers, let_pass, watch_markers, watch_new_track
 from relnav.navigation.observation.marker_rows import aim_camera, has_spot
 from relnav.navigation.pose_epoch import SETTLED_S
-from relnav.navigation.pose_memory import POSE, PoseMemory, pose_views
+from relnav.navigation.pose_memory import PoseMemory, pose_views
 from relnav.navigation.pose_propagation import MEMORY_S, advance_bank, copy_pose, copy_rows, is_wide
 from relnav.navigation.pose_update import spot_update
 from relnav.navigation.propagation import prepare_step
@@ -54,11 +55,11 @@ CONTRADICTED, GOES_ON, CONFIRMED = 0, 1, 2
 def _distance2(e: Vector, one: Record, other: Record) -> float:
     """Chi-square of twelve between two hypotheses, by the covariance of the first; e (12,) is scratch."""
     ld = one["ld"]
-    for i in range(6):
+    for i in range(MOTION):
         e[i] = other["motion"][i] - one["motion"][i]
-    rotation_vector_into(other["dcm"], one["dcm"], e[6:9])
+    rotation_vector_into(other["dcm"], one["dcm"], e[THETA:RATE])
     for i in range(3):
-        e[9 + i] = other["rate"][i] - one["rate"][i]
+        e[RATE + i] = other["rate"][i] - one["rate"][i]
     total = 0.0
     for i in range(POSE):
         for j in range(i):

@@ -16,11 +16,12 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import entry, kernel
+from relnav.dynamics.error_state import MOTION, POSE
 from relnav.estimation.rows import pair_covariance
 from relnav.mission import VisionMission
 from relnav.navigation.observation.marker_rows import aim_camera, observe_markers
 from relnav.navigation.pose_epoch import EPOCH, unpack_pose
-from relnav.navigation.pose_memory import POSE, PoseMemory, new_pose_memory, pose_views
+from relnav.navigation.pose_memory import PoseMemory, new_pose_memory, pose_views
 from relnav.navigation.pose_propagation import advance_pose, carry_sensitivities
 from relnav.navigation.pose_record import PoseSolution
 from relnav.navigation.propagation import prepare_step
@@ -34,7 +35,7 @@ def _predict(m: PoseMemory, before: Record, epoch: Record) -> bool:
     track, effects, dt = m.bank[0], m.bank_sensitivities[0], epoch["t"] - before["t"]
     if before["hypotheses"] == 0 or not dt >= 0.0:
         return False
-    for i in range(6):
+    for i in range(MOTION):
         track["motion"][i] = before["motion"][i]
     for i in range(3):
         track["rate"][i] = before["rate"][i]

@@ -6,6 +6,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Stack, Vector, one_piece
 from relnav.codegen.kernel import entry
+from relnav.dynamics.error_state import POSE
 from relnav.errors import UsageError
 from relnav.estimation.timeline import Passed, Timeline
 from relnav.geometry.rotation import dcm_from_quaternion, dcm_from_quaternion_into
@@ -13,7 +14,7 @@ from relnav.mission import VisionMission
 from relnav.navigation.arguments import controls, quaternions
 from relnav.navigation.pose_epoch import EPOCH, read_epoch, write_epoch
 from relnav.navigation.pose_filter import NOTHING, pose_step
-from relnav.navigation.pose_memory import POSE, pose_views
+from relnav.navigation.pose_memory import pose_views
 from relnav.navigation.pose_record import PoseSolution
 from relnav.navigation.pose_smoothing import PoseSmoother
 from relnav.navigation.relative_pose import NO_COVARIANCES, Event, Outcome, PoseNavigator, look_for_roots

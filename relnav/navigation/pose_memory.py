@@ -10,15 +10,18 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.memory_layout import Layout
+from relnav.dynamics.error_state import MOTION, POSE, ROTATION
 from relnav.dynamics.rigid_body import BODY_ROWS, RigidBody
 from relnav.estimation.gating import gate_limits
 from relnav.estimation.monitors import WATCH
 from relnav.estimation.returning import RETURNING
 from relnav.estimation.rows import group_type
 from relnav.mission import VisionMission
+from relnav.navigation.blocks import marker_considered
 from relnav.navigation.memory import MOTION_MODEL, STEP, WATCHED, fill, watch_anew, write_motion_model
 
-POSE = 12
+SEEN = 6
+"""Position and attitude: of the errors, what an image shows."""
 MOST_POSES = 8
 """Hypotheses that a bank holds."""
 
@@ -43,15 +46,15 @@ BODY = np.dtype(
     [
         ("values", _F, (BODY_ROWS, 3)),  # as `dynamics.rigid_body` describes them
         ("noise_density", _F),
-        ("phi", _F, (6, 6)),
-        ("noise", _F, (6, 6)),
-        ("factors", _F, (6, 6)),
-        ("work", _F, (50, 6)),
+        ("phi", _F, (ROTATION, ROTATION)),
+        ("noise", _F, (ROTATION, ROTATION)),
+        ("factors", _F, (ROTATION, ROTATION)),
+        ("work", _F, (50, ROTATION)),
     ]
 )
 POSE_TRACK = np.dtype(
     [
-        ("motion", _F, 6),
+        ("motion", _F, MOTION),
         ("dcm", _F, (3, 3)),
         ("rate", _F, 3),
         ("state", _F, POSE),  # errors about these, zero between updates
@@ -68,12 +71,12 @@ added: when it was taken up beside others; -inf for those of a start.
 POSE_GROUP = group_type(POSE)
 POSE_SCRATCH = np.dtype(
     [
-        ("covariance", _F, (6, 6)),
+        ("covariance", _F, (MOTION, MOTION)),
         ("density", _F, (3, 3)),
-        ("six", _F, (6, 6)),
+        ("six", _F, (MOTION, MOTION)),
         ("phi", _F, (POSE, POSE)),
         ("noise", _F, (POSE, POSE)),
-        ("seen_covariance", _F, (6, 6)),
+        ("seen_covariance", _F, (SEEN, SEEN)),
         ("pose", _F, (4, 3)),
         ("projection", _F, (2, 3)),
         ("point", _F, 3),
@@ -86,8 +89,6 @@ POSE_SCRATCH = np.dtype(
 )
 LASTING = np.dtype([("attitude", _F), ("focal_length", _F), ("mounting", _F), ("placement", _F)])
 """1-sigma of lasting errors: chaser's attitude, focal length (relative), camera's mounting, each marker's place."""
-CHASER_ATTITUDE, MOUNTING, FOCAL_LENGTH, PLACEMENT = 0, 3, 6, 7
-"""Where each stands among the considered errors; the first three always do."""
 POSE_CLOCK = np.dtype(
     [
         ("t", _F),
@@ -206,9 +207,9 @@ _LAYOUT = Layout(
         "accepted_aside": ("n",),
         "which": ("n",),
         "turns": ("2n", 3),
-        "nearer": ("n", 6),
+        "nearer": ("n", SEEN),
         "by_marker": ("2n", 3),
-        "bends": ("2n", 36),
+        "bends": ("2n", SEEN * SEEN),
         "noise": ("2n", "2n"),
         "factor": ("2n", "2n"),
         "groups": (POSE_GROUP, "n"),
@@ -233,8 +234,7 @@ def new_pose_memory(mission: VisionMission) -> Vector:
     """A filter that has seen nothing yet."""
     count, camera, target = len(mission.markers.positions_m), mission.camera, mission.target
     tolerances = mission.tolerances if mission.tolerances is not None and mission.tolerances.considered else None
-    considered = MOUNTING if tolerances is None else PLACEMENT + 3 * count
-    block = _LAYOUT.new(n=count, m=considered)
+    block = _LAYOUT.new(n=count, m=marker_considered(mission))
     m = pose_views(block)
     m.fixed["restart_after"] = mission.filter.restart_after_epochs
     m.fixed["few_markers_limit"] = mission.filter.few_markers_limit_s

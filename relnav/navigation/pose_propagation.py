@@ -8,13 +8,13 @@ from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import kernel, straight_line
 from relnav.codegen.trace import Shape
 from relnav.dynamics import rigid_body
+from relnav.dynamics.error_state import MOTION, POSE, RATE, ROTATION, THETA
 from relnav.dynamics.relative_motion import frame_rate
 from relnav.dynamics.rigid_body import MEAN_MOTION
 from relnav.dynamics.yamanaka_ankersen import PHI_PATTERN
 from relnav.estimation.considered import is_felt
 from relnav.estimation.factored import factorize_into, time_update_into
 from relnav.estimation.rows import copy_track
-from relnav.navigation.pose_memory import POSE
 
 rotate_into = rigid_body.propagate_into
 
@@ -24,8 +24,11 @@ LARGEST_TURN_RAD = 0.3
 LARGEST_SHARE_OF_RANGE = 0.2
 """1-sigma of attitude and position up to which errors count as small (tests: NEES after gaps)."""
 
-POSE_PHI_PATTERN: Shape = (*(row + "000000" for row in PHI_PATTERN), *("000000******",) * 6)
-POSE_NOISE_PATTERN: Shape = (*("******000000",) * 6, *("000000******",) * 6)
+POSE_PHI_PATTERN: Shape = (*(row + "0" * ROTATION for row in PHI_PATTERN), *("0" * MOTION + "*" * ROTATION,) * ROTATION)
+POSE_NOISE_PATTERN: Shape = (
+    *("*" * MOTION + "0" * ROTATION,) * MOTION,
+    *("0" * MOTION + "*" * ROTATION,) * ROTATION,
+)
 
 
 @straight_line(ld=(POSE, POSE), phi=POSE_PHI_PATTERN, noise=POSE_NOISE_PATTERN)
@@ -34,15 +37,15 @@ def carry_errors(ld: Matrix, phi: Matrix, noise: Matrix) -> None:
     time_update_into(ld, phi, noise)
 
 
-@straight_line(motion=(6,), phi=PHI_PATTERN, effect=(6,))
+@straight_line(motion=(MOTION,), phi=PHI_PATTERN, effect=(MOTION,))
 def carry_motion(motion: Vector, phi: Matrix, effect: Vector) -> None:
     """Carry position and velocity (6,) over a step, in place."""
-    x = np.zeros(6)
-    for i in range(6):
+    x = np.zeros(MOTION)
+    for i in range(MOTION):
         x[i] = effect[i]
-        for j in range(6):
+        for j in range(MOTION):
             x[i] += phi[i, j] * motion[j]
-    for i in range(6):
+    for i in range(MOTION):
         motion[i] = x[i]
 
 
@@ -77,7 +80,7 @@ def copy_rows(source: Matrix, target: Matrix) -> None:
 def copy_pose(source: Record, target: Record) -> None:
     """Copy a hypothesis."""
     copy_track(source, target)
-    for i in range(6):
+    for i in range(MOTION):
         target["motion"][i] = source["motion"][i]
     for i in range(3):
         target["rate"][i] = source["rate"][i]
@@ -100,17 +103,17 @@ def advance_pose(
     if not rotate_into(values, dt, track["dcm"], track["rate"], body["noise_density"], turn, spread_, body["work"]):
         return False
     carry_motion(track["motion"], step["phi"], step["effect"])
-    for i in range(6):
+    for i in range(MOTION):
         for j in range(i):
             spread_[i, j] = 0.5 * (spread_[i, j] + spread_[j, i])
             spread_[j, i] = spread_[i, j]
     if not factorize_into(spread_, factors):
         factors[0, 0] = math.nan
-    for i in range(6):
-        for j in range(6):
-            phi[i, j], phi[6 + i, 6 + j] = step["phi"][i, j], turn[i, j]
-            noise[i, j], noise[6 + i, 6 + j] = step["noise"][i, j], factors[i, j]
-            noise[6 + i, j] = 0.0  # an update left a covariance there, which plain Python does not skip
+    for i in range(MOTION):
+        for j in range(MOTION):
+            phi[i, j], phi[MOTION + i, MOTION + j] = step["phi"][i, j], turn[i, j]
+            noise[i, j], noise[MOTION + i, MOTION + j] = step["noise"][i, j], factors[i, j]
+            noise[MOTION + i, j] = 0.0  # an update left a covariance there, which plain Python does not skip
     carry_errors(track["ld"], phi, noise)
     return True
 
@@ -134,7 +137,7 @@ def is_wide(track: Record) -> bool:
     """Whether errors are no longer small: a full image then tells more than the state that it would correct."""
     ld, rho = track["ld"], track["motion"]
     share2 = _largest_variance(ld, 0) / (rho[0] * rho[0] + rho[1] * rho[1] + rho[2] * rho[2])
-    wide_turn = _largest_variance(ld, 6) > LARGEST_TURN_RAD * LARGEST_TURN_RAD
+    wide_turn = _largest_variance(ld, THETA) > LARGEST_TURN_RAD * LARGEST_TURN_RAD
     return wide_turn or not share2 <= LARGEST_SHARE_OF_RANGE * LARGEST_SHARE_OF_RANGE
 
 
@@ -142,7 +145,7 @@ def is_wide(track: Record) -> bool:
 def _is_forgotten(body: Record, track: Record, dt: float) -> bool:
     """Whether after dt nothing is known of the attitude any more: 1-sigma of half a turn."""
     drift = body["noise_density"] * dt * dt * dt / 3.0
-    known = _largest_variance(track["ld"], 6) + _largest_variance(track["ld"], 9) * dt * dt + drift
+    known = _largest_variance(track["ld"], THETA) + _largest_variance(track["ld"], RATE) * dt * dt + drift
     return not known <= math.pi * math.pi
 
 

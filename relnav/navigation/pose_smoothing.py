@@ -13,13 +13,14 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import entry, kernel, straight_line
+from relnav.dynamics.error_state import MOTION, POSE, RATE, ROTATION, THETA
 from relnav.dynamics.relative_motion import transition_into
 from relnav.estimation.considered import is_felt
 from relnav.estimation.smoothing import backward_model, carry_noise_back, smooth_step
 from relnav.geometry.rotation_vector import rotation_vector_into, turn_by_rotation_vector
 from relnav.mission import VisionMission
 from relnav.navigation.pose_epoch import unpack_pose, write_covariance
-from relnav.navigation.pose_memory import POSE, POSE_TRACK, new_pose_memory, pose_views
+from relnav.navigation.pose_memory import POSE_TRACK, new_pose_memory, pose_views
 from relnav.navigation.pose_propagation import (
     POSE_NOISE_PATTERN,
     POSE_PHI_PATTERN,
@@ -46,8 +47,8 @@ LATER = np.dtype(
         ("carried", _F, (POSE, POSE)),
         ("gain", _F, (POSE, POSE)),
         ("rest", _F, (POSE, POSE)),
-        ("motion_inverse", _F, (6, 6)),
-        ("elimination", _F, (6, 12)),
+        ("motion_inverse", _F, (MOTION, MOTION)),
+        ("elimination", _F, (ROTATION, 2 * ROTATION)),
     ]
 )
 """What stands after an event, and scratch."""
@@ -66,27 +67,27 @@ def pose_model(noise: Matrix, ld: Matrix, inverse: Matrix, carried: Matrix, c: M
 @kernel
 def _invert(m: Matrix, work: Matrix, out: Matrix) -> None:
     """Write the inverse of m (6, 6) into the last block of out (12, 12), by Gauss and Jordan; work (6, 12)."""
-    for i in range(6):
-        for j in range(6):
-            work[i, j], work[i, 6 + j] = m[i, j], 1.0 if i == j else 0.0
-    for i in range(6):
+    for i in range(ROTATION):
+        for j in range(ROTATION):
+            work[i, j], work[i, ROTATION + j] = m[i, j], 1.0 if i == j else 0.0
+    for i in range(ROTATION):
         best = i
-        for r in range(i + 1, 6):
+        for r in range(i + 1, ROTATION):
             if abs(work[r, i]) > abs(work[best, i]):
                 best = r
-        for j in range(12):
+        for j in range(2 * ROTATION):
             work[i, j], work[best, j] = work[best, j], work[i, j]
         pivot = work[i, i]
-        for j in range(12):
+        for j in range(2 * ROTATION):
             work[i, j] /= pivot
-        for r in range(6):
+        for r in range(ROTATION):
             if r != i:
                 factor = work[r, i]
-                for j in range(12):
+                for j in range(2 * ROTATION):
                     work[r, j] -= factor * work[i, j]
-    for i in range(6):
-        for j in range(6):
-            out[6 + i, 6 + j] = work[i, 6 + j]
+    for i in range(ROTATION):
+        for j in range(ROTATION):
+            out[THETA + i, THETA + j] = work[i, ROTATION + j]
 
 
 @kernel
@@ -121,7 +122,7 @@ def _smooth(block: Vector, epochs: Record, apart: Stack, after: Vector, effects:
             continue
         alone = one["hypotheses"] == 1
         motion, dcm, rate, factor = one["motion"], one["dcm"], one["rate"], one["factor"]
-        for i in range(6):
+        for i in range(MOTION):
             own["motion"][i] = motion[i]
         for i in range(3):
             own["rate"][i] = rate[i]
@@ -139,28 +140,28 @@ def _smooth(block: Vector, epochs: Record, apart: Stack, after: Vector, effects:
             carry_sensitivities(m.scratch["phi"], predicted)
             dt = m.step["dt"]
             transition_into(m.motion["orbit"], one["t"] + dt, -dt, later["motion_inverse"])
-            for i in range(6):
-                for j in range(6):
+            for i in range(MOTION):
+                for j in range(MOTION):
                     inverse[i, j] = later["motion_inverse"][i, j]
             _invert(m.body["phi"], later["elimination"], inverse)
             pose_model(m.scratch["noise"], own["ld"], inverse, later["carried"], later["gain"], later["rest"])
-            for i in range(6):
+            for i in range(MOTION):
                 e[i] = track["motion"][i] - ahead["motion"][i]
-            rotation_vector_into(track["dcm"], ahead["dcm"], e[6:9])
+            rotation_vector_into(track["dcm"], ahead["dcm"], e[THETA:RATE])
             for i in range(3):
-                e[9 + i] = track["rate"][i] - ahead["rate"][i]
+                e[RATE + i] = track["rate"][i] - ahead["rate"][i]
             smooth_step(e, track["ld"], later["none"], later["none"], later["gain"], later["rest"])
-            for i in range(6):
+            for i in range(MOTION):
                 motion[i] += e[i]
             for i in range(3):
-                rate[i] += e[9 + i]
-            turn_by_rotation_vector(own["dcm"], e[6:9], dcm)
+                rate[i] += e[RATE + i]
+            turn_by_rotation_vector(own["dcm"], e[THETA:RATE], dcm)
             _smooth_sensitivities(later["gain"], apart[k], behind, predicted)
         else:
             copy_pose(own, track)
             copy_rows(apart[k], behind)
         write_covariance(track["ld"], behind, apart[k, :0], m.work["ld"], factor, one["by_chaser"])
-        for i in range(6):
+        for i in range(MOTION):
             track["motion"][i] = motion[i]
         for i in range(3):
             track["rate"][i] = rate[i]

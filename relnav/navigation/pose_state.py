@@ -17,6 +17,7 @@ import numpy as np
 
 from relnav.arrays import Flags, Matrix, Stack, Vector
 from relnav.dynamics.clohessy_wiltshire import propagate, transition
+from relnav.dynamics.error_state import MOTION, POSE, RATE, THETA, VELOCITY
 from relnav.dynamics.process_noise import acceleration_noise, add_execution_error
 from relnav.dynamics.rigid_body import RigidBody
 from relnav.geometry.linear_algebra import cross_matrix
@@ -26,7 +27,7 @@ from relnav.sensors.three_marker.camera import project
 from relnav.sensors.three_marker.jacobians import spot_jacobians
 from relnav.sensors.three_marker.pose import Pose
 
-POSE = np.array([0, 1, 2, 6, 7, 8])
+SHOWN = np.r_[0:VELOCITY, THETA:RATE]
 """Position and attitude among the twelve errors: all that an image shows."""
 
 
@@ -53,9 +54,9 @@ class PoseState:
     def moved(self, correction: Vector, covariance: Matrix) -> "PoseState":
         """With a correction (12,) taken in, covariance being about the state that results."""
         return PoseState(
-            self.motion + correction[:6],
-            turned(self.dcm_lvlh_from_target, correction[6:9]),
-            self.rate_rad_s + correction[9:],
+            self.motion + correction[:MOTION],
+            turned(self.dcm_lvlh_from_target, correction[THETA:RATE]),
+            self.rate_rad_s + correction[RATE:],
             covariance,
         )
 
@@ -77,7 +78,7 @@ def time_update(
 
     Returns the predicted state, and Phi and Q (12, 12) by which its covariance is Phi P Phi^T + Q.
     """
-    n, noise, size = mission.orbit.mean_motion_rad_s, mission.process_noise, 12
+    n, noise, size = mission.orbit.mean_motion_rad_s, mission.process_noise, POSE
     dcm, rate, turn, turn_noise = body.propagate_with_errors(
         state.dcm_lvlh_from_target, state.rate_rad_s, dt_s, mission.target.rate_noise_density_rad2_s3
     )
@@ -86,10 +87,10 @@ def time_update(
     density = noise.acceleration_noise_density_m2_s3 * np.eye(3)
     add_execution_error(acceleration_m_s2, along * root, across * root, density)
     phi, added = np.zeros((size, size)), np.zeros((size, size))
-    phi[:6, :6], phi[6:, 6:] = transition(n, dt_s), turn
-    added[:6, :6], added[6:, 6:] = acceleration_noise(n, dt_s, density), turn_noise
+    phi[:MOTION, :MOTION], phi[MOTION:, MOTION:] = transition(n, dt_s), turn
+    added[:MOTION, :MOTION], added[MOTION:, MOTION:] = acceleration_noise(n, dt_s, density), turn_noise
     if np.count_nonzero(delta_v_m_s):
-        add_execution_error(delta_v_m_s, along, across, added[3:6, 3:6])
+        add_execution_error(delta_v_m_s, along, across, added[VELOCITY:MOTION, VELOCITY:MOTION])
     covariance = phi @ state.covariance @ phi.T + added
     motion = propagate(state.motion, n, dt_s, acceleration_m_s2, delta_v_m_s)
     return PoseState(motion, dcm, rate, 0.5 * (covariance + covariance.T)), phi, added
@@ -115,17 +116,17 @@ def state_from_pose(
     motion = np.concatenate([-back @ seen.position_m, np.zeros(3)])
     dcm = back @ seen.dcm_cam_from_target
     rate = -mission.orbit.mean_motion_rad_s * dcm[1]
-    state = PoseState(motion, dcm, rate, np.zeros((12, 12)))
-    spread = np.eye(6)
+    state = PoseState(motion, dcm, rate, np.zeros((POSE, POSE)))
+    spread = np.eye(len(SHOWN))
     spread[:3, :3] = -back
-    alpha = np.empty((6, 3))
+    alpha = np.empty((len(SHOWN), 3))
     alpha[:3], alpha[3:] = spread[:3, :3] @ cross_matrix(-seen.position_m), (dcm_chaser_from_lvlh @ dcm).T
     covariance = widened * spread @ seen.covariance @ spread.T
     covariance += mission.chaser.attitude_noise_rad**2 * alpha @ alpha.T
-    whole = np.zeros((12, 12))
-    whole[POSE[:, None], POSE] = covariance
-    whole[3:6, 3:6] = mission.filter.initial_velocity_sigma_m_s**2 * np.eye(3)
-    whole[9:, 9:] = mission.filter.initial_rate_sigma_rad_s**2 * np.eye(3)
+    whole = np.zeros((POSE, POSE))
+    whole[SHOWN[:, None], SHOWN] = covariance
+    whole[VELOCITY:MOTION, VELOCITY:MOTION] = mission.filter.initial_velocity_sigma_m_s**2 * np.eye(3)
+    whole[RATE:, RATE:] = mission.filter.initial_rate_sigma_rad_s**2 * np.eye(3)
     return replace(state, covariance=whole)
 
 
@@ -161,8 +162,8 @@ def sensitivities_from_pose(
     noise = np.broadcast_to(mission.camera.spot_noise_px**2 * np.eye(2), (*h.shape[:1], 2, 2))
     weighted = np.linalg.solve(noise if covariances is None else covariances[used], h)
     by_error = lasting_by_spot(pose, mission)[used].reshape(rows, -1)
-    of_pose = pose.covariance @ weighted.reshape(rows, 6).T @ by_error
-    out = np.zeros((by_error.shape[1], 12))
+    of_pose = pose.covariance @ weighted.reshape(rows, len(SHOWN)).T @ by_error
+    out = np.zeros((by_error.shape[1], POSE))
     out[:, :3] = of_pose[:3].T @ (-dcm_chaser_from_lvlh.T @ mission.camera.dcm_cam_from_chaser.T).T
-    out[:, 6:9] = of_pose[3:].T
+    out[:, THETA:RATE] = of_pose[3:].T
     return out

@@ -7,13 +7,14 @@ import numpy as np
 from relnav.arrays import Matrix, Record, Stack
 from relnav.codegen.kernel import kernel, straight_line
 from relnav.codegen.trace import Shape
+from relnav.dynamics.error_state import MOTION, POSE, RATE, THETA
 from relnav.estimation.considered import update_sensitivities
 from relnav.estimation.factored import orthogonalise, spread
 from relnav.estimation.rows import Observed, copy_track, gate_groups, log_determinant, pair_covariance, sweep
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
 from relnav.navigation.observation.marker_exchange import gates_share
 from relnav.navigation.observation.marker_rows import observe_markers
-from relnav.navigation.pose_memory import POSE, PoseMemory
+from relnav.navigation.pose_memory import PoseMemory
 
 LONE_SHARE = 0.001
 """Of the image that the gate of a spot may cover that is seen alone."""
@@ -21,7 +22,8 @@ SETTLING_S = 10.0
 """After a pose was taken up beside others: what it learns of velocity and rate is not held against it."""
 
 _RESET: Shape = tuple(
-    "".join("*" if 6 <= i < 9 and 6 <= j < 9 else "1" if i == j else "0" for j in range(POSE)) for i in range(POSE)
+    "".join("*" if THETA <= i < RATE and THETA <= j < RATE else "1" if i == j else "0" for j in range(POSE))
+    for i in range(POSE)
 )
 
 
@@ -42,11 +44,11 @@ def take_in(scratch: Record, track: Record, sensitivities: Matrix) -> None:
     """
     x, motion, rate, dcm = track["state"], track["motion"], track["rate"], track["dcm"]
     turned, g = scratch["turned"], scratch["phi"]
-    for i in range(6):
+    for i in range(MOTION):
         motion[i] += x[i]
-    turn_by_rotation_vector(dcm, x[6:9], turned)
+    turn_by_rotation_vector(dcm, x[THETA:RATE], turned)
     for i in range(3):
-        rate[i] += x[9 + i]
+        rate[i] += x[RATE + i]
         for j in range(3):
             dcm[i, j] = turned[i, j]
     for i in range(POSE):

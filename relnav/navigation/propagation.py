@@ -7,6 +7,7 @@ import numpy as np
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, straight_line, variant
 from relnav.dynamics.clohessy_wiltshire import PHI_PATTERN
+from relnav.dynamics.error_state import MOTION, VELOCITY
 from relnav.dynamics.process_noise import add_execution_error
 from relnav.dynamics.relative_motion import depends_on_dt_alone, propagate_into
 from relnav.dynamics.yamanaka_ankersen import PHI_PATTERN as ECCENTRIC_PATTERN
@@ -50,39 +51,39 @@ def prepare_step(step: Record, motion: Record, scratch: Record, t: float, dt: fl
     if not propagate_into(orbit, t, dt, a, densities, step["phi"], q, effect, scratch["six"]):
         noise[0, 0] = math.nan
         return True
-    add_execution_error(v, along, across, q[3:6, 3:6])
+    add_execution_error(v, along, across, q[VELOCITY:MOTION, VELOCITY:MOTION])
     if not factorize_into(q, noise):
         noise[0, 0] = math.nan  # overflow over an absurd step: the track is dropped
     for i in range(3):
-        effect[3 + i] += v[i]
+        effect[VELOCITY + i] += v[i]
     return True
 
 
-@straight_line(state=(6,), phi=PHI_PATTERN, effect=(6,), carried=(6,))
+@straight_line(state=(MOTION,), phi=PHI_PATTERN, effect=(MOTION,), carried=(MOTION,))
 def carry_state(state: Vector, phi: Matrix, effect: Vector, carried: Vector) -> None:
     """Write Phi x + effect of a state x (6,) into carried (6,)."""
-    x = np.zeros(6)
-    for i in range(6):
+    x = np.zeros(MOTION)
+    for i in range(MOTION):
         total = effect[i]
-        for j in range(6):
+        for j in range(MOTION):
             total = total + phi[i, j] * state[j]
         x[i] = total
-    for i in range(6):
+    for i in range(MOTION):
         carried[i] = x[i]
 
 
-@straight_line(phi=PHI_PATTERN, vector=(6,))
+@straight_line(phi=PHI_PATTERN, vector=(MOTION,))
 def multiply(phi: Matrix, vector: Vector) -> None:
     """Replace a vector (6,) by Phi vector."""
-    x = np.zeros(6)
-    for i in range(6):
-        for j in range(6):
+    x = np.zeros(MOTION)
+    for i in range(MOTION):
+        for j in range(MOTION):
             x[i] += phi[i, j] * vector[j]
-    for i in range(6):
+    for i in range(MOTION):
         vector[i] = x[i]
 
 
-@straight_line(state=(6,), ld=(6, 6), phi=PHI_PATTERN, effect=(6,), noise=(6, 6))
+@straight_line(state=(MOTION,), ld=(MOTION, MOTION), phi=PHI_PATTERN, effect=(MOTION,), noise=(MOTION, MOTION))
 def carry(state: Vector, ld: Matrix, phi: Matrix, effect: Vector, noise: Matrix) -> None:
     """Carry a state and its factors over a step: x = Phi x + effect, P = Phi P Phi^T + Q; noise: factors of Q."""
     carry_state(state, phi, effect, state)

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from relnav.arrays import Codes, Flags, Matrix, Stack, Vector
+from relnav.dynamics.error_state import MOTION
 from relnav.estimation.consistency import Consistency, nis_consistency
-from relnav.navigation.docking_view import UPPER, symmetric, views
+from relnav.navigation.docking_view import DOCKING_ROWS, STATE_ROWS, UPPER, symmetric, views
 from relnav.navigation.epoch_report import REPORT
 from relnav.navigation.presented import Presented
 from relnav.navigation.status import STARTED, UPDATED, Alarm, EpochStatus
@@ -56,12 +57,12 @@ class FilterRecord:
     @property
     def state(self) -> Vector:
         """Chaser relative to target, `lvlh_ccsds`: position m, velocity m/s in the rotating frame, (6,)."""
-        return np.ndarray((6,), _FLOAT, self._memory, _STATE)
+        return np.ndarray((MOTION,), _FLOAT, self._memory, _STATE)
 
     @property
     def covariance(self) -> Matrix:
         """Covariance of `state`, (6, 6), with what a calibration's lasting error adds."""
-        return np.ndarray((6, 6), _FLOAT, self._memory, _COVARIANCE)
+        return np.ndarray((MOTION, MOTION), _FLOAT, self._memory, _COVARIANCE)
 
     @property
     def range_m(self) -> float:
@@ -216,22 +217,22 @@ class Solution(Presented):
     @property
     def docking_covariance(self) -> Stack:
         """Covariance of `docking`, (n, 3, 3)."""
-        return symmetric(self.view[3:9])
+        return symmetric(self.view[DOCKING_ROWS])
 
     @property
     def covariance(self) -> Stack:
         """Covariances of the states, (n, 6, 6)."""
-        return symmetric(self.view[9:])
+        return symmetric(self.view[STATE_ROWS])
 
     @property
     def sigma(self) -> Matrix:
         """1-sigma of each state component, (n, 6)."""
-        return np.sqrt(self.view[9:][DIAGONAL].T)
+        return np.sqrt(self.view[STATE_ROWS][DIAGONAL].T)
 
     @property
     def docking_sigma(self) -> Matrix:
         """1-sigma of range m, azimuth rad, elevation rad, (n, 3)."""
-        return np.sqrt(self.view[[3, 6, 8]].T)
+        return np.sqrt(self.view[DOCKING_ROWS][[0, 3, 5]].T)
 
     @property
     def range_m(self) -> Vector:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import LARGEST, Flags, Matrix, Stack, Vector, number, numbers
+from relnav.dynamics.error_state import POSE
 from relnav.dynamics.relative_motion import frame_rate
 from relnav.dynamics.rigid_body import lvlh_rate
 from relnav.errors import UsageError
@@ -22,11 +23,12 @@ from relnav.geometry.rotation import is_rotation
 from relnav.geometry.rotation_vector import turned
 from relnav.mission import VisionMission
 from relnav.navigation.arguments import not_negative, refuse_another_version, refuse_unknown_engine, start_values
+from relnav.navigation.blocks import marker_layout
 from relnav.navigation.memory import fill, orbit_values
 from relnav.navigation.observation.marker_poses import add_uncovered, open_trial, roots, state_of, view_at
 from relnav.navigation.pose_epoch import EPOCH, JOINED, read_epoch
 from relnav.navigation.pose_filter import NEW_ROOTS, NOTHING, pose_step
-from relnav.navigation.pose_memory import POSE, PoseMemory, new_pose_memory, pose_views, watch_markers_anew
+from relnav.navigation.pose_memory import PoseMemory, new_pose_memory, pose_views, watch_markers_anew
 from relnav.navigation.pose_propagation import is_wide
 from relnav.navigation.pose_record import PoseRecord
 from relnav.navigation.pose_state import PoseState
@@ -95,6 +97,11 @@ class PoseNavigator:
         Ours, or the same filter written a second time in numpy on filterpy's ExtendedKalmanFilter: a hundred times
         slower, for comparison. It takes no late images, and its alarm says UNWATCHED.
 
+    Attributes
+    ----------
+    layout : StateLayout
+        The errors that it estimates and considers, by name; `print` shows them.
+
     Raises
     ------
     ValueError
@@ -108,7 +115,7 @@ class PoseNavigator:
                 f"{type(mission).__name__} was given: a beacon mission is flown by relnav.Navigator"
             )
         refuse_unknown_engine(engine)
-        self.mission = mission
+        self.mission, self.layout = mission, marker_layout(mission)
         self._reference = for_markers(engine, mission)
         self.memory = new_pose_memory(mission)
         self._named = pose_views(self.memory)

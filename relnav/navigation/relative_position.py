@@ -10,9 +10,11 @@ from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Vector, number, numbers, of_floats, one_piece
 from relnav.codegen.kernel import plain, ready
+from relnav.dynamics.error_state import MOTION
 from relnav.geometry.rotation import is_rotation
 from relnav.mission import Model
 from relnav.navigation.arguments import choose, not_negative, refuse_another_version, start_values, vector
+from relnav.navigation.blocks import attitude_counts, beacon_layout
 from relnav.navigation.epoch_report import (
     ACCELERATION,
     ATTITUDE,
@@ -26,15 +28,7 @@ from relnav.navigation.epoch_report import (
     write_report,
 )
 from relnav.navigation.late_images import Image, Inputs, LateImages
-from relnav.navigation.memory import (
-    FIELD_ERRORS,
-    MOTION,
-    attitude_counts,
-    considered_errors,
-    fill,
-    views,
-    watch_anew,
-)
+from relnav.navigation.memory import fill, views, watch_anew
 from relnav.navigation.record import FilterRecord
 from relnav.navigation.reference import for_beacons
 from relnav.navigation.step import wrong_use
@@ -60,6 +54,11 @@ class Navigator:
     engine : {"compiled", "filterpy"}
         Ours, or the same filter written a second time in numpy on filterpy's ExtendedKalmanFilter: hundreds of times
         slower, for comparison. Its alarm says UNWATCHED.
+
+    Attributes
+    ----------
+    layout : StateLayout
+        The errors that it estimates and considers, by name; `print` shows them.
 
     Raises
     ------
@@ -89,7 +88,8 @@ class Navigator:
         self._reference = for_beacons(engine, model, method, projection, self._block)
         given = self._block, 0.0, NO_MATRIX, 0, NOTHING, NOTHING, NO_MATRIX, NO_MATRIX, 0.0, 0.0, self._report
         self._navigate: Callable[..., Any] = ready(navigate, *given) if self._reference is None else self._by_reference
-        carried = considered_errors(model, method)[1] > FIELD_ERRORS
+        self.layout = beacon_layout(model, method)
+        carried = "chaser_attitude" in self.layout.by_name
         self._carries_attitude = carried or not attitude_counts(model, method)
         self._calibration = model.calibration
         self._at_once = isinstance(self._navigate, BuiltinFunctionType) and self._calibration is None

@@ -8,6 +8,7 @@ from relnav.arrays import Codes, Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import entry, kernel, side_by_side, straight_line, variant
 from relnav.codegen.trace import LANES
 from relnav.dynamics.clohessy_wiltshire import PHI_PATTERN
+from relnav.dynamics.error_state import MOTION, factor_size
 from relnav.dynamics.relative_motion import depends_on_dt_alone, transition_into
 from relnav.dynamics.yamanaka_ankersen import PHI_PATTERN as ECCENTRIC_PATTERN
 from relnav.estimation.smoothing import backward_model, carry_noise_back, smooth_step
@@ -15,58 +16,65 @@ from relnav.navigation.memory import TRACK, views
 from relnav.navigation.propagation import carry_state, multiply, prepare_step, snapped
 from relnav.navigation.status import STARTED, WAITING
 
-MODEL = 63
+GAIN, PACKED = MOTION * MOTION, factor_size(MOTION)
+MODEL = GAIN + PACKED + MOTION
 """Numbers of an epoch's backward model: C (36), packed factors of S (21), the state it predicts (6)."""
 
 
-@straight_line(ld=(6, 6), packed=(21,))
+@straight_line(ld=(MOTION, MOTION), packed=(PACKED,))
 def pack_factors(ld: Matrix, packed: Vector) -> None:
     """Write the lower triangle of ld (6, 6), row by row, into packed (21,)."""
     at = 0
-    for i in range(6):
+    for i in range(MOTION):
         for j in range(i + 1):
             packed[at] = ld[i, j]
             at += 1
 
 
-@straight_line(packed=(21,), ld=(6, 6))
+@straight_line(packed=(PACKED,), ld=(MOTION, MOTION))
 def unpack_factors(packed: Vector, ld: Matrix) -> None:
     """Write packed factors (21,) into the lower triangle of ld (6, 6)."""
     at = 0
-    for i in range(6):
+    for i in range(MOTION):
         for j in range(i + 1):
             ld[i, j] = packed[at]
             at += 1
 
 
 @straight_line(
-    state=(6,), packed=(21,), phi=PHI_PATTERN, inverse=PHI_PATTERN, effect=(6,), carried=(6, 6), model=(MODEL,)
-)  # fmt: skip
+    state=(MOTION,),
+    packed=(PACKED,),
+    phi=PHI_PATTERN,
+    inverse=PHI_PATTERN,
+    effect=(MOTION,),
+    carried=(MOTION, MOTION),
+    model=(MODEL,),
+)
 def model_epoch(
     state: Vector, packed: Vector, phi: Matrix, inverse: Matrix, effect: Vector, carried: Matrix, model: Vector
 ) -> None:
     """Write the backward model (63,) of a filtered epoch (6,), (21,): all of smoothing that needs nothing later."""
-    filtered, c, s_ld = np.zeros((6, 6)), np.zeros((6, 6)), np.zeros((6, 6))
+    filtered, c, s_ld = np.zeros((MOTION, MOTION)), np.zeros((MOTION, MOTION)), np.zeros((MOTION, MOTION))
     unpack_factors(packed, filtered)
     backward_model(filtered, inverse, carried, c, s_ld)
-    for i in range(6):
-        for j in range(6):
-            model[6 * i + j] = c[i, j]
-    pack_factors(s_ld, model[36:57])
-    carry_state(state, phi, effect, model[57:63])
+    for i in range(MOTION):
+        for j in range(MOTION):
+            model[MOTION * i + j] = c[i, j]
+    pack_factors(s_ld, model[GAIN : GAIN + PACKED])
+    carry_state(state, phi, effect, model[GAIN + PACKED : MODEL])
 
 
-@straight_line(later=(6,), row=(6,), phi=PHI_PATTERN, model=(MODEL,))
+@straight_line(later=(MOTION,), row=(MOTION,), phi=PHI_PATTERN, model=(MODEL,))
 def smooth_sensitivity(later: Vector, row: Vector, phi: Matrix, model: Vector) -> None:
     """Replace a filtered sensitivity (6,) by the smoothed one, s + C (later - Phi s), and `later` by the same."""
-    ahead = np.zeros(6)
-    for i in range(6):
+    ahead = np.zeros(MOTION)
+    for i in range(MOTION):
         ahead[i] = row[i]
     multiply(phi, ahead)
-    for i in range(6):
+    for i in range(MOTION):
         total = row[i]
-        for j in range(6):
-            total += model[6 * i + j] * (later[j] - ahead[j])
+        for j in range(MOTION):
+            total += model[MOTION * i + j] * (later[j] - ahead[j])
         row[i] = total
         later[i] = total
 
@@ -76,16 +84,16 @@ smooth_sensitivity_eccentric = variant(smooth_sensitivity, "smooth_sensitivity_e
 model_epochs = side_by_side(model_epoch, "state", "packed", "model")
 
 
-@straight_line(later=(6,), later_ld=(6, 6), model=(MODEL,), state=(6,), packed=(21,))
+@straight_line(later=(MOTION,), later_ld=(MOTION, MOTION), model=(MODEL,), state=(MOTION,), packed=(PACKED,))
 def smooth_epoch(later: Vector, later_ld: Matrix, model: Vector, state: Vector, packed: Vector) -> None:
     """Replace a filtered state (6,) and packed factors (21,) by the smoothed ones, and `later` by the same."""
-    noise, c = np.zeros((6, 6)), np.zeros((6, 6))
-    unpack_factors(model[36:57], noise)
-    for i in range(6):
-        for j in range(6):
-            c[i, j] = model[6 * i + j]
-    smooth_step(later, later_ld, state, model[57:63], c, noise)
-    for i in range(6):
+    noise, c = np.zeros((MOTION, MOTION)), np.zeros((MOTION, MOTION))
+    unpack_factors(model[GAIN : GAIN + PACKED], noise)
+    for i in range(MOTION):
+        for j in range(MOTION):
+            c[i, j] = model[MOTION * i + j]
+    smooth_step(later, later_ld, state, model[GAIN + PACKED : MODEL], c, noise)
+    for i in range(MOTION):
         state[i] = later[i]
     pack_factors(later_ld, packed)
 
@@ -105,7 +113,7 @@ _LATER_SIZE = LATER.itemsize // 8
 
 def nothing_later(considered: int = 0) -> Vector:
     """What stands after a log's last epoch, with so many sensitivities."""
-    return np.zeros(_LATER_SIZE + 6 * considered)
+    return np.zeros(_LATER_SIZE + MOTION * considered)
 
 
 def new_models() -> Matrix:
@@ -152,7 +160,7 @@ def smooth_run(
     step, motion, inverse, carried = m.step, m.motion, m.scratch["back"], m.scratch["carried"]
     acceleration, delta_v, phi, effect = motion["acceleration"], motion["delta_v"], step["phi"], step["effect"]
     later = after[:_LATER_SIZE].view(LATER)[0]
-    rows = after[_LATER_SIZE:].reshape((considered.shape[1], 6))
+    rows = after[_LATER_SIZE:].reshape((considered.shape[1], MOTION))
     later_state, later_ld = later["track"]["state"], later["track"]["ld"]
     circular = depends_on_dt_alone(motion["orbit"])
     step["dt"] = math.nan
@@ -187,11 +195,11 @@ def smooth_run(
                 else:
                     smooth_sensitivity_eccentric(rows[k], considered[e, k], phi, models[ready])
         else:
-            for i in range(6):
+            for i in range(MOTION):
                 later_state[i] = state[e, i]
             unpack_factors(factor[e], later_ld)
             for k in range(considered.shape[1]):
-                for j in range(6):
+                for j in range(MOTION):
                     rows[k, j] = considered[e, k, j]
         later["t"] = t[e]
         later["same_piece"] = 0 if status == STARTED else 1

@@ -4,6 +4,7 @@ import numpy as np
 
 from relnav.arrays import Flags, Matrix, Vector
 from relnav.dynamics.clohessy_wiltshire import transition
+from relnav.dynamics.error_state import MOTION
 from relnav.dynamics.process_noise import acceleration_noise
 from relnav.estimation.steady_state import SteadyState, steady_state
 from relnav.mission import Model
@@ -63,6 +64,6 @@ def rows_at(model: Model, m: Memory, position_m: Vector, seen: Flags) -> tuple[M
     locate(m, m.track)
     _, usable, reason = observe(m, m.track["state"], spots)
     if usable == 0:
-        return np.empty((0, 6)), np.empty((0, 0)), Status(reason)
+        return np.empty((0, MOTION)), np.empty((0, 0)), Status(reason)
     h, _, r, _ = rows_in_use(m)
     return h, r, Status(reason)

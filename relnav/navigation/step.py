@@ -25,6 +25,7 @@ from relnav.navigation.propagation import advance, advance_state, prepare_step
 from relnav.navigation.status import LOST, PARTIAL, REJECTED, STARTED, UPDATED, WAITING
 from relnav.navigation.update import clear_results, correct
 from relnav.sensors.measurement import OK
+from relnav.sensors.three_beacon.fix import COORDINATES
 
 WRONG_SHAPE = -1
 WRONG_TIME = -2
@@ -51,7 +52,7 @@ def _look_for_start(m: Memory, spots: Matrix) -> bool:
     clock = m.clock
     if clock["trial"] > 0:
         outcome = correct(m, m.trial, m.trial_sensitivities, spots, False)
-        whole = 6 if uses_coordinates(m.sensor) else 3
+        whole = COORDINATES if uses_coordinates(m.sensor) else 3
         if outcome == UPDATED and m.result["dof"] >= whole:
             if not prior_is_tight(m.prior):
                 return False

@@ -8,6 +8,7 @@ import math
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
+from relnav.dynamics.error_state import MOTION
 from relnav.estimation.factored import innovation_variance
 from relnav.estimation.rows import copy_track, gate_groups, sweep
 from relnav.navigation.memory import Memory
@@ -121,13 +122,13 @@ def correct(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix, watc
     if passed == 0:
         return REJECTED
     at, carried = m.fixed["at"], work["state"]
-    for j in range(6):
+    for j in range(MOTION):
         at[j] = x[j]
     iterations = 1
     while iterations < MAX_ITERATIONS:
         if not bends(m, at, carried):
             break
-        for j in range(6):
+        for j in range(MOTION):
             at[j] = carried[j]
         if not observe_again(m, at, spots):
             break

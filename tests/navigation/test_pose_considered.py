@@ -11,7 +11,8 @@ from relnav.accuracy.pose_filter import PoseErrors, joined, smoothed_errors, tig
 from relnav.estimation.consistency import nees
 from relnav.geometry.rotation import quaternion_from_dcm
 from relnav.geometry.rotation_vector import rotation_vector_between, turned
-from relnav.navigation.pose_memory import CHASER_ATTITUDE, FOCAL_LENGTH, MOUNTING, PLACEMENT, pose_views
+from relnav.navigation.blocks import CHASER_ATTITUDE, FOCAL_LENGTH, MOUNTING, PLACEMENT
+from relnav.navigation.pose_memory import pose_views
 from relnav.navigation.relative_pose import PoseNavigator
 from relnav.simulation.as_built import markers_as_built
 from relnav.simulation.marker_flight import MarkerFlight, simulate_flight, true_spots

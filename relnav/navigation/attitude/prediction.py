@@ -21,6 +21,7 @@ from relnav.estimation.attitude import (
     ATTITUDE_TRACK,
     COMPARED,
     LASTING,
+    TURNING,
     carry_errors,
     carry_lasting,
     compare_attitude,
@@ -67,13 +68,13 @@ MEMORY = np.dtype(
         ("remembered", _I),
         ("sums", SUMS),
         ("points", SIGMA_POINTS),
-        ("phi", _F, (6, 6)),
-        ("noise", _F, (6, 6)),
-        ("before", _F, (3, 6)),
-        ("after", _F, (3, 6)),
+        ("phi", _F, (TURNING, TURNING)),
+        ("noise", _F, (TURNING, TURNING)),
+        ("before", _F, (3, TURNING)),
+        ("after", _F, (3, TURNING)),
         ("by_lasting", _F, (3, LASTING)),
         ("seen", _F, (3, LASTING)),  # what they do to an innovation
-        ("work", _F, (50, 6)),
+        ("work", _F, (50, TURNING)),
     ]
 )
 """All of a filter: what it was told, its clock, its tracks, and what a step works with."""
@@ -83,7 +84,7 @@ MEMORY = np.dtype(
 def _largest_sigmas(track: Record) -> tuple[float, float]:
     """The largest 1-sigma of the attitude's errors and of the rate's, lasting errors included."""
     ld, lasting, turn, speed = track["ld"], track["lasting"], 0.0, 0.0
-    for i in range(6):
+    for i in range(TURNING):
         total = ld[i, i]
         for k in range(i):
             total += ld[i, k] * ld[i, k] * ld[k, k]
@@ -202,7 +203,7 @@ def take_if_near(memory: Record, of_trial: bool, measured: Matrix, noise: Matrix
         track["rate"][i] = corrected["rate"][i]
         for j in range(3):
             dcm[i, j] = corrected["dcm"][i, j]
-    for i in range(6):
+    for i in range(TURNING):
         for j in range(i + 1):
             track["ld"][i, j] = corrected["ld"][i, j]
         for j in range(LASTING):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Record, Vector, numbers
-from relnav.estimation.attitude import CHASER, COMPARED, LASTING
+from relnav.estimation.attitude import CHASER, COMPARED, LASTING, TURNING
 from relnav.estimation.factored import compose
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.rotation import is_rotation
@@ -161,9 +161,9 @@ class AttitudeRecord:
         track = self._track
         dcm = chaser @ track["dcm"]
         turning, lasting = dcm.T @ own, track["lasting"].copy()
-        carried = np.eye(6)
+        carried = np.eye(TURNING)
         carried[3:, :3] = -cross_matrix(turning)
-        by_chaser = np.zeros((6, LASTING))
+        by_chaser = np.zeros((TURNING, LASTING))
         by_chaser[:3, CHASER] = -self._chaser_sigma * dcm.T
         # a rate in chaser axes is seen from the target through the relative attitude, that of lvlh through its own
         lasting = carried @ lasting + by_chaser if held else carried @ (lasting + by_chaser)

@@ -20,7 +20,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record
 from relnav.dynamics.rigid_body import MEAN_MOTION, lvlh_rate
-from relnav.estimation.attitude import CHASER
+from relnav.estimation.attitude import CHASER, TURNING
 from relnav.estimation.factored import compose, factorize
 from relnav.navigation.attitude.prediction import LARGEST_SIGMA_RAD, take_if_near
 from relnav.navigation.status import REJECTED, STARTED, UPDATED, WAITING
@@ -96,7 +96,7 @@ def _open_trial(memory: Record, measured: Matrix, noise: Matrix, chaser: Matrix,
     trial, sigma = m["trial"], m["rate_sigma"]
     if (m["rate_unknown"] or m["running"]) and interval_s > 0.0:
         sigma = max(sigma, min(LARGEST_RATE_SIGMA_RAD_S, UNKNOWN_TURN_RAD / interval_s))
-    covariance = sigma**2 * np.eye(6)
+    covariance = sigma**2 * np.eye(TURNING)
     covariance[:3, :3] = noise
     trial["dcm"], trial["rate"], trial["ld"] = (
         measured,

@@ -31,11 +31,13 @@ The noise of the attitude that comes with an image turns all its spots together:
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import entry, kernel
+from relnav.dynamics.error_state import MOTION
 from relnav.estimation.considered import add_covariance_times, subtract_taken, update_sensitivities
 from relnav.estimation.factored import add_rank_one
 from relnav.estimation.rows import Observed
 from relnav.geometry.spherical import position_from_angles_jacobian
-from relnav.navigation.memory import ATTITUDE_ERRORS, FIELD_ERRORS, TOLERANCES_SHARED, Memory
+from relnav.navigation.blocks import ATTITUDE_ERRORS, FIELD_ERRORS, TOLERANCES_SHARED
+from relnav.navigation.memory import Memory
 from relnav.navigation.observation.beacon_geometry import uses_coordinates
 from relnav.navigation.observation.beacon_lasting_errors import (
     error_of_numbers,
@@ -115,7 +117,7 @@ def start_sensitivities_of_fix(m: Memory, p: Vector, spots: Matrix, by_spots: Ma
     if not position_from_angles_jacobian(p, from_angles):
         return False
     for i in range(3):
-        for k in range(6):
+        for k in range(MOTION):
             jacobian[i, k] = 0.0
             for r in range(3):
                 jacobian[i, k] += from_angles[i, r] * by_spots[r, k]
@@ -135,7 +137,7 @@ def start_sensitivities_of_fix(m: Memory, p: Vector, spots: Matrix, by_spots: Ma
 def start_sensitivities_of_planes(m: Memory, track: Record, spots: Matrix, sensitivities: Matrix) -> None:
     """Set sensitivities (m, 6) of a track that starts by least squares over coordinates."""
     for j in range(sensitivities.shape[0]):
-        for i in range(6):
+        for i in range(MOTION):
             sensitivities[j, i] = 0.0
     image = Observed(m.groups, m.nothing, m.nothing, m.groups[0:0])
     consider(m, track["ld"], track["state"], image, sensitivities, spots)
@@ -148,7 +150,7 @@ def add_attitude_noise(m: Memory, track: Record) -> None:
     if noise == 0.0:
         return
     for axis in range(3):
-        for i in range(6):
+        for i in range(MOTION):
             news[axis, i], effect[axis, i] = 0.0, 0.0
         for i in range(m.turns.shape[0]):
             variance, h = m.groups[i // 2]["variance"][i % 2], m.groups[i // 2]["gradient"][i % 2]

@@ -6,6 +6,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import entry, kernel, quotient, straight_line
+from relnav.dynamics.error_state import MOTION
 from relnav.navigation.memory import SPOTS, Memory
 from relnav.sensors.measurement import MISALIGNED, OK, SWAPPED
 from relnav.sensors.three_beacon.fix import RAYS_ROW, solve_fix
@@ -37,7 +38,7 @@ def attitude_changed(kept: Record, sensor: Record) -> None:
     _combine_attitude(kept["dock"], kept["mount"], sensor["cam_from_dock"], sensor["offset"])
 
 
-@straight_line(state=(6,), ld=(6, 6), offset=(3,), dock=(3, 4), place=(3,))
+@straight_line(state=(MOTION,), ld=(MOTION, MOTION), offset=(3,), dock=(3, 4), place=(3,))
 def _locate(state: Vector, ld: Matrix, offset: Vector, dock: Matrix, place: Vector) -> tuple[bool, float, float]:
     """Write the camera's place in the docking frame; returns whether the track says anything, range^2, and variance.
 
@@ -54,9 +55,9 @@ def _locate(state: Vector, ld: Matrix, offset: Vector, dock: Matrix, place: Vect
     for i in range(3):
         place[i] = dock[i, 0] * s[0] + dock[i, 1] * s[1] + dock[i, 2] * s[2]
         range2 = range2 + place[i] * place[i]
-    for j in range(6):  # differences of equal numbers: 0, or NaN for what is not a number
+    for j in range(MOTION):  # differences of equal numbers: 0, or NaN for what is not a number
         nothing = nothing + (state[j] - state[j])
-        for i in range(j, 6):
+        for i in range(j, MOTION):
             nothing = nothing + (ld[i, j] - ld[i, j])
     return (abs(nothing) <= 0.0) & (variance < range2), range2, variance
 

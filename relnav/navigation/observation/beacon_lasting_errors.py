@@ -6,8 +6,10 @@ from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
 from relnav.geometry.linear_algebra import invert_three
 from relnav.geometry.spherical import range_azimuth_elevation_jacobian
-from relnav.navigation.memory import ATTITUDE_ERRORS, FIELD_ERRORS, FIX, NODES, TOLERANCES_SHARED, Memory
+from relnav.navigation.blocks import ATTITUDE_ERRORS, FIELD_ERRORS, NODES, TOLERANCES_SHARED
+from relnav.navigation.memory import FIX, Memory
 from relnav.navigation.observation.beacon_geometry import camera_position_dock
+from relnav.sensors.three_beacon.fix import COORDINATES
 from relnav.sensors.three_beacon.invariants import beacon_gradients, position_gradient, rays_from_position
 
 TOLERANCES = FIELD_ERRORS + ATTITUDE_ERRORS
@@ -182,7 +184,7 @@ def error_of_numbers(
         elif tolerance < 0:
             out[r] = m.sensor["attitude_sigma"] * _arm_of_turn(m, j - FIELD_ERRORS, by_beacon, r)
         elif tolerance == 0:
-            for k in range(6):
+            for k in range(COORDINATES):
                 if jacobian[r, k] != 0.0:
                     out[r] += sigma["focal_length"] * jacobian[r, k] * spots[k // 2, k % 2]
         elif 4 <= tolerance < TOLERANCES_SHARED:  # e_axis x (A = a e_y, B = -a e_y, C = b e_x), docking axes

@@ -11,6 +11,7 @@ is not its place, and what the others say depends on how often it is seen.
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
+from relnav.dynamics.error_state import MOTION
 from relnav.estimation.clock_monitor import doubt_clock, is_doubtful, weigh_jump
 from relnav.estimation.factored import innovation_variance
 from relnav.estimation.monitors import (
@@ -37,7 +38,7 @@ EDGE_SIGMAS = 2.0
 def _write_row(m: Memory, group: Record, k: int, residual: float, noise: float, lasting: float, h: Vector) -> None:
     x, unseen, taken = m.track["state"], m.fixed["unseen"], 0.0
     if m.watch["doubted"] > 0.0:
-        for j in range(6):
+        for j in range(MOTION):
             taken += h[j] * (x[j] - unseen[j])
     group["value"][k], group["noise"][k], group["lasting"][k], group["taken"][k] = residual, noise, lasting, taken
     group["state"][k] = innovation_variance(m.track["ld"], h, h)
@@ -49,7 +50,7 @@ def gather_rows(m: Memory, track: Record, spots: Matrix) -> None:
     """Hand over the rows of an image as they stand at the prediction."""
     half, unseen = m.sensor["half_width"], m.fixed["unseen"]
     if m.watch["doubted"] == 0.0 or is_doubtful(m.watch, m.step["dt"]):
-        for j in range(6):
+        for j in range(MOTION):
             unseen[j] = track["state"][j]
     if not uses_coordinates(m.sensor):
         group, source = m.watched[0], m.groups[0]

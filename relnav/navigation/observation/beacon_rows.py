@@ -29,7 +29,7 @@ from relnav.navigation.observation.beacon_geometry import (
     uses_coordinates,
 )
 from relnav.sensors.measurement import BEHIND, DEGENERATE, NO_CONVERGENCE, NOT_SEEN, OFF_DETECTOR, OK, OUTSIDE_DOMAIN
-from relnav.sensors.three_beacon.fix import PERSPECTIVE, coordinate_usable, image_rays, image_usable
+from relnav.sensors.three_beacon.fix import COORDINATES, PERSPECTIVE, coordinate_usable, image_rays, image_usable
 from relnav.sensors.three_beacon.implied import turn_of_rays
 from relnav.sensors.three_beacon.invariants import invariants, position_gradient, rays_from_position, spot_gradient
 from relnav.sensors.three_beacon.parallel import solve_parallel_jacobian
@@ -85,24 +85,24 @@ def linearise_coordinates(
     return dropped
 
 
-@straight_line(jacobian=(3, 6), sigma=(3, 3), factor=(3, 3), variances=(3,))
+@straight_line(jacobian=(3, COORDINATES), sigma=(3, 3), factor=(3, 3), variances=(3,))
 def correlated_noise(jacobian: Matrix, sigma: Matrix, factor: Matrix, variances: Vector) -> bool:
     """Write L and d of R = J S J^T = L diag(d) L^T; sigma: a row a beacon, of its noise x, y, and lasting error."""
-    r, weighted = np.zeros((3, 3)), np.zeros((3, 6))
-    for k in range(6):
+    r, weighted = np.zeros((3, 3)), np.zeros((3, COORDINATES))
+    for k in range(COORDINATES):
         own, lasting = sigma[k // 2, k % 2], sigma[k // 2, 2]
         variance = own * own + lasting * lasting
         for i in range(3):
             weighted[i, k] = jacobian[i, k] * variance
     for i in range(3):
         for j in range(i + 1):
-            for k in range(6):
+            for k in range(COORDINATES):
                 r[i, j] += weighted[i, k] * jacobian[j, k]
     return decorrelate(r, factor, variances)
 
 
 @straight_line(
-    p=(3,), inverse=(3, 3), u=(3, 3), sigma=(3, 3), jacobian=(3, 6), factor=(3, 3), variances=(3,)
+    p=(3,), inverse=(3, 3), u=(3, 3), sigma=(3, 3), jacobian=(3, COORDINATES), factor=(3, 3), variances=(3,)
 )  # fmt: skip
 def fix_noise(
     p: Vector,
@@ -118,11 +118,11 @@ def fix_noise(
 
     inverse (3, 3) is (dg/dp)^-1 at p. False where singular.
     """
-    to_angles, to_position = np.zeros((3, 3)), np.zeros((3, 6))
+    to_angles, to_position = np.zeros((3, 3)), np.zeros((3, COORDINATES))
     regular = range_azimuth_elevation_jacobian(p, to_angles)
     implicit_jacobian(inverse, u, f, to_position)
     for i in range(3):
-        for k in range(6):
+        for k in range(COORDINATES):
             total = 0.0
             for j in range(3):
                 total += to_angles[i, j] * to_position[j, k]
@@ -291,7 +291,7 @@ def prepare_position(m: Memory, spots: Matrix) -> tuple[int, int, int]:
     return 0 if status == NOT_SEEN else 1, 0, status
 
 
-@straight_line(p=(3,), fix=(3,), dock=(3, 4), factor=(3, 3), h=(3, 6), residual=(3,), innovation=(3,))
+@straight_line(p=(3,), fix=(3,), dock=(3, 4), factor=(3, 3), h=(3, COORDINATES), residual=(3,), innovation=(3,))
 def fix_rows(
     p: Vector, fix: Vector, dock: Matrix, factor: Matrix, h: Matrix, residual: Vector, innovation: Vector
 ) -> bool:

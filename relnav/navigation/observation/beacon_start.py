@@ -8,6 +8,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, straight_line
+from relnav.dynamics.error_state import MOTION, VELOCITY
 from relnav.estimation.factored import factorize_into
 from relnav.geometry.linear_algebra import invert_three
 from relnav.geometry.spherical import position_from_angles_jacobian
@@ -21,30 +22,30 @@ from relnav.navigation.observation.beacon_considered import (
 from relnav.navigation.observation.beacon_geometry import fix_of_spots, uses_coordinates
 from relnav.navigation.observation.beacon_rows import linearise_coordinates, spot_sigmas, take_in_coordinates
 from relnav.sensors.measurement import DEGENERATE, NOT_SEEN, OK
-from relnav.sensors.three_beacon.fix import fix_jacobian
+from relnav.sensors.three_beacon.fix import COORDINATES, fix_jacobian
 
 
 @straight_line(
-    dock=(3, 4), from_angles=(3, 3), jacobian=(3, 6), sigma=(3, 3), covariance=(6, 6)
+    dock=(3, 4), from_angles=(3, 3), jacobian=(3, COORDINATES), sigma=(3, 3), covariance=(MOTION, MOTION)
 )  # fmt: skip
 def _start_covariance(
     dock: Matrix, from_angles: Matrix, jacobian: Matrix, sigma: Matrix, velocity_sigma: float, covariance: Matrix
 ) -> None:
     """Covariance of a track that starts from one image: G S G^T in position, G = dock^T from_angles jacobian."""
-    g = np.zeros((3, 6))
+    g = np.zeros((3, COORDINATES))
     for i in range(3):
-        for k in range(6):
+        for k in range(COORDINATES):
             for j in range(3):
                 for m in range(3):
                     g[i, k] += dock[j, i] * from_angles[j, m] * jacobian[m, k]
             g[i, k] *= sigma[k // 2, k % 2]
-    for i in range(6):
-        for j in range(6):
+    for i in range(MOTION):
+        for j in range(MOTION):
             covariance[i, j] = velocity_sigma * velocity_sigma if i == j else 0.0
     for i in range(3):
         covariance[i, i] = 0.0
         for j in range(3):
-            for k in range(6):
+            for k in range(COORDINATES):
                 covariance[i, j] += g[i, k] * g[j, k]
 
 
@@ -147,14 +148,14 @@ def _start_of_planes(m: Memory, track: Record, sensitivities: Matrix, spots: Mat
     normal, inverse, covariance, x = m.scratch["normal"], m.scratch["turn"], m.scratch["covariance"], m.fixed["at"]
     mount, none = m.kept["mount"], m.news
     _, usable, _ = take_in_coordinates(m.sensor, m.beacons, m.groups, spots)
-    if usable < 6:
+    if usable < COORDINATES:
         return NOT_SEEN
     if not _meet_planes(m, spots, normal, inverse, x):
         return DEGENERATE
     if linearise_coordinates(m.sensor, mount, m.beacons, m.groups, x, spots) > 0:
         return DEGENERATE
     for j in range(sensitivities.shape[0]):
-        for i in range(6):
+        for i in range(MOTION):
             none[j, i] = 0.0
     add_considered_noise(m, x, none, spots)
     _spot_equations(m.groups, normal)
@@ -163,13 +164,13 @@ def _start_of_planes(m: Memory, track: Record, sensitivities: Matrix, spots: Mat
     if linearise_coordinates(m.sensor, mount, m.beacons, m.groups, x, spots) > 0:
         return DEGENERATE
     chi2, rows = _spot_equations(m.groups, normal)
-    if not (rows >= 6 and chi2 <= m.gate[rows - 4]):
+    if not (rows >= COORDINATES and chi2 <= m.gate[rows - 4]):
         return DEGENERATE
     if not invert_three(normal[0:3], inverse):
         return DEGENERATE
     velocity2 = m.motion["initial_velocity_sigma"] * m.motion["initial_velocity_sigma"]
-    for i in range(6):
-        for j in range(6):
+    for i in range(MOTION):
+        for j in range(MOTION):
             covariance[i, j] = velocity2 if i == j else 0.0
     for i in range(3):
         for j in range(3):
@@ -178,7 +179,7 @@ def _start_of_planes(m: Memory, track: Record, sensitivities: Matrix, spots: Mat
         return DEGENERATE
     state = track["state"]
     for i in range(3):
-        state[i], state[3 + i] = x[i], 0.0
+        state[i], state[VELOCITY + i] = x[i], 0.0
     start_sensitivities_of_planes(m, track, spots, sensitivities)
     add_attitude_noise(m, track)
     return OK

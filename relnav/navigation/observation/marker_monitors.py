@@ -21,6 +21,7 @@ import math
 
 from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import kernel
+from relnav.dynamics.error_state import MOTION, THETA
 from relnav.dynamics.rigid_body import MEAN_MOTION
 from relnav.estimation.monitors import (
     AWAY_S,
@@ -67,7 +68,7 @@ def _note_spots(m: PoseMemory, lead: Record, count: int) -> None:
         for k in range(2):
             h, speed[k] = source["gradient"][k], 0.0
             for j in range(3):  # the orbit turns by -n about y
-                speed[k] += h[j] * v[3 + j] + h[6 + j] * (rate[j] + mean_motion * dcm[1, j])
+                speed[k] += h[j] * v[3 + j] + h[THETA + j] * (rate[j] + mean_motion * dcm[1, j])
             source["innovation"][k] = speed[k]
         spot["speed"] = math.hypot(speed[0], speed[1])
         covariance = m.noise[2 * g, 2 * g + 1]
@@ -98,7 +99,7 @@ def _add_up(m: PoseMemory, k: int, count: int, sums: Vector, gradient: Vector, c
         sums[2], sums[3] = sums[2] + new, sums[3] + every
         for j in range(3):
             gradient[j] += h[j]
-            gradient[6 + j] += h[6 + j]
+            gradient[THETA + j] += h[THETA + j]
 
 
 @kernel
@@ -140,7 +141,7 @@ def gather_markers(m: PoseMemory, lead: Record, count: int, covariances: Stack) 
                 total += alone * (alone * m.noise[own, own] + 2.0 * others * m.independent[i]["spread"][k])
             for j in range(3):
                 row[j] = alone * h[j] + others * both[k, j]
-                row[6 + j] = alone * h[6 + j] + others * both[k, 6 + j]
+                row[THETA + j] = alone * h[THETA + j] + others * both[k, THETA + j]
             group["value"][k] = alone * source["residual"][k] + others * sums[k, 0]
             group["motion"][k] = -alone * source["innovation"][k] - others * sums[k, 1]
             group["noise"][k], group["lasting"][k] = noise, max(0.0, total - noise)
@@ -188,14 +189,14 @@ def _call_witness(m: PoseMemory, t: float) -> None:
     if not t - since <= WITNESS_S:
         witness["added"] = math.nan
         return
-    for i in range(6):
+    for i in range(MOTION):
         motion[i] = witness["motion"][i]
     prepare_step(m.step, m.motion, m.scratch, since, t - since)
     if advance_pose(m.body, m.step, m.scratch, m.motion["orbit"], witness, since, m.step["dt"]):
         carry_sensitivities(m.scratch["phi"], kept[WITNESS])
     else:
         witness["added"] = math.nan
-    for i in range(6):
+    for i in range(MOTION):
         witness["motion"][i] = motion[i]
     m.step["dt"] = math.nan  # what was prepared is not of the next step
 

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from relnav.arrays import Flags, Matrix, Record, Stack
+from relnav.dynamics.error_state import MOTION, RATE, THETA, VELOCITY
 from relnav.estimation.factored import compose, factorize
 from relnav.estimation.gating import chi_square_limit
 from relnav.geometry.rotation_vector import rotation_vector_between, turned
@@ -63,7 +64,7 @@ def write_state(track: Record, state: PoseState, score: float = 0.0) -> None:
 
 def _with_view(pose: Pose, view: View) -> Pose:
     """A root joined with the expected view, by which alone a flat pattern far off tells its tilt."""
-    known = np.zeros((6, 6))
+    known = np.zeros(pose.covariance.shape)
     known[3:, 3:] = np.eye(3) / view.attitude_sigma_rad**2
     covariance = np.asarray(np.linalg.inv(np.linalg.inv(pose.covariance) + known), dtype=np.float64)
     toward = known[:, 3:] @ rotation_vector_between(view.dcm_cam_from_target, pose.dcm_cam_from_target)
@@ -102,7 +103,7 @@ def roots(
         if believed is not None:  # the velocity is common to all: unknown, its width alone would cost the odds
             known = believed[0]
             motion, covariance = np.concatenate([state.motion[:3], known.motion[3:]]), state.covariance.copy()
-            covariance[3:6, 3:6] = WIDENED * known.covariance[3:6, 3:6]
+            covariance[VELOCITY:MOTION, VELOCITY:MOTION] = WIDENED * known.covariance[VELOCITY:MOTION, VELOCITY:MOTION]
             state = replace(state, motion=motion, covariance=covariance)
         held = None if believed is None else believed[1]
         out.append(Root(state, partial(_sensitivities, pose, mission, dcm_chaser_from_lvlh, used, covariances, held)))
@@ -115,7 +116,7 @@ def _sensitivities(
     """Of the state on a root; held (m, 12): of the hypothesis whose velocity it takes."""
     sensitivities = sensitivities_from_pose(pose, mission, dcm, used, covariances)
     if held is not None:
-        sensitivities[:, 3:6] = held[:, 3:6]
+        sensitivities[:, VELOCITY:MOTION] = held[:, VELOCITY:MOTION]
     return sensitivities
 
 
@@ -155,6 +156,6 @@ def add_uncovered(m: PoseMemory, found: list[Root]) -> None:
 
 def _distance2(held: PoseState, root: PoseState) -> float:
     """Chi-square between the attitudes of a hypothesis and of a root."""
-    difference = held.error_of(root)[6:9]
-    spread = (held.covariance + root.covariance)[6:9, 6:9]
+    difference = held.error_of(root)[THETA:RATE]
+    spread = (held.covariance + root.covariance)[THETA:RATE, THETA:RATE]
     return float(difference @ np.linalg.solve(spread, difference))

@@ -21,11 +21,13 @@ import math
 
 from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import kernel
+from relnav.dynamics.error_state import RATE, THETA
 from relnav.estimation.considered import add_lasting_noise, subtract_taken
 from relnav.estimation.factored import compose_into
 from relnav.geometry.distortion import distort_point
 from relnav.geometry.linear_algebra import cholesky, cross_into
-from relnav.navigation.pose_memory import CHASER_ATTITUDE, FOCAL_LENGTH, MOUNTING, PLACEMENT, PoseMemory
+from relnav.navigation.blocks import CHASER_ATTITUDE, FOCAL_LENGTH, MOUNTING, PLACEMENT
+from relnav.navigation.pose_memory import SEEN, PoseMemory
 
 
 @kernel
@@ -127,9 +129,9 @@ def _linearise(
             gradient[axis, j] = -(d[0] * cam[0, j] + d[1] * cam[1, j] + d[2] * cam[2, j])
             q[axis, j] = d[0] * pose[0, j] + d[1] * pose[1, j] + d[2] * pose[2, j]
             along[j] = d[0] * mount[0, j] + d[1] * mount[1, j] + d[2] * mount[2, j]
-        cross_into(q[axis], s, gradient[axis, 6:9])
+        cross_into(q[axis], s, gradient[axis, THETA:RATE])
         for j in range(3):
-            gradient[axis, 6 + j] = -gradient[axis, 6 + j]
+            gradient[axis, THETA + j] = -gradient[axis, THETA + j]
         cross_into(along, from_chaser, turns[axis])
     return True
 
@@ -170,35 +172,35 @@ def _add_second_order(
     """Shift the residuals of groups (k,) by the mean of the second order, and add its covariance to the noise."""
     P, whole, B, count = scratch["seen_covariance"], scratch["noise"], scratch["six"], groups.shape[0]
     compose_into(ld, whole)
-    for i in range(6):
-        for j in range(6):
+    for i in range(SEEN):
+        for j in range(SEEN):
             P[i, j] = whole[i if i < 3 else i + 3, j if j < 3 else j + 3]
     for row in range(2 * count):
         g, h, q = nearer[row // 2], groups[row // 2]["gradient"][row % 2], by_marker[row]
         s = points[int(which[row // 2])]
         along = q[0] * s[0] + q[1] * s[1] + q[2] * s[2]
-        for i in range(6):
-            for j in range(6):
+        for i in range(SEEN):
+            for j in range(SEEN):
                 B[i, j] = -(h[i if i < 3 else i + 3] * g[j] + h[j if j < 3 else j + 3] * g[i])
         for i in range(3):
             for j in range(3):
                 B[3 + i, 3 + j] += 0.5 * (q[i] * s[j] + q[j] * s[i])
             B[3 + i, 3 + i] -= along
         mean = 0.0
-        for i in range(6):
-            for j in range(6):
+        for i in range(SEEN):
+            for j in range(SEEN):
                 total = 0.0
-                for k in range(6):
+                for k in range(SEEN):
                     total += B[i, k] * P[k, j]
-                bends[row, 6 * i + j] = total
-            mean += 0.5 * bends[row, 7 * i]
+                bends[row, SEEN * i + j] = total
+            mean += 0.5 * bends[row, SEEN * i + i]
         groups[row // 2]["residual"][row % 2] -= mean
     for row in range(2 * count):
         for other in range(row + 1):
             total = 0.0
-            for i in range(6):
-                for j in range(6):
-                    total += bends[row, 6 * i + j] * bends[other, 6 * j + i]
+            for i in range(SEEN):
+                for j in range(SEEN):
+                    total += bends[row, SEEN * i + j] * bends[other, SEEN * j + i]
             noise[row, other] += 0.5 * total
             noise[other, row] = noise[row, other]
 

@@ -3,7 +3,8 @@
 import numpy as np
 
 from relnav.arrays import Codes, Matrix, Vector
-from relnav.navigation.memory import NODES, Memory
+from relnav.navigation.blocks import NODES
+from relnav.navigation.memory import Memory
 from relnav.navigation.observation.beacon_geometry import uses_coordinates
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from relnav.arrays import Codes, Flags, Matrix, Stack, Vector
 from relnav.mission import Model
-from relnav.navigation.memory import ATTITUDE_ERRORS, FIELD_ERRORS, TOLERANCES_SHARED, considered_errors
+from relnav.navigation.blocks import ATTITUDE_ERRORS, FIELD_ERRORS, TOLERANCES_SHARED, considered_errors
 from relnav.navigation.observation.beacon_geometry import COS_MISALIGNED, MOST_SIGMAS2, TIGHT_SHARE2
 from relnav.navigation.reference.motion import IMAGINARY, cross
 from relnav.navigation.reference.numbers import ALL, angles_between, cosine, numbers_of, to_angles, turn_of, unit

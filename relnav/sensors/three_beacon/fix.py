@@ -15,6 +15,8 @@ PERSPECTIVE = 0
 PARALLEL = 1
 # Rows of scratch that the closed forms need: the solver's 12, then rays; `measure_into` adds position and Jacobian
 RAYS_ROW = 12
+COORDINATES = 6
+"""Of the three spots that a closed form takes."""
 WORK_ROWS = 15
 MEASURE_ROWS = 19
 
