@@ -67,6 +67,14 @@ def copy_numbers(from_state: Vector, from_ld: Matrix, state: Vector, ld: Matrix)
 
 
 @kernel
+def copy_rows(source: Matrix, target: Matrix) -> None:
+    """Copy rows."""
+    for c in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            target[c, j] = source[c, j]
+
+
+@kernel
 def copy_track(source: Record, target: Record) -> None:
     """Copy a track: state and the lower triangle of its factors."""
     copy_numbers(source["state"], source["ld"], target["state"], target["ld"])

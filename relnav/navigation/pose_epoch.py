@@ -8,8 +8,8 @@ from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import entry, kernel
 from relnav.dynamics.error_state import MOTION, POSE
 from relnav.estimation.considered import join_considered
+from relnav.estimation.rows import copy_rows
 from relnav.navigation.pose_memory import PoseMemory, pose_views
-from relnav.navigation.pose_propagation import copy_rows
 
 PACKED = POSE * (POSE + 1) // 2
 LOWER = np.tril_indices(POSE)

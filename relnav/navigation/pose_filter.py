@@ -20,13 +20,14 @@ import math
 from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import kernel, shared_entry
 from relnav.dynamics.error_state import MOTION, POSE, RATE, THETA
+from relnav.estimation.rows import copy_rows
 from relnav.geometry.rotation_vector import rotation_vector_into
 from relnav.navigation.observation.marker_exchange import gates_share, is_exchanged
 from relnav.navigation.observation.marker_monitors import gather_markers, let_pass, watch_markers, watch_new_track
 from relnav.navigation.observation.marker_rows import aim_camera, has_spot
 from relnav.navigation.pose_epoch import SETTLED_S
 from relnav.navigation.pose_memory import PoseMemory, pose_views
-from relnav.navigation.pose_propagation import MEMORY_S, advance_bank, copy_pose, copy_rows, is_wide
+from relnav.navigation.pose_propagation import MEMORY_S, advance_bank, copy_pose, is_wide
 from relnav.navigation.pose_update import spot_update
 from relnav.navigation.propagation import prepare_step
 from relnav.navigation.status import EXCHANGED, PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING

@@ -2,10 +2,8 @@
 
 import math
 
-import numpy as np
-
 from relnav.arrays import Matrix, Record, Stack, Vector
-from relnav.codegen.kernel import kernel, straight_line
+from relnav.codegen.kernel import kernel, straight_line, variant
 from relnav.codegen.trace import Shape
 from relnav.dynamics import rigid_body
 from relnav.dynamics.error_state import MOTION, POSE, RATE, ROTATION, THETA
@@ -14,7 +12,8 @@ from relnav.dynamics.rigid_body import MEAN_MOTION
 from relnav.dynamics.yamanaka_ankersen import PHI_PATTERN
 from relnav.estimation.considered import is_felt
 from relnav.estimation.factored import factorize_into, time_update_into
-from relnav.estimation.rows import copy_track
+from relnav.estimation.rows import copy_rows, copy_track
+from relnav.navigation.propagation import carry_state_eccentric, multiply
 
 rotate_into = rigid_body.propagate_into
 
@@ -37,27 +36,7 @@ def carry_errors(ld: Matrix, phi: Matrix, noise: Matrix) -> None:
     time_update_into(ld, phi, noise)
 
 
-@straight_line(motion=(MOTION,), phi=PHI_PATTERN, effect=(MOTION,))
-def carry_motion(motion: Vector, phi: Matrix, effect: Vector) -> None:
-    """Carry position and velocity (6,) over a step, in place."""
-    x = np.zeros(MOTION)
-    for i in range(MOTION):
-        x[i] = effect[i]
-        for j in range(MOTION):
-            x[i] += phi[i, j] * motion[j]
-    for i in range(MOTION):
-        motion[i] = x[i]
-
-
-@straight_line(phi=POSE_PHI_PATTERN, vector=(POSE,))
-def _carry_sensitivity(phi: Matrix, vector: Vector) -> None:
-    """Replace a vector (12,) by Phi vector."""
-    x = np.zeros(POSE)
-    for i in range(POSE):
-        for j in range(POSE):
-            x[i] += phi[i, j] * vector[j]
-    for i in range(POSE):
-        vector[i] = x[i]
+multiply_pose = variant(multiply, "multiply_pose", phi=POSE_PHI_PATTERN, vector=(POSE,))
 
 
 @kernel
@@ -65,15 +44,7 @@ def carry_sensitivities(phi: Matrix, sensitivities: Matrix) -> None:
     """Carry what lasting errors do to a hypothesis, (m, 12), over a step."""
     for c in range(sensitivities.shape[0]):
         if is_felt(sensitivities[c]):
-            _carry_sensitivity(phi, sensitivities[c])
-
-
-@kernel
-def copy_rows(source: Matrix, target: Matrix) -> None:
-    """Copy rows."""
-    for c in range(source.shape[0]):
-        for j in range(source.shape[1]):
-            target[c, j] = source[c, j]
+            multiply_pose(phi, sensitivities[c])
 
 
 @kernel
@@ -102,7 +73,7 @@ def advance_pose(
     values[MEAN_MOTION, 0] = frame_rate(orbit, t + 0.5 * dt)
     if not rotate_into(values, dt, track["dcm"], track["rate"], body["noise_density"], turn, spread_, body["work"]):
         return False
-    carry_motion(track["motion"], step["phi"], step["effect"])
+    carry_state_eccentric(track["motion"], step["phi"], step["effect"], track["motion"])
     for i in range(MOTION):
         for j in range(i):
             spread_[i, j] = 0.5 * (spread_[i, j] + spread_[j, i])

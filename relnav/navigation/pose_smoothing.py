@@ -16,6 +16,7 @@ from relnav.codegen.kernel import entry, kernel, straight_line
 from relnav.dynamics.error_state import MOTION, POSE, RATE, ROTATION, THETA
 from relnav.dynamics.relative_motion import transition_into
 from relnav.estimation.considered import is_felt
+from relnav.estimation.rows import copy_rows
 from relnav.estimation.smoothing import backward_model, carry_noise_back, smooth_step
 from relnav.geometry.rotation_vector import rotation_vector_into, turn_by_rotation_vector
 from relnav.mission import VisionMission
@@ -27,7 +28,6 @@ from relnav.navigation.pose_propagation import (
     advance_pose,
     carry_sensitivities,
     copy_pose,
-    copy_rows,
 )
 from relnav.navigation.propagation import prepare_step
 from relnav.navigation.status import STARTED

@@ -74,12 +74,13 @@ def carry_state(state: Vector, phi: Matrix, effect: Vector, carried: Vector) -> 
 
 @straight_line(phi=PHI_PATTERN, vector=(MOTION,))
 def multiply(phi: Matrix, vector: Vector) -> None:
-    """Replace a vector (6,) by Phi vector."""
-    x = np.zeros(MOTION)
-    for i in range(MOTION):
-        for j in range(MOTION):
+    """Replace a vector (n,) by Phi vector."""
+    n = vector.shape[0]
+    x = np.zeros(n)
+    for i in range(n):
+        for j in range(n):
             x[i] += phi[i, j] * vector[j]
-    for i in range(MOTION):
+    for i in range(n):
         vector[i] = x[i]
 
 

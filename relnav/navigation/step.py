@@ -16,7 +16,7 @@ import math
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, shared_entry
-from relnav.estimation.rows import copy_track
+from relnav.estimation.rows import copy_rows, copy_track
 from relnav.navigation.memory import Memory, views
 from relnav.navigation.observation.beacon_geometry import prior_is_tight, uses_coordinates
 from relnav.navigation.observation.beacon_monitors import watch, watch_new_track
@@ -29,13 +29,6 @@ from relnav.sensors.three_beacon.fix import COORDINATES
 
 WRONG_SHAPE = -1
 WRONG_TIME = -2
-
-
-@kernel
-def _copy_rows(source: Matrix, target: Matrix) -> None:
-    for i in range(source.shape[0]):
-        for j in range(source.shape[1]):
-            target[i, j] = source[i, j]
 
 
 @kernel
@@ -57,7 +50,7 @@ def _look_for_start(m: Memory, spots: Matrix) -> bool:
             if not prior_is_tight(m.prior):
                 return False
             copy_track(m.trial, m.track)
-            _copy_rows(m.trial_sensitivities, m.sensitivities)
+            copy_rows(m.trial_sensitivities, m.sensitivities)
             clock["running"], clock["trial"], clock["rejected"] = 1, 0, 0
             clock["starts"] += 1
             return True

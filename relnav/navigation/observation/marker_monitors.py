@@ -35,12 +35,12 @@ from relnav.estimation.monitors import (
 )
 from relnav.estimation.repeated_reading import LEAST_MOTION, repeats
 from relnav.estimation.returning import note_pair, returns_wrong
-from relnav.estimation.rows import Observed, pair_covariance, sweep
+from relnav.estimation.rows import Observed, copy_rows, pair_covariance, sweep
 from relnav.navigation.observation.marker_rows import has_spot, new_noise, observe_markers
 from relnav.navigation.pose_epoch import odds_of
 from relnav.navigation.pose_memory import NEWEST, OLDER, WITNESS, PoseMemory
-from relnav.navigation.pose_propagation import advance_pose, carry_motion, carry_sensitivities, copy_pose, copy_rows
-from relnav.navigation.propagation import prepare_step
+from relnav.navigation.pose_propagation import advance_pose, carry_sensitivities, copy_pose
+from relnav.navigation.propagation import carry_state_eccentric, prepare_step
 from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
 
 KEPT_S = 5.0
@@ -155,8 +155,8 @@ def let_pass(m: PoseMemory, dt: float) -> None:
     step, past, watch = m.step, m.past, m.watch
     note_step(watch, dt)
     write_alarm(watch)
-    carry_motion(past[NEWEST]["motion"], step["phi"], step["effect"])
-    carry_motion(past[OLDER]["motion"], step["phi"], step["effect"])
+    carry_state_eccentric(past[NEWEST]["motion"], step["phi"], step["effect"], past[NEWEST]["motion"])
+    carry_state_eccentric(past[OLDER]["motion"], step["phi"], step["effect"], past[OLDER]["motion"])
     if watch["on"] > 0 and past[WITNESS]["added"] == past[WITNESS]["added"]:
         at = m.clock["t"]
         if advance_pose(m.body, step, m.scratch, m.motion["orbit"], past[WITNESS], at, step["dt"]):
