@@ -19,7 +19,7 @@ from relnav.navigation.pose_record import PoseSolution
 from relnav.navigation.pose_smoothing import PoseSmoother
 from relnav.navigation.relative_pose import NO_COVARIANCES, Event, Outcome, PoseNavigator, look_for_roots
 
-CHUNK = 8192
+CHUNK = 4096
 
 
 @entry
