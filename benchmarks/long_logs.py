@@ -1,7 +1,7 @@
 """Logs of millions of epochs through the files: peak memory, cost, and whether every covariance stays definite.
 
-    python benchmarks/long_logs.py --epochs 1000000        of markers
-    python benchmarks/speed.py --epochs 10000000           of beacons, with the rest of the speeds
+python benchmarks/long_logs.py --epochs 1000000        of markers
+python benchmarks/speed.py --epochs 10000000           of beacons, with the rest of the speeds
 """
 
 import argparse
@@ -48,7 +48,7 @@ def write_long_log(log, epochs, path):
 
 
 def write_long_marker_log(flight, epochs, path):
-    """The same of markers: a flight again and again with fresh noise, a minute apart, so that each time it starts anew."""
+    """The same of markers: a flight again and again with fresh noise, a minute apart."""
     from relnav.files.log_columns import markers
     from relnav.files.parquet import write_parquet
 
@@ -112,7 +112,7 @@ def streaming_markers(epochs, folder):
 
 
 def measured(model, epochs, folder, columns, size, *options):
-    """A long log from Parquet to Parquet, filtered and smoothed, each in a process of its own, with the code at hand."""
+    """A long log from Parquet to Parquet, filtered and smoothed, each in a process of its own that has its code."""
     rows = []
     print(f"\n{epochs} epochs of {model} from Parquet to Parquet (all columns), each in a process of its own")
     for mode in ("filter", "smooth"):
