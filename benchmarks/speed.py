@@ -194,13 +194,16 @@ class Problem:
         arguments = (self.phi, self.q, h, r, self.x, self.covariance, fixes)
         expected = linear.numpy_filter(*arguments)
         found = {"pykalman": linear.pykalman_filter, "simdkalman": linear.simdkalman_filter}
-        found["kalman_py"] = linear.kalman_py_filter
+        found |= {"kalman_py": linear.kalman_py_filter, "stonesoup": linear.stone_soup_filter}
         entries = {}
         for package, function in found.items():
             if installed(package):
                 assert np.max(np.abs(function(*arguments) - expected)) < 1e-9, package
                 name = f"{package.replace('_', '-')}, linear, no closed form"
                 entries[name] = (PEER_EPOCHS, lambda function=function: function(*arguments))
+        if installed("simdkalman"):
+            name = f"simdkalman, {linear.SERIES:,} series at once"
+            entries[name] = (PEER_EPOCHS * linear.SERIES, lambda: linear.simdkalman_series(*arguments))
         return entries
 
     def smoothers(self):

@@ -5,6 +5,8 @@ They do less than the filter of `by_hand`: the closed form is computed beforehan
 
 import numpy as np
 
+SERIES = 1000
+
 
 def numpy_filter(phi, q, h, r, x, covariance, fixes):
     """Plain numpy, for the answers: filtered states (n, 6)."""
@@ -27,14 +29,24 @@ def pykalman_filter(phi, q, h, r, x, covariance, fixes):
 
 
 def simdkalman_filter(phi, q, h, r, x, covariance, fixes):
-    """Simdkalman."""
+    """Simdkalman, one series."""
+    return simdkalman_series(phi, q, h, r, x, covariance, fixes, 1)
+
+
+def simdkalman_series(phi, q, h, r, x, covariance, fixes, series=SERIES):
+    """Simdkalman in its best case: many series of one length and one covariance at once; states of the last one."""
     from simdkalman import KalmanFilter
 
     prior = phi @ covariance @ phi.T + q
     result = KalmanFilter(phi, q, h, r).compute(
-        fixes[None], 0, initial_value=phi @ x, initial_covariance=prior, filtered=True, smoothed=False
+        np.repeat(fixes[None], series, axis=0),
+        0,
+        initial_value=phi @ x,
+        initial_covariance=prior,
+        filtered=True,
+        smoothed=False,
     )
-    return result.filtered.states.mean[0]
+    return result.filtered.states.mean[-1]
 
 
 def kalman_py_filter(phi, q, h, r, x, covariance, fixes):
@@ -42,3 +54,29 @@ def kalman_py_filter(phi, q, h, r, x, covariance, fixes):
     from kalman_py import KalmanFilter
 
     return KalmanFilter(phi, h, q, r, x, covariance).filter(fixes).means
+
+
+def stone_soup_filter(phi, q, h, r, x, covariance, fixes):
+    """Stone Soup."""
+    from datetime import datetime, timedelta
+
+    from stonesoup.models.measurement.linear import LinearGaussian
+    from stonesoup.models.transition.linear import LinearGaussianTimeInvariantTransitionModel
+    from stonesoup.predictor.kalman import KalmanPredictor
+    from stonesoup.types.detection import Detection
+    from stonesoup.types.hypothesis import SingleHypothesis
+    from stonesoup.types.state import GaussianState
+    from stonesoup.updater.kalman import KalmanUpdater
+
+    motion = LinearGaussianTimeInvariantTransitionModel(transition_matrix=phi, covariance_matrix=q)
+    seen = np.flatnonzero(h.any(axis=0))
+    predictor = KalmanPredictor(motion)
+    updater = KalmanUpdater(LinearGaussian(ndim_state=len(x), mapping=tuple(seen), noise_covar=r))
+    t, states = datetime(2026, 1, 1), []
+    state = GaussianState(x[:, None], covariance, timestamp=t)
+    for z in fixes:
+        t += timedelta(seconds=0.1)
+        predicted = predictor.predict(state, timestamp=t)
+        state = updater.update(SingleHypothesis(predicted, Detection(z[:, None], timestamp=t)))
+        states.append(np.asarray(state.state_vector, dtype=float)[:, 0])
+    return np.array(states)

@@ -28,7 +28,12 @@ from relnav.estimation.attitude import (
 )
 from relnav.estimation.innovation_sums import INNOVATION, RECENT, SUMS, remember_innovation, sums_are_credible
 from relnav.estimation.unscented_attitude import POINTS, SIGMA_POINTS, gather_points, spread_points
-from relnav.navigation.status import PREDICTED, REJECTED, WAITING
+from relnav.geometry.rotation import are_a_rotation
+from relnav.navigation.attitude.inputs import can_be_used
+from relnav.navigation.status import PREDICTED, REJECTED, UPDATED, WAITING
+
+REFUSED, NOT_TAKEN = -1, -2
+"""What `look` answers besides a status."""
 
 STEPS_A_PIECE = 4
 """Runge-Kutta steps after which sigma points are drawn anew, and lasting errors are carried: a turn of 0.2 rad."""
@@ -56,6 +61,7 @@ MEMORY = np.dtype(
         ("measured_t", _F),  # of the latest measured attitude
         ("running", _I),
         ("rejections", _I),
+        ("interval", _F),  # since the measured attitude before
         ("has_trial", _I),
         ("agreed", _I),  # attitudes that have confirmed the trial
         ("chance", _F),  # that attitudes without relation would have
@@ -64,6 +70,7 @@ MEMORY = np.dtype(
         ("track", ATTITUDE_TRACK),
         ("trial", ATTITUDE_TRACK),
         ("compared", COMPARED),
+        ("given", _F, (3, 3)),  # covariance of the measured attitude, symmetric to the last bit
         ("recent", INNOVATION, RECENT),  # of the track
         ("remembered", _I),
         ("sums", SUMS),
@@ -209,3 +216,49 @@ def take_if_near(memory: Record, of_trial: bool, measured: Matrix, noise: Matrix
         for j in range(LASTING):
             track["lasting"][i, j] = corrected["lasting"][i, j]
     return True
+
+
+@entry
+def look(
+    memory: Record, t: float, measured: Matrix, noise: Matrix, chaser: Matrix, checked: bool, scratch: Matrix
+) -> int:
+    """Carry memory (1,) to t s, where an attitude (3, 3) with its covariance (3, 3) was measured, and use it if near.
+
+    Returns UPDATED; NOT_TAKEN where there is no track or it contradicts the attitude (`step.use` goes on from here); or
+    REFUSED, with nothing changed, where an argument is not what it ought to be. checked: they all are; scratch (6, 3).
+    """
+    m = memory[0]
+    symmetric, given = scratch[0:3], m["given"][:]
+    if checked:
+        for i in range(3):
+            for j in range(3):
+                symmetric[i, j] = noise[i, j]
+    elif not (
+        math.isfinite(t)
+        and not t < m["t"]
+        and chaser.shape[0] == 3
+        and chaser.shape[1] == 3
+        and are_a_rotation(
+            chaser[0, 0],
+            chaser[0, 1],
+            chaser[0, 2],
+            chaser[1, 0],
+            chaser[1, 1],
+            chaser[1, 2],
+            chaser[2, 0],
+            chaser[2, 1],
+            chaser[2, 2],
+        )
+        and can_be_used(measured, noise, symmetric, scratch[3:6])
+    ):
+        return REFUSED
+    for i in range(3):
+        for j in range(3):
+            given[i, j] = symmetric[i, j]
+    advance(memory, t)
+    m["interval"], m["measured_t"] = t - m["measured_t"], t
+    if m["running"] == 0 or not take_if_near(memory, False, measured, given, chaser, m["gate"]):
+        return NOT_TAKEN
+    if m["rejections"] > 0:
+        m["rejections"], m["has_trial"], m["contradicted"] = 0, 0, 0
+    return UPDATED

@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Record, Vector, numbers
-from relnav.estimation.attitude import CHASER, COMPARED, LASTING, TURNING
+from relnav.estimation.attitude import ATTITUDE_TRACK, CHASER, COMPARED, LASTING, TURNING
 from relnav.estimation.factored import compose
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.rotation import is_rotation
 from relnav.navigation.arguments import not_negative, vector
 from relnav.navigation.status import EpochStatus
 
-NOT_COMPARED = np.full((), np.nan, COMPARED)[()]
-NOT_KNOWN = NOT_COMPARED["track"]
+NOT_COMPARED = np.full(1, np.nan, COMPARED).tobytes()
+NOT_KNOWN = np.full(1, np.nan, ATTITUDE_TRACK).tobytes()
 
 
 def _frozen(array: Any) -> Any:
@@ -64,15 +64,23 @@ class AttitudeRecord:
         status: int,
         accepted: bool,
         rejections: int,
-        track: Record,
-        compared: Record,
+        track: bytes,
+        compared: bytes,
         mean_motion_rad_s: float,
         chaser_sigma_rad: float,
     ) -> None:
-        """Take what the filter says, and the orbit and the chaser that it says it of."""
+        """Take what the filter says, an ATTITUDE_TRACK and a COMPARED, and the orbit and chaser that it says it of."""
         self.t_s, self._status, self.accepted, self.rejections = t_s, status, accepted, rejections
-        self._track, self._compared = track, compared
+        self._of_track, self._of_comparison = track, compared
         self._mean_motion, self._chaser_sigma = mean_motion_rad_s, chaser_sigma_rad
+
+    @cached_property
+    def _track(self) -> Record:
+        return np.frombuffer(self._of_track, ATTITUDE_TRACK)[0]
+
+    @cached_property
+    def _compared(self) -> Record:
+        return np.frombuffer(self._of_comparison, COMPARED)[0]
 
     @property
     def dcm_lvlh_from_target(self) -> Matrix:

@@ -23,7 +23,7 @@ from relnav.dynamics.rigid_body import MEAN_MOTION, lvlh_rate
 from relnav.estimation.attitude import CHASER, TURNING
 from relnav.estimation.factored import compose, factorize
 from relnav.navigation.attitude.prediction import LARGEST_SIGMA_RAD, take_if_near
-from relnav.navigation.status import REJECTED, STARTED, UPDATED, WAITING
+from relnav.navigation.status import REJECTED, STARTED, WAITING
 
 UNKNOWN_TURN_RAD = 0.5
 """1-sigma of the turn from one measured attitude to the next, where nothing is known of the rate."""
@@ -34,20 +34,15 @@ MOST_CONTRADICTED = 3
 """Trials in a row, after which what was told of the rate is not believed."""
 
 
-def use(memory: Record, measured: Matrix, noise: Matrix, chaser: Matrix) -> tuple[int, bool]:
-    """Use an attitude measured now, with its covariance (3, 3); returns the status, and whether a track was compared.
+def use(memory: Record, measured: Matrix, chaser: Matrix) -> tuple[int, bool]:
+    """Use an attitude measured now that the track did not take (`prediction.look`), or where there is none.
 
-    What was found stands in `compared`. memory (1,) of type `prediction.MEMORY`, here and below; chaser (3, 3)
-    is dcm_chaser_from_lvlh.
+    Returns the status, and whether a track was compared. What was found stands in `compared`, the attitude's covariance
+    in `given`. memory (1,) of type `prediction.MEMORY`, here and below; chaser (3, 3) is dcm_chaser_from_lvlh.
     """
     m = memory[0]
-    interval, m["measured_t"] = float(m["t"] - m["measured_t"]), m["t"]
-    running = bool(m["running"])
+    interval, noise, running = float(m["interval"]), m["given"], bool(m["running"])
     if running:
-        if take_if_near(memory, False, measured, noise, chaser, m["gate"]):
-            if m["rejections"] > 0:
-                m["rejections"], m["has_trial"], m["contradicted"] = 0, 0, 0
-            return UPDATED, True
         m["rejections"] += 1
         rejected = m["compared"].copy()
     if m["has_trial"] > 0 and _agrees(memory, measured, noise, chaser):

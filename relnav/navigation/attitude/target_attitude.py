@@ -8,29 +8,27 @@ the same figures. Start, gate, restart and lasting errors are one: `step.py`.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Record, number, numbers, one_piece
+from relnav.arrays import Matrix, number, numbers, one_piece
 from relnav.dynamics.rigid_body import RigidBody
 from relnav.estimation.gating import chi_square_limit
 from relnav.estimation.innovation_sums import LIMIT_PROBABILITY
 from relnav.geometry.linear_algebra import cholesky
 from relnav.geometry.rotation import is_rotation
 from relnav.navigation.arguments import not_negative, vector
-from relnav.navigation.attitude.inputs import ASYMMETRY, LARGEST_RAD2, LEAST_PIVOT, can_be_used
-from relnav.navigation.attitude.prediction import MEMORY, advance
+from relnav.navigation.attitude.inputs import ASYMMETRY, LARGEST_RAD2, LEAST_PIVOT
+from relnav.navigation.attitude.prediction import MEMORY, REFUSED, advance, look
 from relnav.navigation.attitude.record import NOT_COMPARED, NOT_KNOWN, AttitudeRecord
 from relnav.navigation.attitude.step import use
-from relnav.navigation.status import STARTED, UPDATED
+from relnav.navigation.status import REJECTED, STARTED, UPDATED, WAITING
 
 METHODS = ("multiplicative", "unscented")
 TRIAL_PROBABILITY = 0.99
 """With which a good measured attitude agrees with a trial: a start is refused sooner than a measurement."""
 _NOTHING = np.eye(3)
-_PLACES: dict[str, Any] = {name: MEMORY.fields[name][:2] for name in ("track", "compared")}  # type: ignore[index]  # has fields
 
 
 class TargetAttitude:
@@ -152,34 +150,47 @@ class TargetAttitude:
             For a time that goes back, a measurement that is no rotation or has no covariance, or a chaser's attitude
             that is missing or no rotation. The filter is then unchanged.
         """
-        t, m = number("t_s", t_s), self.memory[0]
-        if not math.isfinite(t) or t < m["t"]:
-            raise ValueError(f"t_s must be finite and not before the last epoch, {self.last_t_s!r}; got {t_s!r}")
-        measured, noise = None, _NOTHING
-        if dcm_lvlh_from_target is not None:
-            measured, noise = _measured(dcm_lvlh_from_target, covariance_rad2)
-        compared = False
-        if measured is None:
+        t = number("t_s", t_s)
+        compared = dcm_lvlh_from_target is not None
+        if dcm_lvlh_from_target is None:
+            self._check_time(t)
             status = advance(self.memory, t)
         else:
-            chaser = self._chaser(dcm_chaser_from_lvlh)
-            advance(self.memory, t)
-            status, compared = use(self.memory, measured, noise, chaser)
+            status, compared = self._used(t, dcm_lvlh_from_target, covariance_rad2, dcm_chaser_from_lvlh)
         return AttitudeRecord(
             t,
             status,
             status in (UPDATED, STARTED),
-            int(m["rejections"]),
-            self._copy_of("track") if m["running"] else NOT_KNOWN,
-            self._copy_of("compared") if compared else NOT_COMPARED,
+            int(self.memory["rejections"][0]) if status == REJECTED else 0,
+            self.memory["track"].tobytes() if status != WAITING else NOT_KNOWN,
+            self.memory["compared"].tobytes() if compared else NOT_COMPARED,
             self.body.mean_motion_rad_s,
             self._chaser_sigma,
         )
 
-    def _copy_of(self, name: str) -> Record:
-        """A part of the memory as it is now; numpy's own copy of a record goes field by field, 20 times slower."""
-        kind, begin = _PLACES[name]
-        return np.frombuffer(self.memory.view(np.uint8)[begin : begin + kind.itemsize].tobytes(), kind)[0]
+    def _used(
+        self, t: float, dcm: ArrayLike, covariance: ArrayLike | None, dcm_chaser: ArrayLike | None
+    ) -> tuple[int, bool]:
+        """Go on to t and use a measured attitude: the status, and whether a track was compared."""
+        status, chaser = REFUSED, _NOTHING
+        if covariance is not None and (dcm_chaser is not None or self._chaser_sigma == 0.0):
+            measured, noise = one_piece("dcm_lvlh_from_target", dcm), one_piece("covariance_rad2", covariance)
+            if dcm_chaser is not None:
+                chaser = one_piece("dcm_chaser_from_lvlh", dcm_chaser)
+            if measured.ndim == noise.ndim == chaser.ndim == 2:
+                status = look(self.memory, t, measured, noise, chaser, False, np.empty((6, 3)))
+        if status == REFUSED:  # what is wrong is said here, or nothing was measured
+            self._check_time(t)
+            attitude = _attitude(dcm)
+            if attitude is None:
+                return advance(self.memory, t), False
+            measured, noise, chaser = attitude, _covariance(covariance), self._chaser(dcm_chaser)
+            status = look(self.memory, t, measured, noise, chaser, True, np.empty((6, 3)))
+        return (status, True) if status == UPDATED else use(self.memory, measured, chaser)
+
+    def _check_time(self, t: float) -> None:
+        if not math.isfinite(t) or t < self.last_t_s:
+            raise ValueError(f"t_s must be finite and not before the last epoch, {self.last_t_s!r}; got {t!r}")
 
     def _chaser(self, dcm: ArrayLike | None) -> Matrix:
         if dcm is None:
@@ -192,17 +203,6 @@ class TargetAttitude:
         if not is_rotation(chaser):
             raise ValueError(f"dcm_chaser_from_lvlh must be a rotation matrix (3, 3); got {chaser.tolist()}")
         return chaser
-
-
-def _measured(dcm: ArrayLike, covariance: ArrayLike | None) -> tuple[Matrix | None, Matrix]:
-    """A measured attitude, None where nothing was measured, and its covariance, symmetric to the last bit."""
-    attitude = one_piece("dcm_lvlh_from_target", dcm)
-    if covariance is not None and attitude.ndim == 2:
-        noise, both = one_piece("covariance_rad2", covariance), np.empty((2, 3, 3))
-        if noise.ndim == 2 and can_be_used(attitude, noise, both[0], both[1]):
-            return attitude, both[0]
-    measured = _attitude(dcm)  # which says what is wrong
-    return measured, _NOTHING if measured is None else _covariance(covariance)
 
 
 def _attitude(dcm: ArrayLike) -> Matrix | None:

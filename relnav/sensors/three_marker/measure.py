@@ -112,13 +112,16 @@ def measure(
     if count < 3:
         off = bool((~on_image(spots, model.camera) & ~np.isnan(spots).any(axis=-1)).any())
         return no_measurement(Status.OFF_DETECTOR if off else Status.NOT_SEEN, labels)
-    xy, weights, usable = xy[:count], weights[:count], which[:count]
-    belief, points = model.view if prior is None else prior, model.markers.points_m
+    seen = points = model.markers.points_m
+    belief, usable = model.view if prior is None else prior, which.tolist()
+    if count < n:
+        xy, weights, usable = xy[:count], weights[:count], usable[:count]
     if not labelled:
-        return _without_labels(xy, weights, points, belief, usable.tolist(), labels)
-    for k in usable.tolist():
+        return _without_labels(xy, weights, points, belief, usable, labels)
+    for k in usable:
         labels[k] = k
-    seen = points[usable]
+    if count < n:
+        seen = points[usable]
     if method == "small_angle":
         roots = _small_angle_roots(xy, weights, seen, belief)
         return judged(roots, labels, count, root_gap_rad(roots), gaussian=True, gated=False)

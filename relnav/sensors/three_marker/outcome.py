@@ -97,12 +97,13 @@ def judged(
         status = Status.DEGENERATE
     if status is not Status.OK:
         best = NO_POSE
-    for array in (best.position_m, best.dcm_cam_from_target, best.covariance):
+    position, dcm, covariance = best.position_m, best.dcm_cam_from_target, best.covariance
+    for array in (position, dcm, covariance):
         array.setflags(write=False)
     return PoseMeasurement(
-        best.position_m,
-        best.dcm_cam_from_target,
-        best.covariance,
+        position,
+        dcm,
+        covariance,
         status,
         ambiguity,
         gap_rad,

@@ -135,9 +135,13 @@ def ranked_rows(
 def roots_of(rows: Matrix) -> list[Root]:
     """Rows as roots, which share their memory: it is read-only from here on."""
     rows.setflags(write=False)
+    n = len(rows)
+    positions, dcms, covariances = rows[:, 9:12], rows[:, :9].reshape(n, 3, 3), rows[:, 12:MISFIT].reshape(n, 6, 6)
     return [
-        Root(Pose(row[9:12], row[:9].reshape(3, 3), row[12:MISFIT].reshape(6, 6)), *row[MISFIT:].tolist())
-        for row in rows
+        Root(Pose(position, dcm, covariance), misfit, score)
+        for position, dcm, covariance, (misfit, score) in zip(
+            positions, dcms, covariances, rows[:, MISFIT:].tolist(), strict=True
+        )
     ]
 
 
