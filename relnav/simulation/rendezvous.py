@@ -225,10 +225,7 @@ class Truth:
 
     def _frame_rates(self) -> Vector:
         """Rate of `lvlh_ccsds` about its own y axis at each step, (m,) rad/s."""
-        orbit = self.vehicle.orbit
-        if orbit.eccentricity == 0.0:
-            return np.full(len(self._times), stated_state(orbit, 0.0)[2][1])
-        return np.array([stated_state(orbit, t)[2][1] for t in self._times.tolist()])
+        return stated_states(self.vehicle.orbit, self._times)[2]
 
     def _slow(self, count: int) -> Matrix:
         """The slow acceleration as the filter believes in it, (m, 3); zero otherwise."""
@@ -258,12 +255,21 @@ def stated_frames(orbit: InertialOrbit, t_s: Vector) -> Stack:
     return np.stack([axes[:, :, 1], -axes[:, :, 2], -axes[:, :, 0]], axis=1)
 
 
+def stated_states(orbit: InertialOrbit, t_s: Vector) -> tuple[Matrix, Matrix, Vector]:
+    """On the stated orbit at times (k,): inertial positions and velocities (k, 3), and rates of `lvlh_ccsds` (k,).
+
+    That frame turns about its own y axis.
+    """
+    n, e = orbit.mean_motion_rad_s, orbit.eccentricity
+    theta, frames = _anomaly(orbit, t_s), stated_frames(orbit, t_s)
+    along, down = frames[:, 0], frames[:, 2]
+    p = (MU_EARTH_M3_S2 / n**2) ** (1.0 / 3.0) * (1.0 - e * e)
+    speed, distance = math.sqrt(MU_EARTH_M3_S2 / p), p / (1.0 + e * np.cos(theta))
+    v = speed * ((1.0 + e * np.cos(theta))[:, None] * along - (e * np.sin(theta))[:, None] * down)
+    return -distance[:, None] * down, v, -math.sqrt(MU_EARTH_M3_S2 * p) / distance**2
+
+
 def stated_state(orbit: InertialOrbit, t_s: float) -> tuple[Vector, Vector, Vector]:
     """Inertial position and velocity on the stated orbit, and the rate of its `lvlh_ccsds` in that frame's axes."""
-    n, e, at = orbit.mean_motion_rad_s, orbit.eccentricity, np.array([t_s])
-    theta = float(_anomaly(orbit, at)[0])
-    ((along, _, down),) = stated_frames(orbit, at)
-    p = (MU_EARTH_M3_S2 / n**2) ** (1.0 / 3.0) * (1.0 - e * e)
-    speed, distance = math.sqrt(MU_EARTH_M3_S2 / p), p / (1.0 + e * math.cos(theta))
-    v = speed * ((1.0 + e * math.cos(theta)) * along - e * math.sin(theta) * down)
-    return -distance * down, v, np.array([0.0, -math.sqrt(MU_EARTH_M3_S2 * p) / distance**2, 0.0])
+    r, v, rates = stated_states(orbit, np.array([t_s]))
+    return r[0], v[0], np.array([0.0, rates[0], 0.0])

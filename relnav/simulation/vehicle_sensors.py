@@ -17,7 +17,7 @@ from relnav.sensors.aps_sun.sensor import ApsSunModel
 from relnav.sensors.birefringent_sun.spots import project as project_birefringent
 from relnav.sensors.sun_direction import SunDirection
 from relnav.sensors.three_marker.camera import project
-from relnav.simulation.rendezvous import Rendezvous, Truth, stated_state
+from relnav.simulation.rendezvous import Rendezvous, Truth, stated_states
 from relnav.simulation.vehicle_numbers import InTurn, VehicleNumbers
 from relnav.spacecraft import POINTS, STAR, Vehicle
 
@@ -147,18 +147,17 @@ def _suns(
     vehicle: Vehicle, name: str, sensor: Rotation, times: Vector, rng: np.random.Generator
 ) -> list[SunDirection | None]:
     model = vehicle.models[name]
-    seen: list[SunDirection | None] = []
-    for k, t in enumerate(times):
-        r, v, _ = stated_state(vehicle.orbit, float(t))
-        toward = sensor[k].apply(sun_direction(vehicle.orbit.epoch_s + float(t), r, v))
-        if toward[2] <= 0.0:
-            seen.append(None)
-            continue
-        if isinstance(model, ApsSunModel):
-            spot = project_aps(model, toward) + rng.normal(size=2) * model.sensor.spot_noise_px
-            measured = aps_sun.measure(spot, model)
-        else:
-            spots = project_birefringent(model.sensor, toward)
-            measured = birefringent_sun.measure(spots + rng.normal(size=(2, 2)) * model.sensor.spot_noise_px, model)
-        seen.append(measured if measured.ok else None)
-    return seen
+    r, v, _ = stated_states(vehicle.orbit, times)
+    toward = sensor.apply(sun_direction(vehicle.orbit.epoch_s + times, r, v))
+    above, seen = np.flatnonzero(toward[:, 2] > 0.0), np.full(len(times), None)
+    if isinstance(model, ApsSunModel):
+        clean = project_aps(model, toward[above])
+        spots = clean + rng.normal(size=clean.shape) * model.sensor.spot_noise_px
+        measured = [aps_sun.measure(spot, model) for spot in spots]
+    else:
+        clean = project_birefringent(model.sensor, toward[above])
+        spots = clean + rng.normal(size=clean.shape) * model.sensor.spot_noise_px
+        measured = [birefringent_sun.measure(spot, model) for spot in spots]
+    for k, found in zip(above.tolist(), measured, strict=True):
+        seen[k] = found if found.ok else None
+    return list(seen)
