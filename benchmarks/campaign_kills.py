@@ -4,8 +4,8 @@
 
 First one campaign for each number of workers (0: threads of the driver), then so many for each victim: a scheduler and
 two workers run as programs of their own, the driver is `relnav campaign`, and the victim gets SIGKILL at a time drawn
-evenly over the time that an undisturbed campaign takes from its folder on. What died is started again, the command too if it ended with an error. Then every
-file of the folder is compared with that of one thread, and no other may be left.
+evenly over the time that an undisturbed campaign takes from its folder on. What died is started again, the command too
+if it ended with an error. Then every file of the folder is compared with that of one thread, and no other may be left.
 """
 
 import argparse
@@ -85,7 +85,9 @@ def begins(out: Path, driver: subprocess.Popen[bytes]) -> float:
     return time.monotonic()
 
 
-def attempt(cluster: Cluster, victim: str, begun: list[str], at_s: float, rng: np.random.Generator) -> dict[str, object]:
+def attempt(
+    cluster: Cluster, victim: str, begun: list[str], at_s: float, rng: np.random.Generator
+) -> dict[str, object]:
     """One campaign with one kill; what happened."""
     driver = subprocess.Popen(begun, stderr=subprocess.PIPE)
     began = begins(Path(begun[-1]), driver)
@@ -110,8 +112,8 @@ def attempt(cluster: Cluster, victim: str, begun: list[str], at_s: float, rng: n
         calls += 1
         driver = subprocess.Popen(begun, stderr=subprocess.PIPE)
     took = time.monotonic() - began
-    return {"victim": victim, "at_s": round(at_s, 2), "hit": hit, "calls": calls, "hung": hung, "took_s": round(took, 1),
-            "code": driver.returncode, "said": said}  # fmt: skip
+    row: dict[str, object] = {"victim": victim, "at_s": round(at_s, 2), "hit": hit, "calls": calls, "hung": hung}
+    return row | {"took_s": round(took, 1), "code": driver.returncode, "said": said}
 
 
 def main() -> None:

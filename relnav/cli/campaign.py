@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     metavar="KEY=VALUE",
     help="Replace a value of MODEL, or of the scenario (approach.speed_mm_s=20); as often as you like.",
 )
-@click.option("--method", default="fix", show_default=True, type=click.Choice(["fix", "spots"]), help="Of the filter.")
-@click.option("--workers", type=click.IntRange(min=1), help="Threads; the processors at hand if left out.")
+@click.option("--method", type=click.Choice(["fix", "spots"]), help="Of a beacon filter; fix if left out.")
+@click.option("--workers", type=click.IntRange(min=1), help="Threads or processes; the processors at hand if left out.")
 @click.option(
     "--cluster",
     metavar="ADDRESS",
@@ -57,7 +57,7 @@ def command(
     out: Path,
     scenario_path: Path | None,
     settings: tuple[str, ...],
-    method: str,
+    method: str | None,
     workers: int | None,
     cluster: str | None,
     only: int | None,
@@ -71,10 +71,9 @@ def command(
     failed.parquet if runs failed. A campaign that was stopped goes on where it was. The figures do not depend on
     workers, cluster or interruptions. docs/campaign.md walks through it.
     """
-    from relnav.accuracy.campaign_plan import Plan
     from relnav.cli.settings import model_and_scenario
     from relnav.errors import InputError, UsageError
-    from relnav.files.campaign import finish, fly_missing
+    from relnav.files.campaign import finish, fly_missing, plan_of
     from relnav.files.models import load_model
     from relnav.files.scenarios import load_scenario
 
@@ -84,9 +83,9 @@ def command(
         say(job_script(workers, _without_cluster(sys.argv[1:])).splitlines())
         return
     of_model, of_scenario = model_and_scenario(settings)
-    scenario = load_scenario(scenario_path, of_scenario)
+    loaded = load_model(model, of_model)
     try:
-        plan = Plan(load_model(model, of_model), scenario, method, seed, runs)
+        plan = plan_of(loaded, load_scenario(scenario_path, of_scenario, model=loaded), method, seed, runs)
     except InputError:
         raise
     except ValueError as error:
@@ -105,12 +104,11 @@ def command(
 def _one_run(plan: "Plan", run: int, out: Path) -> list[str]:
     """Write log, truth and figures of one run, in files of its own."""
     from relnav.accuracy.campaign_plan import fly_batch
-    from relnav.accuracy.run_score import RunStatus
+    from relnav.accuracy.run_figures import RunStatus
+    from relnav.cli.simulators import simulated_run
     from relnav.errors import UsageError
     from relnav.files.atomic import Outputs
-    from relnav.files.simulated import write_log, write_truth
     from relnav.files.tables import write_json
-    from relnav.simulation.dispersed import simulate
 
     if run >= plan.runs:
         raise UsageError(f"--only {run}: the campaign has runs 0 to {plan.runs - 1}")
@@ -123,10 +121,10 @@ def _one_run(plan: "Plan", run: int, out: Path) -> list[str]:
     with Outputs() as outputs:
         write_json(row, outputs.path(names[0]))
         if status != RunStatus.FAILED:
-            log = simulate(plan.model, plan.scenario, plan.seed, run)
+            simulated = simulated_run(plan.model, plan.scenario, plan.seed, run)
             metadata = {"model": plan.model.name, "seed": str(plan.seed), "run": str(run)}
-            write_log(log, outputs.path(names[1]), metadata)
-            write_truth(log, outputs.path(names[2]), metadata)
+            simulated.write_log(outputs.path(names[1]), metadata)
+            simulated.write_truth(outputs.path(names[2]), metadata)
     return [f"run {run}: {status.name}{f', {reason}' if reason else ''}; {out / f'run-{run}'}*"]
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from relnav.accuracy.campaign_plan import Batch, Plan, fly_batch
-from relnav.accuracy.run_score import RunStatus
+from relnav.accuracy.run_figures import RunStatus
 from relnav.arrays import Codes, Vector
 from relnav.codegen.store import package_stamp
 from relnav.errors import InputError, UsageError

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from relnav.accuracy.campaign_summary import CampaignSummary, Reader
-from relnav.accuracy.run_score import DOCKING, STATE
 from relnav.arrays import Vector
 from relnav.files.picture_style import (
     ESTIMATE,
@@ -53,13 +52,14 @@ def ratio_title(name: str, ratio: Vector) -> str:
 def draw_errors(summary: CampaignSummary, read: Reader, path: Path) -> None:
     """Draw the distribution over runs of the rms error in every range bin, beside reported and published 1-sigma."""
     with styled():
-        figure = new_figure(8.0, 9.0)
-        axes = figure.subplots(3, 1, sharex=True)
-        for axis, name, quantity in zip(axes, DOCKING, ("range", "azimuth", "elevation"), strict=True):
-            rows = [row for row in summary.bins if row.quantity == quantity]
-            _draw_bins(axis, summary.edges_m, rows, rms_by_bin(read, name, len(summary.edges_m) - 1))
-            axis.set_title(quantity.capitalize())
-            axis.set_ylabel(rows[0].unit)
+        count = len(summary.quantities)
+        figure = new_figure(8.0, 0.6 + 2.8 * count)
+        axes = figure.subplots(count, 1, sharex=True)
+        for axis, quantity in zip(axes, summary.quantities, strict=True):
+            rows = [row for row in summary.bins if row.quantity == quantity.name]
+            _draw_bins(axis, summary.edges_m, rows, rms_by_bin(read, quantity.column, len(summary.edges_m) - 1))
+            axis.set_title(quantity.name.capitalize())
+            axis.set_ylabel(quantity.unit)
         axes[-1].set_xlabel("range, m")
         heading(figure, f"{summary.runs} approaches: {BANDS_SAID}")
         one_legend(figure)
@@ -82,13 +82,14 @@ def _draw_bins(axis: Any, edges_m: Any, rows: Any, values: list[Vector]) -> None
         plain_decades(axis)
 
 
-def draw_final(read: Reader, path: Path) -> None:
+def draw_final(summary: CampaignSummary, read: Reader, path: Path) -> None:
     """Draw histograms of the error at the end of every run over its reported sigma, beside the normal distribution."""
     with styled():
-        figure = new_figure(10.5, 6.3)
-        axes = figure.subplots(2, 3, sharex=True, sharey=True)
+        names = [row.component for row in summary.final]
+        figure = new_figure(10.5, 0.3 + 3.0 * (len(names) // 3))
+        axes = figure.subplots(len(names) // 3, 3, sharex=True, sharey=True)
         grid = np.linspace(-5.0, 5.0, 201)
-        for axis, name in zip(axes.ravel(), STATE, strict=True):
+        for axis, name in zip(axes.ravel(), names, strict=True):
             ratio = final_ratio(read, name)
             if len(ratio):
                 bins = ratio_edges(len(ratio))
@@ -96,7 +97,7 @@ def draw_final(read: Reader, path: Path) -> None:
                 axis.hist(np.clip(ratio, -5.0, 5.0), bins=bins, weights=share, color=ESTIMATE, alpha=0.55)
                 axis.plot(grid, np.exp(-0.5 * grid**2) / np.sqrt(2.0 * np.pi), color=PUBLISHED, lw=1.6)
                 axis.set_title(ratio_title(name, ratio))
-        for axis in axes[1]:
+        for axis in axes[-1]:
             axis.set_xlabel("error / reported 1-sigma")
         for axis in axes[:, 0]:
             axis.set_ylabel("share per 1-sigma")

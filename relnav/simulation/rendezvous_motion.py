@@ -250,12 +250,24 @@ def integrate(
     """
     m = len(course.profile)
     flown = Flown(np.empty((m, 6)), np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((-(-m // GUIDANCE_STEPS), 3)))
-    arrays = (y, course.frames, course.turns_rad_s, course.chaser, course.profile, environment, thrust,
-              course.pushed_m_s2, target.pushes_rad_s2, np.array(target.dcm), np.array(target.rate_rad_s),
-              target.inertia_kg_m2, np.linalg.inv(target.inertia_kg_m2), target.held, target.held_rate_rad_s,
-              ports)  # fmt: skip
+    own = np.ascontiguousarray
     _integrate(
-        *(np.ascontiguousarray(array, dtype=np.float64) for array in arrays),
+        y,
+        own(course.frames),
+        course.turns_rad_s,
+        own(course.chaser),
+        course.profile,
+        environment,
+        thrust,
+        own(course.pushed_m_s2),
+        own(target.pushes_rad_s2),
+        target.dcm.copy(),
+        target.rate_rad_s.copy(),
+        target.inertia_kg_m2,
+        own(np.linalg.inv(target.inertia_kg_m2)),
+        own(target.held),
+        own(target.held_rate_rad_s),
+        ports,
         n,
         flown.track,
         flown.attitudes,

@@ -18,11 +18,21 @@ ONCE = {
     "target_attitude": 3,
     "target_rate": 3,
     "gyro_bias": 3,
+    "speed": 1,
 }
 """What is drawn once a run of every vehicle, and how many numbers it has. What is once here keeps its place."""
 ANGLES = {"sway": 6, "orbit": 1}
 BUILT = ("mount", "lever", "focal", "points")
 """What a sensor is built with; its names are those of the filter's blocks."""
+
+
+def number_names(name: str, count: int) -> tuple[str, ...]:
+    """Names of the numbers of something that is drawn once: by axis, of lights numbered from 1."""
+    if count == 1:
+        return (name,)
+    if count == 3:
+        return tuple(f"{name}_{axis}" for axis in "xyz")
+    return tuple(f"{name}_{1 + k // 3}_{'xyz'[k % 3]}" for k in range(count))
 
 
 class VehicleNumbers(Protocol):
@@ -60,29 +70,36 @@ class InTurn:
 class OfRun:
     """Those of a run of a campaign: each depends on seed, run and what it is for alone.
 
-    sensors: names in the order of the vehicle file. given: numbers (count,) that replace what is drawn once, by name.
+    sensors: names in the order of the vehicle file. given: numbers that replace what is drawn once, by their names
+    (`number_names`).
     """
 
-    def __init__(
-        self, seed: int, run: int, sensors: Sequence[str], given: Mapping[str, Vector] | None = None
-    ) -> None:
+    def __init__(self, seed: int, run: int, sensors: Sequence[str], given: Mapping[str, float] | None = None) -> None:
         self._draws, self._given = Draws(seed, run), given or {}
         self._sensors = {name: k for k, name in enumerate(sensors)}
         self.drawn: dict[str, Vector] = {}
 
     def once(self, name: str, count: int) -> Vector:
         """As in `VehicleNumbers`; what was drawn is kept in `drawn`."""
-        if name in self._given:
-            found = np.array(self._given[name])
-        elif name in ONCE:
+        if name in ONCE:
             everything = self._draws.normals(Stream.VEHICLE_ONCE, (sum(ONCE.values()),))
             first = sum(list(ONCE.values())[: list(ONCE).index(name)])
             found = everything[first : first + count]
         else:
             sensor, _, what = name.rpartition(".")
             found = self._draws.generator(self._of(sensor, 1 + BUILT.index(what))).normal(size=count)
+        for k, own in enumerate(number_names(name, count) if self._given else ()):
+            found[k] = self._given.get(own, found[k])
         self.drawn[name] = found
         return found
+
+    def drawn_by_number(self) -> dict[str, float]:
+        """What was drawn once, number by number."""
+        return {
+            own: value
+            for name, values in self.drawn.items()
+            for own, value in zip(number_names(name, len(values)), values.tolist(), strict=True)
+        }
 
     def angles(self, name: str, shape: tuple[int, ...]) -> Vector:
         """As in `VehicleNumbers`."""
