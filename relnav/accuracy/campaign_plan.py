@@ -8,6 +8,7 @@ import numpy as np
 
 from relnav.accuracy.run_figures import RunKind, RunStatus
 from relnav.accuracy.run_kinds import kind_of
+from relnav.accuracy.sensitivity_design import Design
 from relnav.arrays import Codes, Matrix, whole
 
 EPOCHS_OF_A_BATCH = 1_000_000
@@ -31,6 +32,8 @@ class Plan:
         Of the filter: of beacons fix or spots; of markers pose, of a vehicle fused.
     seed, runs : int, int
         Run k of a seed is the same in every campaign of this seed, however many there are.
+    design : int
+        Base runs of a design for sensitivities, by which every run's numbers are then mixed (`sensitivities`); 0: none.
     """
 
     model: Any
@@ -38,6 +41,7 @@ class Plan:
     method: str
     seed: int
     runs: int
+    design: int = 0
 
     def __post_init__(self) -> None:
         kind = self.kind
@@ -97,11 +101,12 @@ class Batch:
 def fly_batch(plan: Plan, runs: range) -> Batch:
     """Fly, filter and score runs. What goes wrong in a run is told of that run, and the others are flown."""
     scorer = plan.kind.scorer(plan.model, plan.scenario, plan.method, plan.seed)
+    design = Design(plan.kind.drawn(plan.model, plan.scenario), plan.seed, plan.design) if plan.design else None
     status, reasons = np.empty(len(runs), dtype=np.int64), []
     figures = np.full((len(runs), len(plan.columns)), math.nan)
     for k, run in enumerate(runs):
         try:
-            status[k], figures[k] = scorer.run(run)
+            status[k], figures[k] = scorer.run(run) if design is None else scorer.run(*design.of(run))
             reasons.append("")
         except Exception as error:
             status[k] = RunStatus.FAILED

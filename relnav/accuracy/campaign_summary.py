@@ -143,7 +143,8 @@ def summarise(
     runs: int, status: Codes, edges_m: tuple[float, ...], read: Reader, published: Published, figures: Figures
 ) -> CampaignSummary:
     """Sum a campaign up; the figures do not depend on how it was cut, as sums are exact until they are rounded once."""
-    outcomes = {kind.name.lower(): int(np.sum(status == kind)) for kind in RunStatus}
+    counted = {kind: int(np.sum(status == kind)) for kind in RunStatus}
+    outcomes = {kind.name.lower(): n for kind, n in counted.items() if n or kind != RunStatus.AMBIGUOUS}
     totals = read(["restarts", "nis_sum", "nis_dof", "final_nees"])
     claims = {claim.quantity: claim for claim in published.claims if claim.unit in UNITS}
     columns = [quantity.column for quantity in figures.binned]

@@ -19,6 +19,8 @@ class RunStatus(IntEnum):
     """It had one, and lost it."""
     FAILED = 3
     """The run could not be flown; its reason is told."""
+    AMBIGUOUS = 4
+    """Of markers: the filter has several poses left at the end, and says so."""
 
 
 @dataclass(frozen=True)

@@ -46,8 +46,10 @@ class MarkerScorer:
         figures |= score_port(error, covariance, range_m, settled, self._edges)
         if math.isnan(figures["started_s"]):
             status = RunStatus.NOT_STARTED
+        elif epochs["hypotheses"][-1] == 0:
+            status = RunStatus.LOST
         else:
-            status = RunStatus.OK if np.isfinite(error[-1]).all() else RunStatus.LOST
+            status = RunStatus.OK if np.isfinite(error[-1]).all() else RunStatus.AMBIGUOUS
         return status, np.array([figures.get(name, math.nan) for name in self._names])
 
     def _errors(self, flight: MarkerFlight, epochs: Any, at: Codes) -> tuple[Matrix, Any, Vector]:

@@ -36,11 +36,11 @@ def score_port(error: Matrix, covariance: Stack, range_m: Vector, settled: Flags
     range_m, settled : (m,)
         True port distance, and whether the epoch counts in bins and NEES.
     """
-    known = np.isfinite(error).all(axis=1)
+    known = np.asarray(np.isfinite(error).all(axis=1))
     ratio, figures = np.full(len(error), math.nan), {"final_range_m": float(range_m[-1])}
     ratio[known] = nees(error[known], covariance[known])
     own, variance = error * UNITS, np.einsum("kii->ki", covariance) * UNITS**2
-    late: Flags = np.logical_and(known, settled)
+    late = known & settled
     figures["nees_mean"] = float(ratio[late].mean()) if late.any() else math.nan
     figures["final_nees"] = float(ratio[-1])
     for k, name in enumerate(TWELVE):

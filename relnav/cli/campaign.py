@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 @click.command(
     epilog="Example: relnav campaign three_beacon_psd --runs 1000 --seed 7 --scenario vbar.toml --out campaign"
 )
-@click.argument("model", type=ModelName(*FLOWN))
+@click.argument("model", type=ModelName(*FLOWN, "vehicle"))
 @click.option("--runs", required=True, type=click.IntRange(min=1), help="Number of approaches.")
 @click.option(
     "--seed", default=0, show_default=True, type=click.IntRange(min=0), help="The same seed, the same figures."
@@ -48,6 +48,11 @@ if TYPE_CHECKING:
 @click.option(
     "--pictures", default="png", show_default=True, type=click.Choice(["png", "pdf", "svg"]), help="Kind of pictures."
 )
+@click.option(
+    "--sensitivities",
+    is_flag=True,
+    help="Instead, what the error at the end comes from: RUNS, a power of two, for each cause.",
+)
 @click.option("--no-pictures", is_flag=True, help="Draw nothing.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
@@ -62,10 +67,13 @@ def command(
     cluster: str | None,
     only: int | None,
     pictures: str,
+    sensitivities: bool,
     no_pictures: bool,
     quiet: bool,
 ) -> None:
     """Fly, filter and score many approaches of MODEL, each with random numbers of its own.
+
+    MODEL: a three_beacon or three_marker mission, or a vehicle.
 
     The folder holds campaign.json (what is flown), runs/ (Parquet, a row a run), summary.json, pictures, and
     failed.parquet if runs failed. A campaign that was stopped goes on where it was. The figures do not depend on
@@ -76,6 +84,7 @@ def command(
     from relnav.files.campaign import finish, fly_missing, plan_of
     from relnav.files.models import load_model
     from relnav.files.scenarios import load_scenario
+    from relnav.files.sensitivities import finish_study, study_of
 
     if cluster == "slurm":
         from relnav.files.cluster import job_script
@@ -86,6 +95,7 @@ def command(
     loaded = load_model(model, of_model)
     try:
         plan = plan_of(loaded, load_scenario(scenario_path, of_scenario, model=loaded), method, seed, runs)
+        plan = study_of(plan) if sensitivities else plan
     except InputError:
         raise
     except ValueError as error:
@@ -95,7 +105,9 @@ def command(
     else:
         with _Progress(plan, out, quiet) as progress:
             fly_missing(plan, out, workers, cluster, progress.done)
-        lines = finish(plan, out, pictures=None if no_pictures else pictures).lines()
+        kind = None if no_pictures else pictures
+        found = finish_study(plan, out, pictures=kind) if sensitivities else finish(plan, out, pictures=kind)
+        lines = found.lines()
         lines.append(f"results: {out}")
     if not quiet:
         say(lines)

@@ -36,7 +36,7 @@ def description(plan: Plan) -> dict[str, Any]:
         "seed": plan.seed,
         "runs": plan.runs,
         "batch": plan.batch,
-    }
+    } | ({"design": plan.design} if plan.design else {})
 
 
 def _finite(value: Any) -> Any:

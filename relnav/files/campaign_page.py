@@ -55,6 +55,8 @@ def read_campaign(folder: Path) -> FlownCampaign:
     if not (folder / DESCRIPTION).is_file():
         raise InputError(f"{folder}: no campaign's folder, as it holds no {DESCRIPTION}; `relnav campaign` makes one")
     described = read_json(folder / DESCRIPTION, "a campaign's description")
+    if described.get("design"):
+        raise InputError(f"{folder}: holds sensitivities, whose table and picture are there; no campaign")
     try:
         runs, batch = int(described["runs"]), int(described["batch"])
         good = runs > 0 and batch > 0 and all(isinstance(described[key], dict) for key in ("model", "scenario"))

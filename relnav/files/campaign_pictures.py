@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from relnav.accuracy.campaign_summary import CampaignSummary, Reader
+from relnav.accuracy.sensitivities import LISTED, Sensitivities, Share
 from relnav.arrays import Vector
 from relnav.files.picture_style import (
     ESTIMATE,
@@ -103,3 +104,40 @@ def draw_final(summary: CampaignSummary, read: Reader, path: Path) -> None:
             axis.set_ylabel("share per 1-sigma")
         heading(figure, FINAL_SAID)
         save([figure], path)
+
+
+def draw_sensitivities(found: Sensitivities, path: Path) -> None:
+    """Draw what the three components of the position error at the end come from: indices, and shifts by one sigma."""
+    components = list(found.deviation)[:3]
+    most = min(LISTED, max((len(found.of(name)) for name in components), default=1) or 1)
+    with styled():
+        figure = new_figure(10.5, 1.2 + 3.0 * max(0.9, 0.09 * most) * len(components))
+        axes = figure.subplots(len(components), 2, squeeze=False)
+        for (left, right), name in zip(axes, components, strict=True):
+            shares = found.of(name)[:LISTED][::-1]
+            _draw_shares(left, shares)
+            left.set_title(f"{name}: share of the variance")
+            shifts = sorted((one for one in found.shifts if one.component == name), key=lambda one: abs(one.shift))
+            moved = [one for one in shifts if np.isfinite(one.shift)][-LISTED:]
+            spread = [one.spread if np.isfinite(one.spread) else 0.0 for one in moved]
+            right.barh([one.number for one in moved], [one.shift for one in moved], xerr=spread, color=SPREAD)
+            right.axvline(0.0, color="0.5", lw=0.8)
+            right.set_title(f"{name}: moved by one sigma alone")
+        axes[-1, 0].set_xlabel("Sobol' index")
+        axes[-1, 1].set_xlabel("shift, in the unit of its component")
+        heading(figure, f"Error at the end, {found.used} base runs: where it comes from")
+        one_legend(figure)
+        save([figure], path)
+
+
+def _draw_shares(axis: Any, shares: list[Share]) -> None:
+    places = np.arange(len(shares), dtype=np.float64)
+    for offset, key, colour, label in (
+        (0.2, "total", ESTIMATE, "total index"),
+        (-0.2, "first", PUBLISHED, "first-order index"),
+    ):
+        value, low, high = (np.array([getattr(one, f"{key}{end}") for one in shares]) for end in ("", "_low", "_high"))
+        error = np.maximum(0.0, np.array([value - low, high - value]).reshape(2, -1))
+        axis.barh(places + offset, value, 0.38, xerr=error, color=colour, label=label, error_kw={"lw": 0.9})
+    axis.set_yticks(places, [one.cause for one in shares])
+    axis.axvline(0.0, color="0.5", lw=0.8)

@@ -56,6 +56,8 @@ class Stream(IntEnum):
     """What disturbs its rotation."""
     ATTITUDE_NOISE = 12
     """Of the chaser's attitude, image by image."""
+    DESIGN = 13
+    """What is drawn once, where sensitivities are asked for."""
     VEHICLE_ONCE = 16
     """What is drawn once a run of every vehicle (`vehicle_numbers.ONCE`)."""
     VEHICLE_ANGLES = 17
