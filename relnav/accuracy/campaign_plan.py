@@ -48,7 +48,8 @@ class Plan:
         whole("runs", self.runs, 1)
         whole("seed", self.seed)
         if not isinstance(self.method, str) or self.method not in kind.methods:
-            raise ValueError(f"method must be {' or '.join(kind.methods)} for {self.model.name}; got {self.method!r}")
+            known = " or ".join(f'"{method}"' for method in reversed(kind.methods))
+            raise ValueError(f"method must be {known}; got {self.method!r}")
         kind.check(self.model, self.scenario)
 
     @property

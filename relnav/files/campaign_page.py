@@ -55,7 +55,7 @@ def read_campaign(folder: Path) -> FlownCampaign:
     if not (folder / DESCRIPTION).is_file():
         raise InputError(f"{folder}: no campaign's folder, as it holds no {DESCRIPTION}; `relnav campaign` makes one")
     described = read_json(folder / DESCRIPTION, "a campaign's description")
-    if described.get("design"):
+    if isinstance(described, dict) and described.get("design"):
         raise InputError(f"{folder}: holds sensitivities, whose table and picture are there; no campaign")
     try:
         runs, batch = int(described["runs"]), int(described["batch"])
@@ -77,7 +77,7 @@ def read_campaign(folder: Path) -> FlownCampaign:
         summary = summary_of(plain)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise InputError(f"{folder / SUMMARY}: not the summary of a campaign; delete it, and {go_on}") from error
-    if summary.runs != runs or len(summary.bins) != len(summary.quantities) * len(summary.nees_by_bin):
+    if summary.runs != runs or len(summary.bins) % max(1, len(summary.nees_by_bin)) or not summary.final:
         raise InputError(f"{folder / SUMMARY}: not the summary of this campaign; delete it, and {go_on}")
     return FlownCampaign(described | named, summary, Runs(folder, cut))
 
@@ -246,7 +246,10 @@ def _by_range(flown: FlownCampaign) -> str:
     """Charts of the rms errors of the runs by range."""
     said = f"{BANDS_SAID}. Line: rms error of all runs; dashes: reported 1-sigma; dots: published."
     charts = []
+    known = flown.runs.columns()
     for quantity in flown.summary.quantities:
+        if f"bin0_rms_{quantity.column}" not in known:
+            continue
         rows = [row for row in flown.summary.bins if row.quantity == quantity.name]
         values = rms_by_bin(flown.runs.read, quantity.column, len(rows))
         shown_of = [
