@@ -23,6 +23,8 @@ IN_FLIGHT = 4
 MEMORY = "2 GB"
 """Of a worker of this machine: it holds an eighth of it, and much more only should it have to compile."""
 CONNECT_S = 30.0
+ALONE = 2
+"""How often a run that was there at a death is flown alone before it is said to be at fault."""
 
 
 def require_distributed() -> Any:
@@ -46,7 +48,10 @@ def _client(address: str, workers: int) -> Iterator[Any]:
         with client:
             yield client
         return
+    import dask
+
     with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),  # who was there at a death is looked into at once
         distributed.LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
@@ -105,8 +110,10 @@ class _Driver:
                 break
             self._take()
         for runs in self._suspects:
-            self._submit(runs)
-            self._take(alone=True)
+            for attempt in range(ALONE):
+                self._submit(runs)
+                if self._take(last=attempt == ALONE - 1):
+                    break
 
     def _most(self) -> int:
         return IN_FLIGHT * max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
@@ -124,8 +131,11 @@ class _Driver:
     def _is_whole(self, runs: range) -> bool:
         return runs == self._plan.runs_of(runs.start - runs.start % self._plan.batch)
 
-    def _take(self, *, alone: bool = False) -> None:
-        """Wait for one piece of work, and see what became of it."""
+    def _take(self, *, last: bool | None = None) -> bool:
+        """Wait for one piece of work, and see what became of it; whether it is flown, or a run at fault.
+
+        last: of a run flown alone, whether its death now says that it is at fault.
+        """
         future = next(self._waiting)
         runs = self._runs.pop(future)
         result, error = _outcome(future)
@@ -141,11 +151,12 @@ class _Driver:
             middle = runs.start + len(runs) // 2
             self._submit(range(runs.start, middle))
             self._submit(range(middle, runs.stop))
-        elif alone:
+        elif last:
             self._keep(failed_batch(self._plan, runs.start, "every process that flew it died"))
-        else:
+        elif last is None:
             self._suspects.append(runs)
         future.release()
+        return error is None or bool(last)
 
     def _keep(self, piece: Batch) -> None:
         """Put a piece of a batch with the others, and write the batch once it is whole."""
