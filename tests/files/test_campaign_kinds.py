@@ -19,7 +19,9 @@ from relnav.simulation.dispersions import Images, Results, Scenario, Spread
 from relnav.simulation.trajectory import Approach
 from relnav.vehicle.navigator import VehicleNavigator
 
-SHORT = Scenario(Approach(duration_s=30.0, rate_hz=2.0), Spread((0.2, 0.1, 0.1)), results=Results((9.0, 9.5, 10.0), 5.0))
+SHORT = Scenario(
+    Approach(duration_s=30.0, rate_hz=2.0), Spread((0.2, 0.1, 0.1)), results=Results((9.0, 9.5, 10.0), 5.0)
+)
 
 
 @pytest.fixture(scope="module")
