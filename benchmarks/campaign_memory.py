@@ -2,9 +2,9 @@
 
     python benchmarks/campaign_memory.py [--runs 100000 1000000]
 
-One batch is flown and written under the names of all batches, so that a folder of a million runs is at hand in a minute;
-then a process of its own does what the driver does at the end. Its largest resident size is told, and without the
-campaign, what only importing takes. On a cluster the driver holds four futures a worker beside, and no results.
+One batch is flown and written under the names of all batches, so that a folder of a million runs is at hand in a
+minute; then a process of its own does what the driver does at the end. Its largest resident size is told, and what
+imports take of it. On a cluster the driver holds four futures a worker beside, and no results.
 """
 
 import argparse

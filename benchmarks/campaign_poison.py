@@ -1,4 +1,4 @@
-"""Campaigns on a local cluster in which some runs kill the process that flies them: they are named, the others complete.
+"""Campaigns on a local cluster in which some runs kill their process: they are named, and the others complete.
 
     python benchmarks/campaign_poison.py [--campaigns 3] [--runs 64]
 
@@ -33,7 +33,8 @@ def _poisoned(model, scenario, seed, run, given=None):
     return _fly(model, scenario, seed, run, given)
 
 
-run_score.fly_run = _poisoned  # in every worker too: it imports this file as its main module
+run_score.fly_run = _poisoned  # in every worker too: it loads this file before anything else
+os.environ["DASK_DISTRIBUTED__WORKER__PRELOAD"] = repr([str(Path(__file__).resolve())])
 
 
 def main() -> None:

@@ -2,13 +2,15 @@
 
     python benchmarks/campaign_vehicles.py [--model rendezvous_demo] [--runs 12]
 
-Processor time of one process, run by run, of which minimum and median are told: on a busy machine the minimum says most.
-Then approaches an hour for so many cores, at the median and at the minimum.
+Processor time of one process, run by run in turn with the filterpy user of `speed.py`, whose epoch is the measure of
+how busy the machine is: minimum and median, and approaches an hour for so many cores.
 """
 
 import argparse
 import statistics
 import time
+
+from speed import Problem
 
 import relnav
 from relnav.accuracy.campaign_plan import fly_batch
@@ -23,13 +25,19 @@ def main() -> None:
     options = parser.parse_args()
     plan = plan_of(relnav.load_model(options.model), None, None, 1, options.runs)
     fly_batch(plan, range(1))
-    times = []
+    times, theirs = [], []
+    epochs, peer = Problem().peers()["filterpy user"]
     for run in range(options.runs):
+        began = time.process_time()
+        peer()
+        theirs.append((time.process_time() - began) / epochs)
         began = time.process_time()
         fly_batch(plan, range(run, run + 1))
         times.append(time.process_time() - began)
     cores, least, middle = processors(), min(times), statistics.median(times)
     print(f"{options.model}: {least:.2f} s of processor time a run (median {middle:.2f})")
+    ratio = statistics.median(one / other for one, other in zip(times, theirs, strict=True))
+    print(f"as long as {ratio:.0f} epochs of filterpy, which take {1e6 * min(theirs):.0f} us")
     print(f"an hour on {cores} cores: {3600.0 * cores / least:.0f} (median {3600.0 * cores / middle:.0f})")
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+from concurrent.futures import BrokenExecutor
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from relnav.accuracy.campaign_plan import Plan, fly_batch
 from relnav.accuracy.rendezvous import true_port
 from relnav.accuracy.sensitivities import sum_up
 from relnav.accuracy.sensitivity_design import NOISE, Design
+from relnav.files import campaign as campaigns
+from relnav.files.campaign_page import read_campaign
 from relnav.simulation.dispersed_vehicle import fly_vehicle_run
 from relnav.simulation.dispersions import Images, Results, Scenario, Spread
 from relnav.simulation.trajectory import Approach
@@ -106,6 +109,15 @@ def test_a_vehicle_on_two_processes_and_on_one(vehicle, closing, tmp_path):
         assert (folders[0] / name).read_bytes() == (folders[1] / name).read_bytes(), name
 
 
+def test_a_process_that_dies_is_told(vehicle, closing, monkeypatch):
+    def broken(*_):
+        raise BrokenExecutor
+
+    monkeypatch.setattr(campaigns, "_pooled", broken)
+    with pytest.raises(relnav.InputError, match="a process of the campaign died; call it again to go on"):
+        relnav.campaign(vehicle, 8, 3, dispersions=closing, workers=2)
+
+
 def test_a_sensor_at_fault_leaves_the_rest(vehicle, closing):
     changes = {"approach.start_m": 5.6, "approach.final_m": 5.2, "fault.sensor": "star", "fault.from_s": 3.0}
     faulty = relnav.load_scenario(None, changes, model=vehicle)
@@ -188,3 +200,5 @@ def test_sensitivities_of_beacons(tmp_path):
     assert json.loads((tmp_path / "sensitivities.json").read_text())["used"] == 8
     assert (tmp_path / "sensitivities.png").stat().st_size > 10_000
     assert any("focal_length" in line for line in found.lines())
+    with pytest.raises(relnav.InputError, match="holds sensitivities, whose table and picture are there; no campaign"):
+        read_campaign(tmp_path)

@@ -67,26 +67,26 @@ def test_a_cluster_that_fails_is_told(monkeypatch, tmp_path):
 
 
 def driver_of(outcomes, tmp_path, monkeypatch, batch=4):
-    """A driver whose futures end as outcomes(runs) says: a result, or what is raised; and what it wrote of the folder."""
+    """A driver whose futures end as outcomes(runs) says, None being a death; and the batches that it wrote."""
     from relnav.files import cluster
 
-    class Died(Exception):
+    class DeathError(Exception):
         pass
 
     queue, written = [], []
 
-    def submit(work, *arguments, **_):
+    def submit(*arguments, **_):
         runs = arguments[-1]
         ended = outcomes(runs)
-        end = {"side_effect": Died()} if ended is None else {"return_value": ended}
+        end = {"side_effect": DeathError()} if ended is None else {"return_value": ended}
         queue.append(mock.Mock(**{f"result.{key}": value for key, value in end.items()}))
         return queue[-1]
 
     waiting = mock.MagicMock(__next__=lambda _: queue.pop(0))
     client = mock.Mock(**{"scheduler_info.return_value": {"workers": {}}, "submit.side_effect": submit})
-    dask = mock.Mock(**{"as_completed.return_value": waiting}, KilledWorker=Died)
+    dask = mock.Mock(**{"as_completed.return_value": waiting}, KilledWorker=DeathError)
     monkeypatch.setattr(cluster, "require_distributed", lambda: dask)
-    monkeypatch.setattr(cluster, "write_flown", lambda plan, folder, one: written.append(one))
+    monkeypatch.setattr(cluster, "write_flown", lambda *of: written.append(of[-1]))
     plan = SimpleNamespace(runs_of=lambda start: range(start, start + batch), batch=batch, columns=("x",))
     return cluster._Driver(plan, tmp_path, client, None), written
 
