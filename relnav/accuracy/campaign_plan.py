@@ -2,15 +2,14 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from relnav.accuracy.run_score import RunScorer, RunStatus, columns
+from relnav.accuracy.run_figures import RunKind, RunStatus
+from relnav.accuracy.run_kinds import kind_of
+from relnav.accuracy.sensitivity_design import Design
 from relnav.arrays import Codes, Matrix, whole
-from relnav.mission import Model
-from relnav.navigation.memory import METHODS
-from relnav.simulation.dispersed import check_flyable
-from relnav.simulation.dispersions import Scenario
 
 EPOCHS_OF_A_BATCH = 1_000_000
 """About a second or two of work."""
@@ -25,43 +24,48 @@ class Plan:
 
     Attributes
     ----------
-    model : Model
+    model : Model, VisionMission or Vehicle
         What is flown, and what the filter is told.
-    scenario : Scenario
+    scenario : Scenario or VehicleScenario
         What is uncertain.
-    method : {"fix", "spots"}
-        Of the filter.
+    method : str
+        Of the filter: of beacons fix or spots; of markers pose, of a vehicle fused.
     seed, runs : int, int
         Run k of a seed is the same in every campaign of this seed, however many there are.
+    design : int
+        Base runs of a design for sensitivities, by which every run's numbers are then mixed (`sensitivities`); 0: none.
     """
 
-    model: Model
-    scenario: Scenario
+    model: Any
+    scenario: Any
     method: str
     seed: int
     runs: int
+    design: int = 0
 
     def __post_init__(self) -> None:
-        if not isinstance(self.model, Model):
-            kind = type(self.model).__name__
-            raise ValueError(f"a campaign flies a three-beacon mission, relnav.load_model(...); got a {kind}")
-        if not isinstance(self.scenario, Scenario):
-            raise ValueError(f"a scenario is expected, relnav.load_scenario(...); got a {type(self.scenario).__name__}")
+        kind = self.kind
         whole("runs", self.runs, 1)
         whole("seed", self.seed)
-        if not isinstance(self.method, str) or self.method not in METHODS:
-            raise ValueError(f'method must be "spots" or "fix"; got {self.method!r}')
-        check_flyable(self.model, self.scenario)
+        if not isinstance(self.method, str) or self.method not in kind.methods:
+            known = " or ".join(f'"{method}"' for method in reversed(kind.methods))
+            raise ValueError(f"method must be {known}; got {self.method!r}")
+        kind.check(self.model, self.scenario)
+
+    @property
+    def kind(self) -> RunKind:
+        """How its model is flown and scored."""
+        return kind_of(self.model)
 
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the figures of a run, but for its number, its status and its reason."""
-        return columns(self.model, self.scenario)
+        return self.kind.columns(self.model, self.scenario)
 
     @property
     def batch(self) -> int:
         """Runs of a batch, a multiple of four."""
-        epochs = max(1.0, self.scenario.approach.duration_s * self.scenario.approach.rate_hz)
+        epochs = max(1.0, self.kind.epochs(self.model, self.scenario))
         most = min(MOST_RUNS_OF_A_BATCH, EPOCHS_OF_A_BATCH / epochs, self.runs / SHARES)
         return 4 * max(1, math.ceil(most / 4.0))
 
@@ -97,12 +101,13 @@ class Batch:
 
 def fly_batch(plan: Plan, runs: range) -> Batch:
     """Fly, filter and score runs. What goes wrong in a run is told of that run, and the others are flown."""
-    scorer = RunScorer(plan.model, plan.scenario, plan.method, plan.seed)
+    scorer = plan.kind.scorer(plan.model, plan.scenario, plan.method, plan.seed)
+    design = Design(plan.kind.drawn(plan.model, plan.scenario), plan.seed, plan.design) if plan.design else None
     status, reasons = np.empty(len(runs), dtype=np.int64), []
     figures = np.full((len(runs), len(plan.columns)), math.nan)
     for k, run in enumerate(runs):
         try:
-            status[k], figures[k] = scorer.run(run)
+            status[k], figures[k] = scorer.run(run) if design is None else scorer.run(*design.of(run))
             reasons.append("")
         except Exception as error:
             status[k] = RunStatus.FAILED

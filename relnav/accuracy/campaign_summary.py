@@ -8,15 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from relnav.accuracy.published import QUANTITIES, Claim, Published
-from relnav.accuracy.run_score import DOCKING, STATE, RunStatus
+from relnav.accuracy.published import UNITS, Claim, Published
+from relnav.accuracy.run_figures import Figures, Quantity, RunStatus
 from relnav.arrays import Codes, Vector
 from relnav.estimation.consistency import Consistency, consistency_of_sum
 
 Reader = Callable[[Sequence[str]], dict[str, Vector]]
 """Figures of all runs by the names of their columns, in the order of runs."""
-
-STATE_SIZE = 6
 
 
 @dataclass(frozen=True)
@@ -26,7 +24,7 @@ class BinRow:
     Attributes
     ----------
     quantity, unit : str
-        range, azimuth or elevation; m or deg.
+        Of beacons range, azimuth or elevation; of markers and vehicles range, across, closing rate, attitude or rate.
     from_m, to_m : float
         The bin.
     runs : int
@@ -95,6 +93,11 @@ class CampaignSummary:
     bins: tuple[BinRow, ...]
     final: tuple[FinalRow, ...]
 
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """What is told by range."""
+        return tuple(dict.fromkeys(Quantity(row.quantity, row.unit) for row in self.bins))
+
     def to_dict(self) -> dict[str, Any]:
         """The figures as plain values."""
         return {
@@ -115,13 +118,13 @@ class CampaignSummary:
         lines = [f"{self.runs} approaches: {told}; restarts {self.restarts}"]
         if not self.bins:
             return lines
-        lines.append("    range        quantity        rms   worst run    1-sigma   published   runs within")
+        lines.append("    range        quantity           rms   worst run    1-sigma   published   runs within")
         for row in self.bins:
             value = [f"{number:.5f}" for number in (row.rms, row.worst, row.sigma)]
             claim = "-" if math.isnan(row.published) else f"{row.published:g} {row.unit}"
             share = "-" if math.isnan(row.share_within) else f"{100.0 * row.share_within:.1f} %"
             lines.append(
-                f"  {row.from_m:5.2f} .. {row.to_m:5.2f} m  {row.quantity:<9} {value[0]:>9} {value[1]:>11} "
+                f"  {row.from_m:5.2f} .. {row.to_m:5.2f} m  {row.quantity:<12} {value[0]:>9} {value[1]:>11} "
                 f"{value[2]:>10} {claim:>11} {share:>13}"
             )
         lines.append("consistency, 95 % intervals, one epoch of each run: runs are independent of one another")
@@ -129,35 +132,37 @@ class CampaignSummary:
             lines.append(f"  entering {low:.2f} .. {high:.2f} m: {entry}")
         lines.append(f"  at the end: {self.final_nees}")
         lines.append(f"  all epochs used whole: {self.nis}")
-        lines.append("    at the end        mean    deviation    99.73 %       worst     1-sigma")
+        lines.append("    at the end            mean    deviation    99.73 %       worst     1-sigma")
         for last in self.final:
             numbers = (last.mean, last.deviation, last.three_sigma, last.worst, last.sigma)
-            lines.append(f"  {last.component:<10}" + "".join(f"{number:12.3g}" for number in numbers))
+            lines.append(f"  {last.component:<14}" + "".join(f"{number:12.3g}" for number in numbers))
         return lines
 
 
 def summarise(
-    runs: int, status: Codes, edges_m: tuple[float, ...], read: Reader, published: Published
+    runs: int, status: Codes, edges_m: tuple[float, ...], read: Reader, published: Published, figures: Figures
 ) -> CampaignSummary:
     """Sum a campaign up; the figures do not depend on how it was cut, as sums are exact until they are rounded once."""
-    outcomes = {kind.name.lower(): int(np.sum(status == kind)) for kind in RunStatus}
+    counted = {kind: int(np.sum(status == kind)) for kind in RunStatus}
+    outcomes = {kind.name.lower(): n for kind, n in counted.items() if n or kind != RunStatus.AMBIGUOUS}
     totals = read(["restarts", "nis_sum", "nis_dof", "final_nees"])
-    claims = {claim.quantity: claim for claim in published.claims if claim.quantity in QUANTITIES}
+    claims = {claim.quantity: claim for claim in published.claims if claim.unit in UNITS}
+    columns = [quantity.column for quantity in figures.binned]
     bins: list[BinRow] = []
     nees: list[Consistency] = []
     for k, (low, high) in enumerate(pairwise(edges_m)):
-        names = [f"bin{k}_{kind}_{name}" for kind in ("rms", "sigma") for name in DOCKING]
+        names = [f"bin{k}_{kind}_{name}" for kind in ("rms", "sigma") for name in columns]
         values = read([f"bin{k}_epochs", f"bin{k}_nees", *names])
-        nees.append(_independent(values[f"bin{k}_nees"]))
-        for quantity, name in zip(QUANTITIES, DOCKING, strict=True):
+        nees.append(_independent(values[f"bin{k}_nees"], len(figures.state)))
+        for quantity, name in zip(figures.binned, columns, strict=True):
             rms, sigma = values[f"bin{k}_rms_{name}"], values[f"bin{k}_sigma_{name}"]
-            bins.append(_bin_row(quantity, low, high, values[f"bin{k}_epochs"], rms, sigma, claims.get(quantity)))
+            bins.append(_bin_row(quantity, low, high, values[f"bin{k}_epochs"], rms, sigma, claims.get(quantity.name)))
     final = []
-    for name in STATE:
+    for name in figures.state:
         values = read([f"final_error_{name}", f"final_sigma_{name}"])
         final.append(_final_row(name, values[f"final_error_{name}"], values[f"final_sigma_{name}"]))
     nis = consistency_of_sum("NIS", _sum(totals["nis_sum"]), round(_sum(totals["nis_dof"])))
-    restarts, last = round(_sum(totals["restarts"])), _independent(totals["final_nees"])
+    restarts, last = round(_sum(totals["restarts"])), _independent(totals["final_nees"], len(figures.state))
     return CampaignSummary(runs, outcomes, restarts, nis, last, tuple(edges_m), tuple(nees), tuple(bins), tuple(final))
 
 
@@ -170,21 +175,21 @@ def _root_mean_square(values: Vector) -> float:
     return math.sqrt(math.fsum(known**2) / len(known)) if len(known) else math.nan
 
 
-def _independent(nees: Vector) -> Consistency:
-    return consistency_of_sum("NEES", _sum(nees), STATE_SIZE * int(np.isfinite(nees).sum()))
+def _independent(nees: Vector, states: int) -> Consistency:
+    return consistency_of_sum("NEES", _sum(nees), states * int(np.isfinite(nees).sum()))
 
 
 def _bin_row(
-    quantity: str, low: float, high: float, epochs: Vector, rms: Vector, sigma: Vector, claim: Claim | None
+    quantity: Quantity, low: float, high: float, epochs: Vector, rms: Vector, sigma: Vector, claim: Claim | None
 ) -> BinRow:
-    unit, known = "m" if quantity == "range" else "deg", np.isfinite(rms)
+    known = np.isfinite(rms)
     total = _sum(epochs[known])
     published = math.nan
     if claim is not None:
-        published = claim.value_si * (1.0 if quantity == "range" else 180.0 / math.pi)
+        published = claim.value_si / UNITS[quantity.unit]
     return BinRow(
-        quantity=quantity,
-        unit=unit,
+        quantity=quantity.name,
+        unit=quantity.unit,
         from_m=low,
         to_m=high,
         runs=int(known.sum()),

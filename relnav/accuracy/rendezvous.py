@@ -10,10 +10,10 @@ import numpy as np
 
 from relnav.accuracy.claims import ClaimRow, ClaimsReport, claim_row, information
 from relnav.accuracy.published import Published
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix, Stack, Vector
 from relnav.estimation.consistency import chi_square_interval, nees
 from relnav.geometry.rotation_vector import attitude_error, rotation_vector_between
-from relnav.simulation.rendezvous import Rendezvous
+from relnav.simulation.rendezvous import Rendezvous, Truth
 from relnav.simulation.vehicle_sensors import VehicleRun, simulate_rendezvous
 from relnav.spacecraft import Vehicle
 from relnav.vehicle.layout import CHASER_ATTITUDE, layout_of
@@ -66,20 +66,28 @@ class Told:
         self.by_sensor[event.source] = self.by_sensor.get(event.source, np.zeros(3)) + np.array(outcome.gains)
 
 
-def true_port(run: VehicleRun, t_s: float) -> tuple[Vector, Matrix]:
-    """Truth at the port: (position, velocity, zeros, rate) (12,), target axes, and dcm_target_from_chaser (3, 3).
+def true_ports(truth: Truth, t_s: Vector) -> tuple[Matrix, Stack]:
+    """Truth at the port at times (k,): (position, velocity, zeros, rate) (k, 12), target axes; (k, 3, 3), attitudes.
 
-    Velocity and the chaser's rate are differences of positions and attitudes over 20 ms.
+    These are dcm_target_from_chaser. Velocity and the chaser's rate are differences over 20 ms.
     """
-    truth, h = run.truth, 0.01
-    t = np.array([t_s - h, t_s, t_s + h])
+    h = 0.01
+    t = (t_s[:, None] + np.array([-h, 0.0, h])).ravel()
     chaser, target = truth.chaser_from_frame(t), truth.frame_from_target(t)
     own, other = np.array(truth.vehicle.chaser.port_position_m), np.array(truth.vehicle.target.port_position_m)
-    place = target.inv().apply(truth.motion(t)[:, :3] + chaser.inv().apply(own)) - other
+    place = (target.inv().apply(truth.motion(t)[:, :3] + chaser.inv().apply(own)) - other).reshape(-1, 3, 3)
     body = truth.chaser_from_inertial(t).inv()
-    dcm: Matrix = (target[1].inv() * chaser[1].inv()).as_matrix()
-    rate = truth.target_rate(t[1:2])[0] - dcm @ ((body[0].inv() * body[2]).as_rotvec() / (2.0 * h))
-    return np.concatenate([place[1], (place[2] - place[0]) / (2.0 * h), np.zeros(3), rate]), dcm
+    dcm: Stack = (target[1::3].inv() * chaser[1::3].inv()).as_matrix()
+    turning = (body[::3].inv() * body[2::3]).as_rotvec() / (2.0 * h)
+    rate = truth.target_rate(t_s) - (dcm @ turning[..., None])[..., 0]
+    velocity = (place[:, 2] - place[:, 0]) / (2.0 * h)
+    return np.concatenate([place[:, 1], velocity, np.zeros_like(rate), rate], axis=1), dcm
+
+
+def true_port(run: VehicleRun, t_s: float) -> tuple[Vector, Matrix]:
+    """`true_ports` at one time."""
+    values, dcm = true_ports(run.truth, np.array([t_s]))
+    return values[0], dcm[0]
 
 
 def checkpoint(run: VehicleRun, estimate: VehicleEstimate) -> Checkpoint:

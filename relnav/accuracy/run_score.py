@@ -1,38 +1,28 @@
 """One run of a scenario through the filter, in figures: errors against truth, reported sigmas, NEES, by range bin."""
 
 import math
-from enum import IntEnum
+from collections.abc import Mapping
 
 import numpy as np
 
+from relnav.accuracy.run_figures import Figures, Quantity, RunKind, RunStatus
 from relnav.arrays import Codes, Matrix, Vector
 from relnav.codegen.kernel import kernel, long_kernel
-from relnav.mission import Model
+from relnav.mission import Model, VisionMission
 from relnav.navigation.docking_view import VIEW_ROWS, views
 from relnav.navigation.log import Epochs, LogFilter
+from relnav.navigation.memory import METHODS
 from relnav.navigation.record import DIAGONAL
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING, EpochStatus
-from relnav.simulation.dispersed import BUILT, Flight, fly_run
+from relnav.simulation.dispersed import Flight, built_names, check_flyable, fly_run
 from relnav.simulation.dispersions import Scenario
 
 STATE = ("x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s")
-DOCKING = ("range_m", "azimuth_deg", "elevation_deg")
+BINNED = (Quantity("range", "m"), Quantity("azimuth", "deg"), Quantity("elevation", "deg"))
+DOCKING = tuple(quantity.column for quantity in BINNED)
 DEGREES = np.array([1.0, 180.0 / math.pi, 180.0 / math.pi])
 SIGMA_SAMPLES = 250
 """Epochs of a run, evenly spread, whose reported sigma is looked at; a run of fewer has all of them looked at."""
-
-
-class RunStatus(IntEnum):
-    """What became of a run."""
-
-    OK = 0
-    """The filter has a state at the end."""
-    NOT_STARTED = 1
-    """It never had one."""
-    LOST = 2
-    """It had one, and lost it."""
-    FAILED = 3
-    """The run could not be flown; its reason is told."""
 
 
 @kernel
@@ -113,19 +103,8 @@ def _score(
             first[b] = e
 
 
-def columns(model: Model, scenario: Scenario) -> tuple[str, ...]:
-    """Names of the figures of a run, but for its number, its status and its reason."""
-    names = ["started_s", "restarts", "epochs", "epochs_partial", "epochs_rejected", "epochs_predicted"]
-    names += ["epochs_waiting", "nis_sum", "nis_dof", "nees_mean", "final_range_m", "final_nees"]
-    names += [f"final_error_{name}" for name in STATE] + [f"final_sigma_{name}" for name in STATE]
-    for k in range(len(scenario.range_edges_m) - 1):
-        names += [f"bin{k}_epochs", *(f"bin{k}_rms_{name}" for name in DOCKING)]
-        names += [*(f"bin{k}_sigma_{name}" for name in DOCKING), f"bin{k}_nees"]
-    return (*names, *(f"drawn_{name}" for name in drawn_names(model, scenario)))
-
-
-def drawn_names(model: Model, scenario: Scenario) -> list[str]:
-    """Names of what is drawn once a run, of the kinds that the scenario makes uncertain."""
+def drawn_by_cause(scenario: Scenario, points: int) -> dict[str, tuple[str, ...]]:
+    """What is drawn once a run, of the kinds that the scenario makes uncertain; each number is a cause of its own."""
     spread, thrust, names = scenario.spread, scenario.thrust, []
     for k, axis in enumerate("xyz"):
         names += [f"start_{axis}"] * (spread.start_sigma_m[k] > 0.0)
@@ -134,9 +113,17 @@ def drawn_names(model: Model, scenario: Scenario) -> list[str]:
     names += ["thrust_scale"] * (thrust.scale_sigma > 0.0) + ["speed"] * (spread.speed_relative_sigma > 0.0)
     names += ["final_range"] * (spread.final_range_sigma_m > 0.0)
     if scenario.as_built.any:
-        beacons = range(1, 1 + len(model.sensor.beacons_dock_m))
-        names += [*BUILT, *(f"beacon_{beacon}_{axis}" for beacon in beacons for axis in "xyz")]
-    return names
+        names += built_names(points)
+    return {name: (name,) for name in names}
+
+
+def _drawn(model: Model, scenario: Scenario) -> dict[str, tuple[str, ...]]:
+    return drawn_by_cause(scenario, len(model.sensor.beacons_dock_m))
+
+
+def epochs_of(model: Model | VisionMission, scenario: Scenario) -> float:  # noqa: ARG001
+    """Images of a run."""
+    return scenario.approach.duration_s * scenario.approach.rate_hz
 
 
 class RunScorer:
@@ -150,13 +137,13 @@ class RunScorer:
         self.model, self.scenario, self.seed = model, scenario, seed
         self._filter = LogFilter(model, method)
         self._fresh = self._filter.block.copy()
-        self._names = columns(model, scenario)
+        self._names = BEACONS.columns(model, scenario)
         self._epochs: Epochs | None = None
         self._dock, self._lever = model.dcm_dock_from_lvlh, model.dcm_cam_from_lvlh.T @ model.camera_lever_cam_m
 
-    def run(self, number: int) -> tuple[RunStatus, Vector]:
-        """Status and figures of a run, in the order of `columns`."""
-        flight = fly_run(self.model, self.scenario, self.seed, number)
+    def run(self, number: int, given: Mapping[str, float] | None = None) -> tuple[RunStatus, Vector]:
+        """Status and figures of a run, in the order of the columns; given: replaces what is drawn once, by name."""
+        flight = fly_run(self.model, self.scenario, self.seed, number, given)
         epochs = self._filtered(flight)
         figures = self._scored(flight, epochs)
         status = epochs.codes[:, 1]
@@ -242,3 +229,14 @@ class RunScorer:
             "nis_sum": float(epochs.nis[used].sum()),
             "nis_dof": float(dof[used].sum()),
         }
+
+
+BEACONS = RunKind(
+    figures=Figures(STATE, BINNED),
+    methods=("fix", *(method for method in METHODS if method != "fix")),
+    threads=True,
+    check=check_flyable,
+    epochs=epochs_of,
+    drawn=_drawn,
+    scorer=RunScorer,
+)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 @click.command(
     epilog="Example: relnav campaign three_beacon_psd --runs 1000 --seed 7 --scenario vbar.toml --out campaign"
 )
-@click.argument("model", type=ModelName(*FLOWN))
+@click.argument("model", type=ModelName(*FLOWN, "vehicle"))
 @click.option("--runs", required=True, type=click.IntRange(min=1), help="Number of approaches.")
 @click.option(
     "--seed", default=0, show_default=True, type=click.IntRange(min=0), help="The same seed, the same figures."
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     metavar="KEY=VALUE",
     help="Replace a value of MODEL, or of the scenario (approach.speed_mm_s=20); as often as you like.",
 )
-@click.option("--method", default="fix", show_default=True, type=click.Choice(["fix", "spots"]), help="Of the filter.")
-@click.option("--workers", type=click.IntRange(min=1), help="Threads; the processors at hand if left out.")
+@click.option("--method", type=click.Choice(["fix", "spots"]), help="Of a beacon filter; fix if left out.")
+@click.option("--workers", type=click.IntRange(min=1), help="Threads or processes; the processors at hand if left out.")
 @click.option(
     "--cluster",
     metavar="ADDRESS",
@@ -48,6 +48,11 @@ if TYPE_CHECKING:
 @click.option(
     "--pictures", default="png", show_default=True, type=click.Choice(["png", "pdf", "svg"]), help="Kind of pictures."
 )
+@click.option(
+    "--sensitivities",
+    is_flag=True,
+    help="Instead, what the error at the end comes from: RUNS, a power of two, for each cause.",
+)
 @click.option("--no-pictures", is_flag=True, help="Draw nothing.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
@@ -57,26 +62,29 @@ def command(
     out: Path,
     scenario_path: Path | None,
     settings: tuple[str, ...],
-    method: str,
+    method: str | None,
     workers: int | None,
     cluster: str | None,
     only: int | None,
     pictures: str,
+    sensitivities: bool,
     no_pictures: bool,
     quiet: bool,
 ) -> None:
     """Fly, filter and score many approaches of MODEL, each with random numbers of its own.
 
+    MODEL: a three_beacon or three_marker mission, or a vehicle.
+
     The folder holds campaign.json (what is flown), runs/ (Parquet, a row a run), summary.json, pictures, and
     failed.parquet if runs failed. A campaign that was stopped goes on where it was. The figures do not depend on
     workers, cluster or interruptions. docs/campaign.md walks through it.
     """
-    from relnav.accuracy.campaign_plan import Plan
     from relnav.cli.settings import model_and_scenario
     from relnav.errors import InputError, UsageError
-    from relnav.files.campaign import finish, fly_missing
+    from relnav.files.campaign import finish, fly_missing, plan_of
     from relnav.files.models import load_model
     from relnav.files.scenarios import load_scenario
+    from relnav.files.sensitivities import finish_study, study_of
 
     if cluster == "slurm":
         from relnav.files.cluster import job_script
@@ -84,9 +92,10 @@ def command(
         say(job_script(workers, _without_cluster(sys.argv[1:])).splitlines())
         return
     of_model, of_scenario = model_and_scenario(settings)
-    scenario = load_scenario(scenario_path, of_scenario)
+    loaded = load_model(model, of_model)
     try:
-        plan = Plan(load_model(model, of_model), scenario, method, seed, runs)
+        plan = plan_of(loaded, load_scenario(scenario_path, of_scenario, model=loaded), method, seed, runs)
+        plan = study_of(plan) if sensitivities else plan
     except InputError:
         raise
     except ValueError as error:
@@ -96,7 +105,9 @@ def command(
     else:
         with _Progress(plan, out, quiet) as progress:
             fly_missing(plan, out, workers, cluster, progress.done)
-        lines = finish(plan, out, pictures=None if no_pictures else pictures).lines()
+        kind = None if no_pictures else pictures
+        found = finish_study(plan, out, pictures=kind) if sensitivities else finish(plan, out, pictures=kind)
+        lines = found.lines()
         lines.append(f"results: {out}")
     if not quiet:
         say(lines)
@@ -105,12 +116,11 @@ def command(
 def _one_run(plan: "Plan", run: int, out: Path) -> list[str]:
     """Write log, truth and figures of one run, in files of its own."""
     from relnav.accuracy.campaign_plan import fly_batch
-    from relnav.accuracy.run_score import RunStatus
+    from relnav.accuracy.run_figures import RunStatus
+    from relnav.cli.simulators import simulated_run
     from relnav.errors import UsageError
     from relnav.files.atomic import Outputs
-    from relnav.files.simulated import write_log, write_truth
     from relnav.files.tables import write_json
-    from relnav.simulation.dispersed import simulate
 
     if run >= plan.runs:
         raise UsageError(f"--only {run}: the campaign has runs 0 to {plan.runs - 1}")
@@ -123,10 +133,10 @@ def _one_run(plan: "Plan", run: int, out: Path) -> list[str]:
     with Outputs() as outputs:
         write_json(row, outputs.path(names[0]))
         if status != RunStatus.FAILED:
-            log = simulate(plan.model, plan.scenario, plan.seed, run)
+            simulated = simulated_run(plan.model, plan.scenario, plan.seed, run)
             metadata = {"model": plan.model.name, "seed": str(plan.seed), "run": str(run)}
-            write_log(log, outputs.path(names[1]), metadata)
-            write_truth(log, outputs.path(names[2]), metadata)
+            simulated.write_log(outputs.path(names[1]), metadata)
+            simulated.write_truth(outputs.path(names[2]), metadata)
     return [f"run {run}: {status.name}{f', {reason}' if reason else ''}; {out / f'run-{run}'}*"]
 
 

@@ -111,18 +111,18 @@ def command(
     check_distinct(out, truth)
     of_model, of_scenario = model_and_scenario(settings)
     mission = load_model(model, of_model)
-    if isinstance(mission, Vehicle):
+    described = scenario_path is not None or bool(of_scenario)
+    if isinstance(mission, Vehicle) and not described and run is None:
         refuse_others()
         final = final_range_m if _is_given("final_range_m") else None
         return simulate_vehicle(mission, out, truth, seed, final, quiet=quiet)
-    described = scenario_path is not None or bool(of_scenario)
     if run is not None and not described:
         raise UsageError("--run is the run of a scenario; without --scenario there is one flight a --seed")
     try:
         if described:
             _refuse_others(click.get_current_context())
             check_format(out)
-            simulated = simulated_run(mission, load_scenario(scenario_path, of_scenario), seed, run or 0)
+            simulated = simulated_run(mission, load_scenario(scenario_path, of_scenario, model=mission), seed, run or 0)
         else:
             approach = Approach(
                 duration_s=duration_s,

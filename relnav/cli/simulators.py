@@ -8,7 +8,6 @@ from typing import Any, Protocol
 from relnav.errors import UsageError
 from relnav.files.models import flown
 from relnav.mission import Model, VisionMission
-from relnav.simulation.dispersions import Scenario
 from relnav.simulation.trajectory import Approach
 
 
@@ -84,16 +83,33 @@ def _beacons(mission: Model, approach: Approach, options: Options) -> Simulated:
     )
 
 
-def simulated_run(mission: Any, scenario: Scenario, seed: int, run: int) -> Simulated:
+def simulated_run(mission: Any, scenario: Any, seed: int, run: int) -> Simulated:
     """A run of a scenario."""
-    from relnav.files.simulated import write_log, write_truth
     from relnav.simulation.dispersed import simulate
+    from relnav.simulation.marker_flight import MarkerFlight
+    from relnav.simulation.vehicle_sensors import VehicleRun
 
     log = simulate(mission, scenario, seed, run)
+    if isinstance(log, VehicleRun):
+        from relnav.files.vehicle_log import write_vehicle_log
+        from relnav.files.vehicle_track import write_port_truth
+
+        return _written(log, len(log.observations), write_vehicle_log, write_port_truth, "observations")
+    if isinstance(log, MarkerFlight):
+        from relnav.files.marker_logs import write_marker_log, write_marker_truth
+
+        return _written(log, len(log.t_s), write_marker_log, write_marker_truth)
+    from relnav.files.simulated import write_log, write_truth
+
+    return _written(log, len(log.t_s), write_log, write_truth)
+
+
+def _written(log: Any, count: int, write_log: Any, write_truth: Any, rows: str = "epochs") -> Simulated:
     return Simulated(
-        len(log.t_s),
+        count,
         lambda path, metadata: write_log(log, path, metadata),
         lambda path, metadata: write_truth(log, path, metadata),
+        rows,
     )
 
 

@@ -2,13 +2,25 @@
 
 import os
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from relnav.accuracy.campaign_plan import Plan, fly_batch
+from relnav.accuracy.campaign_plan import Batch, Plan, fly_batch
 from relnav.accuracy.campaign_summary import CampaignSummary, summarise
+from relnav.accuracy.run_kinds import kind_of
 from relnav.arrays import whole
+from relnav.errors import InputError
 from relnav.files.campaign_folder import Runs, missing, open_folder, table_of, write_batch, write_failed
 from relnav.files.models import load_model, load_published
 from relnav.files.parquet import require_pyarrow
@@ -16,12 +28,14 @@ from relnav.files.paths import path_of
 from relnav.files.scenarios import load_scenario
 from relnav.files.tables import write_json
 from relnav.simulation.dispersions import Scenario
+from relnav.simulation.vehicle_dispersions import VehicleScenario
 
 SUMMARY, ERRORS_PICTURE, FINAL_PICTURE = "summary.json", "errors_by_range", "final_errors"
 QUEUED = 4
 """Batches handed out ahead, for each worker."""
 
 Progress = Callable[[int], None]
+T = TypeVar("T")
 
 
 def campaign(
@@ -29,8 +43,8 @@ def campaign(
     runs: int,
     seed: int = 0,
     *,
-    dispersions: Scenario | str | os.PathLike[str] | None = None,
-    method: str = "fix",
+    dispersions: Scenario | VehicleScenario | str | os.PathLike[str] | None = None,
+    method: str | None = None,
     out: str | os.PathLike[str] | None = None,
     workers: int | None = None,
     cluster: str | None = None,
@@ -43,21 +57,22 @@ def campaign(
 
     Parameters
     ----------
-    model : Model or str
-        A three-beacon mission, or what `load_model` takes.
+    model : Model, VisionMission, Vehicle or str
+        A three-beacon or three-marker mission or a vehicle, or what `load_model` takes.
     runs : int
         Number of approaches.
     seed : int
         Run k of a seed is the same in every campaign: `simulate(model, scenario, seed, run=k)` gives its log.
-    dispersions : Scenario or path, optional
+    dispersions : Scenario, VehicleScenario or path, optional
         What is flown and what is uncertain; `load_scenario`.
-    method : {"fix", "spots"}
-        Of the filter, as for `Navigator`.
+    method : {"fix", "spots"}, optional
+        Of a beacon filter, as for `Navigator`; others have one.
     out : path, optional
         Folder for parts, summary and pictures; if it holds part of this campaign, the rest is flown. Without it the
         runs are kept in memory.
     workers : int, optional
-        Threads here, or processes of a local cluster; the processors at hand if left out.
+        Threads here, or processes of a local cluster; the processors at hand if left out. Markers and vehicles are
+        flown by processes, for which a program needs `if __name__ == "__main__":`; 1 flies them in this one.
     cluster : str, optional
         Address of a dask scheduler, or "local" for one of this machine alone (extra `cluster`); needs `out`.
     progress : callable, optional
@@ -74,8 +89,7 @@ def campaign(
         For wrong use, and for a folder that holds another campaign.
     """
     mission = load_model(model) if isinstance(model, str | os.PathLike) else model
-    scenario = dispersions if isinstance(dispersions, Scenario) else load_scenario(dispersions)
-    plan = Plan(mission, scenario, method, seed, runs)
+    plan = plan_of(mission, dispersions, method, seed, runs)
     if workers is not None:
         whole("workers", workers, 1)
     if out is None:
@@ -86,6 +100,13 @@ def campaign(
     fly_missing(plan, folder, workers, cluster, progress)
     finish(plan, folder)
     return Runs(folder, plan).table()
+
+
+def plan_of(model: Any, dispersions: Any, method: str | None, seed: int, runs: int) -> Plan:
+    """The campaign of a loaded model; a scenario, its path, or None for the default, and so of the method."""
+    paths = dispersions is None or isinstance(dispersions, str | os.PathLike)
+    scenario = load_scenario(dispersions, model=model) if paths else dispersions
+    return Plan(model, scenario, kind_of(model).methods[0] if method is None else method, seed, runs)
 
 
 def fly_missing(plan: Plan, folder: Path, workers: int | None, cluster: str | None, progress: Progress | None) -> None:
@@ -105,7 +126,7 @@ def fly_missing(plan: Plan, folder: Path, workers: int | None, cluster: str | No
 
         fly_on_cluster(plan, folder, starts, cluster, workers or processors(), progress)
         return
-    for done in _on_threads(lambda start: write_batch(plan, str(folder), plan.runs_of(start)), starts, workers):
+    for done in _side_by_side(plan, partial(_write, plan, str(folder)), starts, workers):
         if progress is not None:
             progress(done)
 
@@ -117,7 +138,8 @@ def finish(plan: Plan, folder: Path, *, pictures: str | None = "png") -> Campaig
     """
     runs = Runs(folder, plan)
     write_failed(folder, runs.failed())
-    summary = summarise(plan.runs, runs.status(), plan.scenario.range_edges_m, runs.read, load_published(plan.model))
+    edges, figures = plan.scenario.range_edges_m, plan.kind.figures
+    summary = summarise(plan.runs, runs.status(), edges, runs.read, load_published(plan.model), figures)
     write_json(
         {"model": plan.model.name, "method": plan.method, "seed": plan.seed} | summary.to_dict(), folder / SUMMARY
     )
@@ -125,7 +147,7 @@ def finish(plan: Plan, folder: Path, *, pictures: str | None = "png") -> Campaig
         from relnav.files.campaign_pictures import draw_errors, draw_final
 
         draw_errors(summary, runs.read, folder / f"{ERRORS_PICTURE}.{pictures}")
-        draw_final(runs.read, folder / f"{FINAL_PICTURE}.{pictures}")
+        draw_final(summary, runs.read, folder / f"{FINAL_PICTURE}.{pictures}")
     return summary
 
 
@@ -136,23 +158,52 @@ def processors() -> int:
 
 def _in_memory(plan: Plan, workers: int | None, progress: Progress | None) -> Any:
     pyarrow = require_pyarrow()
-    tables: dict[int, Any] = {}
-
-    def fly(start: int) -> int:
-        tables[start] = table_of(plan, fly_batch(plan, plan.runs_of(start)))
-        return len(plan.runs_of(start))
-
-    for done in _on_threads(fly, plan.starts, workers):
+    batches: dict[int, Batch] = {}
+    for batch in _side_by_side(plan, partial(_fly, plan), plan.starts, workers):
+        batches[int(batch.run[0])] = batch
         if progress is not None:
-            progress(done)
-    return pyarrow.concat_tables([tables[start] for start in plan.starts])
+            progress(len(batch.run))
+    return pyarrow.concat_tables([table_of(plan, batches[start]) for start in plan.starts])
 
 
-def _on_threads(fly: Callable[[int], int], starts: Iterable[int], workers: int | None) -> Iterator[int]:
-    """Numbers of runs of the batches that start with these, as they are flown; compiled loops let other threads run."""
+def _fly(plan: Plan, start: int) -> Batch:
+    return fly_batch(plan, plan.runs_of(start))
+
+
+def _write(plan: Plan, folder: str, start: int) -> int:
+    return write_batch(plan, folder, plan.runs_of(start))
+
+
+def _side_by_side(plan: Plan, fly: Callable[[int], T], starts: Iterable[int], workers: int | None) -> Iterator[T]:
+    """What becomes of the batches that start with these, as they are flown: on threads, or in processes.
+
+    Compiled loops let other threads run. Where little of a run is compiled only processes fly side by side.
+
+    Raises
+    ------
+    InputError
+        If a process dies.
+    """
     count = workers or processors()
-    left, running = iter(starts), set[Future[int]]()
-    with ThreadPoolExecutor(count) as pool:
+    if plan.kind.threads:
+        yield from _pooled(ThreadPoolExecutor(count), fly, starts, count)
+    elif count == 1:
+        yield from map(fly, starts)
+    else:
+        pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"))
+        try:
+            yield from _pooled(pool, fly, starts, count)
+        except BrokenExecutor as error:
+            raise InputError(
+                "a process of the campaign died; call it again to go on, with --cluster local if it dies again: that "
+                'names the run. A program needs if __name__ == "__main__": around its call, or workers=1'
+            ) from error
+
+
+def _pooled(pool: Executor, fly: Callable[[int], T], starts: Iterable[int], count: int) -> Iterator[T]:
+    """The same in a pool, which is then closed."""
+    left, running = iter(starts), set[Future[T]]()
+    with pool:
         try:
             while True:
                 while len(running) < QUEUED * count and (start := next(left, None)) is not None:

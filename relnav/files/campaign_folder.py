@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from relnav.accuracy.campaign_plan import Batch, Plan, fly_batch
-from relnav.accuracy.run_score import RunStatus
+from relnav.accuracy.run_figures import RunStatus
 from relnav.arrays import Codes, Vector
 from relnav.codegen.store import package_stamp
 from relnav.errors import InputError, UsageError
@@ -36,7 +36,7 @@ def description(plan: Plan) -> dict[str, Any]:
         "seed": plan.seed,
         "runs": plan.runs,
         "batch": plan.batch,
-    }
+    } | ({"design": plan.design} if plan.design else {})
 
 
 def _finite(value: Any) -> Any:
@@ -161,6 +161,10 @@ def _write(table: Any, path: Path) -> None:
         parquet.write_table(table, temporary, compression="none", use_dictionary=False, write_statistics=False)
 
 
+def _damaged(path: Path, error: Exception) -> InputError:
+    return InputError(f"{path}: damaged: {shown(error)}; delete it and go on with the campaign")
+
+
 class Runs:
     """The runs of a finished campaign, read column by column: a million of them need no more memory than one column."""
 
@@ -175,7 +179,7 @@ class Runs:
             try:
                 yield parquet.read_table(path, columns=list(names), use_threads=False, pre_buffer=False)
             except (pyarrow.ArrowException, OSError) as error:
-                raise InputError(f"{path}: damaged: {shown(error)}; delete it and go on with the campaign") from error
+                raise _damaged(path, error) from error
 
     def read(self, names: Sequence[str]) -> dict[str, Vector]:
         """Figures of all runs, in their order."""
@@ -186,6 +190,16 @@ class Runs:
                 out[name][at : at + len(table)] = table.column(name).to_numpy()
             at += len(table)
         return out
+
+    def columns(self) -> set[str]:
+        """Names of the columns."""
+        pyarrow = require_pyarrow()
+        from pyarrow import parquet
+
+        try:
+            return set(parquet.read_schema(self._parts[0]).names)
+        except (pyarrow.ArrowException, OSError) as error:
+            raise _damaged(self._parts[0], error) from error
 
     def status(self) -> Codes:
         """RunStatus of all runs."""

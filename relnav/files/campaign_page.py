@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 
 from relnav.accuracy.campaign_summary import CampaignSummary, summary_of
-from relnav.accuracy.published import QUANTITIES
-from relnav.accuracy.run_score import DOCKING, STATE
 from relnav.arrays import Vector
 from relnav.errors import InputError
 from relnav.estimation.consistency import Consistency
@@ -57,6 +55,8 @@ def read_campaign(folder: Path) -> FlownCampaign:
     if not (folder / DESCRIPTION).is_file():
         raise InputError(f"{folder}: no campaign's folder, as it holds no {DESCRIPTION}; `relnav campaign` makes one")
     described = read_json(folder / DESCRIPTION, "a campaign's description")
+    if isinstance(described, dict) and described.get("design"):
+        raise InputError(f"{folder}: holds sensitivities, whose table and picture are there; no campaign")
     try:
         runs, batch = int(described["runs"]), int(described["batch"])
         good = runs > 0 and batch > 0 and all(isinstance(described[key], dict) for key in ("model", "scenario"))
@@ -77,7 +77,7 @@ def read_campaign(folder: Path) -> FlownCampaign:
         summary = summary_of(plain)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise InputError(f"{folder / SUMMARY}: not the summary of a campaign; delete it, and {go_on}") from error
-    if summary.runs != runs or len(summary.bins) != len(QUANTITIES) * len(summary.nees_by_bin):
+    if summary.runs != runs or len(summary.bins) % max(1, len(summary.nees_by_bin)) or not summary.final:
         raise InputError(f"{folder / SUMMARY}: not the summary of this campaign; delete it, and {go_on}")
     return FlownCampaign(described | named, summary, Runs(folder, cut))
 
@@ -141,7 +141,7 @@ def _tiles(summary: CampaignSummary) -> Iterator[str]:
         faults = sum(entry.overconfident for entry in known)
         note = f"of {len(known)}, NEES entering them"
         yield tile("range bins overconfident", str(faults), note, "bad" if faults else "good")
-    for quantity in QUANTITIES:
+    for quantity in (each.name for each in summary.quantities):
         rows = [row for row in summary.bins if row.quantity == quantity and math.isfinite(row.rms)]
         if rows:
             worst = max(rows, key=lambda row: row.rms)
@@ -246,9 +246,12 @@ def _by_range(flown: FlownCampaign) -> str:
     """Charts of the rms errors of the runs by range."""
     said = f"{BANDS_SAID}. Line: rms error of all runs; dashes: reported 1-sigma; dots: published."
     charts = []
-    for quantity, name in zip(QUANTITIES, DOCKING, strict=True):
-        rows = [row for row in flown.summary.bins if row.quantity == quantity]
-        values = rms_by_bin(flown.runs.read, name, len(rows))
+    known = flown.runs.columns()
+    for quantity in flown.summary.quantities:
+        if f"bin0_rms_{quantity.column}" not in known:
+            continue
+        rows = [row for row in flown.summary.bins if row.quantity == quantity.name]
+        values = rms_by_bin(flown.runs.read, quantity.column, len(rows))
         shown_of = [
             *(v for each in values if len(each) for v in np.percentile(each, (0.5, 99.5))),
             *(v for row in rows for v in (row.rms, row.sigma, row.published)),
@@ -259,7 +262,7 @@ def _by_range(flown: FlownCampaign) -> str:
         low, high = 0.8 * min(positive), 1.25 * max(positive)
         axes = _Axes((min(row.from_m for row in rows), max(row.to_m for row in rows)), (low, high), log=True)
         edges = [rows[0].from_m, *(row.to_m for row in rows)]
-        drawn = [axes.frame(_few(edges), _ticks(low, high), "range, m", f"{quantity}, {rows[0].unit}")]
+        drawn = [axes.frame(_few(edges), _ticks(low, high), "range, m", f"{quantity.name}, {rows[0].unit}")]
         for row, each in zip(rows, values, strict=True):
             for under, over, dark in SHARES if len(each) else ():
                 a, b = np.maximum(np.percentile(each, (under, over)), low)
@@ -272,7 +275,7 @@ def _by_range(flown: FlownCampaign) -> str:
             for row in rows:
                 if math.isfinite(value := getattr(row, key)) and value > 0.0:
                     drawn.append(axes.line([(row.from_m, value), (row.to_m, value)], colour, dash))
-        charts.append(_card(f"{quantity}, rms error of a run", "".join(drawn)))
+        charts.append(_card(f"{quantity.name}, rms error of a run", "".join(drawn)))
     return paragraph(said[0].upper() + said[1:]) + f'<div class="charts">{"".join(charts)}</div>'
 
 
@@ -293,7 +296,7 @@ def _at_end(flown: FlownCampaign) -> str:
     charts = []
     grid = np.linspace(-5.0, 5.0, 101)
     normal = np.exp(-0.5 * grid**2) / math.sqrt(2.0 * math.pi)
-    for name in STATE:
+    for name in (row.component for row in flown.summary.final):
         ratio: Vector = final_ratio(flown.runs.read, name)
         if not len(ratio):
             continue

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from relnav.accuracy.campaign_summary import CampaignSummary, Reader
-from relnav.accuracy.run_score import DOCKING, STATE
+from relnav.accuracy.sensitivities import LISTED, Sensitivities, Share
 from relnav.arrays import Vector
 from relnav.files.picture_style import (
     ESTIMATE,
@@ -53,13 +53,14 @@ def ratio_title(name: str, ratio: Vector) -> str:
 def draw_errors(summary: CampaignSummary, read: Reader, path: Path) -> None:
     """Draw the distribution over runs of the rms error in every range bin, beside reported and published 1-sigma."""
     with styled():
-        figure = new_figure(8.0, 9.0)
-        axes = figure.subplots(3, 1, sharex=True)
-        for axis, name, quantity in zip(axes, DOCKING, ("range", "azimuth", "elevation"), strict=True):
-            rows = [row for row in summary.bins if row.quantity == quantity]
-            _draw_bins(axis, summary.edges_m, rows, rms_by_bin(read, name, len(summary.edges_m) - 1))
-            axis.set_title(quantity.capitalize())
-            axis.set_ylabel(rows[0].unit)
+        count = len(summary.quantities)
+        figure = new_figure(8.0, 0.6 + 2.8 * count)
+        axes = figure.subplots(count, 1, sharex=True)
+        for axis, quantity in zip(axes, summary.quantities, strict=True):
+            rows = [row for row in summary.bins if row.quantity == quantity.name]
+            _draw_bins(axis, summary.edges_m, rows, rms_by_bin(read, quantity.column, len(summary.edges_m) - 1))
+            axis.set_title(quantity.name.capitalize())
+            axis.set_ylabel(quantity.unit)
         axes[-1].set_xlabel("range, m")
         heading(figure, f"{summary.runs} approaches: {BANDS_SAID}")
         one_legend(figure)
@@ -82,13 +83,14 @@ def _draw_bins(axis: Any, edges_m: Any, rows: Any, values: list[Vector]) -> None
         plain_decades(axis)
 
 
-def draw_final(read: Reader, path: Path) -> None:
+def draw_final(summary: CampaignSummary, read: Reader, path: Path) -> None:
     """Draw histograms of the error at the end of every run over its reported sigma, beside the normal distribution."""
     with styled():
-        figure = new_figure(10.5, 6.3)
-        axes = figure.subplots(2, 3, sharex=True, sharey=True)
+        names = [row.component for row in summary.final]
+        figure = new_figure(10.5, 0.3 + 3.0 * (len(names) // 3))
+        axes = figure.subplots(len(names) // 3, 3, sharex=True, sharey=True)
         grid = np.linspace(-5.0, 5.0, 201)
-        for axis, name in zip(axes.ravel(), STATE, strict=True):
+        for axis, name in zip(axes.ravel(), names, strict=True):
             ratio = final_ratio(read, name)
             if len(ratio):
                 bins = ratio_edges(len(ratio))
@@ -96,9 +98,46 @@ def draw_final(read: Reader, path: Path) -> None:
                 axis.hist(np.clip(ratio, -5.0, 5.0), bins=bins, weights=share, color=ESTIMATE, alpha=0.55)
                 axis.plot(grid, np.exp(-0.5 * grid**2) / np.sqrt(2.0 * np.pi), color=PUBLISHED, lw=1.6)
                 axis.set_title(ratio_title(name, ratio))
-        for axis in axes[1]:
+        for axis in axes[-1]:
             axis.set_xlabel("error / reported 1-sigma")
         for axis in axes[:, 0]:
             axis.set_ylabel("share per 1-sigma")
         heading(figure, FINAL_SAID)
         save([figure], path)
+
+
+def draw_sensitivities(found: Sensitivities, path: Path) -> None:
+    """Draw what the three components of the position error at the end come from: indices, and shifts by one sigma."""
+    components = list(found.deviation)[:3]
+    most = min(LISTED, max((len(found.of(name)) for name in components), default=1) or 1)
+    with styled():
+        figure = new_figure(10.5, 1.2 + 3.0 * max(0.9, 0.09 * most) * len(components))
+        axes = figure.subplots(len(components), 2, squeeze=False)
+        for (left, right), name in zip(axes, components, strict=True):
+            shares = found.of(name)[:LISTED][::-1]
+            _draw_shares(left, shares)
+            left.set_title(f"{name}: share of the variance")
+            shifts = sorted((one for one in found.shifts if one.component == name), key=lambda one: abs(one.shift))
+            moved = [one for one in shifts if np.isfinite(one.shift)][-LISTED:]
+            spread = [one.spread if np.isfinite(one.spread) else 0.0 for one in moved]
+            right.barh([one.number for one in moved], [one.shift for one in moved], xerr=spread, color=SPREAD)
+            right.axvline(0.0, color="0.5", lw=0.8)
+            right.set_title(f"{name}: moved by one sigma alone")
+        axes[-1, 0].set_xlabel("Sobol' index")
+        axes[-1, 1].set_xlabel("shift, in the unit of its component")
+        heading(figure, f"Error at the end, {found.used} base runs: where it comes from")
+        one_legend(figure)
+        save([figure], path)
+
+
+def _draw_shares(axis: Any, shares: list[Share]) -> None:
+    places = np.arange(len(shares), dtype=np.float64)
+    for offset, key, colour, label in (
+        (0.2, "total", ESTIMATE, "total index"),
+        (-0.2, "first", PUBLISHED, "first-order index"),
+    ):
+        value, low, high = (np.array([getattr(one, f"{key}{end}") for one in shares]) for end in ("", "_low", "_high"))
+        error = np.maximum(0.0, np.array([value - low, high - value]).reshape(2, -1))
+        axis.barh(places + offset, value, 0.38, xerr=error, color=colour, label=label, error_kw={"lw": 0.9})
+    axis.set_yticks(places, [one.cause for one in shares])
+    axis.axvline(0.0, color="0.5", lw=0.8)

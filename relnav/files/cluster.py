@@ -4,8 +4,13 @@ Results do not travel, and a part has the same bytes whoever makes it and howeve
 may die at any time. A batch whose workers keep dying is cut in two until one run is left: that one is at fault.
 """
 
+import logging
+import os
 import shlex
+import subprocess
 import sys
+import tempfile
+import threading
 from asyncio import CancelledError
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,9 +25,11 @@ from relnav.files.wording import shown
 
 IN_FLIGHT = 4
 """Batches handed out for each worker."""
-MEMORY = "2 GB"
+MEMORY = "2GB"
 """Of a worker of this machine: it holds an eighth of it, and much more only should it have to compile."""
-CONNECT_S = 30.0
+CONNECT_S, START_S = 30.0, 120.0
+ALONE = 2
+"""How often a run that was there at a death is flown alone before it is said to be at fault."""
 
 
 def require_distributed() -> Any:
@@ -46,19 +53,70 @@ def _client(address: str, workers: int) -> Iterator[Any]:
         with client:
             yield client
         return
+    import dask
+
     with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),  # a death is looked into at once
         distributed.LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
+            n_workers=0,
             processes=True,
             host="127.0.0.1",
             dashboard_address="127.0.0.1:0",
-            memory_limit=MEMORY,
-            silence_logs="ERROR",
+            silence_logs=logging.CRITICAL,
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
+        _LocalWorkers(cluster.scheduler_address, workers),
     ):
+        try:
+            client.wait_for_workers(1, timeout=START_S)
+        except TimeoutError as error:
+            raise UsageError(
+                f"--cluster local: no worker started within {START_S:g} s; use --workers without --cluster"
+            ) from error
         yield client
+
+
+class _LocalWorkers:
+    """Worker processes of this machine; one that dies is started again, whatever killed it and whenever.
+
+    dask's own keepers of workers are not used: with two deaths shortly after each other they were seen to start none.
+    """
+
+    def __init__(self, scheduler: str, count: int) -> None:
+        words = ("--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", "127.0.0.1", "--memory-limit", MEMORY)
+        self._command = [sys.executable, "-m", "distributed.cli.dask_worker", scheduler, *words]
+        self._count, self._over = count, threading.Event()
+        self._running: list[subprocess.Popen[bytes]] = []
+        self._keeper = threading.Thread(target=self._keep, daemon=True)
+
+    def __enter__(self) -> "_LocalWorkers":
+        self._place = tempfile.TemporaryDirectory(prefix="relnav-workers-")
+        self._keeper.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self._keeper.join()
+        for process in self._running:
+            process.kill()  # they hold nothing: a part appears whole or not at all
+            process.wait()
+        self._place.cleanup()
+
+    def _keep(self) -> None:
+        environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+        while not self._over.wait(0.2):
+            self._running = [process for process in self._running if process.poll() is None]
+            while len(self._running) < self._count:
+                self._running.append(
+                    subprocess.Popen(
+                        self._command,
+                        stdin=subprocess.DEVNULL,
+                        stdout=subprocess.DEVNULL,
+                        stderr=subprocess.DEVNULL,
+                        cwd=self._place.name,
+                        env=environment,
+                    )
+                )
 
 
 def fly_on_cluster(
@@ -105,8 +163,10 @@ class _Driver:
                 break
             self._take()
         for runs in self._suspects:
-            self._submit(runs)
-            self._take(alone=True)
+            for attempt in range(ALONE):
+                self._submit(runs)
+                if self._take(last=attempt == ALONE - 1):
+                    break
 
     def _most(self) -> int:
         return IN_FLIGHT * max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
@@ -124,8 +184,11 @@ class _Driver:
     def _is_whole(self, runs: range) -> bool:
         return runs == self._plan.runs_of(runs.start - runs.start % self._plan.batch)
 
-    def _take(self, *, alone: bool = False) -> None:
-        """Wait for one piece of work, and see what became of it."""
+    def _take(self, *, last: bool | None = None) -> bool:
+        """Wait for one piece of work, and see what became of it; whether it is flown, or a run at fault.
+
+        last: of a run flown alone, whether its death now says that it is at fault.
+        """
         future = next(self._waiting)
         runs = self._runs.pop(future)
         result, error = _outcome(future)
@@ -141,11 +204,12 @@ class _Driver:
             middle = runs.start + len(runs) // 2
             self._submit(range(runs.start, middle))
             self._submit(range(middle, runs.stop))
-        elif alone:
+        elif last:
             self._keep(failed_batch(self._plan, runs.start, "every process that flew it died"))
-        else:
+        elif last is None:
             self._suspects.append(runs)
         future.release()
+        return error is None or bool(last)
 
     def _keep(self, piece: Batch) -> None:
         """Put a piece of a batch with the others, and write the batch once it is whole."""

@@ -12,8 +12,26 @@ from relnav.files.paths import path_of
 from relnav.files.toml_values import Problems, build, change_value, read_toml
 from relnav.files.wording import shown
 from relnav.simulation.dispersions import AsBuilt, Images, Results, Scenario, Spread, Thrust
+from relnav.simulation.rendezvous import Rendezvous
 from relnav.simulation.trajectory import Approach
+from relnav.simulation.vehicle_dispersions import (
+    Alignment,
+    SensorFault,
+    VehicleScenario,
+    VehicleSpread,
+    VehicleThrust,
+)
+from relnav.spacecraft import Vehicle
 
+OF_VEHICLES: dict[str, Any] = {
+    "approach": Rendezvous,
+    "spread": VehicleSpread,
+    "thrust": VehicleThrust,
+    "fault": SensorFault,
+    "as_built": Alignment,
+    "results": Results,
+}
+"""Sections of a vehicle's scenario."""
 SECTIONS: dict[str, Any] = {
     "approach": Approach,
     "spread": Spread,
@@ -24,20 +42,25 @@ SECTIONS: dict[str, Any] = {
 }
 
 
-def load_scenario(path: str | os.PathLike[str] | None = None, changes: Mapping[str, Any] | None = None) -> Scenario:
+def load_scenario(
+    path: str | os.PathLike[str] | None = None, changes: Mapping[str, Any] | None = None, *, model: Any = None
+) -> Any:
     """Load a scenario file.
 
     Parameters
     ----------
     path : str or path, optional
-        A TOML file with sections [approach], [spread], [thrust], [images], [as_built] and [results], each of which may
-        be left out; without a file the defaults. Keys carry units, as in a model's file.
+        A TOML file with sections [approach], [spread], [thrust], [images], [as_built] and [results], of a vehicle
+        [fault] in place of [images]. Each may be left out; without a file the defaults. Keys carry units, as in a
+        model's file.
     changes : mapping, optional
         Values that replace the file's, by key with section: "approach.speed_mm_s".
+    model : optional
+        A loaded model; a vehicle has a scenario of its own kind.
 
     Returns
     -------
-    Scenario
+    Scenario or VehicleScenario
         All values in SI units and radians.
 
     Raises
@@ -56,26 +79,30 @@ def load_scenario(path: str | os.PathLike[str] | None = None, changes: Mapping[s
             raise UsageError(f"{shown(file)}: no such scenario file; name a TOML file with [approach], [spread], ...")
         table, problems = read_toml(file)
     table.pop("title", None)
+    of_vehicle = isinstance(model, Vehicle)
+    sections = OF_VEHICLES if of_vehicle else SECTIONS
     for key, value in (changes or {}).items():
-        change_value(table, SECTIONS, key, value)
+        change_value(table, sections, key, value)
+    if of_vehicle and not any(key.startswith("start_") for key in table.get("approach", {})):
+        table["approach"] = table.get("approach", {}) | {"start_m": model.hand_over.port_distance_m[0]}
     for name in table:
-        if name not in SECTIONS:
-            near = difflib.get_close_matches(name, list(SECTIONS), n=1)
-            hint = f"did you mean [{near[0]}]?" if near else f"known sections are {', '.join(SECTIONS)}"
+        if name not in sections:
+            near = difflib.get_close_matches(name, list(sections), n=1)
+            hint = f"did you mean [{near[0]}]?" if near else f"known sections are {', '.join(sections)}"
             problems.add(name, f"unknown section; {hint}")
     provenance: dict[str, str] = {}
     values = {
         name: build(section, table[name], name, problems, provenance)
-        for name, section in SECTIONS.items()
+        for name, section in sections.items()
         if name in table
     }
     problems.raise_if_any()
-    return Scenario(**values)
+    return VehicleScenario(**values) if of_vehicle else Scenario(**values)
 
 
 def is_of_scenario(key: str) -> bool:
     """Whether a key "section.name" of a change belongs to a scenario, not to a model."""
-    return key.partition(".")[0] in SECTIONS
+    return key.partition(".")[0] in {*SECTIONS, *OF_VEHICLES}
 
 
 def plain(value: Any) -> Any:

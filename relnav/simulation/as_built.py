@@ -105,18 +105,25 @@ def markers_as_built(mission: VisionMission, seed: int = 0) -> VisionMission:
     ValueError
         If the model states no tolerances.
     """
-    t, camera, markers = mission.tolerances, mission.camera, mission.markers
+    t, markers = mission.tolerances, mission.markers
     if t is None:
         raise ValueError(f"model {mission.name} has no [tolerances]: what a built sensor may be like is not known")
     rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(4)[3])  # a flight uses the first three
-    scale = 1.0 + float(rng.normal()) * t.focal_length_relative_sigma
+    focal = float(rng.normal()) * t.focal_length_relative_sigma
     turn = -rng.normal(size=3) * t.camera_mounting_sigma_rad
-    places = markers.points_m + rng.normal(size=markers.points_m.shape) * t.marker_placement_sigma_m
+    return markers_off(mission, focal, turn, rng.normal(size=markers.points_m.shape) * t.marker_placement_sigma_m)
+
+
+def markers_off(mission: VisionMission, focal: float, turn: Vector, moved_m: Matrix) -> VisionMission:
+    """A marker mission whose focal length (relative), camera (3,) rad and markers (n, 3) m are off by so much."""
+    camera, markers = mission.camera, mission.markers
+    places = markers.points_m + moved_m
     fx, fy = camera.focal_length_px
     quaternion = _turned(camera.q_cam_from_chaser, turn)
+    lengths = ((1.0 + focal) * fx, (1.0 + focal) * fy)
     return dataclasses.replace(
         mission,
-        camera=dataclasses.replace(camera, focal_length_px=(scale * fx, scale * fy), q_cam_from_chaser=quaternion),
+        camera=dataclasses.replace(camera, focal_length_px=lengths, q_cam_from_chaser=quaternion),
         markers=dataclasses.replace(markers, positions_m=tuple((float(x), float(y), float(z)) for x, y, z in places)),
     )
 

@@ -30,12 +30,16 @@ class Spread:
         Of the approach speed.
     final_range_sigma_m : float
         Of where the chaser holds.
+    target_attitude_sigma_rad, target_rate_sigma_rad_s : float or None
+        Of markers: how the target is turned and turns at the start, each axis; as the model expects it if None.
     """
 
     start_sigma_m: tuple[NonNegative, NonNegative, NonNegative] = NOTHING
     velocity_sigma_m_s: tuple[NonNegative, NonNegative, NonNegative] = NOTHING
     speed_relative_sigma: NonNegative = 0.0
     final_range_sigma_m: NonNegative = 0.0
+    target_attitude_sigma_rad: NonNegative | None = None
+    target_rate_sigma_rad_s: NonNegative | None = None
 
 
 @dataclass(frozen=True)
@@ -56,7 +60,7 @@ class Thrust:
 
 @dataclass(frozen=True)
 class Images(Faults):
-    """Faults of the images: those of `Faults` at random, and one beacon that is lost for a while.
+    """Faults of the images: those of `Faults` at random, and one beacon or marker that is lost for a while.
 
     Attributes
     ----------

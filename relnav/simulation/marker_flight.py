@@ -52,6 +52,8 @@ class MarkerFlight:
         True relative state, `lvlh_ccsds`.
     dcm_lvlh_from_target, rate_rad_s : (n, 3, 3), (n, 3)
         True attitude and inertial rate of the target.
+    chaser_error_rad : (n, 3)
+        By what the chaser is turned against the attitude that it knows, chaser axes.
     """
 
     t_s: Vector
@@ -61,6 +63,13 @@ class MarkerFlight:
     motion: Matrix
     dcm_lvlh_from_target: Stack
     rate_rad_s: Matrix
+    chaser_error_rad: Matrix
+
+    @property
+    def true_dcm_chaser_from_lvlh(self) -> Stack:
+        """The chaser's attitude as it is, (n, 3, 3)."""
+        turned: Stack = Rotation.from_rotvec(-self.chaser_error_rad).as_matrix() @ self.dcm_chaser_from_lvlh
+        return turned
 
 
 def true_spots(mission: VisionMission, motion: Matrix, dcm_target: Stack, dcm_chaser: Stack) -> Stack:
@@ -110,4 +119,4 @@ def simulate_flight(
     spots[rng.uniform(size=spots.shape[:2]) < faults.dropout] = np.nan
     for marker, begin, end in faults.hidden:
         spots[(t >= begin) & (t < end), marker] = np.nan
-    return MarkerFlight(t, spots, command, known, motion, dcm[:, 0], rates[:, 0])
+    return MarkerFlight(t, spots, command, known, motion, dcm[:, 0], rates[:, 0], alpha)

@@ -18,16 +18,19 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from relnav.arrays import Matrix, Stack, Vector
 from relnav.dynamics.two_body import MU_EARTH_M3_S2
-from relnav.simulation.orbits import J2_EARTH, lvlh_axes, runge_kutta_step
+from relnav.simulation.orbits import J2_EARTH
+from relnav.simulation.rendezvous_motion import (
+    BANDWIDTH_RAD_S,
+    GUIDANCE_STEPS,
+    STEP_S,
+    Course,
+    Turning,
+    integrate,
+)
 from relnav.simulation.target_rotation import true_anomaly_rad
+from relnav.simulation.vehicle_numbers import VehicleNumbers
 from relnav.spacecraft import InertialOrbit, Vehicle
 
-STEP_S = 0.1
-GUIDANCE_PERIOD_S = 1.0
-BANDWIDTH_RAD_S = 0.06
-"""Of the guidance, critically damped."""
-CONTROL_RAD_S, CONTROL_DAMPING = 0.01, 0.9
-"""Of the target's attitude."""
 SWAY_RAD, SWAY_PERIODS_S = math.radians(0.08), (60.0, 170.0)
 """Of the chaser's attitude about the held one, each axis and period; what is off at the start fades in SETTLING_S."""
 SETTLING_S = 40.0
@@ -96,15 +99,15 @@ class Truth:
         At each step; zero unless as believed.
     """
 
-    def __init__(self, vehicle: Vehicle, flight: Rendezvous, rng: np.random.Generator) -> None:
-        self.vehicle, self._flight, self._rng = vehicle, flight, rng
+    def __init__(self, vehicle: Vehicle, flight: Rendezvous, numbers: VehicleNumbers) -> None:
+        self.vehicle, self._flight, self._numbers = vehicle, flight, numbers
         start, thrust = vehicle.hand_over, vehicle.thrust
         self.lasting = {
-            "thrust.scale": rng.normal(size=1) * thrust.scale_sigma,
-            "thrust.direction": rng.normal(size=3) * thrust.direction_sigma_rad,
+            "thrust.scale": numbers.once("thrust_scale", 1) * thrust.scale_sigma,
+            "thrust.direction": numbers.once("thrust_turn", 3) * thrust.direction_sigma_rad,
         }
-        self._first_turn = rng.normal(size=3) * start.chaser_attitude_sigma_rad
-        self._phases = rng.uniform(0.0, 2.0 * math.pi, (len(SWAY_PERIODS_S), 3))
+        self._first_turn = numbers.once("chaser_attitude", 3) * start.chaser_attitude_sigma_rad
+        self._phases = numbers.angles("sway", (len(SWAY_PERIODS_S), 3))
         self.commands: list[tuple[float, Vector]] = []
         self._fly(flight.profile())
 
@@ -151,102 +154,89 @@ class Truth:
 
     def _fly(self, profile: Matrix) -> None:
         self._profile = profile
-        vehicle, flight, rng = self.vehicle, self._flight, self._rng
+        vehicle, numbers = self.vehicle, self._numbers
         count = len(profile)
         self._times: Vector = np.arange(count, dtype=np.float64) * STEP_S
         self.end_s = float(self._times[-1])
         frames = self.dcm_frame_from_inertial(self._times)
-        bodies = self.chaser_from_frame(self._times).as_matrix()
+        y = self._start(frames[0])
+        self.slow_acceleration = self._slow(count)
+        begin, target = vehicle.hand_over, vehicle.target
+        turn = numbers.once("target_attitude", 3) * begin.target_attitude_sigma_rad
+        rate = vehicle.start_rate_rad_s + numbers.once("target_rate", 3) * begin.target_rate_sigma_rad_s
+        first = Rotation.from_matrix(frames[0].T @ target.dcm_target_from_lvlh.T) * Rotation.from_rotvec(turn)
+        pushed, pushes = self._noise(count)
+        course = Course(
+            frames,
+            self._frame_rates(),
+            self.chaser_from_frame(self._times).as_matrix(),
+            profile,
+            self.slow_acceleration + pushed,
+        )
+        turning = Turning(
+            first.as_matrix(),
+            rate,
+            np.array(target.inertia_kg_m2),
+            target.dcm_target_from_lvlh,
+            vehicle.start_rate_rad_s,
+            pushes,
+        )
+        thrust = np.concatenate([self.lasting["thrust.scale"], self.lasting["thrust.direction"]])
+        ports = np.array([target.port_position_m, vehicle.chaser.port_position_m])
+        n = vehicle.orbit.mean_motion_rad_s
+        flown = integrate(y, course, turning, self._environment(), thrust, ports, n)
+        self._rates = flown.rates
+        self.commands = list(zip(self._times[::GUIDANCE_STEPS].tolist(), flown.commands, strict=True))
+        self._position = CubicHermiteSpline(self._times, flown.track[:, :3], flown.track[:, 3:])
+        self._target = Slerp(self._times, Rotation.from_matrix(flown.attitudes))
+
+    def _start(self, frame: Matrix) -> Matrix:
+        """Inertial state of both, (4, 3): target r, v, chaser r, v; frame: `lvlh_ccsds` then."""
+        vehicle, flight, numbers = self.vehicle, self._flight, self._numbers
         r, v, w0 = stated_state(vehicle.orbit, 0.0)
         y = np.zeros((4, 3))
         y[0], y[1] = r, v
         if not flight.as_believed:
-            phase = rng.uniform(0.0, 2.0 * math.pi)
+            phase = float(numbers.angles("orbit", (1,))[0])
             size = flight.eccentricity * np.linalg.norm(v)
             y[1] += size * (np.sin(phase) * r / np.linalg.norm(r) + 0.5 * np.cos(phase) * v / np.linalg.norm(v))
         begin = vehicle.hand_over
-        place = vehicle.start_position_m + rng.normal(size=3) * begin.position_sigma_m
-        speed = np.array(begin.velocity_m_s) + rng.normal(size=3) * begin.velocity_sigma_m_s
-        y[2] = y[0] + frames[0].T @ place
-        y[3] = y[1] + frames[0].T @ (speed + np.cross(w0, place))
+        place = vehicle.start_position_m + numbers.once("start", 3) * begin.position_sigma_m
+        speed = np.array(begin.velocity_m_s) + numbers.once("velocity", 3) * begin.velocity_sigma_m_s
+        y[2] = y[0] + frame.T @ place
+        y[3] = y[1] + frame.T @ (speed + np.cross(w0, place))
+        return y
+
+    def _environment(self) -> Vector:
+        """As `orbits` has it."""
+        flight = self._flight
         air = 0.0 if flight.as_believed else flight.air_density_kg_m3
         ballistic = flight.drag_m2_kg, flight.drag_m2_kg + flight.drag_difference_m2_kg
-        environment = np.array([MU_EARTH_M3_S2, 0.0 if flight.as_believed else J2_EARTH, air, *ballistic])
-        self.slow_acceleration = self._slow(count)
-        turn = rng.normal(size=3) * begin.target_attitude_sigma_rad
-        rate = vehicle.start_rate_rad_s + rng.normal(size=3) * begin.target_rate_sigma_rad_s
-        q = Rotation.from_matrix(frames[0].T @ vehicle.target.dcm_target_from_lvlh.T) * Rotation.from_rotvec(turn)
-        track, attitudes, self._rates = np.empty((count, 6)), [], np.empty((count, 3))
-        white = math.sqrt(vehicle.motion.acceleration_noise_density_m2_s3 / STEP_S) * flight.as_believed
-        axes, work, held = np.empty((3, 3)), np.empty((23, 3)), np.zeros(3)
-        for k in range(count):
-            frame_rate = (
-                w0 if vehicle.orbit.eccentricity == 0.0 else stated_state(vehicle.orbit, float(self._times[k]))[2]
-            )
-            track[k, :3] = frames[k] @ (y[2] - y[0])
-            track[k, 3:] = frames[k] @ (y[3] - y[1]) - np.cross(frame_rate, track[k, :3])
-            attitudes.append(q)
-            self._rates[k] = rate
-            if k % round(GUIDANCE_PERIOD_S / STEP_S) == 0:
-                held = self._command(
-                    track[k], profile[k], bodies[k], frames[k] @ q.as_matrix(), rate, float(frame_rate[1])
-                )
-                self.commands.append((float(self._times[k]), held))
-            executed = (1.0 + self.lasting["thrust.scale"]) * (held + np.cross(self.lasting["thrust.direction"], held))
-            lvlh_axes(y[0], y[1], axes)
-            inertial = frames[k].T @ (bodies[k].T @ executed + self.slow_acceleration[k] + white * rng.normal(size=3))
-            runge_kutta_step(y, axes @ inertial, environment, STEP_S, work)
-            q, rate = self._turn_target(q, rate, y[0], frames[k])
-        self._position = CubicHermiteSpline(self._times, track[:, :3], track[:, 3:])
-        self._target = Slerp(self._times, Rotation.concatenate(attitudes))
+        return np.array([MU_EARTH_M3_S2, 0.0 if flight.as_believed else J2_EARTH, air, *ballistic])
+
+    def _noise(self, count: int) -> tuple[Matrix, Matrix]:
+        """What pushes the chaser, (m, 3) m/s^2, and turns the target, (m, 3) rad/s^2 or (0, 3), step by step."""
+        vehicle, believed = self.vehicle, self._flight.as_believed
+        drawn = self._numbers.noise("motion").normal(size=(count, 2 if believed else 1, 3))
+        white = math.sqrt(vehicle.motion.acceleration_noise_density_m2_s3 / STEP_S) * believed
+        density = vehicle.target.rate_noise_density_rad2_s3
+        pushes = math.sqrt(density / STEP_S) * drawn[:, 1] if believed else np.empty((0, 3))
+        return white * drawn[:, 0], pushes
+
+    def _frame_rates(self) -> Vector:
+        """Rate of `lvlh_ccsds` about its own y axis at each step, (m,) rad/s."""
+        return stated_states(self.vehicle.orbit, self._times)[2]
 
     def _slow(self, count: int) -> Matrix:
         """The slow acceleration as the filter believes in it, (m, 3); zero otherwise."""
         motion, out = self.vehicle.motion, np.zeros((count, 3))
         if self._flight.as_believed:
             fade = math.exp(-STEP_S / motion.slow_acceleration_time_s)
-            sigma = motion.slow_acceleration_sigma_m_s2
-            out[0] = sigma * self._rng.normal(size=3)
+            sigma, drawn = motion.slow_acceleration_sigma_m_s2, self._numbers.noise("slow").normal(size=(count, 3))
+            out[0] = sigma * drawn[0]
             for k in range(1, count):
-                out[k] = fade * out[k - 1] + sigma * math.sqrt(1.0 - fade**2) * self._rng.normal(size=3)
+                out[k] = fade * out[k - 1] + sigma * math.sqrt(1.0 - fade**2) * drawn[k]
         return out
-
-    def _command(
-        self, x: Vector, profile: Vector, dcm_chaser: Matrix, dcm_target: Matrix, rate: Vector, frame_rate: float
-    ) -> Vector:
-        """Acceleration, chaser axes, that brings the chaser's port onto the axis of the target's."""
-        reach = np.array(self.vehicle.target.port_position_m) + np.array([profile[0], 0.0, 0.0])
-        goal = dcm_target @ reach - dcm_chaser.T @ np.array(self.vehicle.chaser.port_position_m)
-        turning = dcm_target @ rate - [0.0, frame_rate, 0.0]
-        speed = dcm_target @ [profile[1], 0.0, 0.0] + np.cross(turning, dcm_target @ reach)
-        order = BANDWIDTH_RAD_S * (BANDWIDTH_RAD_S * (goal - x[:3]) + 2.0 * (speed - x[3:]))
-        n = -frame_rate
-        order = order - [2.0 * n * x[5], -n * n * x[1], 3.0 * n * n * x[2] - 2.0 * n * x[3]]
-        command: Vector = dcm_chaser @ np.clip(order, -0.02, 0.02)
-        return command
-
-    def _turn_target(self, q: Rotation, rate: Vector, r: Vector, frame: Matrix) -> tuple[Rotation, Vector]:
-        """Inertial attitude and rate of the target after a step: Euler's equations at its middle."""
-        vehicle = self.vehicle
-        J, n = np.array(vehicle.target.inertia_kg_m2), vehicle.orbit.mean_motion_rad_s
-        held = Rotation.from_matrix(frame.T @ vehicle.target.dcm_target_from_lvlh.T)
-        if self._flight.as_believed:
-            density = vehicle.target.rate_noise_density_rad2_s3
-            push = math.sqrt(density / STEP_S) * self._rng.normal(size=3)
-        else:
-            off, fast = (held.inv() * q).as_rotvec(), rate - vehicle.start_rate_rad_s
-            push = -CONTROL_RAD_S * (CONTROL_RAD_S * off + 2.0 * CONTROL_DAMPING * fast)
-
-        def acceleration(q: Rotation, w: Vector) -> Vector:
-            o = q.inv().apply(-r / np.linalg.norm(r))
-            torque = 3.0 * n * n * np.cross(o, J @ o) - np.cross(w, J @ w)
-            out: Vector = np.linalg.solve(J, torque) + push
-            return out
-
-        first = acceleration(q, rate)
-        middle = acceleration(q * Rotation.from_rotvec(0.5 * STEP_S * rate), rate + 0.5 * STEP_S * first)
-        return q * Rotation.from_rotvec(STEP_S * (rate + 0.5 * STEP_S * first)), rate + STEP_S * middle
-
 
 def _anomaly(orbit: InertialOrbit, t_s: Vector) -> Vector:
     """True anomaly on the stated orbit at times (k,), rad."""
@@ -265,12 +255,21 @@ def stated_frames(orbit: InertialOrbit, t_s: Vector) -> Stack:
     return np.stack([axes[:, :, 1], -axes[:, :, 2], -axes[:, :, 0]], axis=1)
 
 
+def stated_states(orbit: InertialOrbit, t_s: Vector) -> tuple[Matrix, Matrix, Vector]:
+    """On the stated orbit at times (k,): inertial positions and velocities (k, 3), and rates of `lvlh_ccsds` (k,).
+
+    That frame turns about its own y axis.
+    """
+    n, e = orbit.mean_motion_rad_s, orbit.eccentricity
+    theta, frames = _anomaly(orbit, t_s), stated_frames(orbit, t_s)
+    along, down = frames[:, 0], frames[:, 2]
+    p = (MU_EARTH_M3_S2 / n**2) ** (1.0 / 3.0) * (1.0 - e * e)
+    speed, distance = math.sqrt(MU_EARTH_M3_S2 / p), p / (1.0 + e * np.cos(theta))
+    v = speed * ((1.0 + e * np.cos(theta))[:, None] * along - (e * np.sin(theta))[:, None] * down)
+    return -distance[:, None] * down, v, -math.sqrt(MU_EARTH_M3_S2 * p) / distance**2
+
+
 def stated_state(orbit: InertialOrbit, t_s: float) -> tuple[Vector, Vector, Vector]:
     """Inertial position and velocity on the stated orbit, and the rate of its `lvlh_ccsds` in that frame's axes."""
-    n, e, at = orbit.mean_motion_rad_s, orbit.eccentricity, np.array([t_s])
-    theta = float(_anomaly(orbit, at)[0])
-    ((along, _, down),) = stated_frames(orbit, at)
-    p = (MU_EARTH_M3_S2 / n**2) ** (1.0 / 3.0) * (1.0 - e * e)
-    speed, distance = math.sqrt(MU_EARTH_M3_S2 / p), p / (1.0 + e * math.cos(theta))
-    v = speed * ((1.0 + e * math.cos(theta)) * along - e * math.sin(theta) * down)
-    return -distance * down, v, np.array([0.0, -math.sqrt(MU_EARTH_M3_S2 * p) / distance**2, 0.0])
+    r, v, rates = stated_states(orbit, np.array([t_s]))
+    return r[0], v[0], np.array([0.0, rates[0], 0.0])

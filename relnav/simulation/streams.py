@@ -49,7 +49,29 @@ class Stream(IntEnum):
     FIGURE = 8
     """What a calibration leaves."""
     LOSS = 9
-    """Whether a beacon is lost in this run."""
+    """Whether a beacon or marker is lost, or a sensor of a vehicle at fault, in this run."""
+    TURN = 10
+    """How the target of a marker mission is turned and turns at the start, and the chaser's attitude error."""
+    TORQUE = 11
+    """What disturbs its rotation."""
+    ATTITUDE_NOISE = 12
+    """Of the chaser's attitude, image by image."""
+    DESIGN = 13
+    """What is drawn once, where sensitivities are asked for."""
+    VEHICLE_ONCE = 16
+    """What is drawn once a run of every vehicle (`vehicle_numbers.ONCE`)."""
+    VEHICLE_ANGLES = 17
+    """Phases of its sway, and of the true orbit."""
+    VEHICLE_MOTION = 18
+    """White accelerations."""
+    VEHICLE_SLOW = 19
+    """The slow acceleration, where truth is as believed."""
+    GYRO = 20
+    """Walk of the gyro's bias, and its noise."""
+    FAULT = 21
+    """What a sensor's fault looks like."""
+    SENSORS = 64
+    """The first sensor's noise; with what it is built from the next on (`vehicle_numbers.BUILT`), 8 for each sensor."""
 
 
 @kernel
@@ -151,18 +173,18 @@ class Draws:
             whole(name, value)
         self._key, self._words = np.array([seed, run, 0, 0], dtype=np.uint64), np.zeros(5, dtype=np.uint64)
 
-    def uniforms(self, stream: Stream, shape: tuple[int, ...]) -> Vector:
+    def uniforms(self, stream: int, shape: tuple[int, ...]) -> Vector:
         """The first numbers of a stream, between 0 and 1."""
         out, self._key[2] = np.empty(math.prod(shape)), stream
         _uniforms_into(self._key, self._words, out)
         return out.reshape(shape)
 
-    def normals(self, stream: Stream, shape: tuple[int, ...]) -> Vector:
+    def normals(self, stream: int, shape: tuple[int, ...]) -> Vector:
         """The same as standard normal numbers."""
         out, self._key[2] = np.empty(math.prod(shape)), stream
         _normals_into(self._key, self._words, np.empty(len(out)), np.empty(len(out) + 1, dtype=np.int64), out)
         return out.reshape(shape)
 
-    def generator(self, stream: Stream) -> np.random.Generator:
+    def generator(self, stream: int) -> np.random.Generator:
         """A generator of numpy on a stream, for what is drawn in no fixed number."""
         return np.random.Generator(np.random.Philox(key=self._key[:2], counter=[0, 0, 0, int(stream)]))

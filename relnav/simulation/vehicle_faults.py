@@ -69,7 +69,14 @@ def bent(vehicle: Vehicle, seen: Observation, name: str, size: float) -> Any:
     return quaternion_from_dcm(turn @ dcm_from_quaternion(value))
 
 
-def with_fault(run: VehicleRun, fault: VehicleFault, name: str, rng: np.random.Generator) -> list[Observation]:
+def with_fault(
+    run: VehicleRun,
+    fault: VehicleFault,
+    name: str,
+    rng: np.random.Generator,
+    begins_s: float = BEGINS_S,
+    lasts_s: float = LASTS_S,
+) -> list[Observation]:
     """What was observed with a fault of this sensor, in the order in which a navigator is to take it.
 
     That is the order of time, whatever arrives when, except where images are late.
@@ -79,11 +86,11 @@ def with_fault(run: VehicleRun, fault: VehicleFault, name: str, rng: np.random.G
     def faulty() -> Iterator[Observation]:
         first, share = True, 0.0
         for seen in run.observations:
-            since_s = seen.t_s - BEGINS_S
+            since_s = seen.t_s - begins_s
             if seen.sensor != name:
                 yield seen
             elif fault == VehicleFault.RAMP:
-                share = min(max(since_s / LASTS_S, 0.0), 1.0)
+                share = min(max(since_s / lasts_s, 0.0), 1.0)
                 yield replace(seen, value=bent(vehicle, seen, name, share * full))
             elif fault == VehicleFault.GLINT and first:
                 yield replace(seen, value=_with_glint(vehicle, seen, rng))
@@ -91,7 +98,7 @@ def with_fault(run: VehicleRun, fault: VehicleFault, name: str, rng: np.random.G
                 yield replace(seen, t_s=seen.t_s + JUMP_S)
             elif fault == VehicleFault.LATE and since_s >= 0.0:
                 yield replace(seen, arrives_s=seen.t_s + LATE_S)
-            elif fault != VehicleFault.LOST or not 0.0 <= since_s < LASTS_S:
+            elif fault != VehicleFault.LOST or not 0.0 <= since_s < lasts_s:
                 yield seen
             first = first and seen.sensor != name
 

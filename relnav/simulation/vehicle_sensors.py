@@ -17,7 +17,8 @@ from relnav.sensors.aps_sun.sensor import ApsSunModel
 from relnav.sensors.birefringent_sun.spots import project as project_birefringent
 from relnav.sensors.sun_direction import SunDirection
 from relnav.sensors.three_marker.camera import project
-from relnav.simulation.rendezvous import Rendezvous, Truth, stated_state
+from relnav.simulation.rendezvous import Rendezvous, Truth, stated_states
+from relnav.simulation.vehicle_numbers import InTurn, VehicleNumbers
 from relnav.spacecraft import POINTS, STAR, Vehicle
 
 Value: TypeAlias = Vector | Matrix | SunDirection
@@ -60,46 +61,55 @@ class VehicleRun:
         return bias
 
 
-def simulate_rendezvous(vehicle: Vehicle, flight: Rendezvous | None = None, *, seed: int = 0) -> VehicleRun:
-    """Fly a rendezvous and see it with every sensor of the vehicle; `Rendezvous()` if no flight is given."""
-    rng = np.random.default_rng(seed)
-    truth = Truth(vehicle, Rendezvous() if flight is None else flight, rng)
+def simulate_rendezvous(
+    vehicle: Vehicle, flight: Rendezvous | None = None, *, seed: int = 0, numbers: VehicleNumbers | None = None
+) -> VehicleRun:
+    """Fly a rendezvous and see it with every sensor of the vehicle; `Rendezvous()` if no flight is given.
+
+    numbers: its random numbers, `vehicle_numbers`; those of the seed, all in turn, if left out.
+    """
+    drawn = InTurn(seed) if numbers is None else numbers
+    truth = Truth(vehicle, Rendezvous() if flight is None else flight, drawn)
     lasting, observations = dict(truth.lasting), []
-    gyro, bias = _gyro(truth, rng)
+    gyro, bias = _gyro(truth, drawn)
     observations += gyro
     observations += [Observation("thrust", t, command, t) for t, command in truth.commands]
     for name, mounted in vehicle.sensor.items():
-        lasting[f"{name}.mount"] = rng.normal(size=3) * mounted.mount_sigma_rad
+        lasting[f"{name}.mount"] = drawn.once(f"{name}.mount", 3) * mounted.mount_sigma_rad
         kind = vehicle.kind(name)
         times: Vector = np.arange(mounted.first_s, truth.end_s, 1.0 / mounted.rate_hz)
         values: Sequence[Value | None]
         if kind == POINTS:
-            lasting[f"{name}.lever"] = rng.normal(size=3) * mounted.lever_sigma_m
-            lasting[f"{name}.focal"] = rng.normal(size=1) * mounted.focal_sigma
-            lasting[f"{name}.points"] = rng.normal(size=vehicle.points_m(name).size) * mounted.points_sigma_m
-            values = _spots(truth, name, times, lasting, rng)
+            lasting[f"{name}.lever"] = drawn.once(f"{name}.lever", 3) * mounted.lever_sigma_m
+            lasting[f"{name}.focal"] = drawn.once(f"{name}.focal", 1) * mounted.focal_sigma
+            lasting[f"{name}.points"] = (
+                drawn.once(f"{name}.points", vehicle.points_m(name).size) * mounted.points_sigma_m
+            )
+            values = _spots(truth, name, times, lasting, drawn.noise(name))
         else:
             turn = Rotation.from_rotvec(-lasting[f"{name}.mount"])
             sensor = turn * Rotation.from_matrix(mounted.dcm_sensor_from_chaser) * truth.chaser_from_inertial(times)
+            rng = drawn.noise(name)
             values = _stars(vehicle, name, sensor, rng) if kind == STAR else _suns(vehicle, name, sensor, times, rng)
         observations += [
-            Observation(name, float(t), value, float(t) + mounted.delay_s)
-            for t, value in zip(times, values, strict=True)
+            Observation(name, t, value, t + mounted.delay_s)
+            for t, value in zip(times.tolist(), values, strict=True)
             if value is not None
         ]
     return VehicleRun(truth, lasting, bias, tuple(sorted(observations, key=lambda o: o.arrives_s)))
 
 
-def _gyro(truth: Truth, rng: np.random.Generator) -> tuple[list[Observation], Matrix]:
+def _gyro(truth: Truth, numbers: VehicleNumbers) -> tuple[list[Observation], Matrix]:
     gyro = truth.vehicle.gyro
     dt = 1.0 / gyro.rate_hz
     times: Vector = np.arange(round(truth.end_s * gyro.rate_hz) + 1, dtype=np.float64) * dt
     body = truth.chaser_from_inertial(times).inv()
     rate = (body[:-1].inv() * body[1:]).as_rotvec() / dt
+    rng = numbers.noise("gyro")
     walk = rng.normal(size=rate.shape) * gyro.bias_walk_rad_s_sqrt_s * dt**0.5
-    bias = rng.normal(size=3) * gyro.bias_sigma_rad_s + np.cumsum(walk, axis=0) - walk[0]
+    bias = numbers.once("gyro_bias", 3) * gyro.bias_sigma_rad_s + np.cumsum(walk, axis=0) - walk[0]
     sample = rate + bias + rng.normal(size=rate.shape) * gyro.random_walk_rad_sqrt_s / dt**0.5
-    return [Observation("gyro", float(t), w, float(t)) for t, w in zip(times, sample, strict=False)], bias
+    return [Observation("gyro", t, w, t) for t, w in zip(times.tolist(), sample, strict=False)], bias
 
 
 def _spots(
@@ -111,20 +121,21 @@ def _spots(
     lens = np.array(mounted.position_m) + lasting[f"{name}.lever"]
     sensor = Rotation.from_rotvec(-lasting[f"{name}.mount"]) * Rotation.from_matrix(mounted.dcm_sensor_from_chaser)
     scale = 1.0 + lasting[f"{name}.focal"][0]
-    motion, target, chaser = truth.motion(times), truth.frame_from_target(times), truth.chaser_from_frame(times)
-    images: list[Matrix | None] = []
-    for k in range(len(times)):
-        points = sensor.apply(chaser[k].apply(target[k].apply(lights) - motion[k, :3]) - lens)
-        if isinstance(model, BeaconMission):
-            clean = scale * model.sensor.focal_length_m * central_projection(points)
-            spots = clean + rng.normal(size=clean.shape) * model.sensor.spot_noise_m
-            spots[(np.abs(spots) > 0.5 * np.array(model.sensor.detector_size_m)).any(axis=1)] = np.nan
-        else:
-            centre = np.array(model.camera.principal_point_px)
-            clean = centre + scale * (project(points, model.camera).spots_px - centre)
-            spots = clean + rng.normal(size=clean.shape) * model.camera.spot_noise_px
-        images.append(spots if np.isfinite(spots).any() else None)
-    return images
+    motion = truth.motion(times)[:, None, :3]
+    target, chaser = truth.frame_from_target(times).as_matrix(), truth.chaser_from_frame(times).as_matrix()
+    in_frame = lights @ target.transpose(0, 2, 1) - motion
+    points = (in_frame @ chaser.transpose(0, 2, 1) - lens) @ sensor.as_matrix().T
+    shape, flat = (len(times), len(lights), 2), points.reshape(-1, 3)
+    if isinstance(model, BeaconMission):
+        clean = (scale * model.sensor.focal_length_m * central_projection(flat)).reshape(shape)
+        spots = clean + rng.normal(size=shape) * model.sensor.spot_noise_m
+        spots[(np.abs(spots) > 0.5 * np.array(model.sensor.detector_size_m)).any(axis=-1)] = np.nan
+    else:
+        centre = np.array(model.camera.principal_point_px)
+        clean = centre + scale * (project(flat, model.camera).spots_px.reshape(shape) - centre)
+        spots = clean + rng.normal(size=shape) * model.camera.spot_noise_px
+    seen = np.isfinite(spots).any(axis=(1, 2)).tolist()
+    return [image if some else None for image, some in zip(spots, seen, strict=True)]
 
 
 def _stars(vehicle: Vehicle, name: str, sensor: Rotation, rng: np.random.Generator) -> list[Vector | None]:
@@ -136,18 +147,17 @@ def _suns(
     vehicle: Vehicle, name: str, sensor: Rotation, times: Vector, rng: np.random.Generator
 ) -> list[SunDirection | None]:
     model = vehicle.models[name]
-    seen: list[SunDirection | None] = []
-    for k, t in enumerate(times):
-        r, v, _ = stated_state(vehicle.orbit, float(t))
-        toward = sensor[k].apply(sun_direction(vehicle.orbit.epoch_s + float(t), r, v))
-        if toward[2] <= 0.0:
-            seen.append(None)
-            continue
-        if isinstance(model, ApsSunModel):
-            spot = project_aps(model, toward) + rng.normal(size=2) * model.sensor.spot_noise_px
-            measured = aps_sun.measure(spot, model)
-        else:
-            spots = project_birefringent(model.sensor, toward)
-            measured = birefringent_sun.measure(spots + rng.normal(size=(2, 2)) * model.sensor.spot_noise_px, model)
-        seen.append(measured if measured.ok else None)
-    return seen
+    r, v, _ = stated_states(vehicle.orbit, times)
+    toward = sensor.apply(sun_direction(vehicle.orbit.epoch_s + times, r, v))
+    above, seen = np.flatnonzero(toward[:, 2] > 0.0), np.full(len(times), None)
+    if isinstance(model, ApsSunModel):
+        clean = project_aps(model, toward[above])
+        spots = clean + rng.normal(size=clean.shape) * model.sensor.spot_noise_px
+        measured = [aps_sun.measure(spot, model) for spot in spots]
+    else:
+        clean = project_birefringent(model.sensor, toward[above])
+        spots = clean + rng.normal(size=clean.shape) * model.sensor.spot_noise_px
+        measured = [birefringent_sun.measure(spot, model) for spot in spots]
+    for k, found in zip(above.tolist(), measured, strict=True):
+        seen[k] = found if found.ok else None
+    return list(seen)

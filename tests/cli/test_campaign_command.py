@@ -64,9 +64,9 @@ def test_what_is_wrong_is_said(run, tmp_path, arguments, code, said):
 
 
 def test_other_models_do_not_fly(run, tmp_path):
-    code, _, said = run("campaign", "three_marker_vision", "--runs", "4", "--out", tmp_path / "out")
+    code, _, said = run("campaign", "aps_sun", "--runs", "4", "--out", tmp_path / "out")
     assert code == 2
-    assert "a campaign flies a three-beacon mission" in said
+    assert "a campaign flies a three_beacon or three_marker mission, or a vehicle" in said
 
 
 def test_simulate_refuses_what_a_scenario_says(run, tmp_path):

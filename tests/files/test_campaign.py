@@ -144,10 +144,10 @@ def test_another_campaign_in_the_folder_is_refused(whole, model, change, said):
 
 
 def test_a_run_that_fails_is_named_and_the_others_complete(whole, model, tmp_path, monkeypatch):
-    def poisoned(model, scenario, seed, run, fly=run_score.fly_run):
+    def poisoned(model, scenario, seed, run, given, fly=run_score.fly_run):
         if run == 13:
             raise FloatingPointError("a poisoned run")
-        return fly(model, scenario, seed, run)
+        return fly(model, scenario, seed, run, given)
 
     monkeypatch.setattr(run_score, "fly_run", poisoned)
     table = relnav.campaign(model, 24, 3, dispersions=TINY, out=tmp_path / "out", workers=2)

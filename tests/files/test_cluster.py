@@ -64,3 +64,47 @@ def test_a_cluster_that_fails_is_told(monkeypatch, tmp_path):
     with pytest.raises(InputError, match="the cluster failed: OSError: no space left there; call it again to go on"):
         cluster._Driver(plan, tmp_path, client, None).fly([0])
     waiting.add.assert_called_once_with(future)
+
+
+def driver_of(outcomes, tmp_path, monkeypatch, batch=4):
+    """A driver whose futures end as outcomes(runs) says, None being a death; and the batches that it wrote."""
+    from relnav.files import cluster
+
+    class DeathError(Exception):
+        pass
+
+    queue, written = [], []
+
+    def submit(*arguments, **_):
+        runs = arguments[-1]
+        ended = outcomes(runs)
+        end = {"side_effect": DeathError()} if ended is None else {"return_value": ended}
+        queue.append(mock.Mock(**{f"result.{key}": value for key, value in end.items()}))
+        return queue[-1]
+
+    waiting = mock.MagicMock(__next__=lambda _: queue.pop(0))
+    client = mock.Mock(**{"scheduler_info.return_value": {"workers": {}}, "submit.side_effect": submit})
+    dask = mock.Mock(**{"as_completed.return_value": waiting}, KilledWorker=DeathError)
+    monkeypatch.setattr(cluster, "require_distributed", lambda: dask)
+    monkeypatch.setattr(cluster, "write_flown", lambda *of: written.append(of[-1]))
+    plan = SimpleNamespace(runs_of=lambda start: range(start, start + batch), batch=batch, columns=("x",))
+    return cluster._Driver(plan, tmp_path, client, None), written
+
+
+def test_a_run_that_kills_is_named_and_its_batch_completes(tmp_path, monkeypatch):
+    """Run 6 kills whoever flies it; run 1 dies once with another's process, and is flown again alone."""
+    import numpy as np
+
+    from relnav.accuracy.campaign_plan import Batch
+
+    unlucky = [2, 1]
+
+    def outcome(runs):
+        if 6 in runs or (1 in runs and unlucky and unlucky.pop()):
+            return None
+        return Batch(np.array(runs), np.zeros(len(runs), dtype=int), ("",) * len(runs), np.zeros((len(runs), 1)))
+
+    driver, written = driver_of(outcome, tmp_path, monkeypatch)
+    driver.fly([0, 4])
+    assert {int(one.run[0]): one.status.tolist() for one in written} == {0: [0, 0, 0, 0], 4: [0, 0, 3, 0]}
+    assert written[-1].reasons == ("", "", "every process that flew it died", "")

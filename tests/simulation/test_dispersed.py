@@ -100,8 +100,8 @@ def test_noise_by_received_power(model):
 
 
 def test_other_models_are_refused():
-    with pytest.raises(ValueError, match="scenarios are flown by three-beacon missions"):
-        relnav.simulate(relnav.load_model("three_marker_vision"))
+    with pytest.raises(ValueError, match="scenarios are flown by three_beacon and three_marker missions and by vehi"):
+        relnav.simulate(relnav.load_model("aps_sun"))
 
 
 def test_tolerances_must_be_there(model):
