@@ -15,28 +15,37 @@ with a few hundred of these cases (tests/files/test_fuzzing.py).
 
 import argparse
 import json
+import mmap
+import os
+import random
+import re
 import resource
 import shutil
 import signal
 import sys
 import tempfile
 import time
+import traceback
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from fuzzing_readers import targets
+from fuzzing_choices import Drawn, Seeded
+from fuzzing_readers import Maker, targets
 from hypothesis import HealthCheck, Phase, given, seed, settings
+from hypothesis import strategies as st
 
 from relnav.errors import InputError, UsageError
 
-SLOWEST_S, LONGEST_S, MOST_BYTES = 5.0, 60.0, 1 << 30
+SLOWEST_S, LONGEST_S, MOST_MIB = 5.0, 60.0, 1024
 FOUND = Path(__file__).resolve().parents[1] / "tests" / "files" / "found"
-ROUND = 2000
-"""Cases of a target in one round; hypothesis remembers what it has tried, so that more make it slow."""
+ROUND, MOST_FAULTS = 2000, 10
+"""Cases of a target in one round (hypothesis remembers what it has tried, so that more make it slow), and the kinds of
+faults after which a target is left alone."""
 SHARE = {"beacon track": 0.02, "marker track": 0.01, "vehicle track": 0.01, "campaign, its summary": 0.05}
 SHARE |= {"campaign, its description": 0.05, "campaign, its runs": 0.05}
 """Part of a round that a target is given whose cases take long."""
@@ -118,17 +127,88 @@ def try_cases(
 def fuzz(
     name: str, folder: Path, cases: int, *, derandomize: bool = False, number: int | None = None
 ) -> dict[str, Any]:
-    """Try so many cases of one target; what came of them. The first that must not be is raised, made small."""
-    ending, read, strategy = targets(folder)[name]
+    """Try so many cases of one target; what came of them.
+
+    Hypothesis draws them, and raises the first that must not be, made small. Those of a seed (`number`) are made a
+    hundred times quicker; the first file of each kind of fault is kept as it is.
+    """
+    if number is not None:
+        return seeded(name, folder, cases, number)
+    one, make, outcomes = tried(name, folder)
+    try_cases(st.composite(lambda draw: make(Drawn(draw)))(), one, cases, derandomize=derandomize)
+    return told(name, outcomes, [])
+
+
+def tried(name: str, folder: Path) -> tuple[Callable[[bytes], None], Maker, Counter[str]]:
+    """What tries one content of a target, what makes contents, and what came of those that were tried."""
+    ending, read, make = targets(folder)[name]
+    path, named = folder / ending, folder / Path(ending).parts[0]
     outcomes: Counter[str] = Counter()
-    path = folder / ending
-    named = path if path.parent == folder else folder / Path(ending).parts[0]
 
     def one(content: bytes) -> None:
         outcomes[try_one(path, read, content, named)] += 1
 
-    try_cases(strategy, one, cases, derandomize=derandomize, number=number)
-    return {"target": name, "cases": sum(outcomes.values()), "outcomes": dict(sorted(outcomes.items())), "faults": []}
+    return one, make, outcomes
+
+
+def told(name: str, outcomes: Counter[str], faults: list[str]) -> dict[str, Any]:
+    """An entry of what the script writes."""
+    return {"target": name, "cases": outcomes.total(), "outcomes": dict(sorted(outcomes.items())), "faults": faults}
+
+
+def seeded(name: str, folder: Path, cases: int, number: int) -> dict[str, Any]:
+    """Cases of a seed, in a child, since a library in another language can end the process; then goes on after it."""
+    outcomes: Counter[str] = Counter()
+    faults: list[str] = []
+    memory, at = 0, mmap.mmap(-1, 8)  # the number of the case that is tried
+    for_cases = partial(_seeded_part, name, folder, cases, number, at)
+    while (begin := int.from_bytes(at, "little")) < cases:
+        read, write = os.pipe()
+        if (child := os.fork()) == 0:
+            os.write(write, json.dumps(for_cases(begin)).encode())
+            os._exit(0)
+        os.close(write)
+        with os.fdopen(read, "rb") as pipe:
+            content = pipe.read()
+        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        if code == 0:
+            new = json.loads(content)
+            outcomes += Counter(new["outcomes"])
+            faults += [fault for fault in new["faults"] if fault not in faults]
+            memory = max(memory, new["memory_mib"])
+            continue
+        stopped = int.from_bytes(at, "little")
+        outcomes += Counter({"not counted": stopped - begin, "fault": 1})
+        if (fault := f"the process ended with {code}") not in faults:
+            faults.append(fault)
+            keep(name, folder)
+        at[:] = (stopped + 1).to_bytes(8, "little")
+    return told(name, outcomes, faults) | {"memory_mib": memory}
+
+
+def _seeded_part(name: str, folder: Path, cases: int, number: int, at: mmap.mmap, begin: int) -> dict[str, Any]:
+    """Cases from one on; `at` is told which is next."""
+    one, make, outcomes = tried(name, folder)
+    faults: list[str] = []
+    for case in range(begin, cases):
+        at[:] = case.to_bytes(8, "little")
+        try:
+            one(make(Seeded(random.Random(f"{number} {case}"))))
+        except Exception as error:
+            outcomes["fault"] += 1
+            if (fault := kind_of_fault(error)) not in faults:
+                faults.append(fault)
+                keep(name, folder)
+    at[:] = cases.to_bytes(8, "little")
+    used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+    return told(name, outcomes, faults) | {"memory_mib": used}
+
+
+def kind_of_fault(error: Exception) -> str:
+    """What went wrong and where, without the values that differ from file to file."""
+    places = [place for place in traceback.extract_tb(error.__traceback__) if "relnav" in place.filename]
+    where = f"{Path(places[-1].filename).name}:{places[-1].lineno}: " if places else ""
+    return f"{where}{type(error).__name__}: {re.sub('[0-9]+', '0', str(error))[:200]}"
 
 
 def keep(name: str, folder: Path) -> None:
@@ -169,33 +249,35 @@ def run_targets(
         every = list(options.target or names(folder))
 
         def goes_on() -> bool:
-            tried = sum(entry["cases"] for entry in found.values())
-            whole = all(target in found for target in every) and (options.inputs is None or tried >= options.inputs)
+            count = sum(entry["cases"] for entry in found.values())
+            whole = all(target in found for target in every) and (options.inputs is None or count >= options.inputs)
             return not whole and time.process_time() < options.seconds
 
         while goes_on():
             for target in every:
                 if not goes_on():
                     break
-                if target in found and found[target]["faults"]:
+                if target in found and len(found[target]["faults"]) >= MOST_FAULTS:
                     continue
                 entry = found.setdefault(target, {word: target, "cases": 0, "outcomes": {}, "faults": []})
-                told = {} if options.inputs is None else {"number": options.seed + number}
+                seeds = {} if options.inputs is None else {"number": options.seed + number}
                 try:
-                    new = fuzz_one(target, folder, _round(options, target, number), **told)
+                    new = fuzz_one(target, folder, _round(options, target, number), **seeds)
                     entry["cases"] += new["cases"]
                     entry["outcomes"] = dict(sorted((Counter(entry["outcomes"]) + Counter(new["outcomes"])).items()))
+                    entry["memory_mib"] = max(entry.get("memory_mib", 0), new.get("memory_mib", 0))
+                    entry["faults"] += [fault for fault in new["faults"] if fault not in entry["faults"]]
                 except Exception as error:
                     notes = getattr(error, "__notes__", [])
                     entry["faults"].append("; ".join([f"{type(error).__name__}: {error}", *notes]))
                     if broken is not None:
                         broken(target, folder)
-                used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-                entry["memory_mib"] = used // 2**20
-                if used > MOST_BYTES:
+                used = max(entry.get("memory_mib", 0), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
+                entry["memory_mib"] = used
+                if used > MOST_MIB and "more than 1 GiB of memory" not in entry["faults"]:
                     entry["faults"].append("more than 1 GiB of memory")
                 print(json.dumps(entry), flush=True)
-            if all(found.get(target, {}).get("faults") for target in every):
+            if all(len(found.get(target, {}).get("faults", ())) >= MOST_FAULTS for target in every):
                 break
             number += 1
             if options.json:

@@ -2,14 +2,14 @@
 
 import json
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from fuzzing_bytes import BEACONS, MARKERS, SPOTS, changed_bytes, flights, parquets, pictures, texts
-from hypothesis import strategies as st
+from fuzzing_choices import Choices
 
 import relnav
 from relnav.files.accuracy_page import read_report, write_accuracy_page
@@ -30,8 +30,9 @@ from relnav.files.sun_measurements import read_sun_measurements
 from relnav.files.track_file import TrackFile
 from relnav.files.vehicle_log import filter_rows, read_vehicle_log
 
-Target = tuple[str, Callable[[Path], Any], st.SearchStrategy[bytes]]
-"""Ending of the file (or its place in a folder), what reads it, and its contents."""
+Maker = Callable[[Choices], bytes]
+Target = tuple[str, Callable[[Path], Any], Maker]
+"""Ending of the file (or its place in a folder), what reads it, and what makes its contents."""
 
 VEHICLE = ["t_s,sensor," + ",".join(f"v{k}" for k in range(12))]
 VEHICLE += ["0.0,gyro,1e-6,0.0011,-2e-6,,,,,,,,,", "0.05,star,0.5,-0.5,-0.5,-0.5,,,,,,,,"]
@@ -121,41 +122,58 @@ def check_track(path: Path, model: str) -> None:
         assert (np.linalg.eigvalsh(correlation) > -1e-9).all(), "a covariance is positive definite"
 
 
+def lines(good: list[str], separator: str) -> Maker:
+    """Texts of these lines with parts exchanged."""
+    return partial(texts, lines=good, separator=separator)
+
+
 def targets(folder: Path) -> dict[str, Target]:
     """Name: ending of the file, what reads it, and the files."""
     found: dict[str, Target] = {}
     for name, (reader, header, rows) in TABLES.items():
-        found[name] = ("log.csv", reader, texts(["# one = 1", header, *rows], ","))
+        found[name] = ("log.csv", reader, lines(["# one = 1", header, *rows], ","))
     shipped = [(models_root() / name / "model.toml").read_text().splitlines() for name in list_models()]
-    found["models"] = ("model.toml", load_model, st.sampled_from(shipped).flatmap(lambda text: texts(text, " ")))
+    found["models"] = ("model.toml", load_model, lambda choose: texts(choose, choose.one(shipped), " "))
     claims = (models_root() / "three_beacon_psd" / "published.toml").read_text().splitlines()
     (folder / "model.toml").write_bytes((models_root() / "three_beacon_psd" / "model.toml").read_bytes())
     found["published"] = (
         "published.toml",
         lambda path: load_published(path.with_name("model.toml")),
-        texts(claims, " "),
+        lines(claims, " "),
     )
     psd = ["[calibration]", "order = 0", "center_um = [0.0, 0.0]", "half_width_um = [1.0, 1.0]"]
     psd += ["correction_x_um = [0.0]", "correction_y_um = [0.0]", "residual_sigma_um = 1.0", "rim_slope = 0.0"]
     psd += ["points = 100", "noise_sigma_um = 1.0"]
-    found["detector calibration"] = ("c.toml", read_calibration, texts(psd, " "))
+    found["detector calibration"] = ("c.toml", read_calibration, lines(psd, " "))
     axis = [float(k) for k in range(4)]
     sun = {"format": "relnav sun calibration 1", "method": "rays", "field_half_angle_deg": 50.0, "spot_noise_px": 0.1}
     sun |= {"calibration_noise_px": 0.1, "table": {"x_px": axis, "y_px": axis, "tangents": [[[0.0, 0.0]] * 4] * 4}}
-    found["sun calibration"] = ("c.json", load_sun_calibration, texts(json.dumps(sun, indent=1).splitlines(), " "))
-    found["parquet"] = ("log.parquet", read_log, parquets(folder))
-    found["beacon track"] = ("log.csv", lambda path: check_track(path, "three_beacon_psd"), flights(BEACONS, "_um"))
-    found["marker track"] = ("log.csv", lambda path: check_track(path, "three_marker_vision"), flights(MARKERS, "_px"))
+    found["sun calibration"] = ("c.json", load_sun_calibration, lines(json.dumps(sun, indent=1).splitlines(), " "))
+    found["parquet"] = ("log.parquet", read_log, parquets)
+    found["beacon track"] = (
+        "log.csv",
+        lambda path: check_track(path, "three_beacon_psd"),
+        partial(flights, rows=BEACONS, unit="_um"),
+    )
+    found["marker track"] = (
+        "log.csv",
+        lambda path: check_track(path, "three_marker_vision"),
+        partial(flights, rows=MARKERS, unit="_px"),
+    )
     for ending in (".png", ".tif", ".fits"):
-        found[f"picture {ending}"] = (f"a{ending}", lambda path: see_picture(path, None, 5.0, None), pictures(ending))
+        found[f"picture {ending}"] = (
+            f"a{ending}",
+            lambda path: see_picture(path, None, 5.0, None),
+            partial(pictures, kind=ending),
+        )
     found["sun table"] = ("sun.csv", lambda path: read_sun_measurements(path, load_model("aps_sun")), sun_tables())
-    found["scenario"] = ("s.toml", load_scenario, texts(SCENARIO, " "))
-    found["accuracy report"] = ("r.json", _look_at_report, texts(json.dumps(REPORT, indent=1).splitlines(), " "))
-    found["vehicle track"] = ("log.csv", _look_at_vehicle, texts(VEHICLE, ","))
+    found["scenario"] = ("s.toml", load_scenario, lines(SCENARIO, " "))
+    found["accuracy report"] = ("r.json", _look_at_report, lines(json.dumps(REPORT, indent=1).splitlines(), " "))
+    found["vehicle track"] = ("log.csv", _look_at_vehicle, lines(VEHICLE, ","))
     return found | {name: in_folder(folder, file) for name, file in FOLDERS.items()}
 
 
-def sun_tables() -> st.SearchStrategy[bytes]:
+def sun_tables() -> Maker:
     """Turntable angles and the spots that a pinhole of the sensor's size makes of them."""
     model = load_model("aps_sun")
     from relnav.sensors.aps_sun.rays import project
@@ -164,7 +182,7 @@ def sun_tables() -> st.SearchStrategy[bytes]:
     toward = np.column_stack([np.tan(np.radians(angles)), np.ones(9)])
     spots = project(model, toward / np.linalg.norm(toward, axis=1, keepdims=True))
     rows = [",".join(map(repr, row)) for row in np.column_stack([angles, spots]).tolist()]
-    return texts(["alpha_deg,beta_deg,spot_x_px,spot_y_px", *rows], ",")
+    return lines(["alpha_deg,beta_deg,spot_x_px,spot_y_px", *rows], ",")
 
 
 FOLDERS = {
@@ -182,15 +200,18 @@ def in_folder(folder: Path, file: str) -> Target:
     """A target of `FOLDERS`."""
     room = file.partition("/")[0]
 
-    def contents() -> st.SearchStrategy[bytes]:
+    @cache
+    def content() -> bytes:
         made = campaign_files() if room == "campaign" else bag_files()
-        for place, content in made.items():
+        for place, whole in made.items():
             (folder / place).parent.mkdir(parents=True, exist_ok=True)
-            (folder / place).write_bytes(content)
-        content = made[file]
+            (folder / place).write_bytes(whole)
+        return made[file]
+
+    def contents(choose: Choices) -> bytes:
         if file.endswith((".json", ".yaml")):
-            return texts(content.decode().splitlines(), " ")
-        return changed_bytes(content)
+            return texts(choose, content().decode().splitlines(), " ")
+        return changed_bytes(choose, content())
 
     def read(_path: Path) -> None:
         if room == "campaign":
@@ -200,7 +221,7 @@ def in_folder(folder: Path, file: str) -> Target:
         else:
             read_log(log_in_memory(folder / room) or folder / room)
 
-    return file, read, st.deferred(contents)
+    return file, read, contents
 
 
 @cache

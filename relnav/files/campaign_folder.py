@@ -177,7 +177,7 @@ class Runs:
 
         for path in self._parts:
             try:
-                yield parquet.read_table(path, columns=list(names), use_threads=False, pre_buffer=False)
+                yield parquet.ParquetFile(path, pre_buffer=False).read(columns=list(names), use_threads=False)
             except (pyarrow.ArrowException, OSError) as error:
                 raise _damaged(path, error) from error
 
@@ -219,7 +219,7 @@ class Runs:
         from pyarrow import parquet
 
         return require_pyarrow().concat_tables(
-            [parquet.read_table(path, memory_map=True, use_threads=False) for path in self._parts]
+            [parquet.ParquetFile(path, memory_map=True).read(use_threads=False) for path in self._parts]
         )
 
 

@@ -143,7 +143,7 @@ def test_a_few_kilobytes_that_unpack_to_much(tmp_path, monkeypatch):
     monkeypatch.setattr("relnav.files.parquet.BOMB_BYTES", 10_000)
     monkeypatch.setattr("relnav.files.parquet.BOMB_RATIO", 2)
     names = ["t_s", *(f"spot_{beacon}_{axis}_um" for beacon in "abc" for axis in "xy")]
-    with pytest.raises(relnav.LogError, match=r"unpacks from \d+ to \d+ bytes; no measured log does"):
+    with pytest.raises(relnav.LogError, match=r"unpacks to \d+ bytes, from a file of \d+; no measured log does"):
         parquet(tmp_path, names, **{name: 0.0 + (np.arange(50_000) > 25_000) for name in names})
 
 
