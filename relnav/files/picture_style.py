@@ -1,5 +1,6 @@
 """How our pictures look: one set of colours and lines, and how a figure becomes a file; matplotlib when it is used."""
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,8 +26,10 @@ ENDINGS = (".png", ".pdf", ".svg")
 DOTS_AN_INCH = 130
 WIDTH_OF_LEGEND, LETTERS_AN_INCH, MOST_COLUMNS = 11.0, 14.0, 7
 """Inches and letters of the legend's size; how many columns are read at a glance."""
-LONE_DECADE = 30.0
-"""Of a logarithmic axis: highest over lowest up to which two decades alone would label it poorly."""
+DIGITS = (("1",), ("1", "3"), ("1", "2", "5"), ("1", "1.5", "2", "3", "5", "7"))
+"""First digits of the numbers of a logarithmic axis: the more, the less it spans."""
+LABELS_CLOSER = 1.3
+"""So many times as many numbers as matplotlib puts on an axis of that height still find room."""
 STYLE: Any = {
     "font.size": 8.5,
     "axes.titlesize": 9.5,
@@ -132,15 +135,39 @@ def _columns(letters: list[int], inches: float) -> int:
 
 def plain_decades(axis: Any) -> None:
     """Numbers of a logarithmic axis as one writes them: 0.01; and 0.02, 0.05 where it spans hardly a decade."""
-    from matplotlib.ticker import FuncFormatter
+    from matplotlib.ticker import AutoLocator, FuncFormatter, LogLocator, NullFormatter
 
-    def between(value: float, _: int) -> str:
-        low, high = axis.get_ylim()
-        digit = f"{value:.0e}"[0]
-        return f"{value:g}" if high < LONE_DECADE * low and digit in "25" else ""
+    class Labelled(LogLocator):
+        """Where numbers stand: at least two of them on every axis, and no more than find room."""
 
+        def __call__(self) -> Any:
+            return self.tick_values(*axis.get_ylim())
+
+        def tick_values(self, vmin: float, vmax: float) -> Any:
+            room = min(6, max(2, round(LABELS_CLOSER * axis.yaxis.get_tick_space())))
+            return log_ticks(vmin, vmax, room) or AutoLocator().tick_values(vmin, vmax)
+
+    axis.yaxis.set_major_locator(Labelled())
     axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.yaxis.set_minor_formatter(FuncFormatter(between))
+    axis.yaxis.set_minor_formatter(NullFormatter())
+
+
+def log_ticks(low: float, high: float, room: int) -> list[float]:
+    """Round numbers of a logarithmic axis from low to high, two to `room`; none where it is too short for them."""
+    if not 0.0 < low < high:
+        return []
+    first, last = math.floor(math.log10(low)), math.floor(math.log10(high))
+    decades = [k for k in range(first, last + 1) if low <= 10.0**k]
+    if len(decades) >= min(room, 3):
+        apart = -(-len(decades) // room)
+        return [float(f"1e{k}") for k in decades if k % apart == 0 or apart == 1]
+    best: list[float] = []
+    for digits in DIGITS:
+        found = [v for k in range(first, last + 1) for d in digits if low <= (v := float(f"{d}e{k}")) <= high]
+        if len(best) >= 2 and len(found) > room:
+            break
+        best = found if len(found) <= room or len(best) < 2 else best
+    return best if len(best) >= 2 else []
 
 
 def check_picture(path: Path) -> None:
