@@ -28,6 +28,9 @@ WIDTH_OF_LEGEND, LETTERS_AN_INCH, MOST_COLUMNS = 11.0, 14.0, 7
 """Inches and letters of the legend's size; how many columns are read at a glance."""
 DIGITS = (("1",), ("1", "3"), ("1", "2", "5"), ("1", "1.5", "2", "3", "5", "7"))
 """First digits of the numbers of a logarithmic axis: the more, the less it spans."""
+FINE: Any = {"colors": "#e3e8ed", "linewidths": 0.7, "alpha": 0.35, "zorder": 0.5}
+MOST_DECADES = 1e9
+"""Of a logarithmic axis with lines between its decades."""
 LABELS_CLOSER = 1.3
 """So many times as many numbers as matplotlib puts on an axis of that height still find room."""
 STYLE: Any = {
@@ -150,6 +153,22 @@ def plain_decades(axis: Any) -> None:
     axis.yaxis.set_major_locator(Labelled())
     axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.yaxis.set_minor_formatter(NullFormatter())
+
+
+def fine_grid(axis: Any) -> None:
+    """Lines between the decades of a logarithmic axis with its final limits; as ticks they cost ten times that."""
+    from matplotlib.collections import LineCollection
+    from matplotlib.ticker import NullLocator
+
+    axis.yaxis.set_minor_locator(NullLocator())
+    low, high = axis.get_ylim()
+    axis.set_ylim(low, high)
+    if not 0.0 < low < high < MOST_DECADES * low:
+        return
+    decades = range(math.floor(math.log10(low)), math.floor(math.log10(high)) + 1)
+    between = [v for k in decades for digit in range(2, 10) if low < (v := float(f"{digit}e{k}")) < high]
+    lines = LineCollection([[(0.0, v), (1.0, v)] for v in between], transform=axis.get_yaxis_transform(), **FINE)
+    axis.add_collection(lines, autolim=False)
 
 
 def log_ticks(low: float, high: float, room: int) -> list[float]:

@@ -18,6 +18,7 @@ from relnav.files.picture_style import (
     QUIET,
     SPREAD,
     check_picture,
+    fine_grid,
     heading,
     named_line,
     new_figure,
@@ -179,8 +180,8 @@ def _draw_spread(axis: Any, view: RunView, quantity: Quantity, times: float, cla
     plain_decades(axis)
     axis.set_title(title)
     axis.set_ylabel(quantity.unit)
-    axis.grid(which="minor", alpha=0.35)
     axis.margins(x=0.01, y=0.12)
+    fine_grid(axis)
 
 
 def _room(values: Vector, around: Vector, share: float) -> tuple[float, float]:
