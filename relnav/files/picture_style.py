@@ -179,7 +179,8 @@ def log_ticks(low: float, high: float, room: int) -> list[float]:
     decades = [k for k in range(first, last + 1) if low <= 10.0**k]
     if len(decades) >= min(room, 3):
         apart = -(-len(decades) // room)
-        return [float(f"1e{k}") for k in decades if k % apart == 0 or apart == 1]
+        even = [k for k in decades if k % apart == 0]
+        return [float(f"1e{k}") for k in (even if len(even) > 1 else decades[::apart])]
     best: list[float] = []
     for digits in DIGITS:
         found = [v for k in range(first, last + 1) for d in digits if low <= (v := float(f"{d}e{k}")) <= high]
