@@ -31,6 +31,8 @@ DIGITS = (("1",), ("1", "3"), ("1", "2", "5"), ("1", "1.5", "2", "3", "5", "7"))
 FINE: Any = {"colors": "#e3e8ed", "linewidths": 0.7, "alpha": 0.35, "zorder": 0.5}
 MOST_DECADES = 1e9
 """Of a logarithmic axis with lines between its decades."""
+SMALLEST_PLAIN, LARGEST_PLAIN = 1e-6, 1e6
+"""An axis that goes beyond has exponents."""
 LABELS_CLOSER = 1.3
 """So many times as many numbers as matplotlib puts on an axis of that height still find room."""
 STYLE: Any = {
@@ -151,8 +153,23 @@ def plain_decades(axis: Any) -> None:
             return log_ticks(vmin, vmax, room) or AutoLocator().tick_values(vmin, vmax)
 
     axis.yaxis.set_major_locator(Labelled())
-    axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+
+    def written(value: float, _: int) -> str:
+        low, high = axis.get_ylim()
+        return plainly(value, 15, exponent=low < SMALLEST_PLAIN or high >= LARGEST_PLAIN)
+
+    axis.yaxis.set_major_formatter(FuncFormatter(written))
     axis.yaxis.set_minor_formatter(NullFormatter())
+
+
+def plainly(value: float, digits: int, *, exponent: bool = False) -> str:
+    """A number in so many digits as one writes it, 0.00006; with an exponent, 6e-5, if that is asked for."""
+    import numpy as np
+
+    if exponent and value:
+        mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
+        return f"{mantissa.rstrip('0').rstrip('.')}e{int(power)}"
+    return str(np.format_float_positional(value, precision=digits, fractional=False, trim="-"))
 
 
 def fine_grid(axis: Any) -> None:

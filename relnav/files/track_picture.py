@@ -16,6 +16,7 @@ from relnav.files.picture_style import (
     GATE,
     INK,
     QUIET,
+    SMALLEST_PLAIN,
     SPREAD,
     check_picture,
     fine_grid,
@@ -24,6 +25,7 @@ from relnav.files.picture_style import (
     new_figure,
     one_legend,
     plain_decades,
+    plainly,
     save,
     styled,
 )
@@ -169,7 +171,8 @@ def _draw_spread(axis: Any, view: RunView, quantity: Quantity, times: float, cla
     if view.has(quantity.sigma):
         spread = times * view.largest(quantity.sigma)
         axis.semilogy(view.thin.times(), spread, color=SPREAD, label=name)
-        ends = f"ends at {spread[np.isfinite(spread)][-1]:.2g} {quantity.unit}"
+        last = float(spread[np.isfinite(spread)][-1])
+        ends = f"ends at {plainly(last, 2, exponent=last < SMALLEST_PLAIN)} {quantity.unit}"
         axis.set_title(ends, loc="right", fontsize=8, fontweight="normal", color=SPREAD)
     if times == 1.0 and view.has(quantity.protection):
         level = view.largest(quantity.protection)

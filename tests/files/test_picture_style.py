@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from relnav.files.label_places import free_places
-from relnav.files.picture_style import fine_grid, log_ticks, new_figure, plain_decades
+from relnav.files.picture_style import fine_grid, log_ticks, new_figure, plain_decades, plainly
 
 
 @pytest.mark.parametrize("room", [2, 4, 6])
@@ -26,6 +26,28 @@ def test_a_logarithmic_axis_has_two_numbers_or_more_and_room_for_them(low, decad
 @pytest.mark.parametrize("limits", [(0.0, 1.0), (-1.0, 1.0), (2.0, 2.0), (float("nan"), 1.0)])
 def test_where_no_logarithm_is_there_are_none(limits):
     assert log_ticks(*limits, 4) == []
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text", "short"),
+    [(6.2e-5, 2, "0.000062", "6.2e-5"), (0.001, 15, "0.001", "1e-3"), (30.0, 15, "30", "3e1"), (0.0, 2, "0", "0")],
+)
+def test_a_number_is_written_plainly_or_with_an_exponent(value, digits, text, short):
+    assert plainly(value, digits) == text
+    assert plainly(value, digits, exponent=True) == short
+
+
+@pytest.mark.parametrize("limits", [(2e-6, 0.3), (2e-8, 0.3), (0.5, 3e6)])
+def test_numbers_of_an_axis_are_all_written_in_one_way(limits):
+    figure = new_figure(3.0, 3.0)
+    axis = figure.subplots()
+    axis.set_yscale("log")
+    axis.set_ylim(*limits)
+    plain_decades(axis)
+    figure.canvas.draw()
+    texts = [text.get_text() for text in axis.get_yticklabels()]
+    assert len(texts) >= 3
+    assert len({"e" in text for text in texts}) == 1
 
 
 @pytest.mark.parametrize("limits", [(0.0024, 0.008), (0.0016, 0.0019), (1e-4, 0.13)])
