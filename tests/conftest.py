@@ -192,8 +192,8 @@ def pytest_deselected(items):
 def pytest_sessionfinish(session):
     """A whole run in which every test passes names the messages of the package that none of them triggered.
 
-    With RELNAV_MESSAGES=strict in the environment it fails for them, unless tests were skipped, as what they need is
-    not installed. Not by default: some are only met by random inputs, which differ from run to run.
+    It fails for them, unless tests were skipped, as what they need is not installed. RELNAV_MESSAGES=told in the
+    environment leaves it at the names.
     RELNAV_MESSAGES=FILE.json in the environment keeps what any run triggered.
     """
     config, wish = session.config, os.environ.get("RELNAV_MESSAGES", "")
@@ -207,7 +207,7 @@ def pytest_sessionfinish(session):
         lines, fails = raise_sites.verdict()
         if lines:
             print("\n", *lines, sep="\n")
-        if fails and wish == "strict":
+        if fails and wish != "told":
             session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 

@@ -255,6 +255,23 @@ CALLS = {
     "spinning": (lambda: spinning(-1.0), "mean_motion_rad_s must be >= 0 and finite; got -1.0"),
     "certain": (certain, "0 < probability < 1 is expected; got 1.0"),
     "markers": (lambda: relnav.Navigator(MARKERS), "is a marker mission: it is flown by relnav.PoseNavigator"),
+    "no path": (lambda: relnav.load_scenario(5), "is expected, a text or a path; got a int: 5"),
+    "off nominal": (
+        lambda: relnav.three_beacon.positions(np.zeros((2, 2)), PSD),
+        r"spots_m has shape \(3, 2\), rows A, B, C, .*; got \(2, 2\)",
+    ),
+    "pose back": (lambda: pose(lambda n: [n.step(t) for t in (1.0, 0.5)]), "before the last epoch, 1.0; got 0.5"),
+    "pose spots": (lambda: pose(lambda n: n.step(0.0, UNSEEN[0, :2])), r"spots_px has shape \(3, 2\), .*got \(2, 2\)"),
+    "no direction seen": (
+        lambda: observed("sun_aps", 1.0),
+        "sun_aps: .* a SunDirection in sensor axes, .* got a float",
+    ),
+    "no sensor": (lambda: observed("radar", 1.0), "no sensor 'radar' in rendezvous_demo; there are gyro, .*psd"),
+    "gyro": (lambda: observed("gyro", [1.0, 2.0]), "gyro: three finite numbers up to .* are expected; got"),
+    "gap": (
+        lambda: vehicle(lambda n: n.observe("gyro", 1e6, np.zeros(3))),
+        "gyro: t_s is a time at most .* start anew",
+    ),
     "no model": (lambda: relnav.Navigator("psd"), r"model is a loaded mission, relnav.load_model\(...\); got 'psd'"),
     "no engine": (lambda: relnav.Navigator(PSD, engine="ekf"), 'engine must be "compiled" or "filterpy"; got'),
     "huge": (lambda: relnav.Navigator(PSD).start(0.0, [1e40] * 6, np.eye(6)), "state must be up to 1e.30 in size"),

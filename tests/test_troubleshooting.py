@@ -56,6 +56,7 @@ def logs() -> dict[str, str]:
         "no_comma.csv": "t_s\n1\n",
         "two_stars.csv": "x_px,y_px\n1,2\n3,4\n",
         "scenario.toml": "[approach]\nspeed = 1.0\n",
+        "built.toml": "[as_built]\nby_tolerances = true\n",
     }
 
 
@@ -77,6 +78,7 @@ def models() -> dict[str, str]:
         "away.toml": changed("value = [0.5, -0.5, -0.5, -0.5]", "value = [-0.5, 0.5, -0.5, -0.5]"),
         "kind.toml": changed('"three_beacon"', '"beacons"'),
         "broken.toml": changed("[sensor]", "[sensor"),
+        "exact.toml": text.partition("[tolerances]")[0],
     }
 
 
@@ -96,6 +98,9 @@ COMMANDS = [
     f"filter good.csv --model {PSD} --out track.docx",
     f"filter good.csv --model {PSD} --plot track.gif",
     f"filter good.csv --model {PSD} --out nowhere/track.csv",
+    "budget three_marker_vision --plot budget.png",
+    f"filter --follow good.csv --model {PSD} --smooth",
+    "campaign exact.toml --runs 2 --scenario built.toml --out flights",
     "stars solve two_stars.csv",
     "stars solve two_stars.csv --model ground_camera",
 ]

@@ -45,6 +45,10 @@ def command(model: str, settings: tuple[str, ...], json_path: Path | None, plot:
     system = system_of(mission)
     if not system.budget:
         raise UsageError(f"{mission.name}: no error budget is known for this kind of sensor")
+    if plot is not None:
+        from relnav.files.budget_picture import check_drawable
+
+        check_drawable(mission)
     budget = resolve(system.budget)
     try:
         report = budget(mission)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from relnav.errors import LogError
-from relnav.files.report_page import Markup, section, table, tile, write_page
+from relnav.files.report_page import Markup, numbered, paragraph, section, table, tile, write_page
 from relnav.files.tables import read_json
 
 
@@ -39,7 +39,7 @@ def write_accuracy_page(report: dict[str, Any], path: Path) -> None:
     parts = [f'<div class="tiles">{"".join(tiles)}</div>']
     for method in dict.fromkeys(str(row.get("method", "")) for row in rows):
         own = [row for row in rows if str(row.get("method", "")) == method]
-        parts.append(section(method or "Figures", table(_HEAD, map(_cells, own), (2, 3))))
+        parts.append(section(method or "Figures", *_figures(own)))
     if isinstance(consistency := report.get("consistency"), list):
         parts.append(section("Is the covariance honest", table(_HONEST, map(_honest, consistency), (1, 2, 3))))
     if notes := report.get("notes"):
@@ -48,7 +48,7 @@ def write_accuracy_page(report: dict[str, Any], path: Path) -> None:
     write_page(path, f"Accuracy of {report['model']}", lead, "".join(parts))
 
 
-_HEAD = ("quantity", "where", "published", "measured", "measured / published", "statistic", "came out", "why")
+_HEAD = ("quantity", "where", "published", "measured", "measured / published", "came out")
 _HONEST = ("way", "mean NEES", "share in its 95 % band", "NIS per dof", "consistent", "expected", "why")
 
 
@@ -63,7 +63,22 @@ def figure(value: Any, unit: object = "") -> str:
     return "-" if number is None else f"{number:.4g} {unit}".rstrip()
 
 
-def _cells(row: dict[str, Any]) -> tuple[object, ...]:
+def _figures(rows: list[dict[str, Any]]) -> list[str]:
+    """A table of figures; what many rows share, statistics and reasons, stands once, by its number."""
+    statistics, reasons = (
+        list(dict.fromkeys(str(row[key]) for row in rows if row.get(key))) for key in ("statistic", "reason")
+    )
+    head: tuple[str, ...] = _HEAD
+    cells: list[tuple[object, ...]] = [_cells(row, reasons) for row in rows]
+    if len(statistics) > 1:
+        head = (*_HEAD[:5], "statistic", _HEAD[5])
+        cells = [(*c[:5], row.get("statistic", ""), c[5]) for c, row in zip(cells, rows, strict=True)]
+    parts = [paragraph(statistics[0])] if len(statistics) == 1 else []
+    parts.append(table(head, cells, (2, 3), classes="scroll short"))
+    return [*parts, numbered(reasons)] if reasons else parts
+
+
+def _cells(row: dict[str, Any], reasons: list[str]) -> tuple[object, ...]:
     published, measured = _number(row.get("published")), _number(row["measured"])
     ratio: object = "for information"
     if published and measured is not None:
@@ -72,6 +87,7 @@ def _cells(row: dict[str, Any]) -> tuple[object, ...]:
         ratio = Markup(f'<span class="track"><span class="bar" style="width:{width:.1f}%"></span></span> {share:.3g}')
     where = row.get("condition") or (f"{row['range_m']:g} m" if _number(row.get("range_m")) is not None else "")
     came = ("met" if row.get("met") else "not met") + f", expected {row.get('expected', '')}"
+    why = f" ({reasons.index(str(row['reason'])) + 1})" if row.get("reason") else ""
     unit = row.get("unit", "")
     return (
         row["quantity"],
@@ -79,9 +95,7 @@ def _cells(row: dict[str, Any]) -> tuple[object, ...]:
         figure(published, unit),
         figure(measured, unit),
         ratio,
-        row.get("statistic", ""),
-        came if published is not None else "",
-        row.get("reason", ""),
+        (came if published is not None else "") + why,
     )
 
 

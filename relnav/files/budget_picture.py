@@ -19,6 +19,7 @@ from relnav.files.picture_style import (
     save,
     styled,
 )
+from relnav.mission import Model
 
 LEAST = 1e-4
 """Share of the largest total: lines that are nowhere larger are left out."""
@@ -28,17 +29,27 @@ UNSEEN = {
 }
 
 
-def draw_budget(report: Any, path: Path, before: Any = None, change: str = "") -> None:
+def check_drawable(mission: Any) -> None:
+    """Refuse a mission whose budget has no picture, before it is worked out.
+
+    Raises
+    ------
+    UsageError
+        Saying what is drawn.
+    """
+    if not isinstance(mission, Model):
+        raise UsageError("--plot draws budgets of three-beacon missions; this one has no picture")
+
+
+def draw_budget(report: Budget, path: Path, before: Budget | None = None, change: str = "") -> None:
     """Draw a budget. With the budget before a change, its total is drawn too.
 
     Raises
     ------
     UsageError
-        For another ending, or a budget of another kind.
+        For another ending.
     """
     check_picture(path)
-    if not isinstance(report, Budget):
-        raise UsageError("--plot draws budgets of three-beacon missions; this one has no picture")
     with styled():
         figure = new_figure(11.7, 10.5)
         axes = figure.subplots(3, 2, sharex=True, sharey="row")

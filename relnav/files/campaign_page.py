@@ -25,7 +25,7 @@ from relnav.files.campaign_pictures import (
     ratio_title,
     rms_by_bin,
 )
-from relnav.files.report_page import Markup, paragraph, section, table, tile, words, write_page
+from relnav.files.report_page import Markup, key_cell, paragraph, section, table, tile, words, write_page
 from relnav.files.tables import read_json
 from relnav.files.wording import shown
 
@@ -94,7 +94,9 @@ def write_campaign_page(flown: FlownCampaign, path: Path) -> None:
     try:
         failed = flown.runs.failed().slice(0, FAILED_SHOWN).to_pydict()
         by_range, at_end = _by_range(flown), _at_end(flown)
-        assumed, uncertain = list(_values(told["model"])), list(_values(told["scenario"]))
+        assumed, uncertain = (
+            [(key_cell(key), value) for key, value in _values(told[part])] for part in ("model", "scenario")
+        )
     except InputError:
         raise
     except (KeyError, TypeError, ValueError, ArithmeticError, RecursionError) as error:

@@ -47,7 +47,7 @@ def ratio_edges(runs: int) -> Vector:
 
 def ratio_title(name: str, ratio: Vector) -> str:
     """What a histogram is of."""
-    return f"{name}: {np.mean(ratio):+.2f} mean, {np.std(ratio):.2f} deviation"
+    return f"{name}: mean {np.mean(ratio):+.2f}, deviation {np.std(ratio):.2f} sigma"
 
 
 def draw_errors(summary: CampaignSummary, read: Reader, path: Path) -> None:

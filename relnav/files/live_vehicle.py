@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from relnav.errors import LogError
 from relnav.files.live_log import Refusals
 from relnav.files.text_table import TextTable
-from relnav.files.vehicle_log import Row, opened_vehicle_log, row_of
+from relnav.files.vehicle_log import Row, opened_vehicle_log, row_of, widths
 from relnav.spacecraft import Vehicle
 
 
@@ -18,12 +18,13 @@ def live_rows(table: TextTable, vehicle: Vehicle, refusals: Refusals) -> Iterato
         For a header of another log, and for what is no text table any more.
     """
     opened_vehicle_log(table)
+    counts = widths(vehicle)
     for begin, block in table.blocks():
         for number, line in enumerate(block.split(b"\n")[:-1], begin):
             table.last_row = number - 1
             try:
                 for found in table.rows_of(number, line + b"\n"):
-                    row = row_of(table, *found, vehicle)
+                    row = row_of(table, *found, vehicle, counts)
                     refusals.row()
                     yield row
             except LogError as error:

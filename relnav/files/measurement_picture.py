@@ -34,6 +34,7 @@ def draw_measurements(figure: Any, view: RunView) -> None:
     draw_timeline(status, view, "What became of the epochs")
     for axis in (nis, bars):
         axis.tick_params(labelbottom=False)
+    nis.margins(x=0.01)
     status.set_xlabel("time, s" + (f"   ({view.unsaid})" if view.unsaid else ""))
     one_legend(figure)
 

@@ -1,5 +1,6 @@
 """How our pictures look: one set of colours and lines, and how a figure becomes a file; matplotlib when it is used."""
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,8 +26,15 @@ ENDINGS = (".png", ".pdf", ".svg")
 DOTS_AN_INCH = 130
 WIDTH_OF_LEGEND, LETTERS_AN_INCH, MOST_COLUMNS = 11.0, 14.0, 7
 """Inches and letters of the legend's size; how many columns are read at a glance."""
-LONE_DECADE = 30.0
-"""Of a logarithmic axis: highest over lowest up to which two decades alone would label it poorly."""
+DIGITS = (("1",), ("1", "3"), ("1", "2", "5"), ("1", "1.5", "2", "3", "5", "7"))
+"""First digits of the numbers of a logarithmic axis: the more, the less it spans."""
+FINE: Any = {"colors": "#e3e8ed", "linewidths": 0.7, "alpha": 0.35, "zorder": 0.5}
+MOST_DECADES = 1e9
+"""Of a logarithmic axis with lines between its decades."""
+SMALLEST_PLAIN, LARGEST_PLAIN = 1e-6, 1e6
+"""An axis that goes beyond has exponents."""
+LABELS_CLOSER = 1.3
+"""So many times as many numbers as matplotlib puts on an axis of that height still find room."""
 STYLE: Any = {
     "font.size": 8.5,
     "axes.titlesize": 9.5,
@@ -132,15 +140,71 @@ def _columns(letters: list[int], inches: float) -> int:
 
 def plain_decades(axis: Any) -> None:
     """Numbers of a logarithmic axis as one writes them: 0.01; and 0.02, 0.05 where it spans hardly a decade."""
-    from matplotlib.ticker import FuncFormatter
+    from matplotlib.ticker import AutoLocator, FuncFormatter, LogLocator, NullFormatter
 
-    def between(value: float, _: int) -> str:
+    class Labelled(LogLocator):
+        """Where numbers stand: at least two of them on every axis, and no more than find room."""
+
+        def __call__(self) -> Any:
+            return self.tick_values(*axis.get_ylim())
+
+        def tick_values(self, vmin: float, vmax: float) -> Any:
+            room = min(6, max(2, round(LABELS_CLOSER * axis.yaxis.get_tick_space())))
+            return log_ticks(vmin, vmax, room) or AutoLocator().tick_values(vmin, vmax)
+
+    axis.yaxis.set_major_locator(Labelled())
+
+    def written(value: float, _: int) -> str:
         low, high = axis.get_ylim()
-        digit = f"{value:.0e}"[0]
-        return f"{value:g}" if high < LONE_DECADE * low and digit in "25" else ""
+        return plainly(value, 15, exponent=low < SMALLEST_PLAIN or high >= LARGEST_PLAIN)
 
-    axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.yaxis.set_minor_formatter(FuncFormatter(between))
+    axis.yaxis.set_major_formatter(FuncFormatter(written))
+    axis.yaxis.set_minor_formatter(NullFormatter())
+
+
+def plainly(value: float, digits: int, *, exponent: bool = False) -> str:
+    """A number in so many digits as one writes it, 0.00006; with an exponent, 6e-5, if that is asked for."""
+    import numpy as np
+
+    if exponent and value:
+        mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
+        return f"{mantissa.rstrip('0').rstrip('.')}e{int(power)}"
+    return str(np.format_float_positional(value, precision=digits, fractional=False, trim="-"))
+
+
+def fine_grid(axis: Any) -> None:
+    """Lines between the decades of a logarithmic axis with its final limits; as ticks they cost ten times that."""
+    from matplotlib.collections import LineCollection
+    from matplotlib.ticker import NullLocator
+
+    axis.yaxis.set_minor_locator(NullLocator())
+    low, high = axis.get_ylim()
+    axis.set_ylim(low, high)
+    if not 0.0 < low < high < MOST_DECADES * low:
+        return
+    decades = range(math.floor(math.log10(low)), math.floor(math.log10(high)) + 1)
+    between = [v for k in decades for digit in range(2, 10) if low < (v := float(f"{digit}e{k}")) < high]
+    lines = LineCollection([[(0.0, v), (1.0, v)] for v in between], transform=axis.get_yaxis_transform(), **FINE)
+    axis.add_collection(lines, autolim=False)
+
+
+def log_ticks(low: float, high: float, room: int) -> list[float]:
+    """Round numbers of a logarithmic axis from low to high, two to `room`; none where it is too short for them."""
+    if not 0.0 < low < high:
+        return []
+    first, last = math.floor(math.log10(low)), math.floor(math.log10(high))
+    decades = [k for k in range(first, last + 1) if low <= 10.0**k]
+    if len(decades) >= min(room, 3):
+        apart = -(-len(decades) // room)
+        even = [k for k in decades if k % apart == 0]
+        return [float(f"1e{k}") for k in (even if len(even) > 1 else decades[::apart])]
+    best: list[float] = []
+    for digits in DIGITS:
+        found = [v for k in range(first, last + 1) for d in digits if low <= (v := float(f"{d}e{k}")) <= high]
+        if len(best) >= 2 and len(found) > room:
+            break
+        best = found if len(found) <= room or len(best) < 2 else best
+    return best if len(best) >= 2 else []
 
 
 def check_picture(path: Path) -> None:

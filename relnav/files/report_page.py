@@ -43,7 +43,9 @@ def data_block(data: Any) -> str:
     return f'<script type="application/json" id="data">{escaped}</script>'
 
 
-def table(head: Iterable[str], rows: Iterable[Iterable[object]], numeric: tuple[int, ...] = ()) -> str:
+def table(
+    head: Iterable[str], rows: Iterable[Iterable[object]], numeric: tuple[int, ...] = (), classes: str = "scroll"
+) -> str:
     """A table of words; columns named in `numeric` are set as numbers. `Markup` cells are taken as they are."""
     top = "".join(f"<th{' class=n' if k in numeric else ''}>{words(cell)}</th>" for k, cell in enumerate(head))
     body = "".join(
@@ -55,7 +57,17 @@ def table(head: Iterable[str], rows: Iterable[Iterable[object]], numeric: tuple[
         + "</tr>"
         for row in rows
     )
-    return f'<div class="scroll"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
+    return f'<div class="{classes}"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def numbered(texts: Iterable[str]) -> str:
+    """Sentences under numbers, to which a table refers."""
+    return f'<ol class="soft">{"".join(f"<li>{words(text)}</li>" for text in texts)}</ol>'
+
+
+def key_cell(key: str) -> "Markup":
+    """A key of a model file, which may go on in another line behind a point or an underscore."""
+    return Markup(words(key).replace(".", ".<wbr>").replace("_", "_<wbr>"))
 
 
 class Markup(str):

@@ -11,7 +11,7 @@ from relnav.arrays import Vector
 from relnav.files.approach_page import approach_data, approach_section, misalignment_chart
 from relnav.files.approach_view import MISALIGNMENT, CaptureLimits
 from relnav.files.models import model_values
-from relnav.files.report_page import paragraph, section, table, tile, toolbar, write_page
+from relnav.files.report_page import key_cell, paragraph, section, table, tile, toolbar, write_page
 from relnav.files.run_view import TURNS, WORDS, Quantity, RunView
 from relnav.files.vehicle_page import SENSORS_SAID, TIMELINE_SAID, sensor_charts, vehicle_tiles
 from relnav.navigation.status import EpochStatus
@@ -260,5 +260,5 @@ def _claims(view: RunView) -> str:
 def _assumptions(model: Any) -> str:
     if model is None:
         return paragraph("The model is not known here; name it with --model to see its values and their sources.")
-    rows = [(key, str(entry["value"]), entry["source"]) for key, entry in model_values(model).items()]
+    rows = [(key_cell(key), str(entry["value"]), entry["source"]) for key, entry in model_values(model).items()]
     return paragraph(f"{model.name}: {model.title}") + table(("key", "value", "where it comes from"), rows)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from relnav.files.measurement_picture import draw_timeline
-from relnav.files.picture_style import GATE, QUIET, SERIES, one_legend, plain_decades
+from relnav.files.picture_style import GATE, QUIET, SERIES, fine_grid, one_legend, plain_decades
 from relnav.files.run_view import RunView
 from relnav.vehicle.monitor import ALARM_SIGMA, FADES_S
 
@@ -43,9 +43,10 @@ def draw_sensors(figure: Any, view: RunView) -> None:
     watched.set_ylabel("sigma")
     nis.set_title(NIS_TITLE)
     nis.set_ylabel("NIS per dof")
-    nis.grid(which="minor", alpha=0.35)
     nis.set_xlabel("time, s")
     for axis in (timeline, watched):
         axis.tick_params(labelbottom=False)
     timeline.margins(x=0.01)
+    if told:
+        fine_grid(nis)
     one_legend(figure)

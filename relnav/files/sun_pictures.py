@@ -36,7 +36,7 @@ def draw_residual_maps(report: SunCalibrationReport, path: Path) -> None:
         for axis in axes[:, 0]:
             axis.set_ylabel("beta, deg")
         method = report.result.calibration.method
-        heading(figure, f"Calibrated minus stated angle, {len(angles)} points, {method}")
+        heading(figure, f"Calibrated minus stated angle, {len(angles)} points, method {method}")
         save([figure], path)
 
 

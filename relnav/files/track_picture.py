@@ -16,13 +16,16 @@ from relnav.files.picture_style import (
     GATE,
     INK,
     QUIET,
+    SMALLEST_PLAIN,
     SPREAD,
     check_picture,
+    fine_grid,
     heading,
     named_line,
     new_figure,
     one_legend,
     plain_decades,
+    plainly,
     save,
     styled,
 )
@@ -35,6 +38,8 @@ GROUPS = 1500
 """Of epochs: more than a page has dots across."""
 WIDTH, HEIGHT = 11.7, 8.3
 CORRIDOR_DEG = 10.0
+ENVELOPE_CUT = 0.03
+"""Share of epochs whose envelope may reach beyond its axis: of a start it would flatten all that follows."""
 PROTECTION_SAID = "protection level, exceeded with a probability of 1e-7"
 
 
@@ -149,11 +154,12 @@ def _draw_paths(view: RunView, top: Any, side: Any, corridor_deg: float) -> None
 def _draw_value(axis: Any, view: RunView, quantity: Quantity) -> None:
     """A quantity within its 3-sigma envelope."""
     t, value = view.thin.times(), view.line(quantity.column)
+    three = np.zeros_like(value)
     if view.has(quantity.sigma):
         three = 3.0 * view.largest(quantity.sigma)
         axis.fill_between(t, value - three, value + three, color=ESTIMATE, alpha=0.22, lw=0, label="3-sigma envelope")
     axis.plot(t, value, color=ESTIMATE, label="estimate")
-    axis.set_ylim(*_room(value, 0.08))
+    axis.set_ylim(*_room(value, three, 0.08))
     axis.set_title(quantity.label)
     axis.set_ylabel(quantity.unit)
     axis.margins(x=0.01)
@@ -165,7 +171,8 @@ def _draw_spread(axis: Any, view: RunView, quantity: Quantity, times: float, cla
     if view.has(quantity.sigma):
         spread = times * view.largest(quantity.sigma)
         axis.semilogy(view.thin.times(), spread, color=SPREAD, label=name)
-        ends = f"ends at {spread[np.isfinite(spread)][-1]:.2g} {quantity.unit}"
+        last = float(spread[np.isfinite(spread)][-1])
+        ends = f"ends at {plainly(last, 2, exponent=last < SMALLEST_PLAIN)} {quantity.unit}"
         axis.set_title(ends, loc="right", fontsize=8, fontweight="normal", color=SPREAD)
     if times == 1.0 and view.has(quantity.protection):
         level = view.largest(quantity.protection)
@@ -176,16 +183,18 @@ def _draw_spread(axis: Any, view: RunView, quantity: Quantity, times: float, cla
     plain_decades(axis)
     axis.set_title(title)
     axis.set_ylabel(quantity.unit)
-    axis.grid(which="minor", alpha=0.35)
     axis.margins(x=0.01, y=0.12)
+    fine_grid(axis)
 
 
-def _room(values: Vector, share: float) -> tuple[float, float]:
-    """Limits of an axis around values, with some room."""
-    known = values[np.isfinite(values)]
-    if not known.size:
+def _room(values: Vector, around: Vector, share: float) -> tuple[float, float]:
+    """Limits of an axis: all values, and what lies around nearly all of them, but for how a filter starts."""
+    known = np.isfinite(values)
+    if not known.any():
         return -1.0, 1.0
-    low, high = float(known.min()), float(known.max())
+    values, around = values[known], np.where(np.isfinite(around[known]), around[known], 0.0)
+    low = min(float(values.min()), float(np.quantile(values - around, ENVELOPE_CUT)))
+    high = max(float(values.max()), float(np.quantile(values + around, 1.0 - ENVELOPE_CUT)))
     room = share * (high - low) or 0.1 * abs(high) or 1.0
     return low - room, high + room
 
@@ -218,8 +227,7 @@ def _draw_grid(figure: Any, view: RunView, quantities: tuple[Quantity, ...], alo
             spread.tick_params(labelbottom=row + 1 == len(rows) and not alone)
     for column, quantity in enumerate(alone):
         axis = figure.add_subplot(grid[-1, column], sharex=first)
-        axis.semilogy(view.thin.times(), 3.0 * view.largest(quantity.sigma), color=SPREAD, label="reported 3-sigma")
-        plain_decades(axis)
+        _draw_spread(axis, view, quantity, 3.0, None)
         axis.set_title(quantity.label)
         axis.set_ylabel(f"3-sigma, {quantity.unit}")
     for axis in figure.axes[-3:] if alone else figure.axes[-6:][1::2]:

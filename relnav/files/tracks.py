@@ -136,7 +136,9 @@ def joined(parts: list[Any]) -> Any:
     """Consecutive parts of a solution as one."""
     first = parts[0]
     if not isinstance(first, Solution):
-        return replace(first, epochs=np.concatenate([part.epochs for part in parts]))
+        kind = first.epochs.dtype  # as bytes: of records numpy would look at every field of every part
+        rows = [np.ascontiguousarray(part.epochs).view(np.uint8) for part in parts]
+        return replace(first, epochs=np.concatenate(rows).view(kind))
     turning = all(len(part.lever_lvlh_m) == len(part) for part in parts)
     names = [*PER_EPOCH, *(["lever_lvlh_m"] if turning else [])]
     arrays: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}

@@ -88,8 +88,9 @@ def read_vehicle_log(path: Path | TextTable, vehicle: Vehicle) -> list[Row]:
     """
     table = opened_vehicle_log(table_of(path))
     rows: list[Row] = []
+    counts = widths(vehicle)
     for line, text in table.rows():
-        rows.append(row_of(table, line, text, vehicle))
+        rows.append(row_of(table, line, text, vehicle, counts))
         if len(rows) > MOST_ROWS:
             raise LogError(f"{table.path}: more than {MOST_ROWS} rows; split the log in time")
     if not rows:
@@ -113,15 +114,15 @@ def opened_vehicle_log(table: TextTable) -> TextTable:
     return table
 
 
-def row_of(table: TextTable, line: int, text: str, vehicle: Vehicle) -> Row:
-    """The observation in a line.
+def row_of(table: TextTable, line: int, text: str, vehicle: Vehicle, counts: dict[str, int]) -> Row:
+    """The observation in a line; counts: the vehicle's `widths`.
 
     Raises
     ------
     LogError
         For a line that is none.
     """
-    path, cells, counts = table.path, table.cells(line, text), widths(vehicle)
+    path, cells = table.path, table.cells(line, text)
     name, t_s = cells[1].strip(), table.number(cells[0], line, "t_s")
     if name not in counts:
         known = ", ".join(counts)

@@ -116,6 +116,7 @@ HOSTILE = {
     "cut.fits": (fits_head(SIMPLE="T", BITPIX=16, NAXIS=2, NAXIS1=500, NAXIS2=400), "not a readable FITS file"),
     "bomb.fits": (fits_head(SIMPLE="T", BITPIX=8, NAXIS=2, NAXIS1=9000, NAXIS2=9000), "no exposure packs so well"),
     "huge.fits": (fits_head(SIMPLE="T", BITPIX=8, NAXIS=2, NAXIS1=10**9, NAXIS2=10**9), "not a readable FITS file"),
+    "axes.fits": (fits_head(SIMPLE="T", BITPIX=8, NAXIS=10**6), "an array of more than 999 axes"),
     "spectrum.fits": (fits_head(SIMPLE="T", BITPIX=8, NAXIS=1, NAXIS1=2880) + bytes(2880), "holds no picture"),
     "no picture.fits": (fits_head(SIMPLE="T", BITPIX=8, NAXIS=0), "holds no picture"),
     "cube.fits": (

@@ -55,6 +55,20 @@ def track(path, head, *rows):
     return list(file.parts())
 
 
+def coded(path, name, code):
+    from relnav.files.track_file import TrackFile
+
+    text = write(path / "track.csv", f"t_s,x_m,y_m,z_m,sigma_x_m,nis,dof,{name}", f"0,1,1,1,1,1,3,{code}")
+    return list(TrackFile(text).parts())
+
+
+def star_table(path, kind, *rows):
+    from relnav.files import attitude_log
+
+    names = attitude_log.ORBIT_COLUMNS if kind == "orbit" else attitude_log.SPOT_COLUMNS
+    return getattr(attitude_log, f"read_{kind}")(write(path / "table.csv", ",".join(names), *rows))
+
+
 def sun_calibration(**changes):
     from relnav.files.sun_calibration import _patent
 
@@ -92,6 +106,10 @@ CALLS = {
     "patent": (lambda _: sun_calibration(radial=[[0.0]]), "patent: radial .* do not fit limit_deg 1"),
     "patent nan": (lambda _: sun_calibration(h_px=1.0, radial=np.full((2, 3), np.nan).tolist()), "not a finite number"),
     "two times": (lambda p: sun(p, "spot_x_px,spot_y_px,t_s,t_ms"), "one column of times is expected, t_s"),
+    "code": (lambda p: coded(p, "status", 99), "column 'status': a code, a whole number .*; got 99"),
+    "no code": (lambda p: coded(p, "alarm", 0.5), "column 'alarm': a code, a whole number from 0 to .*; got 0.5"),
+    "orbit": (lambda p: star_table(p, "orbit", "1,7000,0,0,0,7,0", "0,7000,0,0,0,7,0"), "times that increase"),
+    "star log": (lambda p: star_table(p, "star_log", "1,0,0", "0,1,1"), "t_s goes back; sort the rows by time"),
     "corridor": (lambda _: solved().plot(corridor_deg=90.0), "corridor_deg is above 0 and up to 80; got 90.0"),
 }  # fmt: skip
 
@@ -145,6 +163,19 @@ def test_a_few_kilobytes_that_unpack_to_much(tmp_path, monkeypatch):
     names = ["t_s", *(f"spot_{beacon}_{axis}_um" for beacon in "abc" for axis in "xy")]
     with pytest.raises(relnav.LogError, match=r"unpacks to \d+ bytes, from a file of \d+; no measured log does"):
         parquet(tmp_path, names, **{name: 0.0 + (np.arange(50_000) > 25_000) for name in names})
+
+
+def test_a_parquet_log_that_is_damaged_inside(tmp_path):
+    """Its head and foot are whole, its pages are not."""
+    names = ["t_s", *(f"spot_{beacon}_{axis}_um" for beacon in "abc" for axis in "xy")]
+    columns = {name: np.random.default_rng(1).normal(size=1000).cumsum() for name in names}
+    columns["t_s"] = 0.1 * np.arange(1000.0)
+    parquet(tmp_path, names, **columns)
+    content = bytearray((tmp_path / "log.parquet").read_bytes())
+    content[4:400] = bytes(396)
+    (tmp_path / "log.parquet").write_bytes(content)
+    with pytest.raises(relnav.LogError, match=r"damaged after row 0: "):
+        relnav.filter_log(tmp_path / "log.parquet", PSD)
 
 
 def test_a_calibration_of_the_other_sun_sensor(tmp_path):

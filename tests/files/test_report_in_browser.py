@@ -184,6 +184,14 @@ def test_all_by_the_keyboard(opened, name):
     assert wrong == []
 
 
+def test_a_short_window_says_its_times_exactly(opened):
+    page, _ = opened()
+    page.evaluate("relnavPage.show(5.0, 5.16)")
+    assert page.locator("#span").inner_text() == "5 s to 5.16 s"
+    page.evaluate("relnavPage.show(-1e9, 1e9)")
+    assert page.locator("#span").inner_text() == "0 s to 19.9 s"
+
+
 @pytest.mark.parametrize("name", ["marker", *STILL])
 def test_it_prints(opened, name):
     """On so many pages, no chart across two of them, whatever the theme in the colours of paper."""

@@ -100,7 +100,7 @@ def test_the_same_run_gives_the_same_page(page, track):
 
 def test_it_says_what_was_assumed_and_where_figures_come_from(page):
     for said in ("What the model assumed", "published 0.02 m", "abstract and section 3", "sensor.focal_length_mm"):
-        assert said in page, said
+        assert said in page.replace("<wbr>", ""), said
 
 
 def test_a_long_track_keeps_its_peaks(tmp_path, track):
@@ -176,7 +176,7 @@ def copied(campaign, tmp_path):
 def page_of(folder):
     out = folder.with_suffix(".html")
     assert relnav.cli.run(["report", str(folder), "--out", str(out), "--quiet"]) == 0
-    return out.read_text(encoding="utf-8")
+    return out.read_text(encoding="utf-8").replace("<wbr>", "")
 
 
 def test_a_campaign(campaign):

@@ -15,7 +15,12 @@
   const cache = {};
   const column = name => (cache[name] = cache[name] || numbers(run.columns[name], Float32Array));
   const colour = name => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
-  const short = v => (v == null ? "" : Math.abs(v) >= 1e5 || (v !== 0 && Math.abs(v) < 1e-3) ? v.toExponential(2) : String(+v.toPrecision(5)));
+  const extreme = v => v !== 0 && (Math.abs(v) >= 1e6 || Math.abs(v) < 1e-5);
+  const short = v => (v == null ? "" : extreme(v) ? v.toExponential(2) : String(+v.toPrecision(5)));
+  /* Numbers of an axis: all written in the same way. */
+  const ticks = vs => (vs.some(v => v != null && extreme(v)) ? vs.map(v => (v ? (+v.toPrecision(5)).toExponential() : v == null ? "" : "0")) : vs.map(short));
+  /* A time, as exactly as a window of time can show it: clocks may count from long ago. */
+  const clock = v => (v == null ? "" : +v.toFixed(Math.max(0, Math.min(9, Math.ceil(3 - Math.log10(shown[1] - shown[0]))))) + " s");
   const whole = [time[0], time[time.length - 1] > time[0] ? time[time.length - 1] : time[0] + 1];
   let shown = whole.slice();
   const charts = new Map();
@@ -93,7 +98,7 @@
     if (high - low < least) { const m = (low + high) / 2; low = m - least / 2; high = m + least / 2; }
     shown = [Math.max(whole[0], low), Math.min(whole[1], high)];
     if (!due) { due = true; requestAnimationFrame(followed); }
-    document.getElementById("span").textContent = short(shown[0]) + " s to " + short(shown[1]) + " s";
+    document.getElementById("span").textContent = clock(shown[0]) + " to " + clock(shown[1]);
   }
   function zoom(factor) {
     const m = (shown[0] + shown[1]) / 2, h = (shown[1] - shown[0]) / 2 * factor;
@@ -106,15 +111,15 @@
   }
 
   function drawn(chart) {
-    const columns = [], series = [{ label: "t", value: (u, v) => (v == null ? "" : short(v) + " s") }], around = [];
+    const columns = [], series = [{ label: "t", value: (u, v) => clock(v) }], around = [];
     const add = (values, options) => { columns.push(values); series.push(Object.assign({ value: (u, v) => short(v), points: { show: false } }, options)); };
     for (const line of chart.lines) {
       const values = line.constant == null ? Float64Array.from(column(line.column), v => v * (line.times || 1))
         : new Float64Array(time.length).fill(line.constant);
       if (line.sigma) {
         const s = column(line.sigma), at = series.length;
-        add(values.map((v, i) => v + 3 * s[i]), { label: "+3 sigma", stroke: "transparent", paths: () => null });
-        add(values.map((v, i) => v - 3 * s[i]), { label: "-3 sigma", stroke: "transparent", paths: () => null });
+        add(values.map((v, i) => v + 3 * s[i]), { label: "+3 sigma", stroke: colour("envelope"), paths: () => null });
+        add(values.map((v, i) => v - 3 * s[i]), { label: "-3 sigma", stroke: colour("envelope"), paths: () => null });
         around.push(at);
       }
       const dots = line.kind === "dots";
@@ -161,8 +166,8 @@
 
   function axes(unit, log) {
     const one = { stroke: colour("soft"), grid: { stroke: colour("grid"), width: 1 }, ticks: { stroke: colour("line"), width: 1 }, font: "11px system-ui, sans-serif" };
-    return [Object.assign({ size: 30, values: (u, vs) => vs.map(v => short(v) + " s") }, one),
-      Object.assign({ size: 62, label: unit, labelSize: 16, labelFont: "11px system-ui, sans-serif", values: (u, vs) => vs.map(v => (v == null ? "" : short(v))) }, one)];
+    return [Object.assign({ size: 30, values: (u, vs) => vs.map(clock) }, one),
+      Object.assign({ size: 62, label: unit, labelSize: 16, labelFont: "11px system-ui, sans-serif", values: (u, vs) => ticks(vs) }, one)];
   }
 
   function room(chart) {
@@ -379,10 +384,16 @@
     c.globalAlpha = 1;
     line(path.x.map((x, i) => (x == null ? null : at(x, path.y[i], path.z[i]))), colour("estimate"), 2.2);
     c.fillStyle = colour("ink"); c.font = "12px system-ui, sans-serif";
-    const o = at(0, 0, 0); c.fillRect(o[0] - 4, o[1] - 4, 8, 8); c.fillText("port", o[0] - 12, o[1] + 20);
-    const tick = nice(far / (w < 560 ? 2.5 : 3.5));
-    for (let k = 1; k * tick < far; k++) { const p = at(k * tick, 0, 0); c.fillRect(p[0] - 1, p[1] - 3, 2, 6); c.fillText(short(k * tick) + " m", p[0] - 12, p[1] + 16); }
+    const named = (text, x, y) => { c.strokeStyle = colour("paper"); c.lineWidth = 3; c.strokeText(text, x, y); c.fillText(text, x, y); };
+    const o = at(0, 0, 0); c.fillRect(o[0] - 4, o[1] - 4, 8, 8); named("port", o[0] - 12, o[1] + 20);
     const last = path.ellipsoids[path.ellipsoids.length - 1].at, end = at(last[0], last[1], last[2]);
+    const tick = nice(far / (w < 560 ? 2.5 : 3.5));
+    for (let k = 1; k * tick < far; k++) {
+      const p = at(k * tick, 0, 0), text = short(k * tick) + " m", left = p[0] - 12, right = left + c.measureText(text).width;
+      c.fillRect(p[0] - 1, p[1] - 3, 2, 6);
+      const met = end[0] > left - 8 && end[0] < right + 8 && end[1] > p[1] - 8 && end[1] < p[1] + 24;  // by the dot of the end
+      named(text, left, p[1] + (met ? -10 : 16));
+    }
     c.beginPath(); c.fillStyle = colour("estimate"); c.arc(end[0], end[1], 4.5, 0, 7); c.fill();
     const length = far * 0.09, from = at(far * 0.5, 0, 0);
     [["x", [length, 0, 0]], ["y", [0, length, 0]], ["z", [0, 0, length]]].forEach(([name, d]) => {
