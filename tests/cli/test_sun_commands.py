@@ -152,7 +152,9 @@ def on_a_turntable(path, *, roll=False, wrong=(), names=("outer_deg", "inner_deg
     outer, inner = (side.ravel() for side in np.meshgrid(axis, axis))
     s = direction_from_gimbal(np.radians(outer), np.radians(inner))
     rolled = np.tile([0.0, 90.0, 180.0, 270.0], 13)[:49] if roll else np.zeros(49)
-    about = np.array([turned(np.eye(3), np.array([0.0, 0.0, np.radians(angle)])).T @ v for angle, v in zip(rolled, s)])
+    about = np.array(
+        [turned(np.eye(3), np.array([0.0, 0.0, np.radians(angle)])).T @ v for angle, v in zip(rolled, s, strict=True)]
+    )
     seen = about @ turned(np.eye(3), np.radians(TURN_DEG)).T
     sensor = dataclasses.replace(relnav.load_model("birefringent_sun").sensor, **TRUE)
     spots = project(sensor, seen) + 0.125 * rng.normal(size=(49, 2, 2))
