@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from relnav.arrays import Stack, Vector
+from relnav.arrays import Matrix, Stack, Vector
 from relnav.errors import LogError
 from relnav.files.log_columns import Columns
 from relnav.files.logs import read_csv
@@ -71,8 +71,15 @@ def read_sun_log(path: Path, spots: int, first_pixel_px: float = 0.0) -> SunLog:
     LogError
         Naming file, line and column.
     """
+    _, columns, values, lines = read_csv(path, lambda names, where: log_columns(names, where, columns_of(spots)))
+    return sun_log_of(path, columns, values, lines, spots, first_pixel_px)
+
+
+def sun_log_of(
+    path: Path, columns: Columns, values: Matrix, lines: Vector, spots: int, first_pixel_px: float = 0.0
+) -> SunLog:
+    """The log of rows that were read already, by `log_columns`; LogError as `read_sun_log`."""
     wanted = columns_of(spots)
-    _, columns, values, lines = read_csv(path, lambda names, where: _parse(names, where, wanted))
     if len(values) == 0:
         raise LogError(f"{path}: no rows after the header; at least one image is expected")
     place = {base: k for k, base in enumerate(columns.index)}
@@ -84,8 +91,8 @@ def read_sun_log(path: Path, spots: int, first_pixel_px: float = 0.0) -> SunLog:
     return SunLog(path, t_s, seen - first_pixel_px, lines)
 
 
-def _parse(names: list[str], where: str, wanted: tuple[str, ...]) -> Columns:
-    """Where the spots stand, and the time."""
+def log_columns(names: list[str], where: str, wanted: tuple[str, ...]) -> Columns:
+    """Where the spots stand, and the time; LogError if they do not."""
     index: dict[str, int] = {}
     factor: dict[str, float] = {}
     for name in wanted:

@@ -69,7 +69,7 @@ def read_sun_measurements(
         Naming file, line and fix: for cells that are no numbers, repeated or missing nodes, degrees under the name of
         radians and the reverse, exchanged or mirrored axes, spots off the detector.
     """
-    _, columns, values, lines = read_csv(path, _parse)
+    _, columns, values, lines = read_csv(path, turntable_columns)
     if len(values) == 0:
         raise LogError(f"{path}: no rows after the header; at least one point is expected")
     place = {base: k for k, base in enumerate(columns.index)}
@@ -78,20 +78,21 @@ def read_sun_measurements(
     given = values[:, [place[base] for base in pair]]
     spots = values[:, [place[base] for base in SPOT]]
     names = [columns.names[columns.index[base]] for base in pair]
-    _check_angles(given, lines, path, names)
-    _check_repeats(given, lines, path, names)
+    check_angles(given, lines, path, names)
+    check_repeats(given, lines, path, names)
     if not incomplete:
         _check_grid(given, path, names)
     seen = np.isfinite(spots).all(axis=1)
     if seen.sum() < 6:
         raise InputError(f"{path}: {int(seen.sum())} points with a spot; a calibration needs six or more")
-    _check_on_detector(spots, lines, path, model)
+    check_on_detector(spots, lines, path, model.sensor.detector_size_px)
     if gimbal:
         directions = direction_from_gimbal(given[:, 0], given[:, 1], outer_axis)
     else:
         directions = direction_from_angles(given[:, 0], given[:, 1])
     tangents = tangents_from_direction(directions)
-    _check_slopes(spots[seen], tangents[seen], path, names, model)
+    expected = model.sensor.paraxial_height_m / model.sensor.pixel_pitch_m
+    check_slopes(spots[seen], tangents[seen], path, names, expected)
     return SunMeasurements(
         path=path,
         spots_px=spots[seen],
@@ -103,17 +104,31 @@ def read_sun_measurements(
     )
 
 
-def _parse(names: list[str], where: str) -> Columns:
-    """Find the columns in a header; LogError names what is missing, repeated or misspelt."""
+def has_angles(names: list[str]) -> bool:
+    """Whether a header has a turntable's angles."""
+    return any(split_unit(name)[0] in PROJECTION + GIMBAL for name in names)
+
+
+def turntable_columns(
+    names: list[str], where: str, spots: tuple[str, ...] = SPOT, also: tuple[str, ...] = ()
+) -> Columns:
+    """Find the columns in a header: angles, those of the spots, and of the angles `also` what is there.
+
+    Raises
+    ------
+    LogError
+        Naming what is missing, repeated or misspelt.
+    """
     index: dict[str, int] = {}
     factor: dict[str, float] = {}
     ignored: list[str] = []
-    wanted = [f"{base}_deg" for base in PROJECTION + GIMBAL] + list(SPOT)
+    angles = PROJECTION + GIMBAL + also
+    wanted = [f"{base}_deg" for base in angles] + list(spots)
     for position, name in enumerate(names):
         base, unit = split_unit(name)
-        if name in SPOT:
+        if name in spots:
             base, unit = name, ""
-        elif base not in PROJECTION + GIMBAL:
+        elif base not in angles:
             near = difflib.get_close_matches(name, wanted, n=1, cutoff=0.8)
             if near:
                 raise LogError(f"{where}: unknown column '{name}'; did you mean '{near[0]}'?")
@@ -130,14 +145,15 @@ def _parse(names: list[str], where: str) -> Columns:
     pairs = [pair for pair in (PROJECTION, GIMBAL) if any(base in index for base in pair)]
     if len(pairs) == 2:
         raise LogError(f"{where}: both alpha, beta (projection angles) and outer, inner (gimbal angles); keep one pair")
-    for base in (*(pairs[0] if pairs else PROJECTION), *SPOT):
+    for base in (*(pairs[0] if pairs else PROJECTION), *spots):
         if base not in index:
-            example = base if base in SPOT else f"{base}_deg"
+            example = base if base in spots else f"{base}_deg"
             raise LogError(f"{where}: column '{example}' is missing; the columns are {listed(names)}")
     return Columns(tuple(names), index, factor, tuple(ignored))
 
 
-def _check_angles(given: Matrix, lines: Vector, path: Path, names: list[str]) -> None:
+def check_angles(given: Matrix, lines: Vector, path: Path, names: list[str]) -> None:
+    """InputError for an angle that is empty, or of a sun above the detector."""
     for k, name in enumerate(names):
         column = given[:, k]
         bad = np.flatnonzero(~np.isfinite(column))
@@ -151,8 +167,9 @@ def _check_angles(given: Matrix, lines: Vector, path: Path, names: list[str]) ->
             raise InputError(f"{path}:{int(lines[steep[0]])}: column '{name}' is {came:.6g}, beyond 89 deg{hint}")
 
 
-def _check_repeats(given: Matrix, lines: Vector, path: Path, names: list[str]) -> None:
-    first: dict[tuple[int, int], int] = {}
+def check_repeats(given: Matrix, lines: Vector, path: Path, names: list[str]) -> None:
+    """InputError for a position that was measured twice."""
+    first: dict[tuple[int, ...], int] = {}
     for row, node in enumerate(map(tuple, np.rint(given / SAME_RAD).astype(np.int64).tolist())):
         if node in first:
             raise InputError(
@@ -180,9 +197,9 @@ def _check_grid(given: Matrix, path: Path, names: list[str]) -> None:
     )
 
 
-def _check_on_detector(spots: Matrix, lines: Vector, path: Path, model: ApsSunModel) -> None:
-    size = np.array(model.sensor.detector_size_px)
-    off = np.flatnonzero(np.any((spots < -0.5) | (spots > size - 0.5), axis=1))
+def check_on_detector(spots: Matrix, lines: Vector, path: Path, size: tuple[int, int]) -> None:
+    """InputError for a spot (N, 2) px that lies off the detector."""
+    off = np.flatnonzero(np.any((spots < -0.5) | (spots > np.array(size) - 0.5), axis=1))
     if off.size:
         x, y = spots[off[0]].tolist()
         raise InputError(
@@ -191,21 +208,22 @@ def _check_on_detector(spots: Matrix, lines: Vector, path: Path, model: ApsSunMo
         )
 
 
-def _check_slopes(spots: Matrix, tangents: Matrix, path: Path, names: list[str], model: ApsSunModel) -> None:
-    """Spots must follow the angles as the model's height says: else units or axes are wrong."""
+def check_slopes(
+    spots: Matrix, tangents: Matrix, path: Path, names: list[str], expected: float, named: tuple[str, ...] = SPOT
+) -> None:
+    """Spots must follow the tangents by about `expected` px, as the model says: else units or axes are wrong."""
     design = np.column_stack([tangents, np.ones(len(tangents))])
     if np.linalg.matrix_rank(design) < 3:
         raise InputError(f"{path}: all points lie on one line of the field; measure over the whole field")
     slopes = np.linalg.lstsq(design, spots, rcond=None)[0][:2].T  # d(x, y)/d(tan alpha, tan beta)
     own, cross = np.diag(slopes), np.array([slopes[0, 1], slopes[1, 0]])
-    expected = model.sensor.paraxial_height_m / model.sensor.pixel_pitch_m
     if np.abs(cross).min() > np.abs(own).max():
         raise InputError(
-            f"{path}: spot_x_px follows '{names[1]}' and spot_y_px '{names[0]}': the axes are exchanged; exchange the "
-            "names of the two angle columns, or of the two spot columns"
+            f"{path}: {named[0]} follows '{names[1]}' and {named[1]} '{names[0]}': the axes are exchanged; exchange "
+            "the names of the two angle columns, or of the two spot columns"
         )
     if np.any(own < 0.0):
-        spot, angle = (SPOT[0], names[0]) if own[0] < 0.0 else (SPOT[1], names[1])
+        spot, angle = (named[0], names[0]) if own[0] < 0.0 else (named[1], names[1])
         raise InputError(f"{path}: {spot} falls where '{angle}' grows: turn the sign of one of them")
     ratio = float(np.mean(own)) / expected
     if 20.0 < ratio < 150.0:
@@ -221,5 +239,5 @@ def _check_slopes(spots: Matrix, tangents: Matrix, path: Path, names: list[str],
 
 
 def _node(angles: Vector, names: list[str]) -> str:
-    values = [angles[k] / UNITS[split_unit(names[k])[1]][1] for k in range(2)]
-    return f"({values[0]:.6g}, {values[1]:.6g})"
+    values = [angles[k] / UNITS[split_unit(names[k])[1]][1] for k in range(len(names))]
+    return f"({', '.join(format(value, '.6g') for value in values)})"

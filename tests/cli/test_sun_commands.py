@@ -1,5 +1,6 @@
 """`relnav sun measure`, a birefringent sensor's self-calibration, and simulated logs and pictures of stars and suns."""
 
+import dataclasses
 import json
 import tomllib
 from pathlib import Path
@@ -130,6 +131,86 @@ def test_self_calibration(run, tmp_path):
     fitted = out.read_text().splitlines()[1]
     (tmp_path / "model.toml").write_text("\n".join(fitted if x.startswith("zero_spot_px") else x for x in text))
     assert relnav.load_model(tmp_path / "model.toml").sensor.zero_spot_px == pytest.approx(section["value"])
+
+
+TRUE = {
+    "zero_spot_px": (513.1, 510.4),
+    "crystal_thickness_m": 5.02e-3,
+    "axis_polar_rad": np.pi / 4 + 0.004,
+    "axis_azimuth_rad": -0.006,
+}
+TURN_DEG = np.array([0.3, -0.2, 0.5])
+
+
+def on_a_turntable(path, *, roll=False, wrong=(), names=("outer_deg", "inner_deg")):
+    """49 positions of a sensor that is not as its model says, in its mount turned; spots in any order."""
+    from relnav.geometry.projection_angles import direction_from_gimbal
+    from relnav.geometry.rotation_vector import turned
+    from relnav.sensors.birefringent_sun.spots import project
+
+    rng, axis = np.random.default_rng(5), np.linspace(-45.0, 45.0, 7)
+    outer, inner = (side.ravel() for side in np.meshgrid(axis, axis))
+    s = direction_from_gimbal(np.radians(outer), np.radians(inner))
+    rolled = np.tile([0.0, 90.0, 180.0, 270.0], 13)[:49] if roll else np.zeros(49)
+    about = np.array(
+        [turned(np.eye(3), np.array([0.0, 0.0, np.radians(angle)])).T @ v for angle, v in zip(rolled, s, strict=True)]
+    )
+    seen = about @ turned(np.eye(3), np.radians(TURN_DEG)).T
+    sensor = dataclasses.replace(relnav.load_model("birefringent_sun").sensor, **TRUE)
+    spots = project(sensor, seen) + 0.125 * rng.normal(size=(49, 2, 2))
+    spots[::2] = spots[::2, ::-1]
+    for row in wrong:
+        spots[row, 0, 1] += 5.0
+    columns = [outer, inner, *([rolled] if roll else []), *spots.reshape(49, 4).T]
+    header = [*names, *(["roll_deg"] if roll else []), "spot_a_x_px", "spot_a_y_px", "spot_b_x_px", "spot_b_y_px"]
+    np.savetxt(path, np.column_stack(columns), "%.10g", ",", header=",".join(header), comments="")
+
+
+@pytest.mark.parametrize("roll", [False, True])
+def test_a_birefringent_sensor_on_a_turntable(run, tmp_path, roll):
+    """Constants and the turn in the mount within 4 sigma, with two or three angles; wrong points named."""
+    table_path, out, figures = tmp_path / "table.csv", tmp_path / "sensor.toml", tmp_path / "out.json"
+    on_a_turntable(table_path, roll=roll, wrong=(7, 30))
+    arguments = ["calibrate", "sun", table_path, "--model", "birefringent_sun", "--out", out, "--json", figures]
+    code, said, err = run(*arguments)
+    assert (code, err) == (0, "")
+    values = json.loads(figures.read_text())
+    assert values["left_out_lines"] == [9, 32]
+    assert "left out: line 9:" in said
+    assert values["frames"] == 47
+    assert values["chi2_per_dof"] == pytest.approx(1.0, abs=0.45)  # 4.5 sigma of 180 degrees of freedom
+    assert values["error_after_3rms_deg"] == pytest.approx(0.034, rel=0.3)
+    expected = dict(zip(("zero_spot_x_px", "zero_spot_y_px"), TRUE["zero_spot_px"], strict=True)) | {
+        name: value for name, value in TRUE.items() if name != "zero_spot_px"
+    }
+    for name, true in expected.items():
+        found = values["parameters"][name]
+        assert abs(found["value"] - true) < 4.0 * found["sigma"], name
+    assert np.all(np.abs(np.array(values["alignment_deg"]) - TURN_DEG) < 4.0 * np.array(values["alignment_sigma_deg"]))
+    assert max(values["alignment_sigma_deg"]) < 0.02
+    section = tomllib.loads(out.read_text())["sensor"]
+    assert section["crystal_thickness_mm"]["value"] == pytest.approx(5.02, abs=2e-3)
+    assert section["axis_polar_deg"]["why"] == "calibrated with known directions"
+
+
+def test_a_birefringent_turntable_that_is_not_one(run, tmp_path):
+    path, arguments = tmp_path / "table.csv", ["--model", "birefringent_sun", "--out", tmp_path / "sensor.toml"]
+    on_a_turntable(path, names=("beta_deg", "alpha_deg"))  # gimbal angles under other names
+    code, _, err = run("calibrate", "sun", path, *arguments)
+    assert code == 3
+    assert "are these a turntable's gimbal angles" in err or "pairs of spots contradict the others" in err
+    on_a_turntable(path, names=("inner_deg", "outer_deg"))
+    code, _, err = run("calibrate", "sun", path, *arguments)
+    assert code == 3
+    assert "the axes are exchanged" in err
+    on_a_turntable(path, wrong=range(0, 49, 2))
+    code, _, err = run("calibrate", "sun", path, *arguments)
+    assert code == 3
+    path.write_text("outer_deg,inner_deg,roll_deg,spot_a_x_px,spot_a_y_px,spot_b_x_px,spot_b_y_px\n0,0,,1,2,3,4\n")
+    code, _, err = run("calibrate", "sun", path, *arguments)
+    assert code == 3
+    assert "column 'roll_deg' is empty" in err
+    assert not (tmp_path / "sensor.toml").exists()
 
 
 @pytest.mark.parametrize("model", ["dual_field_star", "ground_camera"])

@@ -212,7 +212,7 @@ def test_pairs_of_spots_that_never_agree(monkeypatch):
 
     turns = iter(np.arange(100) % 2 == 0)
     monkeypatch.setattr(own, "_agreement", lambda *_: (np.zeros((2, 2, 2)), np.zeros(2)))
-    monkeypatch.setattr(own, "_agreeing", lambda _: np.array([True, next(turns)]))
+    monkeypatch.setattr(own, "_agreeing", lambda *_: np.array([True, next(turns)]))
     monkeypatch.setattr(own, "self_calibrate", lambda *_, **__: SimpleNamespace(sensor=None))
     with pytest.raises(ValueError, match="which pairs of spots agree with the others does not settle"):
         own._settled(None, np.zeros((2, 2, 2)), ())

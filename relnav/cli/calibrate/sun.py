@@ -49,10 +49,9 @@ MAP_SIDE = 7
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0), help="Of the cross-validation.")
 @click.option(
     "--free",
-    default="zero_spot_x_px,zero_spot_y_px",
-    show_default=True,
-    help="Birefringent sensor: the constants to fit, also crystal_thickness_m, axis_polar_rad, axis_azimuth_rad, "
-    "ordinary_index, extraordinary_index.",
+    help="Birefringent sensor: the constants to fit, after commas, of zero_spot_x_px, zero_spot_y_px (these two if "
+    "left out), crystal_thickness_m, axis_polar_rad, axis_azimuth_rad (these too with known angles), ordinary_index, "
+    "extraordinary_index.",
 )
 @click.option("--plot", type=OutputPath(), help="Draw residual maps, .png, .pdf or .svg.")
 @click.option("--json", "json_path", type=OutputPath(), help="Write the report as one JSON object.")
@@ -67,18 +66,19 @@ def command(
     outer_axis: str,
     incomplete: bool,
     seed: int,
-    free: str,
+    free: str | None,
     plot: Path | None,
     json_path: Path | None,
     quiet: bool,
 ) -> None:
-    """Calibrate an APS sun sensor from MEASUREMENTS, a CSV table with one row a turntable position.
+    """Calibrate a sun sensor from MEASUREMENTS, a CSV table with one row a turntable position.
 
     Columns: alpha_deg, beta_deg (projection angles) or outer_deg, inner_deg (gimbal angles), in any angle unit;
-    spot_x_px, spot_y_px, empty where no spot was seen.
+    spot_x_px, spot_y_px, empty where no spot was seen. In flight the angles are those that stars and ephemeris tell.
 
-    A birefringent sensor (--model birefringent_sun) calibrates itself, in flight too: MEASUREMENTS is a log of its
-    spots, spot_a_x_px, spot_a_y_px, spot_b_x_px, spot_b_y_px, and nothing is known of the sun.
+    A birefringent sensor (--model birefringent_sun) has spot_a_x_px, spot_a_y_px, spot_b_x_px, spot_b_y_px, and may
+    have a third angle, roll_deg: the sensor turned about its boresight in its mount. Without any angles it calibrates
+    itself, in flight too: nothing is known of the sun.
     """
     from relnav.errors import UsageError
     from relnav.files.atomic import Outputs, check_distinct, check_folder
@@ -97,7 +97,7 @@ def command(
     check_distinct(measurements, out, plot, json_path)
     sensor = load_sun_sensor(model)
     if not isinstance(sensor, ApsSunModel):
-        lines = _self_calibrate(context, measurements, sensor, free, out, json_path)
+        lines = _birefringent(context, measurements, sensor, free, outer_axis, out, json_path)
         return None if quiet else say(lines, out, json_path)
     _only_for(context, ("free",), "a birefringent sensor; this is an APS sensor")
     if out.suffix.lower() != ".json":
@@ -124,30 +124,30 @@ def _only_for(context: click.Context, names: tuple[str, ...], what: str) -> None
             raise UsageError(f"--{name.replace('_', '-')} is for {what}")
 
 
-def _self_calibrate(
+def _birefringent(
     context: click.Context,
     measurements: Path,
     sensor: "BirefringentSunModel",
-    free: str,
+    free: str | None,
+    outer_axis: str,
     out: Path,
     json_path: Path | None,
 ) -> list[str]:
     """Fit a birefringent sensor's constants and write them; what to say of it."""
     from relnav.errors import UsageError
     from relnav.files.atomic import Outputs, is_stream
-    from relnav.files.sun_self_calibration import KEYS, self_calibrate_sun
+    from relnav.files.sun_self_calibration import KEYS, calibrate_birefringent_sun
     from relnav.files.tables import write_json
 
-    _only_for(
-        context, ("method", "outer_axis", "incomplete", "seed", "plot"), "an APS sensor; this one is birefringent"
-    )
+    _only_for(context, ("method", "incomplete", "seed", "plot"), "an APS sensor; this one is birefringent")
     if out.suffix.lower() != ".toml" and not is_stream(out):
         raise UsageError(f"{out}: a birefringent sensor's constants are written as .toml; got '{out.suffix}'")
-    names = tuple(name.strip() for name in free.split(","))
-    unknown = [name for name in names if name not in KEYS]
-    if unknown or len(set(names)) < len(names):
+    names = None if free is None else tuple(name.strip() for name in free.split(","))
+    if names is not None and (any(name not in KEYS for name in names) or len(set(names)) < len(names)):
         raise UsageError(f"--free {free}: constants after commas, each once, of {', '.join(KEYS)}")
-    report = self_calibrate_sun(measurements, sensor, names)
+    report = calibrate_birefringent_sun(measurements, sensor, names, outer_axis=outer_axis)
+    if report.known is None:
+        _only_for(context, ("outer_axis",), "a turntable's angles; this log has none")
     with Outputs() as outputs:
         outputs.path(out).write_text(report.section(), encoding="utf-8")
         if json_path is not None:
@@ -161,6 +161,15 @@ def self_calibration_lines(report: "SunSelfCalibrationReport") -> list[str]:
     unseen = f", {report.not_seen} without both spots" if report.not_seen else ""
     lines = [f"{report.frames} images{unseen}, model {report.model}; chi2/dof {figures['chi2_per_dof']:.3f}"]
     lines.extend(f"left out: line {line}: its two spots contradict the others" for line in report.left_out)
+    if report.known is not None:
+        turn, sigma = figures["alignment_deg"], figures["alignment_sigma_deg"]
+        lines += [
+            f"error calibrated: 3 sigma {figures['error_after_3rms_deg']:.4f} deg, at most "
+            f"{figures['error_after_max_deg']:.4f} deg, spot noise of the measurements included",
+            "the axes of the angles are turned to the sensor's by "
+            + ", ".join(f"{t:.4f} +- {s:.4f}" for t, s in zip(turn, sigma, strict=True))
+            + " deg about x, y, z: put it into the sensor's mounting",
+        ]
     width = max(map(len, figures["parameters"]))
     lines.extend(
         f"  {name:<{width}} {entry['value']:.8g} +- {entry['sigma']:.1e}"

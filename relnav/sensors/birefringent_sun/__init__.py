@@ -8,6 +8,7 @@ from relnav.sensors.birefringent_sun.observability import Observability, observa
 from relnav.sensors.birefringent_sun.polarised import PolarisedRoll, polarised_roll
 from relnav.sensors.birefringent_sun.self_calibration import SelfCalibration, self_calibrate
 from relnav.sensors.birefringent_sun.sensor import BirefringentSunModel
+from relnav.sensors.birefringent_sun.turntable import TurntableCalibration, calibrate_known
 from relnav.sensors.sun_direction import AttitudeObservation, SunDirection, attitude_observation
 
 __all__ = [
@@ -17,7 +18,9 @@ __all__ = [
     "PolarisedRoll",
     "SelfCalibration",
     "SunDirection",
+    "TurntableCalibration",
     "attitude_observation",
+    "calibrate_known",
     "measure",
     "observability",
     "polarised_roll",

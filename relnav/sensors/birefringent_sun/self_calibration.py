@@ -78,12 +78,12 @@ def self_calibrate(
         normal, right, alone = _reduced(sensor, names, u, miss)
         if np.linalg.eigvalsh(normal / np.sqrt(np.outer(alone, alone)))[0] < LEAST_SHARE:
             raise ValueError(f"these frames do not determine {', '.join(names)} together; spread them or free fewer")
-        sensor = _with(sensor, names, _values(sensor, names) + np.linalg.solve(normal, right))
+        sensor = with_constants(sensor, names, values_of(sensor, names) + np.linalg.solve(normal, right))
     u, miss = _fitted(sensor, spots)
     normal, _, _ = _reduced(sensor, names, u, miss)
     dof = 2 * len(spots) - len(names)
     covariance = np.asarray(noise**2 * np.linalg.inv(normal), dtype=np.float64)
-    return SelfCalibration(sensor, names, _values(sensor, names), covariance, float(np.sum(miss**2) / noise**2 / dof))
+    return SelfCalibration(sensor, names, values_of(sensor, names), covariance, float(np.sum(miss**2) / noise**2 / dof))
 
 
 def self_calibration_bound(sensor: BirefringentSunSensor, u: ArrayLike, free: Sequence[str]) -> Matrix:
@@ -111,13 +111,13 @@ def _reduced(
     along = spots_jacobian(sensor, u) / sensor.pixel_pitch_m
     pseudo = np.linalg.solve(np.swapaxes(along, 1, 2) @ along, np.swapaxes(along, 1, 2))
     free_part = np.eye(4) - along @ pseudo
-    values, columns = _values(sensor, names), []
+    values, columns = values_of(sensor, names), []
     for k, name in enumerate(names):
         ends = []
         for sign in (1.0, -1.0):
             moved = values.copy()
             moved[k] += sign * PARAMETERS[name]
-            there = _with(sensor, names, moved)
+            there = with_constants(sensor, names, moved)
             ends.append(np.array(there.zero_spot_px) + spots_of_transverse(there, u) / there.pixel_pitch_m)
         columns.append(((ends[0] - ends[1]) / (2.0 * PARAMETERS[name])).reshape(-1, 4))
     whole = np.stack(columns, axis=-1)
@@ -125,12 +125,14 @@ def _reduced(
     return flat.T @ flat, flat.T @ miss.ravel(), np.sum(whole**2, axis=(0, 1))
 
 
-def _values(sensor: BirefringentSunSensor, names: tuple[str, ...]) -> Vector:
+def values_of(sensor: BirefringentSunSensor, names: tuple[str, ...]) -> Vector:
+    """Values (p,) of constants."""
     place = {"zero_spot_x_px": 0, "zero_spot_y_px": 1}
     return np.array([sensor.zero_spot_px[place[n]] if n in place else getattr(sensor, n) for n in names])
 
 
-def _with(sensor: BirefringentSunSensor, names: tuple[str, ...], values: Vector) -> BirefringentSunSensor:
+def with_constants(sensor: BirefringentSunSensor, names: tuple[str, ...], values: Vector) -> BirefringentSunSensor:
+    """The sensor with constants replaced."""
     changes = dict(zip(names, values.tolist(), strict=True))
     x, y = sensor.zero_spot_px
     zero = (changes.pop("zero_spot_x_px", x), changes.pop("zero_spot_y_px", y))
