@@ -106,9 +106,7 @@ def check_flyable(model: Model, scenario: Scenario) -> None:
             raise ValueError(f"spread.{name} is for markers and vehicles: beacons do not see the target turn")
 
 
-def fly_run(
-    model: Model, scenario: Scenario, seed: int, run: int, given: Mapping[str, float] | None = None
-) -> Flight:
+def fly_run(model: Model, scenario: Scenario, seed: int, run: int, given: Mapping[str, float] | None = None) -> Flight:
     """Draw what is uncertain of a run, fly it and image it; given: numbers that replace what is drawn once, by name."""
     if not isinstance(model, Model):
         raise ValueError(

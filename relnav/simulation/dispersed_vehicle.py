@@ -27,8 +27,10 @@ def check_vehicle_scenario(vehicle: Vehicle, scenario: VehicleScenario) -> None:
     known = ("none", GYRO, *vehicle.sensor)
     if scenario.fault.sensor not in known:
         raise ValueError(f"fault.sensor is one of {', '.join(known)}; got '{scenario.fault.sensor}'")
-    if scenario.fault.kind == "glint" and scenario.fault.sensor != "none" and (
-        scenario.fault.sensor == GYRO or vehicle.kind(scenario.fault.sensor) != POINTS
+    if (
+        scenario.fault.kind == "glint"
+        and scenario.fault.sensor != "none"
+        and (scenario.fault.sensor == GYRO or vehicle.kind(scenario.fault.sensor) != POINTS)
     ):
         raise ValueError(f"fault.kind glint is for a sensor that sees lights; {scenario.fault.sensor} sees none")
 
@@ -112,9 +114,7 @@ def fly_vehicle_run(
     numbers = OfRun(seed, run, list(vehicle.sensor), given)
     faster = 1.0 + scenario.spread.speed_relative_sigma * float(numbers.once("speed", 1)[0])
     approach = scenario.approach
-    flight = dataclasses.replace(
-        approach, fast_m_s=faster * approach.fast_m_s, slow_m_s=faster * approach.slow_m_s
-    )
+    flight = dataclasses.replace(approach, fast_m_s=faster * approach.fast_m_s, slow_m_s=faster * approach.slow_m_s)
     flown = simulate_rendezvous(as_flown(vehicle, scenario), flight, numbers=numbers)
     fault = scenario.fault
     if fault.sensor != "none" and Draws(seed, run).uniforms(Stream.LOSS, (1,))[0] < fault.probability:

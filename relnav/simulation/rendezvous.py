@@ -238,6 +238,7 @@ class Truth:
                 out[k] = fade * out[k - 1] + sigma * math.sqrt(1.0 - fade**2) * drawn[k]
         return out
 
+
 def _anomaly(orbit: InertialOrbit, t_s: Vector) -> Vector:
     """True anomaly on the stated orbit at times (k,), rad."""
     if orbit.eccentricity == 0.0:

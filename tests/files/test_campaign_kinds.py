@@ -59,9 +59,7 @@ def test_a_run_of_markers(markers):
     row, flight = row_of(markers, SHORT, "pose", 2), relnav.simulate(markers, SHORT, 3, 2)
     from relnav.navigation.pose_log import filter_marker_epochs
 
-    track = filter_marker_epochs(
-        markers, flight.t_s, flight.spots_px, acceleration_m_s2=flight.acceleration_m_s2
-    )
+    track = filter_marker_epochs(markers, flight.t_s, flight.spots_px, acceleration_m_s2=flight.acceleration_m_s2)
     target, chaser = flight.dcm_lvlh_from_target[-1], flight.true_dcm_chaser_from_lvlh[-1]
     own, other = np.array(markers.chaser.port_position_m), np.array(markers.target.port_position_m)
     place = target.T @ (flight.motion[-1, :3] + chaser.T @ own) - other
