@@ -46,6 +46,20 @@ def test_what_the_flights_leave_goes_into_the_wheel(build, monkeypatch):
     assert not any(os.path.exists(path) for path in data["force_include"])
 
 
+def test_no_more_flights_at_once_than_processors(build, monkeypatch, tmp_path):
+    """With three on two processors the longest would share its own with the others, and end last and alone."""
+    module, hook, data = build(flights=("longest", "middle", "shortest"))
+    monkeypatch.delenv("RELNAV_PREBUILD", raising=False)
+    monkeypatch.setattr(module.os, "cpu_count", lambda: 1)
+    log = tmp_path / "log"
+    code = f"import sys; f = open({str(log)!r}, 'a'); [print(w, sys.argv[1], file=f, flush=True) for w in 'be']"
+    fly(module, monkeypatch, code)
+    hook.initialize("standard", data)
+    hook.finalize("standard", data, "")
+    expected = [f"{when} {name}" for name in ("longest", "middle", "shortest") for when in "be"]
+    assert log.read_text().splitlines() == expected
+
+
 def test_a_flight_that_fails_says_how_to_go_on(build, monkeypatch):
     module, hook, data = build()
     monkeypatch.delenv("RELNAV_PREBUILD", raising=False)
