@@ -23,6 +23,7 @@ ORBIT_COLUMNS = ("t_s", "x_km", "y_km", "z_km", "vx_km_s", "vy_km_s", "vz_km_s")
 LEAST_RADIUS_KM, MOST_RADIUS_KM, MOST_SPEED_KM_S = 6000.0, 1e6, 15.0
 """Of a state about the Earth: inside it nothing flies, at its surface one escapes with 11.2 km/s."""
 SIGMA_COLUMNS = ("sigma_attitude_x_arcsec", "sigma_attitude_y_arcsec", "sigma_attitude_z_arcsec")
+INERTIAL = tuple(f"q_cam_from_icrs_{part}" for part in "xyzw")
 SPOT_COLUMNS = ("t_s", "x_px", "y_px")
 
 
@@ -102,7 +103,15 @@ def read_star_log(path: Path, centre_px: ArrayLike = (0.0, 0.0)) -> list[tuple[f
 
 def quaternions_in_lvlh(dcm_star_from_icrs: Stack, states: Matrix, dcm_cam_from_star: Matrix | None) -> Matrix:
     """q_cam_from_lvlh (n, 4), scalar last, of attitudes (n, 3, 3) and target states (n, 6); signs without jumps."""
-    dcm = dcm_cam_from_lvlh(dcm_star_from_icrs, states[:, :3], states[:, 3:], dcm_cam_from_star)
+    return _quaternions(dcm_cam_from_lvlh(dcm_star_from_icrs, states[:, :3], states[:, 3:], dcm_cam_from_star))
+
+
+def quaternions_inertial(dcm_star_from_icrs: Stack, dcm_cam_from_star: Matrix) -> Matrix:
+    """q_cam_from_icrs (n, 4), scalar last, of attitudes (n, 3, 3); signs without jumps."""
+    return _quaternions(dcm_cam_from_star @ dcm_star_from_icrs)
+
+
+def _quaternions(dcm: Stack) -> Matrix:
     q = np.array([quaternion_from_dcm(matrix) for matrix in dcm]).reshape(-1, 4)
     for k in range(1, len(q)):
         if q[k] @ q[k - 1] < 0.0:
@@ -110,12 +119,17 @@ def quaternions_in_lvlh(dcm_star_from_icrs: Stack, states: Matrix, dcm_cam_from_
     return q
 
 
-def write_attitude_log(path: Path, t_s: Vector, q_cam_from_lvlh: Matrix, sigma_rad: Matrix) -> None:
-    """Write t_s, q_cam_from_lvlh_{x,y,z,w} and the star sensor's 1-sigma about its own axes (.csv or .parquet)."""
+def write_attitude_log(path: Path, t_s: Vector, q: Matrix, sigma_rad: Matrix, *, inertial: bool = False) -> None:
+    """Write t_s, q_cam_from_lvlh_{x,y,z,w} and the star sensor's 1-sigma about its own axes (.csv or .parquet).
+
+    `inertial` attitudes are q_cam_from_icrs_{x,y,z,w}.
+    """
     check_format(path)
-    table = [t_s, *q_cam_from_lvlh.T, *(np.degrees(sigma_rad) * 3600.0).T]
-    head = {"relnav": relnav_version(), "frame": "lvlh_ccsds", "quaternion": "Hamilton, scalar last, v_cam = R v_lvlh"}
-    write_table(path, ("t_s", *QUATERNION, *SIGMA_COLUMNS), iter([table]), head, ())
+    table = [t_s, *q.T, *(np.degrees(sigma_rad) * 3600.0).T]
+    frame, name = ("icrs", "icrs") if inertial else ("lvlh_ccsds", "lvlh")
+    head = {"relnav": relnav_version(), "frame": frame, "quaternion": f"Hamilton, scalar last, v_cam = R v_{name}"}
+    names = INERTIAL if inertial else QUATERNION
+    write_table(path, ("t_s", *names, *SIGMA_COLUMNS), iter([table]), head, ())
 
 
 def join_attitude(log: Path, t_s: Vector, q_cam_from_lvlh: Matrix, out: Path) -> int:

@@ -16,6 +16,7 @@ from relnav.files.wording import listed
 
 PLACES = ("x_px", "y_px")
 BRIGHTNESS = ("flux", "magnitude")
+TIME = "t_s"
 ENOUGH_TO_TELL = 8
 MOST_SPOTS = 20_000
 """In one frame: a picture has no more stars than that."""
@@ -77,7 +78,12 @@ def read_star_table(
         Naming file, line and column of what cannot be read.
     """
     parse, most = partial(_parse, columns=columns, choices=choices), MOST_IN_FRAME if one_frame else MOST_IN_LOG
+    if one_frame:
+        parse = partial(parse, also=(TIME,))
     _, found, values, lines = read_csv(path, parse, most=most)
+    if TIME in found.index and one_frame:
+        _refuse_a_log(values[:, -1], path)
+        values = values[:, :-1]
     bad = np.argwhere(~np.isfinite(values))
     if bad.size:
         name = found.names[list(found.index.values())[bad[0][1]]]
@@ -88,7 +94,19 @@ def read_star_table(
     return values, next((name for name in choices if name in found.index), ""), lines
 
 
-def _parse(names: list[str], where: str, columns: tuple[str, ...], choices: tuple[str, ...]) -> Columns:
+def _refuse_a_log(t_s: Vector, path: Path) -> None:
+    """Spots of several times are no frame: together they would be a sky that nobody saw."""
+    times = len(np.unique(t_s[np.isfinite(t_s)]))
+    if times > 1:
+        raise InputError(
+            f"{path}: t_s has {times} times: a log of frames, of which `relnav stars attitude` makes attitudes; one "
+            "frame is expected: keep the rows of one time"
+        )
+
+
+def _parse(
+    names: list[str], where: str, columns: tuple[str, ...], choices: tuple[str, ...], also: tuple[str, ...] = ()
+) -> Columns:
     """Where the wanted columns stand: those needed, and the one of the choices that is there."""
     for name in columns:
         if name not in names:
@@ -101,7 +119,7 @@ def _parse(names: list[str], where: str, columns: tuple[str, ...], choices: tupl
             raise InputError(f"{where}: column '{name}' stands twice; keep one")
     if choices and all(name in names for name in choices):
         raise InputError(f"{where}: columns 'flux' and 'magnitude' say the same; keep one")
-    wanted = [name for name in (*columns, *choices) if name in names]
+    wanted = [name for name in (*columns, *choices, *also) if name in names]
     index = {name: names.index(name) for name in wanted}
     return Columns(tuple(names), index, dict.fromkeys(wanted, 1.0), tuple(name for name in names if name not in wanted))
 

@@ -7,6 +7,7 @@ import pytest
 
 import relnav
 from relnav.geometry.orbital_attitude import dcm_lvlh_from_inertial
+from relnav.geometry.rotation import dcm_from_quaternion
 from relnav.simulation.star_field import SkyConditions, StarFieldSimulator
 
 EARTH = (-10.2, 25.3, 11.0)
@@ -180,3 +181,32 @@ def test_frames_of_three_stars_are_tracked(run, flight):
             off = 206265.0 * 2.0 * np.linalg.norm(q - held * np.sign(q @ held))
             sigma = [float(row[f"sigma_attitude_{axis}_arcsec"]) for axis in "xyz"]
             assert off < 5.0 * max(sigma)
+
+
+def test_without_an_orbit_attitudes_are_inertial(run, flight):
+    """The same frames, q_cam_from_icrs: with the orbit's frame between them they are those of the other table."""
+    options = [flight / "frames.csv", *OPTIONS, "--track", "--out"]
+    assert run("stars", "attitude", *options, flight / "icrs.csv")[0] == 0
+    assert run("stars", "attitude", *options, flight / "lvlh.csv", "--orbit", flight / "orbit.csv")[0] == 0
+    text = (flight / "icrs.csv").read_text()
+    assert "q_cam_from_icrs_w" in text
+    assert "v_cam = R v_icrs" in text
+    tables = []
+    for name in ("icrs.csv", "lvlh.csv"):
+        lines = [line for line in (flight / name).read_text().splitlines() if not line.startswith("#")]
+        tables.append([dict(zip(lines[0].split(","), map(float, x.split(",")), strict=True)) for x in lines[1:]])
+    assert len(tables[0]) == len(tables[1])
+    for inertial, orbital in zip(*tables, strict=True):
+        own = dcm_from_quaternion(np.array([inertial[f"q_cam_from_icrs_{part}"] for part in "xyzw"]))
+        other = dcm_from_quaternion(np.array([orbital[f"q_cam_from_lvlh_{part}"] for part in "xyzw"]))
+        r, v = orbit_state(inertial["t_s"])
+        np.testing.assert_allclose(own, other @ dcm_lvlh_from_inertial(r, v), atol=3e-5)  # 7.7 km/s of aberration
+    code, _, err = run("stars", "attitude", *options, flight / "a.csv", "--log", "l.csv", "--joined", "j.csv")
+    assert code == 2
+    assert "--orbit" in err or "l.csv" in err
+
+
+def test_a_log_is_not_one_frame(run, flight):
+    code, _, err = run("stars", "solve", flight / "frames.csv", "--focal-px", "4000")
+    assert code == 3
+    assert "a log of frames, of which `relnav stars attitude` makes attitudes" in err

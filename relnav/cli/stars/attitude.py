@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 @click.option("--model", type=ModelName(*STARS), required=True, help="Star sensor: a shipped name, a folder or a file.")
 @click.option(
     "--orbit",
-    required=True,
     type=InputPath(),
-    help="Target's inertial states (ICRS axes), CSV: t_s, x_km, y_km, z_km, vx_km_s, vy_km_s, vz_km_s.",
+    help="Target's inertial states (ICRS axes), CSV: t_s, x_km, y_km, z_km, vx_km_s, vy_km_s, vz_km_s. Without it "
+    "attitudes are inertial: q_cam_from_icrs.",
 )
 @click.option("--epoch", help="Julian year or ISO date (UTC); the model's own if left out.")
 @click.option(
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 def command(
     frames: Path,
     model: str,
-    orbit: Path,
+    orbit: Path | None,
     epoch: str | None,
     earth_velocity_km_s: tuple[float, float, float] | None,
     q_cam_from_star: tuple[float, float, float, float],
@@ -63,8 +63,8 @@ def command(
 ) -> None:
     """Solve FRAMES, a CSV of spots t_s, x_px, y_px and flux or magnitude, and write q_cam_from_lvlh at their times.
 
-    Frames without a credible attitude are left out. With --log and --joined the attitude goes into every row of a
-    navigation log, which `relnav filter` then reads.
+    Without --orbit it is q_cam_from_icrs. Frames without a credible attitude are left out. With --log and --joined the
+    attitude goes into every row of a navigation log, which `relnav filter` then reads.
     """
     import numpy as np
 
@@ -73,6 +73,7 @@ def command(
     from relnav.files.attitude_log import (
         join_attitude,
         quaternions_in_lvlh,
+        quaternions_inertial,
         read_orbit,
         read_star_log,
         states_at,
@@ -90,26 +91,30 @@ def command(
     check_distinct(frames, orbit, log, out, joined)
     if (log is None) != (joined is None):
         raise UsageError("--log and --joined go together: the navigation log to read, and the one to write")
+    if log is not None and orbit is None:
+        raise UsageError("--log needs --orbit: a navigation log has attitudes against the orbital frame")
     sensor = load_star_sensor(model)
     if sensor.fold.kind != "none" and earth_velocity_km_s is None:
         raise UsageError("two fields need --earth-velocity-km-s: aberration changes the angle between them")
     earth = None if earth_velocity_km_s is None else velocity_option("--earth-velocity-km-s", earth_velocity_km_s)
     year, mounting = None if epoch is None else julian_year(epoch), _mounting(q_cam_from_star)
-    images, states = read_star_log(frames, origin_of_spots(sensor)), read_orbit(orbit)
-    at = states_at(states, np.array([t for t, _ in images]), orbit)
+    images = read_star_log(frames, origin_of_spots(sensor))
+    times = np.array([t for t, _ in images])
+    at = None if orbit is None else states_at(read_orbit(orbit), times, orbit)
     solver, solved, solutions = FrameSolver(sensor, year, track), [], []
     for k, (t, frame) in enumerate(images):
-        solution = solver.solve(t, frame, None if earth is None else earth + at[k, 3:])
+        moved = np.zeros(3) if at is None else at[k, 3:]
+        solution = solver.solve(t, frame, None if earth is None else earth + moved)
         if solution.ok:
             solved.append(k)
             solutions.append(solution)
     if not solved:
         raise InputError(f"{frames}: no frame of {len(images)} has a credible attitude; `relnav stars solve` tells why")
-    t_s = np.array([images[k][0] for k in solved])
-    q = quaternions_in_lvlh(np.array([s.dcm_cam_from_icrs for s in solutions]), at[solved], mounting)
+    t_s, found = times[solved], np.array([s.dcm_cam_from_icrs for s in solutions])
+    q = quaternions_inertial(found, mounting) if at is None else quaternions_in_lvlh(found, at[solved], mounting)
     with Outputs() as outputs:
         sigma = np.array([s.sigma_rad for s in solutions])
-        write_attitude_log(outputs.path(out, ".csv"), t_s, q, sigma)
+        write_attitude_log(outputs.path(out, ".csv"), t_s, q, sigma, inertial=at is None)
         rows = 0
         if log is not None and joined is not None:
             rows = join_attitude(log, t_s, q, outputs.path(joined, ".csv"))
