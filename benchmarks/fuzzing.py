@@ -34,7 +34,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from fuzzing_choices import Drawn, Seeded
+from fuzzing_choices import Choices, Drawn, Seeded
 from fuzzing_readers import Maker, targets
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
@@ -156,22 +156,60 @@ def told(name: str, outcomes: Counter[str], faults: list[str]) -> dict[str, Any]
     return {"target": name, "cases": outcomes.total(), "outcomes": dict(sorted(outcomes.items())), "faults": faults}
 
 
+class Trial:
+    """Cases of one target in a child; `at` is the number of the one that is tried."""
+
+    def __init__(self, name: str, folder: Path, at: mmap.mmap) -> None:
+        self.name, self.folder, self.at = name, folder, at
+        self.one, self.make, self.outcomes = tried(name, folder)
+        self.faults: list[str] = []
+
+    def take(self, case: int, choose: Choices) -> None:
+        """Try one; the first file of a kind of fault is kept."""
+        self.at[:] = case.to_bytes(8, "little")
+        try:
+            self.one(self.make(choose))
+        except Exception as error:
+            self.outcomes["fault"] += 1
+            if (fault := kind_of_fault(error)) not in self.faults:
+                self.faults.append(fault)
+                keep(self.name, self.folder)
+
+    def entry(self, cases: int) -> dict[str, Any]:
+        """What came of all of them."""
+        self.at[:] = cases.to_bytes(8, "little")
+        used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+        return told(self.name, self.outcomes, self.faults) | {"memory_mib": used}
+
+
+Answer = Callable[[dict[str, Any]], None]
+
+
 def seeded(name: str, folder: Path, cases: int, number: int) -> dict[str, Any]:
-    """Cases of a seed, in a child, since a library in another language can end the process; then goes on after it."""
+    """Cases of a seed."""
+
+    def part(trial: Trial, begin: int, answer: Answer) -> None:
+        for case in range(begin, cases):
+            trial.take(case, Seeded(random.Random(f"{number} {case}")))
+        answer(trial.entry(cases))
+
+    return in_children(name, folder, cases, part)
+
+
+def in_children(name: str, folder: Path, cases: int, part: Callable[[Trial, int, Answer], None]) -> dict[str, Any]:
+    """Cases in a child, since a library in another language can end the process; in another one after that."""
     outcomes: Counter[str] = Counter()
     faults: list[str] = []
-    memory, at = 0, mmap.mmap(-1, 8)  # the number of the case that is tried
-    for_cases = partial(_seeded_part, name, folder, cases, number, at)
+    memory, at = 0, mmap.mmap(-1, 8)
     while (begin := int.from_bytes(at, "little")) < cases:
         read, write = os.pipe()
         if (child := os.fork()) == 0:
-            os.write(write, json.dumps(for_cases(begin)).encode())
-            os._exit(0)
+            part(Trial(name, folder, at), begin, partial(_answer, write))
         os.close(write)
         with os.fdopen(read, "rb") as pipe:
             content = pipe.read()
         code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-        if code == 0:
+        if content:
             new = json.loads(content)
             outcomes += Counter(new["outcomes"])
             faults += [fault for fault in new["faults"] if fault not in faults]
@@ -186,22 +224,10 @@ def seeded(name: str, folder: Path, cases: int, number: int) -> dict[str, Any]:
     return told(name, outcomes, faults) | {"memory_mib": memory}
 
 
-def _seeded_part(name: str, folder: Path, cases: int, number: int, at: mmap.mmap, begin: int) -> dict[str, Any]:
-    """Cases from one on; `at` is told which is next."""
-    one, make, outcomes = tried(name, folder)
-    faults: list[str] = []
-    for case in range(begin, cases):
-        at[:] = case.to_bytes(8, "little")
-        try:
-            one(make(Seeded(random.Random(f"{number} {case}"))))
-        except Exception as error:
-            outcomes["fault"] += 1
-            if (fault := kind_of_fault(error)) not in faults:
-                faults.append(fault)
-                keep(name, folder)
-    at[:] = cases.to_bytes(8, "little")
-    used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-    return told(name, outcomes, faults) | {"memory_mib": used}
+def _answer(write: int, entry: dict[str, Any]) -> None:
+    """What a child says at its end."""
+    os.write(write, json.dumps(entry).encode())
+    os._exit(0)
 
 
 def kind_of_fault(error: Exception) -> str:

@@ -118,10 +118,11 @@ def survivor(one: dict[str, Any]) -> str:
 FUZZED = """## Hostile files
 
 `python benchmarks/fuzzing.py --cases N`: good files with names, cells, lines, keys, types, numbers and bytes exchanged
-(hypothesis; the strategies are in `fuzzing_bytes.py` beside it). `--inputs 1000000` tries a million over all targets,
-in rounds of other seeds, and counts what was tried; that has not been run to its end yet. The test suite runs a part of
-them, and every file that once broke something (`tests/files/found/`, `tests/files/test_fuzzing.py`). A fault is any of
-these:
+(by hypothesis; `fuzzing_bytes.py` beside it exchanges them). `--inputs 1000000` tries a million over all targets, by
+seeds, in children; that has not been run to its end yet: the table adds up what was tried by hypothesis and by seeds.
+`fuzzing_coverage.py` tries the same by the lines that are reached, where `atheris` is installed; none of its files are
+counted here. The test suite runs a part of them, and every file that once broke something (`tests/files/found/`,
+`tests/files/test_fuzzing.py`). A fault is any of these:
 
 - an exception that is not documented, or a warning;
 - a message with control characters or without the file's name;
@@ -184,7 +185,7 @@ LIMITS = """## Limits
 | lines before the header; empty lines in a row | 10,000; 100,000 | |
 | rows of a grid, sun table, star log or orbit | 1,000,000 | held in memory; logs of spots and markers are streamed |
 | spots of a star frame; slots of a raw log | 20,000; 5,000,000 | held in memory |
-| a column of Parquet | 100 MB unpacked from less than a 200th | no measured log is so repetitive |
+| a row group of Parquet | 100 MB unpacked, and 200 times the file's size | no measured log is so repetitive |
 | a model or calibration | 200,000 characters, 12 levels | |
 | times, accelerations, impulses of a log | 1e11 s, 1e4 m/s^2, 1e5 m/s | a slip of unit, as nanoseconds under t_s |
 
