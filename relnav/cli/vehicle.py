@@ -32,12 +32,11 @@ def simulate_vehicle(
 ) -> None:
     """Fly a rendezvous from the file's hand-over and write what its sensors see."""
     from relnav.files.atomic import Outputs
-    from relnav.files.vehicle_log import check_log_format, write_vehicle_log
+    from relnav.files.vehicle_log import write_vehicle_log
     from relnav.files.vehicle_track import write_port_truth
     from relnav.simulation.rendezvous import Rendezvous
     from relnav.simulation.vehicle_sensors import simulate_rendezvous
 
-    check_log_format(out)
     start = vehicle.hand_over.port_distance_m[0]
     final = Rendezvous.final_m if final_range_m is None else final_range_m
     try:

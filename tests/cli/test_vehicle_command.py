@@ -7,7 +7,9 @@ import threading
 from types import SimpleNamespace
 
 import numpy as np
+import pyarrow
 import pytest
+from pyarrow import parquet
 
 import relnav
 from relnav.cli.vehicle import Summary
@@ -86,6 +88,54 @@ def test_a_bad_row_is_told_by_its_line(run, model, tmp_path, row, message):
     assert message in error
 
 
+def test_parquet_is_the_csv(run, model, log, tmp_path):
+    """The same observations, the same bits of the track; its columns and units stand in the file."""
+    other = tmp_path / "log.parquet"
+    assert run("simulate", model, "--final-range", "29", "--out", other, "--seed", "5", "--quiet")[0] == 0
+    stored = parquet.read_table(other)
+    assert stored.column_names == HEADER.split(",")
+    assert stored.schema.metadata[b"seed"] == b"5"
+    assert stored.schema.field("t_s").metadata == {b"unit": b"s"}
+    for path, track in ((log, "a.csv"), (other, "b.csv")):
+        code, _, error = run("filter", path, "--model", model, "--out", tmp_path / track, "--quiet")
+        assert (code, error) == (0, "")
+    lines = [
+        [line for line in (tmp_path / name).read_text().splitlines() if line[0] != "#"] for name in ("a.csv", "b.csv")
+    ]
+    assert lines[0] == lines[1]
+    code, _, error = run("filter", "--follow", other, "--model", model)
+    assert (code, "--follow reads CSV, row by row" in error) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"sensor": ["lidar"]}, "log.parquet:1: no sensor 'lidar' in model slow; there are gyro, thrust, camera"),
+        ({"sensor": [None]}, "log.parquet:1: no sensor '' in model slow"),
+        ({"sensor": [1.0]}, "log.parquet: column 'sensor' holds double; words are expected"),
+        ({"v1": [None]}, "log.parquet:1: gyro has 3 values; one is empty"),
+        ({"v3": [4.0]}, "log.parquet:1: gyro has 3 values, v0 to v2; the other cells stay empty"),
+        ({"v2": ["three"]}, "log.parquet: column 'v2' holds string; numbers are expected"),
+        ({"v2": [2**60]}, "log.parquet: damaged after row 0: "),
+        ({"t_s": [None]}, "log.parquet:1: column 't_s': a time is expected; got ''"),
+        ({"t_s": []}, "log.parquet: no row after the header"),
+        ({"w": [1.0]}, "log.parquet:1: a vehicle's log has columns t_s, sensor, v0, v1, ...; got t_s, sensor, v0, v1"),
+    ],
+)
+def test_a_bad_row_of_parquet_is_told_by_its_number(run, model, tmp_path, changed, message):
+    columns = {"t_s": [0.1], "sensor": ["gyro"], "v0": [1.0], "v1": [2.0], "v2": [3.0], "v3": [None]} | changed
+    rows = min(map(len, columns.values()))
+    types = {name: pyarrow.string() if name == "sensor" else pyarrow.float64() for name in columns}
+    arrays = [
+        pyarrow.array(values[:rows], type=None if values and values[0] is not None else types[name])
+        for name, values in columns.items()
+    ]
+    parquet.write_table(pyarrow.table(arrays, names=list(columns)), tmp_path / "log.parquet")
+    code, _, error = run("filter", tmp_path / "log.parquet", "--model", model)
+    assert code == 3
+    assert message in error
+
+
 @pytest.mark.parametrize(
     ("order", "signs", "reading"),
     [
@@ -122,8 +172,8 @@ def test_what_is_not_for_a_vehicle(run, model, vbar_log, tmp_path):
     assert (code, "--smooth is not for a vehicle" in error) == (2, True)
     code, _, error = run("simulate", model, "--out", tmp_path / "log.csv", "--j2")
     assert (code, "--j2 is not for a vehicle" in error) == (2, True)
-    code, _, error = run("simulate", model, "--out", tmp_path / "log.parquet")
-    assert (code, "a vehicle's log ends in .csv" in error) == (2, True)
+    code, _, error = run("simulate", model, "--out", tmp_path / "log.mat")
+    assert (code, "a table ends in .csv or .parquet; got '.mat'" in error) == (2, True)
     code, _, error = run("filter", vbar_log, "--model", model, "--out", tmp_path / "track.oem")
     assert (code, "a table ends in .csv, .jsonl or .parquet; got '.oem'" in error) == (2, True)
     assert list(tmp_path.iterdir()) == []
