@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from relnav.cli.picture import Picture
     from relnav.files.vehicle_log import Row
     from relnav.spacecraft import Vehicle
-    from relnav.vehicle.navigator import VehicleEstimate
+    from relnav.vehicle.estimate import VehicleEstimate
 
 OPTIONS = (
     "model", "out", "truth", "seed", "final_range_m", "quiet", "log", "json_path", "follow", "row_format",

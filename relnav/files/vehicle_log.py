@@ -26,7 +26,8 @@ from relnav.geometry.rotation import dcm_from_quaternion
 from relnav.sensors.sun_direction import SunDirection, direction_with_covariance
 from relnav.simulation.vehicle_sensors import Value, VehicleRun
 from relnav.spacecraft import POINTS, RESERVED, STAR, Vehicle
-from relnav.vehicle.navigator import LONGEST_PREDICTION_S, VehicleEstimate, VehicleNavigator
+from relnav.vehicle.estimate import VehicleEstimate
+from relnav.vehicle.navigator import LONGEST_PREDICTION_S, VehicleNavigator
 from relnav.vehicle.orbit_frame import OrbitFrame
 
 FAR_FROM_HELD_DEG = 30.0
