@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 OPTIONS = (
     "model", "out", "truth", "seed", "final_range_m", "quiet", "log", "json_path", "follow", "row_format",
-    "frame", "plot", "corridor_deg",
+    "frame", "plot", "corridor_deg", "smooth",
 )  # fmt: skip
 
 
@@ -60,12 +60,19 @@ def asked_frame() -> str | None:
 
 
 def filter_vehicle(
-    log: Path, vehicle: "Vehicle", out: Path | None, json_path: Path | None, picture: "Picture", *, quiet: bool
+    log: Path,
+    vehicle: "Vehicle",
+    out: Path | None,
+    json_path: Path | None,
+    picture: "Picture",
+    *,
+    smooth: bool,
+    quiet: bool,
 ) -> int:
-    """Filter LOG, write what was asked for, print a summary."""
+    """Filter LOG, or smooth it, write what was asked for, print a summary."""
     from relnav.files.atomic import Outputs
     from relnav.files.tables import TRACKS, check_format, write_json
-    from relnav.files.vehicle_log import filter_rows, read_vehicle_log
+    from relnav.files.vehicle_log import filter_rows, read_vehicle_log, smoothed_rows
     from relnav.files.vehicle_track import write_port_track
 
     if out is not None:
@@ -74,9 +81,11 @@ def filter_vehicle(
     picture.of(vehicle)
     rows = read_vehicle_log(log, vehicle)
     with Outputs() as outputs, epoch_bar(log, quiet=quiet, note=", one a second", from_bytes=200_000) as progress:
-        parts = picture.passing(summary.passing(filter_rows(summary.counted(rows), vehicle), progress))
+        estimates = (smoothed_rows if smooth else filter_rows)(summary.counted(rows), vehicle)
+        parts = picture.passing(summary.passing(estimates, progress))
         if out is not None:
-            write_port_track(parts, vehicle, outputs.path(out, ".csv"), {"log": log.name}, frame=asked_frame())
+            head = {"log": log.name} | ({"method": "smoothed"} if smooth else {})
+            write_port_track(parts, vehicle, outputs.path(out, ".csv"), head, frame=asked_frame())
         for _ in parts:
             pass
         picture.draw(outputs, log)

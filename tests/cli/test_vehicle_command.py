@@ -14,7 +14,7 @@ from pyarrow import parquet
 import relnav
 from relnav.cli.vehicle import Summary
 from relnav.files.model_folders import find_model
-from relnav.files.vehicle_log import attitude_note
+from relnav.files.vehicle_log import attitude_note, filter_vehicle_log
 from relnav.vehicle.health import SensorHealth
 from relnav.vehicle.monitor import ALARM_SIGMA
 
@@ -107,6 +107,27 @@ def test_parquet_is_the_csv(run, model, log, tmp_path):
     assert (code, "--follow reads CSV, row by row" in error) == (2, True)
 
 
+def test_smoothed_it_ends_where_the_filter_does_and_is_tighter_before(run, model, log, tmp_path):
+    for name, more in (("a.csv", []), ("b.csv", ["--smooth"])):
+        code, out, error = run("filter", log, "--model", model, "--out", tmp_path / name, *more)
+        assert (code, error) == (0, "")
+        assert "port from port at" in out
+    forward, back = table(tmp_path / "a.csv"), table(tmp_path / "b.csv")
+    assert forward.dtype.names == back.dtype.names
+    np.testing.assert_array_equal(forward["t_s"], back["t_s"])
+    np.testing.assert_array_equal(forward["used_psd"], back["used_psd"])
+    for axis in "xyz":
+        assert (back[f"sigma_{axis}_m"][:-2] < forward[f"sigma_{axis}_m"][:-2]).all()  # the last row stands twice
+        np.testing.assert_allclose(back[f"{axis}_m"][-1], forward[f"{axis}_m"][-1], atol=1e-9)
+    assert "# method = smoothed" in (tmp_path / "b.csv").read_text()
+    vehicle = relnav.load_model(model)
+    estimates = filter_vehicle_log(log, vehicle, smooth=True)
+    assert [one.port.position_m[0] for one in estimates] == back["x_m"].tolist()
+    assert len(filter_vehicle_log(log, vehicle, every_s=2.0)) == 1 + len(forward) // 2
+    with pytest.raises(relnav.UsageError, match="every_s is a time above 0 s; got 0"):
+        filter_vehicle_log(log, vehicle, every_s=0)
+
+
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
@@ -168,8 +189,10 @@ def test_a_star_sensors_quaternion_read_another_way(run, model, log, tmp_path, o
 def test_what_is_not_for_a_vehicle(run, model, vbar_log, tmp_path):
     code, _, error = run("filter", vbar_log, "--model", model)
     assert (code, "a vehicle's log has columns t_s, sensor, v0, v1, ..." in error) == (3, True)
-    code, _, error = run("filter", vbar_log, "--model", model, "--smooth")
-    assert (code, "--smooth is not for a vehicle" in error) == (2, True)
+    code, _, error = run("filter", vbar_log, "--model", model, "--method", "spots")
+    assert (code, "--method is not for a vehicle" in error) == (2, True)
+    code, _, error = run("filter", "--follow", vbar_log, "--model", model, "--smooth")
+    assert (code, "--smooth" in error) == (2, True)
     code, _, error = run("simulate", model, "--out", tmp_path / "log.csv", "--j2")
     assert (code, "--j2 is not for a vehicle" in error) == (2, True)
     code, _, error = run("simulate", model, "--out", tmp_path / "log.mat")
