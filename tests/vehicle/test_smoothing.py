@@ -120,6 +120,16 @@ def test_a_lost_gyro_is_gone_back_over(slow, flights):
     assert rate[1] > 1.2 * max(rate[0], rate[2])
 
 
+def test_a_covariance_that_is_none_cannot_be_smoothed(navigator):
+    start = navigator._timeline.newest.estimates
+    P = start.covariance.copy()
+    P[0, 0, 1] = P[0, 1, 0] = 2.0 * P[0, 0, 0]
+    ends = start.values[0], start.dcm_lvlh_from_target[0], start.dcm_inertial_from_chaser[0]
+    step = Step(start._replace(covariance=P), np.eye(MOVING, DRIVING), np.zeros((MOVING, MOVING)), *ends)
+    with pytest.raises(ValueError, match="no longer positive definite: it cannot be smoothed"):
+        step_back(step, start)
+
+
 def test_what_is_refused(vehicle):
     smoother = VehicleSmoother(vehicle, t_s=1.0)
     smoother.observe("gyro", 2.0, [0.0, 0.0, 0.0])
