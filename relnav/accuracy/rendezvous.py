@@ -16,8 +16,9 @@ from relnav.geometry.rotation_vector import attitude_error, rotation_vector_betw
 from relnav.simulation.rendezvous import Rendezvous, Truth
 from relnav.simulation.vehicle_sensors import VehicleRun, simulate_rendezvous
 from relnav.spacecraft import Vehicle
+from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.layout import CHASER_ATTITUDE, layout_of
-from relnav.vehicle.navigator import VehicleEstimate, VehicleNavigator
+from relnav.vehicle.navigator import VehicleNavigator
 from relnav.vehicle.timeline import Event
 from relnav.vehicle.update import Outcome
 

@@ -25,7 +25,8 @@ from relnav.simulation.rendezvous import Rendezvous
 from relnav.simulation.vehicle_faults import BEGINS_S, LASTS_S, RAMP_SIGMA, VehicleFault, with_fault
 from relnav.simulation.vehicle_sensors import VehicleRun, simulate_rendezvous
 from relnav.spacecraft import GYRO, POINTS, Vehicle
-from relnav.vehicle.navigator import VehicleEstimate, VehicleNavigator
+from relnav.vehicle.estimate import VehicleEstimate
+from relnav.vehicle.navigator import VehicleNavigator
 
 FLIGHT = Rendezvous(start_m=10.0, final_m=1.0, fast_m_s=0.06, slow_m_s=0.06)
 """Two and a half minutes to a metre from contact."""

@@ -164,7 +164,7 @@ def command(
         return run_live(Live(log, mission, track, method, projection, quiet), row_format)
     if isinstance(mission, Vehicle):
         refuse_others()
-        return filter_vehicle(log, mission, out, json_path, picture, quiet=quiet)
+        return filter_vehicle(log, mission, out, json_path, picture, smooth=smooth, quiet=quiet)
     if isinstance(mission, VisionMission):
         return filter_markers(
             log,

@@ -157,13 +157,14 @@ def _vehicle(
     asked: Live, vehicle: "Vehicle", arriving: "Arriving", writer: "LineByLine", out: Path, view: LiveView
 ) -> tuple[list[str], bool]:
     from relnav.cli.vehicle import Summary, asked_frame, refuse_others
-    from relnav.files.live_log import Refusals
+    from relnav.files.live_log import Refusals, refuse_parquet
     from relnav.files.live_vehicle import live_rows
     from relnav.files.text_table import TextTable
     from relnav.files.vehicle_log import filter_rows
     from relnav.files.vehicle_track import write_port_track
 
     refuse_others()
+    refuse_parquet(asked.log)
     table, refusals = TextTable(asked.log, arriving), Refusals(asked.log, _telling(view))
     summary = Summary(vehicle)
     parts = filter_rows(summary.counted(live_rows(table, vehicle, refusals)), vehicle, refuse=refusals.refuse)

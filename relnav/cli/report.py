@@ -181,12 +181,11 @@ def _filter(head: Any, mission: Any, method: str | None, smooth: bool, watcher: 
     from relnav.spacecraft import Vehicle
 
     if isinstance(mission, Vehicle):
-        from relnav.files.vehicle_log import filter_rows, read_vehicle_log
+        from relnav.files.vehicle_log import filter_rows, read_vehicle_log, smoothed_rows
 
-        if method is not None or smooth:
-            option = "--smooth" if smooth else "--method"
-            raise UsageError(f"{option} is not for a vehicle: {mission.name} has one filter, which runs forward")
-        for _ in watcher.passing(filter_rows(read_vehicle_log(head, mission), mission)):
+        if method is not None:
+            raise UsageError(f"--method is not for a vehicle: {mission.name} has one filter")
+        for _ in watcher.passing((smoothed_rows if smooth else filter_rows)(read_vehicle_log(head, mission), mission)):
             pass
         return
     if isinstance(mission, VisionMission):

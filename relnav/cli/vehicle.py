@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from relnav.cli.picture import Picture
     from relnav.files.vehicle_log import Row
     from relnav.spacecraft import Vehicle
-    from relnav.vehicle.navigator import VehicleEstimate
+    from relnav.vehicle.estimate import VehicleEstimate
 
 OPTIONS = (
     "model", "out", "truth", "seed", "final_range_m", "quiet", "log", "json_path", "follow", "row_format",
-    "frame", "plot", "corridor_deg",
+    "frame", "plot", "corridor_deg", "smooth",
 )  # fmt: skip
 
 
@@ -32,12 +32,11 @@ def simulate_vehicle(
 ) -> None:
     """Fly a rendezvous from the file's hand-over and write what its sensors see."""
     from relnav.files.atomic import Outputs
-    from relnav.files.vehicle_log import check_log_format, write_vehicle_log
+    from relnav.files.vehicle_log import write_vehicle_log
     from relnav.files.vehicle_track import write_port_truth
     from relnav.simulation.rendezvous import Rendezvous
     from relnav.simulation.vehicle_sensors import simulate_rendezvous
 
-    check_log_format(out)
     start = vehicle.hand_over.port_distance_m[0]
     final = Rendezvous.final_m if final_range_m is None else final_range_m
     try:
@@ -61,12 +60,19 @@ def asked_frame() -> str | None:
 
 
 def filter_vehicle(
-    log: Path, vehicle: "Vehicle", out: Path | None, json_path: Path | None, picture: "Picture", *, quiet: bool
+    log: Path,
+    vehicle: "Vehicle",
+    out: Path | None,
+    json_path: Path | None,
+    picture: "Picture",
+    *,
+    smooth: bool,
+    quiet: bool,
 ) -> int:
-    """Filter LOG, write what was asked for, print a summary."""
+    """Filter LOG, or smooth it, write what was asked for, print a summary."""
     from relnav.files.atomic import Outputs
     from relnav.files.tables import TRACKS, check_format, write_json
-    from relnav.files.vehicle_log import filter_rows, read_vehicle_log
+    from relnav.files.vehicle_log import filter_rows, read_vehicle_log, smoothed_rows
     from relnav.files.vehicle_track import write_port_track
 
     if out is not None:
@@ -75,9 +81,11 @@ def filter_vehicle(
     picture.of(vehicle)
     rows = read_vehicle_log(log, vehicle)
     with Outputs() as outputs, epoch_bar(log, quiet=quiet, note=", one a second", from_bytes=200_000) as progress:
-        parts = picture.passing(summary.passing(filter_rows(summary.counted(rows), vehicle), progress))
+        estimates = (smoothed_rows if smooth else filter_rows)(summary.counted(rows), vehicle)
+        parts = picture.passing(summary.passing(estimates, progress))
         if out is not None:
-            write_port_track(parts, vehicle, outputs.path(out, ".csv"), {"log": log.name}, frame=asked_frame())
+            head = {"log": log.name} | ({"method": "smoothed"} if smooth else {})
+            write_port_track(parts, vehicle, outputs.path(out, ".csv"), head, frame=asked_frame())
         for _ in parts:
             pass
         picture.draw(outputs, log)

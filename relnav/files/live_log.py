@@ -72,8 +72,7 @@ class LiveLog(LogFile):
         parse: Callable[[list[str], str], Columns] = parse_header,
     ) -> None:
         """Wait for the header; `parse` as for `LogFile`."""
-        if path.suffix.lower() == ".parquet":
-            raise UsageError(f"{path}: --follow reads CSV, row by row; Parquet is written at its end")
+        refuse_parquet(path)
         table = TextTable(path, reads)
         if is_raw_log(table):
             raise UsageError(f"{path}: a raw log of slots is filtered whole; --follow takes a log of spots")
@@ -115,3 +114,15 @@ class LiveLog(LogFile):
         if found:
             self.refusals.row()
             yield from found
+
+
+def refuse_parquet(path: Path) -> None:
+    """Refuse a log that cannot be followed.
+
+    Raises
+    ------
+    UsageError
+        Saying why.
+    """
+    if path.suffix.lower() == ".parquet":
+        raise UsageError(f"{path}: --follow reads CSV, row by row; Parquet is written at its end")

@@ -1,8 +1,8 @@
 """Parquet in and out, through pyarrow (extra `parquet`): batches in bounded memory, units in the column metadata."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from relnav.files.text_table import MOST_COLUMNS
 from relnav.files.units import split_unit
 from relnav.files.wording import printable, shown
 
+Taken = TypeVar("Taken")
+
 BATCH_ROWS = 65_536
 BOMB_BYTES, BOMB_RATIO = 100_000_000, 200
 
@@ -22,8 +24,8 @@ def require_pyarrow() -> Any:
     return require("pyarrow", "parquet", "Parquet files need pyarrow", ", or use .csv")
 
 
-def open_parquet(path: Path) -> tuple[Any, list[str], dict[str, str]]:
-    """Open a file; returns it, its column names and its metadata.
+def open_parquet(path: Path, words: str | None = None) -> tuple[Any, list[str], dict[str, str]]:
+    """Open a file; returns it, its column names and its metadata. words: a column that holds words, not numbers.
 
     Raises
     ------
@@ -34,7 +36,7 @@ def open_parquet(path: Path) -> tuple[Any, list[str], dict[str, str]]:
     from pyarrow import parquet
 
     try:
-        file = parquet.ParquetFile(path, pre_buffer=False)
+        file = parquet.ParquetFile(path, pre_buffer=False, read_dictionary=None if words is None else [words])
         stored, names = file.schema_arrow.metadata or {}, [printable(name) for name in file.schema_arrow.names]
     except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
         raise LogError(f"{path}: not a readable Parquet file: {shown(error)}") from error
@@ -57,22 +59,57 @@ def read_batches(file: Any, path: Path, columns: list[int]) -> Iterator[Matrix]:
     LogError
         For a column that does not hold numbers.
     """
+    names = [file.schema_arrow.names[index] for index in columns]
+    yield from _read(file, path, names, lambda batch: _numbers(batch, path, names))
+
+
+def read_named_batches(file: Any, path: Path, words: str, columns: list[str]) -> Iterator[tuple[list[str], Matrix]]:
+    """A column of words (m,), "" where there is none, beside columns of numbers as of `read_batches`.
+
+    The file is opened with `words` of `open_parquet`, so that a long word that repeats is there once.
+
+    Raises
+    ------
+    LogError
+        For columns that hold something else.
+    """
+    names = [words, *columns]
+    yield from _read(file, path, names, lambda batch: (_words(batch, path, words), _numbers(batch, path, columns)))
+
+
+def _read(file: Any, path: Path, names: list[str], take: Callable[[Any], Taken]) -> Iterator[Taken]:
+    """What `take` makes of each batch of some columns; what damage raises becomes a LogError."""
     pyarrow = require_pyarrow()
-    schema = file.schema_arrow
-    names = [schema.names[index] for index in columns]
     row = 0
     try:
         for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=names):
-            out = np.empty((len(names), len(batch)))
-            for position, name in enumerate(names):
-                column = batch.column(name)
-                if not (pyarrow.types.is_floating(column.type) or pyarrow.types.is_integer(column.type)):
-                    raise LogError(f"{path}: column '{shown(name)}' holds {column.type}; numbers are expected")
-                out[position] = column.cast(pyarrow.float64()).to_numpy(zero_copy_only=False)
+            taken = take(batch)
             row += len(batch)
-            yield out.T
+            yield taken
     except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
         raise LogError(f"{path}: damaged after row {row}: {shown(error)}") from error
+
+
+def _numbers(batch: Any, path: Path, names: list[str]) -> Matrix:
+    pyarrow = require_pyarrow()
+    out = np.empty((len(names), len(batch)))
+    for position, name in enumerate(names):
+        column = batch.column(name)
+        if not (pyarrow.types.is_floating(column.type) or pyarrow.types.is_integer(column.type)):
+            raise LogError(f"{path}: column '{shown(name)}' holds {column.type}; numbers are expected")
+        out[position] = column.cast(pyarrow.float64()).to_numpy(zero_copy_only=False)
+    return out.T
+
+
+def _words(batch: Any, path: Path, name: str) -> list[str]:
+    types, column = require_pyarrow().types, batch.column(name)
+    coded = types.is_dictionary(column.type)
+    kind = column.type.value_type if coded else column.type
+    if not (types.is_string(kind) or types.is_large_string(kind)):
+        raise LogError(f"{path}: column '{shown(name)}' holds {column.type}; words are expected")
+    column = column if coded else column.dictionary_encode()
+    known = [word or "" for word in column.dictionary.to_pylist()]
+    return ["" if code is None else known[code] for code in column.indices.to_pylist()]
 
 
 def _refuse_bombs(file: Any, path: Path) -> None:

@@ -1,7 +1,7 @@
 """A vehicle's log, one row an observation, and the estimates that its filter makes of it.
 
-Columns of a log (.csv): t_s, sensor, v0, v1, ... A row has as many values as its sensor gives, in SI or px as
-`VehicleNavigator.observe` takes them, and leaves the others empty; of lights an empty pair is a spot not seen. A sun
+Columns of a log (.csv or .parquet): t_s, sensor, v0, v1, ... A row has as many values as its sensor gives, in SI or px
+as `VehicleNavigator.observe` takes them, and leaves the others empty; of lights an empty pair is a spot not seen. A sun
 direction is followed by xx, xy, xz, yy, yz, zz of its covariance. Rows may stand in any order.
 """
 
@@ -9,23 +9,27 @@ import csv
 import math
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import TypeGuard
 
 import numpy as np
 
 from relnav.arrays import Vector
 from relnav.errors import LogError, UsageError
-from relnav.files.atomic import is_stream, replacing
+from relnav.files.atomic import replacing
 from relnav.files.attitude_reading import reading_that_looks
-from relnav.files.tables import relnav_version
+from relnav.files.tables import check_format, head_text, relnav_version
 from relnav.files.text_table import MOST_ROWS, TextTable, table_of
-from relnav.files.wording import printable, shown
+from relnav.files.vehicle_parquet import check_columns
+from relnav.files.wording import shown
 from relnav.geometry.linear_algebra import lengths
 from relnav.geometry.rotation import dcm_from_quaternion
 from relnav.sensors.sun_direction import SunDirection, direction_with_covariance
 from relnav.simulation.vehicle_sensors import Value, VehicleRun
 from relnav.spacecraft import POINTS, RESERVED, STAR, Vehicle
-from relnav.vehicle.navigator import LONGEST_PREDICTION_S, VehicleEstimate, VehicleNavigator
+from relnav.vehicle.estimate import VehicleEstimate
+from relnav.vehicle.navigator import LONGEST_PREDICTION_S, VehicleNavigator
 from relnav.vehicle.orbit_frame import OrbitFrame
+from relnav.vehicle.smoothing import VehicleSmoother
 
 FAR_FROM_HELD_DEG = 30.0
 """No chaser on its way to a port turns so far away from the attitude of its file."""
@@ -44,31 +48,22 @@ def widths(vehicle: Vehicle) -> dict[str, int]:
     return count
 
 
-def check_log_format(path: Path) -> None:
-    """Refuse a log of another kind than .csv: a vehicle's log names its sensors in words.
-
-    Raises
-    ------
-    UsageError
-        Naming the ending that can be written.
-    """
-    if path.suffix.lower() != ".csv" and not (path.suffix == "" and is_stream(path)):
-        raise UsageError(f"{path}: a vehicle's log ends in .csv; got '{path.suffix}'")
-
-
 def write_vehicle_log(run: VehicleRun, path: Path, metadata: dict[str, str]) -> None:
-    """Write the observations of a simulated run (.csv), in the order in which they arrive."""
-    check_log_format(path)
-    width = max(widths(run.truth.vehicle).values())
-    with replacing(path, ".csv") as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        head = {"relnav": relnav_version()} | metadata
-        file.writelines(f"# {printable(key)} = {printable(value)}\n" for key, value in head.items())
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(("t_s", "sensor", *(f"v{k}" for k in range(width))))
-        for seen in run.observations:
-            numbers = _numbers(seen.value)
-            cells = ["" if math.isnan(value) else repr(value) for value in numbers]
-            writer.writerow((repr(seen.t_s), seen.sensor, *cells, *[""] * (width - len(cells))))
+    """Write the observations of a simulated run (.csv or .parquet), in the order in which they arrive."""
+    check_format(path)
+    width, stated = max(widths(run.truth.vehicle).values()), {"relnav": relnav_version()} | metadata
+    rows = ((seen.sensor, seen.t_s, _numbers(seen.value)) for seen in run.observations)
+    with replacing(path, ".csv") as temporary:
+        if path.suffix.lower() == ".parquet":
+            from relnav.files.vehicle_parquet import write_named_rows
+
+            return write_named_rows(temporary, width, rows, stated)
+        with temporary.open("w", newline="", encoding="utf-8") as file:
+            file.write(head_text(".csv", ("t_s", "sensor", *(f"v{k}" for k in range(width))), stated))
+            writer = csv.writer(file, lineterminator="\n")
+            for name, t_s, numbers in rows:
+                cells = ["" if math.isnan(value) else repr(value) for value in numbers]
+                writer.writerow((repr(t_s), name, *cells, *[""] * (width - len(cells))))
 
 
 def _numbers(value: Value) -> list[float]:
@@ -79,23 +74,43 @@ def _numbers(value: Value) -> list[float]:
 
 
 def read_vehicle_log(path: Path | TextTable, vehicle: Vehicle) -> list[Row]:
-    """The observations of a log (.csv), by time.
+    """The observations of a log (.csv or .parquet), by time.
 
     Raises
     ------
     LogError
         For what is no such log; the message names the line.
     """
-    table = opened_vehicle_log(table_of(path))
     rows: list[Row] = []
+    name = path if isinstance(path, Path) else path.path
+    for row in _parquet_rows(path, vehicle) if is_parquet(path) else _text_rows(table_of(path), vehicle):
+        rows.append(row)
+        if len(rows) > MOST_ROWS:
+            raise LogError(f"{name}: more than {MOST_ROWS} rows; split the log in time")
+    if not rows:
+        raise LogError(f"{name}: no row after the header; one an observation is expected")
+    return sorted(rows, key=lambda row: row[1])
+
+
+def is_parquet(path: Path | TextTable) -> TypeGuard[Path]:
+    """Whether a log is Parquet, by its ending."""
+    return isinstance(path, Path) and path.suffix.lower() == ".parquet"
+
+
+def _text_rows(table: TextTable, vehicle: Vehicle) -> Iterator[Row]:
+    opened_vehicle_log(table)
     counts = widths(vehicle)
     for line, text in table.rows():
-        rows.append(row_of(table, line, text, vehicle, counts))
-        if len(rows) > MOST_ROWS:
-            raise LogError(f"{table.path}: more than {MOST_ROWS} rows; split the log in time")
-    if not rows:
-        raise LogError(f"{table.path}: no row after the header; one an observation is expected")
-    return sorted(rows, key=lambda row: row[1])
+        yield row_of(table, line, text, vehicle, counts)
+
+
+def _parquet_rows(path: Path, vehicle: Vehicle) -> Iterator[Row]:
+    from relnav.files.vehicle_parquet import named_rows
+
+    counts = widths(vehicle)
+    for number, name, t_s, values in named_rows(path):
+        came = "" if math.isnan(t_s) else repr(t_s)
+        yield _row(name, t_s, came, values, vehicle, counts, f"{path}:{number}")
 
 
 def opened_vehicle_log(table: TextTable) -> TextTable:
@@ -106,11 +121,7 @@ def opened_vehicle_log(table: TextTable) -> TextTable:
     LogError
         If it is not.
     """
-    if table.names[:2] != ["t_s", "sensor"] or table.names[2:] != [f"v{k}" for k in range(len(table.names) - 2)]:
-        raise LogError(
-            f"{table.path}:{table.line}: a vehicle's log has columns t_s, sensor, v0, v1, ...; got "
-            f"{shown(', '.join(table.names), 120)}"
-        )
+    check_columns(table.names, f"{table.path}:{table.line}")
     return table
 
 
@@ -122,18 +133,26 @@ def row_of(table: TextTable, line: int, text: str, vehicle: Vehicle, counts: dic
     LogError
         For a line that is none.
     """
-    path, cells = table.path, table.cells(line, text)
+    cells = table.cells(line, text)
     name, t_s = cells[1].strip(), table.number(cells[0], line, "t_s")
+    where = f"{table.path}:{line}"
+    values = [table.number(cell, line, f"v{k}") for k, cell in enumerate(cells[2:])]
+    return _row(name, t_s, cells[0], np.array(values), vehicle, counts, where)
+
+
+def _row(
+    name: str, t_s: float, came: str, values: Vector, vehicle: Vehicle, counts: dict[str, int], where: str
+) -> Row:
+    """The observation of a row with these values (width,), NaN = empty; came: its time as it stood there."""
     if name not in counts:
         known = ", ".join(counts)
-        raise LogError(f"{path}:{line}: no sensor '{shown(name, 80)}' in model {vehicle.name}; there are {known}")
+        raise LogError(f"{where}: no sensor '{shown(name, 80)}' in model {vehicle.name}; there are {known}")
     if not math.isfinite(t_s):
-        raise LogError(f"{path}:{line}: column 't_s': a time is expected; got {shown(repr(cells[0]), 80)}")
-    values = [table.number(cell, line, f"v{k}") for k, cell in enumerate(cells[2:])]
+        raise LogError(f"{where}: column 't_s': a time is expected; got {shown(repr(came), 80)}")
     count = counts[name]
-    if len(values) < count or not all(math.isnan(value) for value in values[count:]):
-        raise LogError(f"{path}:{line}: {name} has {count} values, v0 to v{count - 1}; the other cells stay empty")
-    return name, t_s, _value(np.array(values[:count]), name, vehicle, f"{path}:{line}")
+    if len(values) < count or not np.isnan(values[count:]).all():
+        raise LogError(f"{where}: {name} has {count} values, v0 to v{count - 1}; the other cells stay empty")
+    return name, t_s, _value(values[:count].copy(), name, vehicle, where)
 
 
 def _value(values: Vector, name: str, vehicle: Vehicle, where: str) -> Value:
@@ -198,3 +217,58 @@ def filter_rows(
             refuse(told)
     if nav is not None:
         yield nav.state()
+
+
+def smoothed_rows(rows: Iterable[Row], vehicle: Vehicle, every_s: float = 1.0) -> list[VehicleEstimate]:
+    """The smoothed estimate every so many seconds, and at the end, from observations in the order of time.
+
+    Memory as of `VehicleSmoother`: 50 kB an estimate, 1 kB an observation.
+
+    Raises
+    ------
+    LogError
+        For an observation that the filter cannot take.
+    """
+    smoother: VehicleSmoother | None = None
+    start_s = end_s = 0.0
+    for name, t_s, value in rows:
+        if smoother is None:
+            smoother, start_s = VehicleSmoother(vehicle, t_s=t_s), t_s
+        end_s = t_s
+        try:
+            smoother.observe(name, t_s, value)
+        except ValueError as error:
+            raise LogError(f"at {t_s!r} s: {error}") from error
+    if smoother is None:
+        return []
+    times = start_s + every_s * np.arange(1, math.floor((end_s - start_s) / every_s) + 1)
+    return smoother.estimates([*times.tolist(), end_s])
+
+
+def filter_vehicle_log(
+    path: Path | str, vehicle: Vehicle, *, every_s: float = 1.0, smooth: bool = False
+) -> list[VehicleEstimate]:
+    """The estimates that a vehicle's filter makes of a log, every so many seconds and at the end.
+
+    Parameters
+    ----------
+    path : Path or str
+        The log (.csv or .parquet), one row an observation: t_s, sensor, v0, v1, ...
+    vehicle : Vehicle
+        `relnav.load_model("rendezvous_demo")`, or your own file.
+    every_s : float
+        Seconds between two of them, above 0; each holds 50 kB.
+    smooth : bool
+        Whether each rests on all of the log, not on what came before it alone (`relnav.vehicle.smoothing`).
+
+    Raises
+    ------
+    LogError
+        If the log cannot be read; names file, line and column.
+    UsageError
+        For another every_s.
+    """
+    if not 0.0 < every_s < math.inf:
+        raise UsageError(f"every_s is a time above 0 s; got {every_s!r}")
+    rows = read_vehicle_log(Path(path), vehicle)
+    return smoothed_rows(rows, vehicle, every_s) if smooth else list(filter_rows(rows, vehicle, every_s))

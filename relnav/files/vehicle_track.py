@@ -12,7 +12,7 @@ from relnav.dynamics.in_frame import AXES, frame_words
 from relnav.files.tables import Table, Writer, relnav_version, write_table
 from relnav.simulation.vehicle_sensors import VehicleRun
 from relnav.spacecraft import Vehicle
-from relnav.vehicle.navigator import VehicleEstimate
+from relnav.vehicle.estimate import VehicleEstimate
 
 _UPPER = np.triu_indices(12)
 _NAMES = ("x", "y", "z", "vx", "vy", "vz", *(f"{kind}_{axis}" for kind in ("turn", "rate") for axis in "xyz"))

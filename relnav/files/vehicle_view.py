@@ -12,7 +12,7 @@ from relnav.files.port_columns import RENAMED
 from relnav.files.run_view import Event, Row, RunView, RunWatcher, Spans
 from relnav.files.vehicle_track import TrackRows
 from relnav.spacecraft import Vehicle
-from relnav.vehicle.navigator import VehicleEstimate
+from relnav.vehicle.estimate import VehicleEstimate
 
 ROWS_AT_ONCE = 256
 

@@ -2,6 +2,7 @@
 
 import math
 import struct
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -83,6 +84,11 @@ class GyroSamples:
         self.array[at] = sample
         self.count = count + 1
         return count - at
+
+    def fill(self, samples: Sequence[Sample]) -> None:
+        """Take a whole flight's samples in, in order and none twice, instead of those that are there."""
+        self.array = np.concatenate([self.array[:1], np.reshape(np.array(samples, dtype=np.float64), (-1, 4))])
+        self.count, self._last_s = len(self.array), math.inf
 
     def remove(self, sample: Sample) -> None:
         """Undo an insertion."""

@@ -4,13 +4,16 @@ A lost gyro: the last rate is held and walks, as the bias' walk; when samples re
 with what it walked since, and without its correlations.
 """
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
 
-from relnav.arrays import Vector
+from relnav.arrays import Matrix, Vector
 from relnav.dynamics.rigid_body import RigidBody
 from relnav.spacecraft import Vehicle
 from relnav.vehicle.gyro import GyroSamples, found_at, lost_at
-from relnav.vehicle.layout import GYRO_BIAS, TARGET_RATE
+from relnav.vehicle.layout import DRIVING, GYRO_BIAS, MOVING, TARGET_RATE
 from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.settling import CONSTANTS, SCRATCH, settle_into
 from relnav.vehicle.state import Estimates, Lost
@@ -19,12 +22,41 @@ LONGEST_STEP_S = 1.0
 """Of the covariance: the orbit turns by a milliradian in it, and what turns a thrust is small."""
 
 
+class Step(NamedTuple):
+    """A step of one filter, as a smoother needs it.
+
+    Attributes
+    ----------
+    before : Estimates
+        At its beginning.
+    F, Q : (MOVING, DRIVING), (MOVING, MOVING)
+        By what the errors that move depend on the first ones before, and their noise.
+    values, dcm_lvlh_from_target, dcm_inertial_from_chaser : (n,), (3, 3), (3, 3)
+        At its end.
+    """
+
+    before: Estimates
+    F: Matrix
+    Q: Matrix
+    values: Vector
+    dcm_lvlh_from_target: Matrix
+    dcm_inertial_from_chaser: Matrix
+
+
 class VehicleMotion:
-    """How a vehicle's estimates move. Holds constants and scratch only: the same arguments, the same bits."""
+    """How a vehicle's estimates move. Holds constants and scratch only: the same arguments, the same bits.
+
+    Attributes
+    ----------
+    frame : OrbitFrame
+    on_step : callable or None
+        Called with every `Step` of a single filter.
+    """
 
     def __init__(self, vehicle: Vehicle, frame: OrbitFrame) -> None:
         gyro, motion = vehicle.gyro, vehicle.motion
         self.frame = frame
+        self.on_step: Callable[[Step], None] | None = None
         self._bias_walk, self._lost_walk = gyro.bias_walk_rad_s_sqrt_s**2, gyro.lost_rate_walk_rad_s_sqrt_s**2
         self._holds_s = gyro.lost_after_periods / gyro.rate_hz
         self._constants, self._scratch = np.zeros((), CONSTANTS)[()], np.zeros((), SCRATCH)[()]
@@ -82,7 +114,16 @@ class VehicleMotion:
             values[GYRO_BIAS] = bias
             covariance[GYRO_BIAS, :] = covariance[:, GYRO_BIAS] = 0.0
             covariance[GYRO_BIAS, GYRO_BIAS] = np.diag(variance + self._bias_walk * silent_s)
+        F, Q = np.eye(MOVING, DRIVING), np.zeros((MOVING, MOVING))
+        F[GYRO_BIAS] = 0.0
+        Q[GYRO_BIAS, GYRO_BIAS] = new.covariance[0, GYRO_BIAS, GYRO_BIAS]
+        self._tell(at, F, Q, new)
         return new._replace(lost=None)
+
+    def _tell(self, before: Estimates, F: Matrix, Q: Matrix, after: Estimates) -> None:
+        if self.on_step is not None:
+            ends = after.values[0], after.dcm_lvlh_from_target[0], after.dcm_inertial_from_chaser[0]
+            self.on_step(Step(before, F.copy(), Q.copy(), *(end.copy() for end in ends)))
 
     def _step(self, at: Estimates, samples: GyroSamples, t_s: float) -> Estimates:
         """All from at.t_s to t_s in one piece."""
@@ -106,4 +147,6 @@ class VehicleMotion:
         if not known:
             rate = np.linalg.norm(at.values[:, TARGET_RATE], axis=1).max()
             raise ValueError(f"the target's rate, {rate:.3g} rad/s, is no longer known: start anew")
-        return Estimates(t_s, values, target, chaser, after, command, lost)
+        new = Estimates(t_s, values, target, chaser, after, command, lost)
+        self._tell(at, self._scratch["F"], self._scratch["Q"], new)
+        return new

@@ -121,6 +121,17 @@ class Estimates(NamedTuple):
         right = np.triu(self.covariance[f])
         return VehicleState(self.t_s, self.values[f], *attitudes, right + np.triu(right, 1).T)
 
+    def alone(self, filter_: int) -> "Estimates":
+        """That of one filter, as estimates of no other."""
+        f, lost = slice(filter_, filter_ + 1), self.lost
+        return self._replace(
+            values=self.values[f].copy(),
+            dcm_lvlh_from_target=self.dcm_lvlh_from_target[f].copy(),
+            dcm_inertial_from_chaser=self.dcm_inertial_from_chaser[f].copy(),
+            covariance=self.covariance[f].copy(),
+            lost=None if lost is None else lost._replace(bias=lost.bias[f], variance=lost.variance[f]),
+        )
+
     def copied(self) -> "Estimates":
         """The same in arrays of its own, which may be written until it is handed on."""
         return self._replace(

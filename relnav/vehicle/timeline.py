@@ -109,11 +109,7 @@ class Timeline(Generic[State, Result]):
             As `insert`.
         """
         newest = self.newest_s
-        if not t_s <= newest + LONGEST_GAP_S or t_s == -math.inf:
-            raise ValueError(
-                f"{source}: t_s is a time at most {LONGEST_GAP_S:g} s after the last observation "
-                f"({newest:g} s); got {t_s!r}; after such a gap start anew"
-            )
+        check_gap(source, t_s, newest)
         return t_s < self._start_s or t_s < newest - self._window_s
 
     def goes_on(self, t_s: float) -> bool:
@@ -170,3 +166,18 @@ class Timeline(Generic[State, Result]):
         if count:
             self._base = self._after[count - 1][0]
             del self._events[:count], self._times[:count], self._after[:count]
+
+
+def check_gap(source: str, t_s: float, newest_s: float) -> None:
+    """Refuse a time that is so far ahead of the last observation that it is a mistake, or none at all.
+
+    Raises
+    ------
+    ValueError
+        Saying what came.
+    """
+    if not t_s <= newest_s + LONGEST_GAP_S or t_s == -math.inf:
+        raise ValueError(
+            f"{source}: t_s is a time at most {LONGEST_GAP_S:g} s after the last observation "
+            f"({newest_s:g} s); got {t_s!r}; after such a gap start anew"
+        )

@@ -7,12 +7,14 @@ import threading
 from types import SimpleNamespace
 
 import numpy as np
+import pyarrow
 import pytest
+from pyarrow import parquet
 
 import relnav
 from relnav.cli.vehicle import Summary
 from relnav.files.model_folders import find_model
-from relnav.files.vehicle_log import attitude_note
+from relnav.files.vehicle_log import attitude_note, filter_vehicle_log
 from relnav.vehicle.health import SensorHealth
 from relnav.vehicle.monitor import ALARM_SIGMA
 
@@ -86,6 +88,75 @@ def test_a_bad_row_is_told_by_its_line(run, model, tmp_path, row, message):
     assert message in error
 
 
+def test_parquet_is_the_csv(run, model, log, tmp_path):
+    """The same observations, the same bits of the track; its columns and units stand in the file."""
+    other = tmp_path / "log.parquet"
+    assert run("simulate", model, "--final-range", "29", "--out", other, "--seed", "5", "--quiet")[0] == 0
+    stored = parquet.read_table(other)
+    assert stored.column_names == HEADER.split(",")
+    assert stored.schema.metadata[b"seed"] == b"5"
+    assert stored.schema.field("t_s").metadata == {b"unit": b"s"}
+    for path, track in ((log, "a.csv"), (other, "b.csv")):
+        code, _, error = run("filter", path, "--model", model, "--out", tmp_path / track, "--quiet")
+        assert (code, error) == (0, "")
+    lines = [
+        [line for line in (tmp_path / name).read_text().splitlines() if line[0] != "#"] for name in ("a.csv", "b.csv")
+    ]
+    assert lines[0] == lines[1]
+    code, _, error = run("filter", "--follow", other, "--model", model)
+    assert (code, "--follow reads CSV, row by row" in error) == (2, True)
+
+
+def test_smoothed_it_ends_where_the_filter_does_and_is_tighter_before(run, model, log, tmp_path):
+    for name, more in (("a.csv", []), ("b.csv", ["--smooth"])):
+        code, out, error = run("filter", log, "--model", model, "--out", tmp_path / name, *more)
+        assert (code, error) == (0, "")
+        assert "port from port at" in out
+    forward, back = table(tmp_path / "a.csv"), table(tmp_path / "b.csv")
+    assert forward.dtype.names == back.dtype.names
+    np.testing.assert_array_equal(forward["t_s"], back["t_s"])
+    np.testing.assert_array_equal(forward["used_psd"], back["used_psd"])
+    for axis in "xyz":
+        assert (back[f"sigma_{axis}_m"][:-2] < forward[f"sigma_{axis}_m"][:-2]).all()  # the last row stands twice
+        np.testing.assert_allclose(back[f"{axis}_m"][-1], forward[f"{axis}_m"][-1], atol=1e-9)
+    assert "# method = smoothed" in (tmp_path / "b.csv").read_text()
+    vehicle = relnav.load_model(model)
+    estimates = filter_vehicle_log(log, vehicle, smooth=True)
+    assert [one.port.position_m[0] for one in estimates] == back["x_m"].tolist()
+    assert len(filter_vehicle_log(log, vehicle, every_s=2.0)) == 1 + len(forward) // 2
+    with pytest.raises(relnav.UsageError, match="every_s is a time above 0 s; got 0"):
+        filter_vehicle_log(log, vehicle, every_s=0)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"sensor": ["lidar"]}, "log.parquet:1: no sensor 'lidar' in model slow; there are gyro, thrust, camera"),
+        ({"sensor": [None]}, "log.parquet:1: no sensor '' in model slow"),
+        ({"sensor": [1.0]}, "log.parquet: column 'sensor' holds double; words are expected"),
+        ({"v1": [None]}, "log.parquet:1: gyro has 3 values; one is empty"),
+        ({"v3": [4.0]}, "log.parquet:1: gyro has 3 values, v0 to v2; the other cells stay empty"),
+        ({"v2": ["three"]}, "log.parquet: column 'v2' holds string; numbers are expected"),
+        ({"v2": [2**60]}, "log.parquet: damaged after row 0: "),
+        ({"t_s": [None]}, "log.parquet:1: column 't_s': a time is expected; got ''"),
+        ({"t_s": []}, "log.parquet: no row after the header"),
+        ({"w": [1.0]}, "log.parquet:1: a vehicle's log has columns t_s, sensor, v0, v1, ...; got t_s, sensor, v0, v1"),
+    ],
+)
+def test_a_bad_row_of_parquet_is_told_by_its_number(run, model, tmp_path, changed, message):
+    columns = {"t_s": [0.1], "sensor": ["gyro"], "v0": [1.0], "v1": [2.0], "v2": [3.0], "v3": [None]} | changed
+    rows = min(map(len, columns.values()))
+    types = {name: pyarrow.string() if name == "sensor" else pyarrow.float64() for name in columns}
+    arrays = [
+        pyarrow.array(values[:rows], type=None if values and values[0] is not None else types[name])
+        for name, values in columns.items()
+    ]
+    parquet.write_table(pyarrow.table(arrays, names=list(columns)), tmp_path / "log.parquet")
+    code, _, error = run("filter", tmp_path / "log.parquet", "--model", model)
+    assert code == 3
+    assert message in error
+
+
 @pytest.mark.parametrize(
     ("order", "signs", "reading"),
     [
@@ -118,12 +189,14 @@ def test_a_star_sensors_quaternion_read_another_way(run, model, log, tmp_path, o
 def test_what_is_not_for_a_vehicle(run, model, vbar_log, tmp_path):
     code, _, error = run("filter", vbar_log, "--model", model)
     assert (code, "a vehicle's log has columns t_s, sensor, v0, v1, ..." in error) == (3, True)
-    code, _, error = run("filter", vbar_log, "--model", model, "--smooth")
-    assert (code, "--smooth is not for a vehicle" in error) == (2, True)
+    code, _, error = run("filter", vbar_log, "--model", model, "--method", "spots")
+    assert (code, "--method is not for a vehicle" in error) == (2, True)
+    code, _, error = run("filter", "--follow", vbar_log, "--model", model, "--smooth")
+    assert (code, "--smooth" in error) == (2, True)
     code, _, error = run("simulate", model, "--out", tmp_path / "log.csv", "--j2")
     assert (code, "--j2 is not for a vehicle" in error) == (2, True)
-    code, _, error = run("simulate", model, "--out", tmp_path / "log.parquet")
-    assert (code, "a vehicle's log ends in .csv" in error) == (2, True)
+    code, _, error = run("simulate", model, "--out", tmp_path / "log.mat")
+    assert (code, "a table ends in .csv or .parquet; got '.mat'" in error) == (2, True)
     code, _, error = run("filter", vbar_log, "--model", model, "--out", tmp_path / "track.oem")
     assert (code, "a table ends in .csv, .jsonl or .parquet; got '.oem'" in error) == (2, True)
     assert list(tmp_path.iterdir()) == []

@@ -102,9 +102,9 @@ def test_the_sun_is_in_view():
 
     nav = VehicleNavigator(relnav.load_model(NAME))
     for name in ("sun_aps", "sun_birefringent"):
-        sensor = nav._sensors[name]
+        sensor = nav._filters.sensors[name]
         for t in (0.0, 200.0, 400.0):
-            C_BI = nav.vehicle.chaser.dcm_chaser_from_lvlh @ nav._frame.dcm_lvlh_from_inertial(t)
+            C_BI = nav.vehicle.chaser.dcm_chaser_from_lvlh @ nav._filters.frame.dcm_lvlh_from_inertial(t)
             direction = nav.vehicle.sensor[name].dcm_sensor_from_chaser @ C_BI @ sensor.sun(t)
             assert direction[2] > np.cos(np.radians(50.0))
 

@@ -101,6 +101,6 @@ def test_samples_alone_take_no_more_room_than_the_window(vehicle, short_run, mon
         if seen.sensor == "gyro" or not 1.0 < seen.t_s < 8.5:
             for nav in (roomy, narrow):
                 nav.observe(seen.sensor, seen.t_s, seen.value)
-    assert len(narrow._samples.array) <= 600
+    assert len(narrow._filters.samples.array) <= 600
     assert bits(narrow) == bits(roomy)
     assert not narrow.state().gyro_lost

@@ -30,7 +30,7 @@ def solution_with(dcm):
 
 def test_a_star_solution_is_its_quaternion_with_its_covariance(navigator, seen):
     """From spots by `relnav.dual_field.measure`; a frame without an attitude is one that was not seen."""
-    tracker, model = navigator._sensors["star"], relnav.load_model("dual_field_star")
+    tracker, model = navigator._filters.sensors["star"], relnav.load_model("dual_field_star")
     dcm, rng = dcm_from_quaternion(np.array(seen["star"].value)), np.random.default_rng(1)
     frame = StarFieldSimulator(model, SkyConditions()).frame(rng, dcm=dcm)
     solution = relnav.dual_field.measure(

@@ -30,7 +30,7 @@ def differences(sensor, at, value, noise):
 
 @pytest.mark.parametrize("name", ["camera", "psd"])
 def test_lights(navigator, odd_state, name):
-    sensor = navigator._sensors[name]
+    sensor = navigator._filters.sensors[name]
     count = len(navigator.vehicle.points_m(name))
     spots, noise = np.zeros(2 * count), np.eye(2 * count)
     measured = differences(sensor, odd_state, spots, noise)
@@ -41,7 +41,7 @@ def test_lights(navigator, odd_state, name):
 
 
 def test_stars(navigator, odd_state):
-    sensor = navigator._sensors["star"]
+    sensor = navigator._filters.sensors["star"]
     mounted = navigator.vehicle.sensor["star"].dcm_sensor_from_chaser
     at = (mounted @ odd_state.dcm_inertial_from_chaser[0].T).ravel()
     rows = rows_of(sensor, odd_state, at, np.eye(3))
@@ -56,7 +56,7 @@ def test_stars(navigator, odd_state):
 @pytest.mark.parametrize("name", ["sun_aps", "sun_birefringent"])
 def test_sun(navigator, odd_state, name):
     """The measured direction is held: the predicted one must move as the rows say."""
-    sensor = navigator._sensors[name]
+    sensor = navigator._filters.sensors[name]
     line = odd_state.dcm_inertial_from_chaser[0].T @ sensor.sun(0.0)
     direction = navigator.vehicle.sensor[name].dcm_sensor_from_chaser @ line
     nothing = np.zeros((3, 3))
@@ -77,8 +77,8 @@ def test_the_port(navigator, odd_state):
     """All twelve by every error that moves; attitude by its own definition."""
 
     def view(at):
-        rate = navigator._motion.chaser_rate(at, navigator._samples)
-        return port_state(navigator.vehicle, navigator._frame, at.of(0), rate)
+        rate = navigator._filters.motion.chaser_rate(at, navigator._filters.samples)
+        return port_state(navigator.vehicle, navigator._filters.frame, at.of(0), rate)
 
     here, J = view(odd_state)
     for i in range(MOVING):
@@ -96,7 +96,7 @@ def test_the_port(navigator, odd_state):
 def test_an_exact_look_moves_nothing(navigator, odd_state):
     """Spots, attitude and direction as predicted have no residual."""
     for name in ("camera", "psd"):
-        sensor, count = navigator._sensors[name], len(navigator.vehicle.points_m(name))
+        sensor, count = navigator._filters.sensors[name], len(navigator.vehicle.points_m(name))
         spots = -rows_of(sensor, odd_state, np.zeros(2 * count), np.eye(2 * count)).residual
         seen, _ = sensor.taken(spots.reshape(-1, 2), None)
         residual = rows_of(sensor, odd_state, seen, np.eye(2 * count)).residual
@@ -121,8 +121,8 @@ def test_simulated_spots_are_those_of_the_filter(navigator, odd_state, short_run
                 dcm_lvlh_from_target=truth.frame_from_target(t).as_matrix(),
                 dcm_inertial_from_chaser=np.ascontiguousarray(truth.chaser_from_inertial(t).inv().as_matrix()),
             )
-            value, noise = navigator._sensors[seen.sensor].taken(seen.value, None)
-            r = rows_of(navigator._sensors[seen.sensor], now, value, noise).residual
+            value, noise = navigator._filters.sensors[seen.sensor].taken(seen.value, None)
+            r = rows_of(navigator._filters.sensors[seen.sensor], now, value, noise).residual
             residuals[seen.sensor] += (r / np.sqrt(np.diagonal(noise)))[np.isfinite(r)].tolist()
     for name, scaled in residuals.items():
         assert len(scaled) >= 3, name

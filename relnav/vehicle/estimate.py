@@ -1,0 +1,100 @@
+"""What a vehicle's filter knows at one time, as it is told."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+
+import numpy as np
+
+from relnav.arrays import Matrix, Vector
+from relnav.dynamics.in_frame import FramedTrack, in_frame
+from relnav.spacecraft import Vehicle
+from relnav.vehicle.health import SensorHealth
+from relnav.vehicle.layout import Layout
+from relnav.vehicle.port import PortState
+from relnav.vehicle.separation import FAULT_PROBABILITY, protection_level_m
+
+
+@dataclass(frozen=True)
+class VehicleEstimate:
+    """What the navigator knows at one time.
+
+    Attributes
+    ----------
+    t_s : float
+    port : PortState
+        Port from port, target axes, with joint covariance.
+    motion : (6,)
+        Centre of mass from centre of mass and its rate, `lvlh_ccsds` of the vehicle file's orbit.
+    dcm_lvlh_from_target, target_rate_rad_s : (3, 3), (3,)
+    dcm_inertial_from_chaser, chaser_rate_rad_s : (3, 3), (3,)
+    values, covariance : (n,), (n, n)
+        All additive values and all errors, by `layout`.
+    layout : Layout
+    sensors : mapping
+        How each fares, by name.
+    gyro_lost : bool
+    final_before_s : float
+        No observation is taken that is older: what the filter made of the time before stands.
+    vehicle : Vehicle
+        What flies.
+    without : mapping
+        The port as filters without each sensor in turn have it, by the sensor's name; empty unless they are flown.
+    """
+
+    t_s: float
+    port: PortState
+    motion: Vector
+    dcm_lvlh_from_target: Matrix
+    target_rate_rad_s: Vector
+    dcm_inertial_from_chaser: Matrix
+    chaser_rate_rad_s: Vector
+    values: Vector
+    covariance: Matrix
+    layout: Layout
+    sensors: Mapping[str, SensorHealth]
+    gyro_lost: bool
+    final_before_s: float
+    vehicle: Vehicle = field(repr=False)
+    without: Mapping[str, PortState] = field(default_factory=dict, repr=False)
+
+    def protection_level_m(self, probability: float = 1e-7, fault_probability: float = FAULT_PROBABILITY) -> Vector:
+        """What the port's position error exceeds along each axis with no more than this probability, (3,) m.
+
+        With any one sensor at fault, each with fault_probability (`relnav.vehicle.separation`).
+
+        Raises
+        ------
+        UsageError
+            Without `separation=True` of the navigator, and for what is no probability.
+        """
+        return protection_level_m(self.port, self.without, probability, fault_probability)
+
+    def in_frame(self, frame: str) -> FramedTrack:
+        """Motion, the target's attitude and rate, and their covariance (12, 12), turned: a track of one epoch.
+
+        Parameters
+        ----------
+        frame : {"lvlh_ccsds", "rsw", "dock", "eci_relative", "eci"}
+            What each is: `relnav.dynamics.in_frame.FRAMES`; inertial ones by the vehicle file's orbit, which `eci`
+            takes as the target's. `port` is in the target's axes, whatever the frame.
+
+        Raises
+        ------
+        UsageError
+            For an unknown frame.
+        """
+        epoch = SimpleNamespace(
+            t_s=np.array([self.t_s]),
+            state=self.motion[None],
+            covariance=self.covariance[None, :12, :12],
+            dcm_lvlh_from_target=self.dcm_lvlh_from_target[None],
+            rate_rad_s=self.target_rate_rad_s[None],
+            model=self.vehicle.name,
+        )
+        return in_frame(epoch, frame, self.vehicle, self.vehicle.orbit.orientation_deg)
+
+    @property
+    def alarms(self) -> tuple[str, ...]:
+        """Sensors in alarm: while there is one do not use the estimate."""
+        return tuple(name for name, health in self.sensors.items() if health.alarm)

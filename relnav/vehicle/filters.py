@@ -1,0 +1,189 @@
+"""The filters of a vehicle side by side, from one event to the next: sensors, motion, gate and update in one place.
+
+What they hold is constant but for the gyro's samples: the same estimates, samples and event give the same bits. The
+order of events is that of who asks (`navigator`, `smoother`).
+"""
+
+from collections.abc import Callable, Mapping
+from math import isfinite
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from relnav.arrays import LARGEST, Matrix, number, numbers
+from relnav.spacecraft import GYRO, POINTS, RESERVED, STAR, THRUST, Vehicle
+from relnav.vehicle.directions import StarTracker, SunSensor
+from relnav.vehicle.estimate import VehicleEstimate
+from relnav.vehicle.flying_sensor import Flown, FlyingSensor
+from relnav.vehicle.gyro import GyroSamples
+from relnav.vehicle.health import Fare
+from relnav.vehicle.layout import GYRO_BIAS, layout_of
+from relnav.vehicle.monitor import Sums, all_estimated
+from relnav.vehicle.motion import VehicleMotion
+from relnav.vehicle.orbit_frame import OrbitFrame
+from relnav.vehicle.points import PointSensor
+from relnav.vehicle.port import port_state
+from relnav.vehicle.separation import hide
+from relnav.vehicle.state import Estimates, start_state
+from relnav.vehicle.timeline import Event
+from relnav.vehicle.update import Outcome, Updater
+
+MOST = {GYRO: 1e3, THRUST: 1e4}
+"""Of a rate, rad/s, and an acceleration, m/s^2: more is a mistake."""
+NOTHING: Matrix = np.zeros((0, 0))
+
+
+class Tracked(NamedTuple):
+    """Estimates, and how each sensor has fared until then."""
+
+    estimates: Estimates
+    fares: Mapping[str, Fare]
+
+
+class VehicleFilters:
+    """The filter that is told, the one that watches it, and those without each sensor in turn.
+
+    Attributes
+    ----------
+    vehicle, layout, frame, motion, samples
+        What flies, the blocks of its errors, its orbit's frame, how estimates move, and the gyro's samples.
+    sensors : dict
+        By name, in the order of the file.
+    places : dict
+        Of every source of events among those of one time.
+    start : Tracked
+        At hand-over.
+    on_outcome : callable or None
+        Called with every (event, outcome).
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        t_s: float,
+        position_m: ArrayLike | None = None,
+        velocity_m_s: ArrayLike | None = None,
+        sensors: Mapping[str, FlyingSensor] | None = None,
+        *,
+        monitor: bool = True,
+        separation: bool = False,
+    ) -> None:
+        """Start them; arguments and errors as of `VehicleNavigator`."""
+        if not isinstance(vehicle, Vehicle):
+            raise ValueError(
+                f"a vehicle is expected, as relnav.load_model('rendezvous_demo') gives; got a {type(vehicle).__name__}"
+            )
+        place = three("position_m", vehicle.start_position_m if position_m is None else position_m)
+        speed = three("velocity_m_s", vehicle.hand_over.velocity_m_s if velocity_m_s is None else velocity_m_s)
+        more = dict(sensors or {})
+        for name in more:
+            if name in vehicle.sensor or name in RESERVED:
+                raise ValueError(f"sensors: the name '{name}' is taken in {vehicle.name}; call it something else")
+        self.vehicle, self.layout = vehicle, layout_of(vehicle, {name: own.lasting for name, own in more.items()})
+        self.frame = OrbitFrame(vehicle.orbit)
+        self.motion = VehicleMotion(vehicle, self.frame)
+        layouts = [self.layout, all_estimated(self.layout)] if monitor else [self.layout]
+        self._watched, names = len(layouts), [*vehicle.sensor, *more] if separation else []
+        self._without = {name: len(layouts) + k for k, name in enumerate(names)}
+        layouts += [self.layout] * len(names)
+        self.sensors: dict[str, PointSensor | StarTracker | SunSensor | Flown]
+        self.sensors = {name: self._sensor(name, len(layouts)) for name in vehicle.sensor}
+        self.sensors |= {name: Flown(own, name, self.layout) for name, own in more.items()}
+        rows = max(sensor.most_rows for sensor in self.sensors.values())
+        turning = -vehicle.orbit.mean_motion_rad_s * vehicle.chaser.dcm_chaser_from_lvlh[:, 1]  # held in its orbit
+        self.samples = GyroSamples(turning)
+        self._updater = Updater(layouts, vehicle.filter.gate_probability, rows)
+        self.places = {name: k for k, name in enumerate([*RESERVED, *self.sensors])}
+        motion = np.concatenate([place, speed])
+        start = start_state(vehicle, self.layout, self.frame, number("t_s", t_s), motion, len(layouts))
+        self.start = Tracked(start, dict.fromkeys(self.sensors, Fare(Sums(start.t_s))))
+        self.on_outcome: Callable[[Event, Outcome], None] | None = None
+
+    def _sensor(self, name: str, filters: int) -> PointSensor | StarTracker | SunSensor:
+        kind = self.vehicle.kind(name)
+        if kind == POINTS:
+            return PointSensor(self.vehicle, name, self.layout, self.frame, filters)
+        return (StarTracker if kind == STAR else SunSensor)(self.vehicle, name, self.layout, filters)
+
+    def event(self, sensor: str, t_s: float, value: Any, covariance: ArrayLike | None) -> Event | None:
+        """What was observed, of a sensor or the thrusters; None if nothing was seen.
+
+        Raises
+        ------
+        ValueError
+            For another name, shape or time.
+        """
+        if sensor not in self.places:
+            raise ValueError(f"no sensor '{sensor}' in {self.vehicle.name}; there are {', '.join(self.places)}")
+        if sensor in self.sensors:
+            taken, noise = self.sensors[sensor].taken(value, covariance)
+            if not any(map(isfinite, taken.tolist())):
+                return None
+        else:
+            taken, noise = np.array(three(sensor, value)), NOTHING
+        return Event(number("t_s", t_s), self.places[sensor], sensor, taken, noise)
+
+    def apply(self, tracked: Tracked, event: Event) -> tuple[Tracked, Outcome | None]:
+        """The estimates after an event; the outcome of one that the filter had to believe."""
+        t_s, _, source, value, noise = event
+        before, fares = tracked
+        at = self.motion.settled(before, self.samples, t_s)
+        if source == THRUST:
+            return Tracked(at._replace(command_m_s2=value), fares), None
+        sensor = self.sensors[source]
+        if at is before:
+            at = before.copied()
+        hidden = [self._without[source]] if self._without else []
+        outcomes = self._updater.take(at, lambda estimates: hide(sensor.rows(estimates, value, noise), hidden))
+        if self.on_outcome is not None:
+            self.on_outcome(event, outcomes[0])
+        return Tracked(at, {**fares, source: fares[source].after(t_s, outcomes[: self._watched])}), outcomes[0]
+
+    def settled(self, tracked: Tracked, t_s: float) -> Tracked:
+        """The same at t_s, not before its own time."""
+        return tracked._replace(estimates=self.motion.settled(tracked.estimates, self.samples, t_s))
+
+    def estimate(self, tracked: Tracked, t_s: float, final_before_s: float) -> VehicleEstimate:
+        """What is told of t_s, not before the time of `tracked`."""
+        at = self.motion.settled(tracked.estimates, self.samples, t_s)
+        state, rate = at.of(0), self.motion.chaser_rate(at, self.samples)
+        port, _ = port_state(self.vehicle, self.frame, state, rate)
+        alone = {name: at.of(f) for name, f in self._without.items()}
+        turning = rate + state.values[GYRO_BIAS]
+        return VehicleEstimate(
+            t_s=t_s,
+            port=port,
+            motion=state.values[:6].copy(),
+            dcm_lvlh_from_target=state.dcm_lvlh_from_target.copy(),
+            target_rate_rad_s=state.values[9:12].copy(),
+            dcm_inertial_from_chaser=state.dcm_inertial_from_chaser.copy(),
+            chaser_rate_rad_s=rate,
+            values=state.values.copy(),
+            covariance=state.covariance.copy(),
+            layout=self.layout,
+            sensors={name: fare.health for name, fare in tracked.fares.items()},
+            gyro_lost=at.lost is not None,
+            final_before_s=final_before_s,
+            vehicle=self.vehicle,
+            without={
+                name: port_state(self.vehicle, self.frame, other, turning - other.values[GYRO_BIAS])[0]
+                for name, other in alone.items()
+            },
+        )
+
+
+def three(name: str, value: ArrayLike) -> tuple[float, float, float]:
+    """Three numbers of a caller.
+
+    Raises
+    ------
+    ValueError
+        For what is none, or too large to be meant.
+    """
+    array, most = numbers(name, value), MOST.get(name, LARGEST)
+    if array.shape == (3,):
+        x, y, z = array.tolist()
+        if abs(x) <= most and abs(y) <= most and abs(z) <= most:
+            return x, y, z
+    raise ValueError(f"{name}: three finite numbers up to {most:g} in size are expected; got {array.tolist()}")
