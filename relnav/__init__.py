@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from relnav.sensors.measurement import Status as Status
     from relnav.simulation.dispersed import simulate as simulate
     from relnav.simulation.dispersions import Scenario as Scenario
-    from relnav.simulation.vehicle_dispersions import VehicleScenario as VehicleScenario
     from relnav.vehicle.navigator import VehicleNavigator as VehicleNavigator
 else:  # hidden from type checkers: to them a name that is not above is an error
 

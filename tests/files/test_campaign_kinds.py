@@ -20,6 +20,7 @@ from relnav.files.campaign_page import read_campaign
 from relnav.simulation.dispersed_vehicle import fly_vehicle_run
 from relnav.simulation.dispersions import Images, Results, Scenario, Spread
 from relnav.simulation.trajectory import Approach
+from relnav.simulation.vehicle_dispersions import VehicleScenario
 from relnav.vehicle.navigator import VehicleNavigator
 
 SHORT = Scenario(
@@ -147,8 +148,8 @@ def test_kinds_are_not_mixed_up(markers, vehicle):
     turning = Scenario(spread=Spread(target_rate_sigma_rad_s=0.1))
     for model, scenario, said in (
         (vehicle, SHORT, "a vehicle's scenario is expected"),
-        (markers, relnav.VehicleScenario(), "a scenario is expected"),
-        (psd, relnav.VehicleScenario(), "a scenario is expected"),
+        (markers, VehicleScenario(), "a scenario is expected"),
+        (psd, VehicleScenario(), "a scenario is expected"),
         (psd, turning, "beacons do not see the target turn"),
         (markers, Scenario(images=Images(by_received_power=True)), "by_received_power is for beacons"),
     ):
