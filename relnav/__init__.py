@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from relnav.files.models import load_model as load_model
     from relnav.files.models import load_published as load_published
     from relnav.files.scenarios import load_scenario as load_scenario
-    from relnav.files.sensitivities import sensitivities as sensitivities
     from relnav.files.sun_calibration import load_sun_calibration as load_sun_calibration
     from relnav.files.tracks import write as write
     from relnav.mission import Model as Model
