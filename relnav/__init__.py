@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from relnav.files.models import load_model as load_model
     from relnav.files.models import load_published as load_published
     from relnav.files.scenarios import load_scenario as load_scenario
-    from relnav.files.sensitivities import sensitivities as sensitivities
     from relnav.files.sun_calibration import load_sun_calibration as load_sun_calibration
     from relnav.files.tracks import write as write
     from relnav.mission import Model as Model
@@ -49,7 +48,6 @@ if TYPE_CHECKING:
     from relnav.sensors.measurement import Status as Status
     from relnav.simulation.dispersed import simulate as simulate
     from relnav.simulation.dispersions import Scenario as Scenario
-    from relnav.simulation.vehicle_dispersions import VehicleScenario as VehicleScenario
     from relnav.vehicle.navigator import VehicleNavigator as VehicleNavigator
 else:  # hidden from type checkers: to them a name that is not above is an error
 

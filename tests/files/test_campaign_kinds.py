@@ -17,9 +17,11 @@ from relnav.accuracy.sensitivities import sum_up
 from relnav.accuracy.sensitivity_design import NOISE, Design
 from relnav.files import campaign as campaigns
 from relnav.files.campaign_page import read_campaign
+from relnav.files.sensitivities import sensitivities
 from relnav.simulation.dispersed_vehicle import fly_vehicle_run
 from relnav.simulation.dispersions import Images, Results, Scenario, Spread
 from relnav.simulation.trajectory import Approach
+from relnav.simulation.vehicle_dispersions import VehicleScenario
 from relnav.vehicle.navigator import VehicleNavigator
 
 SHORT = Scenario(
@@ -145,8 +147,8 @@ def test_kinds_are_not_mixed_up(markers, vehicle):
     turning = Scenario(spread=Spread(target_rate_sigma_rad_s=0.1))
     for model, scenario, said in (
         (vehicle, SHORT, "a vehicle's scenario is expected"),
-        (markers, relnav.VehicleScenario(), "a scenario is expected"),
-        (psd, relnav.VehicleScenario(), "a scenario is expected"),
+        (markers, VehicleScenario(), "a scenario is expected"),
+        (psd, VehicleScenario(), "a scenario is expected"),
         (psd, turning, "beacons do not see the target turn"),
         (markers, Scenario(images=Images(by_received_power=True)), "by_received_power is for beacons"),
     ):
@@ -180,7 +182,7 @@ def test_the_noise_is_a_cause_of_its_own():
     mixed = design.of(8 * 2 + 3)
     assert mixed == (6, design.of(8 + 3)[1])
     with pytest.raises(ValueError, match="a power of two"):
-        relnav.sensitivities("three_beacon_psd", 12, out="nowhere")
+        sensitivities("three_beacon_psd", 12, out="nowhere")
 
 
 def test_sensitivities_of_beacons(tmp_path):
@@ -188,7 +190,7 @@ def test_sensitivities_of_beacons(tmp_path):
     changes = {"approach.duration_s": 20.0, "approach.rate_hz": 2.0, "as_built.focal_length_relative_sigma": 0.01}
     scenario, told = relnav.load_scenario(None, changes), []
     for _ in range(2):
-        found = relnav.sensitivities(
+        found = sensitivities(
             "three_beacon_psd", 8, 2, out=tmp_path, dispersions=scenario, method="spots", progress=told.append
         )
     assert sum(told) == 8 * (2 + 17) + 2 * 4 * 16
