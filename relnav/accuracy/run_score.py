@@ -14,8 +14,9 @@ from relnav.navigation.log import Epochs, LogFilter
 from relnav.navigation.memory import METHODS
 from relnav.navigation.record import DIAGONAL
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING, EpochStatus
-from relnav.simulation.dispersed import Flight, built_names, check_flyable, fly_run
+from relnav.simulation.dispersed import Flight, check_flyable, fly_run
 from relnav.simulation.dispersions import Scenario
+from relnav.simulation.run_draws import built_names
 
 STATE = ("x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s")
 BINNED = (Quantity("range", "m"), Quantity("azimuth", "deg"), Quantity("elevation", "deg"))

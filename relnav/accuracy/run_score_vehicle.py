@@ -14,7 +14,8 @@ from relnav.simulation.dispersed_vehicle import as_believed, check_vehicle_scena
 from relnav.simulation.vehicle_dispersions import VehicleScenario
 from relnav.simulation.vehicle_numbers import number_names
 from relnav.spacecraft import Vehicle
-from relnav.vehicle.navigator import VehicleEstimate, VehicleNavigator
+from relnav.vehicle.estimate import VehicleEstimate
+from relnav.vehicle.navigator import VehicleNavigator
 from relnav.vehicle.timeline import Event
 from relnav.vehicle.update import Outcome
 

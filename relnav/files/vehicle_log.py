@@ -140,9 +140,7 @@ def row_of(table: TextTable, line: int, text: str, vehicle: Vehicle, counts: dic
     return _row(name, t_s, cells[0], np.array(values), vehicle, counts, where)
 
 
-def _row(
-    name: str, t_s: float, came: str, values: Vector, vehicle: Vehicle, counts: dict[str, int], where: str
-) -> Row:
+def _row(name: str, t_s: float, came: str, values: Vector, vehicle: Vehicle, counts: dict[str, int], where: str) -> Row:
     """The observation of a row with these values (width,), NaN = empty; came: its time as it stood there."""
     if name not in counts:
         known = ", ".join(counts)

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 from relnav.arrays import Stack, Vector
 from relnav.mission import VisionMission
 from relnav.simulation.as_built import markers_off
-from relnav.simulation.dispersed import built_names, disturbed, lose, replaced
 from relnav.simulation.dispersions import Scenario
 from relnav.simulation.marker_flight import MarkerFlight, true_spots
+from relnav.simulation.run_draws import built_names, disturbed, lose, replaced
 from relnav.simulation.streams import Draws, Stream
 from relnav.simulation.target_rotation import rotate_target
 from relnav.simulation.trajectory import fly_disturbed

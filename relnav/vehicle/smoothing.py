@@ -155,9 +155,7 @@ class VehicleSmoother:
                 told.append(_Told(t_s, tracked.fares))
         return kept, told, _first(tracked).estimates
 
-    def _again(
-        self, tracked: Tracked, items: Sequence[tuple[float, Event | None]]
-    ) -> tuple[list[Step], list[int]]:
+    def _again(self, tracked: Tracked, items: Sequence[tuple[float, Event | None]]) -> tuple[list[Step], list[int]]:
         """The steps of some items, flown again, and after how many of them each time that was asked for stands."""
         filters, marks = self._alone, list[int]()
         steps: list[Step] = []
