@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
@@ -18,6 +18,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from relnav.arrays import Matrix, Vector
 from relnav.dynamics.ephemeris import seconds_since_j2000
 from relnav.dynamics.rigid_body import RigidBody
+from relnav.estimation.state_layout import Role
 from relnav.geometry.rotation import dcm_from_quaternion
 from relnav.mission import IDENTITY, NonNegative, Orbit, Positive, Quaternion, Triple, VisionMission
 from relnav.mission import Model as BeaconMission
@@ -25,8 +26,6 @@ from relnav.sensors.aps_sun.sensor import ApsSunModel
 from relnav.sensors.birefringent_sun.sensor import BirefringentSunModel
 from relnav.sensors.dual_field.sensor import StarSensor
 
-Role = Literal["estimated", "considered"]
-"""Of an error that lasts: learnt by the filter, or only counted in its covariance (Schmidt 1966)."""
 RESERVED = GYRO, THRUST = "gyro", "thrust"
 """Names under which samples of the gyro and commands to the thrusters are observed."""
 

@@ -14,6 +14,7 @@ import numpy as np
 from relnav.arrays import Flags, Matrix, Vector
 
 Role = Literal["estimated", "considered"]
+"""Of an error: learnt by the filter, or only counted in its covariance (Schmidt 1966)."""
 
 
 @dataclass(frozen=True)

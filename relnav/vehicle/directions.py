@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Vector, numbers
 from relnav.dynamics.ephemeris import sun_direction
+from relnav.estimation.state_layout import StateLayout
 from relnav.geometry.rotation import dcm_from_quaternion
 from relnav.sensors.dual_field.solution import StarSolution
 from relnav.sensors.sun_direction import SunDirection
 from relnav.spacecraft import Vehicle
 from relnav.vehicle.direction_rows import MOUNTING, attitude_rows_into, sun_rows_into
-from relnav.vehicle.layout import Layout
 from relnav.vehicle.rows import Rows, empty_rows
 from relnav.vehicle.state import Estimates
 
@@ -40,7 +40,7 @@ class _Mounted:
 
     most_rows = 0
 
-    def __init__(self, vehicle: Vehicle, name: str, layout: Layout, filters: int) -> None:
+    def __init__(self, vehicle: Vehicle, name: str, layout: StateLayout, filters: int) -> None:
         self.name = name
         self._mounting = np.zeros((), MOUNTING)[()]
         self._mounting["dcm_chaser_from_sensor"] = vehicle.sensor[name].dcm_sensor_from_chaser.T
@@ -53,7 +53,7 @@ class StarTracker(_Mounted):
 
     most_rows = 3
 
-    def __init__(self, vehicle: Vehicle, name: str, layout: Layout, filters: int) -> None:
+    def __init__(self, vehicle: Vehicle, name: str, layout: StateLayout, filters: int) -> None:
         super().__init__(vehicle, name, layout, filters)
         self.noise = np.diag(np.square(vehicle.sensor[name].noise_rad or (np.nan,) * 3))
 
@@ -100,7 +100,7 @@ class SunSensor(_Mounted):
 
     most_rows = 2
 
-    def __init__(self, vehicle: Vehicle, name: str, layout: Layout, filters: int) -> None:
+    def __init__(self, vehicle: Vehicle, name: str, layout: StateLayout, filters: int) -> None:
         super().__init__(vehicle, name, layout, filters)
         self._epoch_s = vehicle.orbit.epoch_s
         self._nodes = (math.nan, np.zeros((4, 3)))

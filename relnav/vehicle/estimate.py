@@ -7,10 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
+from relnav.dynamics.error_state import POSE
 from relnav.dynamics.in_frame import FramedTrack, in_frame
+from relnav.estimation.state_layout import StateLayout
 from relnav.spacecraft import Vehicle
 from relnav.vehicle.health import SensorHealth
-from relnav.vehicle.layout import Layout
 from relnav.vehicle.port import PortState
 from relnav.vehicle.separation import FAULT_PROBABILITY, protection_level_m
 
@@ -30,7 +31,7 @@ class VehicleEstimate:
     dcm_inertial_from_chaser, chaser_rate_rad_s : (3, 3), (3,)
     values, covariance : (n,), (n, n)
         All additive values and all errors, by `layout`.
-    layout : Layout
+    layout : StateLayout
     sensors : mapping
         How each fares, by name.
     gyro_lost : bool
@@ -51,7 +52,7 @@ class VehicleEstimate:
     chaser_rate_rad_s: Vector
     values: Vector
     covariance: Matrix
-    layout: Layout
+    layout: StateLayout
     sensors: Mapping[str, SensorHealth]
     gyro_lost: bool
     final_before_s: float
@@ -87,7 +88,7 @@ class VehicleEstimate:
         epoch = SimpleNamespace(
             t_s=np.array([self.t_s]),
             state=self.motion[None],
-            covariance=self.covariance[None, :12, :12],
+            covariance=self.covariance[None, :POSE, :POSE],
             dcm_lvlh_from_target=self.dcm_lvlh_from_target[None],
             rate_rad_s=self.target_rate_rad_s[None],
             model=self.vehicle.name,

@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import LARGEST, Matrix, number, numbers
+from relnav.dynamics.error_state import MOTION
 from relnav.spacecraft import GYRO, POINTS, RESERVED, STAR, THRUST, Vehicle
 from relnav.vehicle.directions import StarTracker, SunSensor
 from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.flying_sensor import Flown, FlyingSensor
 from relnav.vehicle.gyro import GyroSamples
 from relnav.vehicle.health import Fare
-from relnav.vehicle.layout import GYRO_BIAS, layout_of
+from relnav.vehicle.layout import GYRO_BIAS, TARGET_RATE, layout_of
 from relnav.vehicle.monitor import Sums, all_estimated
 from relnav.vehicle.motion import VehicleMotion
 from relnav.vehicle.orbit_frame import OrbitFrame
@@ -154,9 +155,9 @@ class VehicleFilters:
         return VehicleEstimate(
             t_s=t_s,
             port=port,
-            motion=state.values[:6].copy(),
+            motion=state.values[:MOTION].copy(),
             dcm_lvlh_from_target=state.dcm_lvlh_from_target.copy(),
-            target_rate_rad_s=state.values[9:12].copy(),
+            target_rate_rad_s=state.values[TARGET_RATE].copy(),
             dcm_inertial_from_chaser=state.dcm_inertial_from_chaser.copy(),
             chaser_rate_rad_s=rate,
             values=state.values.copy(),

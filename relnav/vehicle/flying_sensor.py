@@ -5,7 +5,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
-from relnav.vehicle.layout import LastingError, Layout
+from relnav.estimation.state_layout import StateLayout
+from relnav.vehicle.layout import LastingError
 from relnav.vehicle.rows import Rows, empty_rows
 from relnav.vehicle.state import Estimates, VehicleState
 
@@ -24,7 +25,7 @@ class FlyingSensor(Protocol):
     lasting: tuple[LastingError, ...]
     most_rows: int
 
-    def placed(self, name: str, layout: Layout) -> None:
+    def placed(self, name: str, layout: StateLayout) -> None:
         """Told once under what name it flies, and where its errors stand: `layout.by_name["NAME.KIND"]`."""
 
     def taken(self, value: Any, covariance: Any) -> tuple[Vector, Matrix]:
@@ -44,7 +45,7 @@ class FlyingSensor(Protocol):
 class Flown:
     """A sensor of one's own as the filters ask it: about all their estimates at once."""
 
-    def __init__(self, sensor: FlyingSensor, name: str, layout: Layout) -> None:
+    def __init__(self, sensor: FlyingSensor, name: str, layout: StateLayout) -> None:
         self._sensor, self.most_rows = sensor, sensor.most_rows
         sensor.placed(name, layout)
 

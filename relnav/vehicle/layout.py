@@ -1,27 +1,25 @@
-"""The errors of a vehicle's state as named blocks: where each stands, how large it is at the start, and its role.
+"""The errors of a vehicle's state as named blocks: what moves (`MOVING`), the thrusters, what is off in each sensor.
 
-A block is `estimated`, or `considered` (Schmidt 1966): its error is carried in the covariance, with all that it does to
-the rest, and never corrected. Errors of attitudes are those of `relnav.geometry.rotation_vector`. Order: what moves
-(`MOVING`), the thrusters, then what is off in each sensor.
+The first are those of every filter (`dynamics/error_state.py`).
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
-import numpy as np
+from relnav.dynamics import error_state
+from relnav.estimation.state_layout import Block, Role, StateLayout
+from relnav.spacecraft import POINTS, Vehicle
 
-from relnav.arrays import Flags, Matrix, Vector
-from relnav.spacecraft import POINTS, Role, Vehicle
-
-POSITION, VELOCITY = slice(0, 3), slice(3, 6)
-TARGET_ATTITUDE, TARGET_RATE = slice(6, 9), slice(9, 12)
-CHASER_ATTITUDE, GYRO_BIAS = slice(12, 15), slice(15, 18)
-SLOW_ACCELERATION = slice(18, 21)
-MOVING = 21
+POSITION, VELOCITY = slice(0, error_state.VELOCITY), slice(error_state.VELOCITY, error_state.MOTION)
+TARGET_ATTITUDE = slice(error_state.THETA, error_state.RATE)
+TARGET_RATE = slice(error_state.RATE, error_state.POSE)
+CHASER_ATTITUDE = slice(error_state.POSE, error_state.POSE + 3)
+GYRO_BIAS = slice(CHASER_ATTITUDE.stop, CHASER_ATTITUDE.stop + 3)
+SLOW_ACCELERATION = slice(GYRO_BIAS.stop, GYRO_BIAS.stop + 3)
+MOVING = SLOW_ACCELERATION.stop
 """Errors that change with time; all others last."""
-THRUST_SCALE, THRUST_DIRECTION = slice(21, 22), slice(22, 25)
-DRIVING = 25
+THRUST_SCALE, THRUST_DIRECTION = slice(MOVING, MOVING + 1), slice(MOVING + 1, MOVING + 4)
+DRIVING = THRUST_DIRECTION.stop
 """The moving errors depend on these first ones alone."""
 
 
@@ -46,72 +44,7 @@ class LastingError:
     role: Role = "estimated"
 
 
-@dataclass(frozen=True)
-class Block:
-    """Some errors of one kind.
-
-    Attributes
-    ----------
-    name : str
-        "position", or of a sensor "camera.mount".
-    place : slice
-        Of the error state.
-    sigma : float
-        1-sigma of each at the start, SI.
-    role : {"estimated", "considered"}
-    """
-
-    name: str
-    place: slice
-    sigma: float
-    role: Role = "estimated"
-
-
-@dataclass(frozen=True)
-class Layout:
-    """All blocks of a vehicle's errors.
-
-    Attributes
-    ----------
-    blocks : tuple of Block
-        In order.
-    """
-
-    blocks: tuple[Block, ...]
-
-    @cached_property
-    def size(self) -> int:
-        """Number of errors."""
-        return int(self.blocks[-1].place.stop)
-
-    @cached_property
-    def by_name(self) -> dict[str, slice]:
-        """Place of each block."""
-        return {block.name: block.place for block in self.blocks}
-
-    @cached_property
-    def considered(self) -> Flags:
-        """Which errors are never corrected, (n,)."""
-        flags = np.zeros(self.size, dtype=bool)
-        for block in self.blocks:
-            flags[block.place] = block.role == "considered"
-        return flags
-
-    @cached_property
-    def prior(self) -> Matrix:
-        """Covariance at the start, (n, n)."""
-        sigma = np.empty(self.size)
-        for block in self.blocks:
-            sigma[block.place] = block.sigma
-        return np.diag(sigma**2)
-
-    def sigmas(self, covariance: Matrix) -> dict[str, Vector]:
-        """1-sigma of every block, by name, of a covariance (n, n)."""
-        sigma = np.sqrt(np.diagonal(covariance))
-        return {block.name: sigma[block.place] for block in self.blocks}
-
-
-def layout_of(vehicle: Vehicle, more: Mapping[str, tuple[LastingError, ...]] | None = None) -> Layout:
+def layout_of(vehicle: Vehicle, more: Mapping[str, tuple[LastingError, ...]] | None = None) -> StateLayout:
     """The blocks of a vehicle; more: errors of sensors that are not in its file, by the sensor's name."""
     start, thrust = vehicle.hand_over, vehicle.thrust
     blocks = [
@@ -130,7 +63,7 @@ def layout_of(vehicle: Vehicle, more: Mapping[str, tuple[LastingError, ...]] | N
         for error in errors:
             blocks.append(Block(f"{name}.{error.kind}", slice(at, at + error.size), error.sigma, error.role))
             at += error.size
-    return Layout(tuple(blocks))
+    return StateLayout(tuple(blocks))
 
 
 def _lasting(vehicle: Vehicle, name: str) -> tuple[LastingError, ...]:

@@ -16,7 +16,7 @@ import math
 from dataclasses import replace
 from typing import NamedTuple
 
-from relnav.vehicle.layout import Layout
+from relnav.estimation.state_layout import StateLayout
 from relnav.vehicle.update import Outcome
 
 FADES_S = 10.0
@@ -51,6 +51,6 @@ class Sums(NamedTuple):
         return float(((self.nis / self.dof) ** (1.0 / 3.0) - 1.0 + share) / math.sqrt(share))
 
 
-def all_estimated(layout: Layout) -> Layout:
+def all_estimated(layout: StateLayout) -> StateLayout:
     """The same errors, none of them only considered."""
-    return Layout(tuple(replace(block, role="estimated") for block in layout.blocks))
+    return StateLayout(tuple(replace(block, role="estimated") for block in layout.blocks))

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Flags, Matrix, Vector, numbers
+from relnav.estimation.state_layout import StateLayout
 from relnav.mission import Model as BeaconMission
 from relnav.sensors.three_marker.camera import usable_covariance
 from relnav.sensors.three_marker.sensor import MarkerCamera
 from relnav.spacecraft import Vehicle
-from relnav.vehicle.layout import Layout
 from relnav.vehicle.light_rows import GEOMETRY, OPTICS, light_rows_into, spots_inside_into
 from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.rows import Rows, empty_rows
@@ -29,7 +29,7 @@ from relnav.vehicle.state import Estimates
 class PointSensor:
     """A camera or a position-sensitive detector on the chaser, and the lights on the target that it looks at."""
 
-    def __init__(self, vehicle: Vehicle, name: str, layout: Layout, frame: OrbitFrame, filters: int) -> None:
+    def __init__(self, vehicle: Vehicle, name: str, layout: StateLayout, frame: OrbitFrame, filters: int) -> None:
         model, mounted = vehicle.models[name], vehicle.sensor[name]
         self.name, self._frame = name, frame
         self._points = vehicle.points_m(name)

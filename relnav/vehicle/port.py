@@ -11,6 +11,7 @@ import numpy as np
 from relnav.arrays import Matrix, Vector
 from relnav.dynamics.docking_port import ARM, RATE, port_geometry_into
 from relnav.dynamics.docking_port import VELOCITY as PORT_VELOCITY
+from relnav.dynamics.error_state import POSE
 from relnav.dynamics.relative_motion import frame_rate
 from relnav.spacecraft import Vehicle
 from relnav.vehicle.layout import (
@@ -70,7 +71,7 @@ def port_state(
     C_TB = C_TL @ frame.dcm_lvlh_from_inertial(state.t_s) @ state.dcm_inertial_from_chaser
     motion = np.concatenate([state.values[POSITION], state.values[VELOCITY]])
     rates, d = np.stack([state.values[TARGET_RATE], chaser_rate_rad_s]), np.array(vehicle.chaser.port_position_m)
-    found, by_target, by_chaser = np.empty((3, 3)), np.empty((12, 12)), np.empty((12, 3))
+    found, by_target, by_chaser = np.empty((3, 3)), np.empty((POSE, POSE)), np.empty((POSE, 3))
     port_geometry_into(
         np.ascontiguousarray(C_TL),
         C_TB,
@@ -83,11 +84,15 @@ def port_state(
         by_chaser,
         np.empty((4, 3)),
     )
-    J = np.zeros((12, len(state.values)))
-    J[:, POSITION], J[:, VELOCITY] = by_target[:, :3], by_target[:, 3:6]
-    J[:, TARGET_ATTITUDE], J[:, TARGET_RATE], J[:, CHASER_ATTITUDE] = by_target[:, 6:9], by_target[:, 9:], by_chaser
-    by_rate = np.zeros((12, 3))  # by the error of the chaser's rate, which is less that of the bias
-    by_rate[3:6], by_rate[9:] = by_chaser[:3], by_chaser[6:9]
+    J = np.zeros((POSE, len(state.values)))
+    J[:, POSITION], J[:, VELOCITY] = by_target[:, POSITION], by_target[:, VELOCITY]
+    J[:, TARGET_ATTITUDE], J[:, TARGET_RATE], J[:, CHASER_ATTITUDE] = (
+        by_target[:, TARGET_ATTITUDE],
+        by_target[:, TARGET_RATE],
+        by_chaser,
+    )
+    by_rate = np.zeros((POSE, 3))  # by the error of the chaser's rate, which is less that of the bias
+    by_rate[VELOCITY], by_rate[TARGET_RATE] = by_chaser[POSITION], by_chaser[TARGET_ATTITUDE]
     J[:, GYRO_BIAS] = -by_rate
     noise = vehicle.gyro.random_walk_rad_sqrt_s**2 * vehicle.gyro.rate_hz
     whole = J @ state.covariance @ J.T + noise * by_rate @ by_rate.T

@@ -14,6 +14,7 @@ from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import entry, kernel
 from relnav.dynamics import gauss_markov, relative_motion, rigid_body
 from relnav.dynamics.clohessy_wiltshire import acceleration_effect_into
+from relnav.dynamics.error_state import MOTION, ROTATION
 from relnav.dynamics.rigid_body import BODY_ROWS, MEAN_MOTION
 from relnav.estimation.schmidt import carry_into, clear
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
@@ -51,13 +52,13 @@ the gyro's angle random walk squared."""
 
 SCRATCH = np.dtype(
     [
-        ("phi", _F, (6, 6)),
-        ("q", _F, (6, 6)),
-        ("effect", _F, 6),
-        ("work", _F, (6, 6)),
-        ("turn", _F, (6, 6)),
-        ("spread", _F, (6, 6)),
-        ("steps", _F, (50, 6)),
+        ("phi", _F, (MOTION, MOTION)),
+        ("q", _F, (MOTION, MOTION)),
+        ("effect", _F, MOTION),
+        ("work", _F, (MOTION, MOTION)),
+        ("turn", _F, (ROTATION, ROTATION)),
+        ("spread", _F, (ROTATION, ROTATION)),
+        ("steps", _F, (50, ROTATION)),
         ("fade", _F, (3, 3)),
         ("drift", _F, (3, 3)),
         ("acceleration", _F, 3),
@@ -102,8 +103,8 @@ def _write_transition(scratch: Record, dt: float, command: Vector, now: Matrix, 
     F, to_lvlh = scratch["F"], scratch["to_lvlh"]
     clear(F)
     pushes = command[0] != 0.0 or command[1] != 0.0 or command[2] != 0.0
-    for i in range(6):
-        for c in range(6):
+    for i in range(MOTION):
+        for c in range(MOTION):
             F[i, c] = scratch["phi"][i, c]
             F[_TARGET + i, _TARGET + c] = scratch["turn"][i, c]
     for i in range(3):
@@ -127,8 +128,8 @@ def _write_noise(scratch: Record, dt: float, angle_walk: float, bias_walk: float
     """Write Q (MOVING, MOVING)."""
     Q = scratch["Q"]
     clear(Q)
-    for i in range(6):
-        for c in range(6):
+    for i in range(MOTION):
+        for c in range(MOTION):
             Q[i, c] = scratch["q"][i, c]
             Q[_TARGET + i, _TARGET + c] = scratch["spread"][i, c]
     for i in range(3):
@@ -184,10 +185,10 @@ def _move(constants: Record, scratch: Record, t: float, dt: float, again: bool, 
     body, torque_density = constants["body"], constants["torque_density"]
     if not rigid_body.propagate_into(body, dt, target, rate, torque_density, turn, spread, scratch["steps"]):
         return False
-    for i in range(6):
-        for c in range(6):
+    for i in range(MOTION):
+        for c in range(MOTION):
             effect[i] += phi[i, c] * values[c]
-    for i in range(6):
+    for i in range(MOTION):
         values[i] = effect[i]
     for i in range(3):
         values[_SLOW + i] *= fade[i, i]

@@ -11,10 +11,12 @@ import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
 from relnav.codegen.kernel import entry, kernel
+from relnav.dynamics.error_state import MOTION
 from relnav.estimation.schmidt import reset_into
+from relnav.estimation.state_layout import StateLayout
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
 from relnav.spacecraft import Vehicle
-from relnav.vehicle.layout import CHASER_ATTITUDE, TARGET_ATTITUDE, TARGET_RATE, Layout
+from relnav.vehicle.layout import CHASER_ATTITUDE, TARGET_ATTITUDE, TARGET_RATE
 from relnav.vehicle.orbit_frame import OrbitFrame
 
 _TARGET, _CHASER = TARGET_ATTITUDE.start, CHASER_ATTITUDE.start
@@ -150,11 +152,11 @@ class Estimates(NamedTuple):
 
 
 def start_state(
-    vehicle: Vehicle, layout: Layout, frame: OrbitFrame, t_s: float, motion: Vector, filters: int
+    vehicle: Vehicle, layout: StateLayout, frame: OrbitFrame, t_s: float, motion: Vector, filters: int
 ) -> Estimates:
     """The estimates at hand-over with this motion (6,): attitudes and rate as held, lasting errors as stated."""
     values = np.zeros(layout.size)
-    values[:6], values[TARGET_RATE] = motion, vehicle.start_rate_rad_s
+    values[:MOTION], values[TARGET_RATE] = motion, vehicle.start_rate_rad_s
     dcm = (vehicle.chaser.dcm_chaser_from_lvlh @ frame.dcm_lvlh_from_inertial(t_s)).T
     return Estimates(
         t_s=t_s,

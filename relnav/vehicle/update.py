@@ -17,7 +17,8 @@ from relnav.estimation.schmidt import (
     take_chosen,
     take_gated,
 )
-from relnav.vehicle.layout import CHASER_ATTITUDE, DRIVING, POSITION, TARGET_ATTITUDE, Layout
+from relnav.estimation.state_layout import StateLayout
+from relnav.vehicle.layout import CHASER_ATTITUDE, DRIVING, POSITION, TARGET_ATTITUDE
 from relnav.vehicle.rows import Rows
 from relnav.vehicle.state import Estimates, correct_into, correct_one
 
@@ -164,7 +165,7 @@ class Outcome(NamedTuple):
 class Updater:
     """Gate and update of filters of the same errors, each with its own roles."""
 
-    def __init__(self, layouts: Sequence[Layout], gate_probability: float, most_rows: int) -> None:
+    def __init__(self, layouts: Sequence[StateLayout], gate_probability: float, most_rows: int) -> None:
         filters, n = len(layouts), layouts[0].size
         self._considered = np.stack([layout.considered for layout in layouts])
         self._limits = np.concatenate([[0.0], gate_limits(gate_probability, most_rows)])

@@ -9,7 +9,7 @@ import tokenize
 
 import pytest
 
-ROOMS = {"navigation", "estimation"}
+ROOMS = {"navigation", "estimation", "vehicle"}
 BARE = re.compile(
     r"range\((6|12|21|78)\)|\(6, 6\)|\(12, 12\)|[(,] ?(6|12|21),?\)|\[6:9\]|\[:6\]|\[6:\]|\[9:\]|\[:12\]"
     r"|(zeros|empty|eye)\((6|12)\)|_F, (6|12)\)"
