@@ -85,12 +85,7 @@ def port_state(
         np.empty((4, 3)),
     )
     J = np.zeros((POSE, len(state.values)))
-    J[:, POSITION], J[:, VELOCITY] = by_target[:, POSITION], by_target[:, VELOCITY]
-    J[:, TARGET_ATTITUDE], J[:, TARGET_RATE], J[:, CHASER_ATTITUDE] = (
-        by_target[:, TARGET_ATTITUDE],
-        by_target[:, TARGET_RATE],
-        by_chaser,
-    )
+    J[:, :POSE], J[:, CHASER_ATTITUDE] = by_target, by_chaser
     by_rate = np.zeros((POSE, 3))  # by the error of the chaser's rate, which is less that of the bias
     by_rate[VELOCITY], by_rate[TARGET_RATE] = by_chaser[POSITION], by_chaser[TARGET_ATTITUDE]
     J[:, GYRO_BIAS] = -by_rate
