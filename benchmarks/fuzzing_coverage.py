@@ -40,8 +40,10 @@ def main() -> None:
         atheris = importlib.import_module("atheris")
     except ImportError:
         sys.exit("atheris is not installed (pip install atheris); benchmarks/fuzzing.py --inputs N needs none")
-    packages = [path.name for path in (Path(__file__).parents[1] / "relnav").iterdir() if path.name != "files"]
-    others = [f"relnav.{name.removesuffix('.py')}" for name in packages]  # formulas are compiled, not traced
+    root = Path(__file__).parents[1] / "relnav"
+    paths = (path.relative_to(root.parent).with_suffix("") for path in root.rglob("*.py"))
+    names = (".".join(path.parts).removesuffix(".__init__") for path in paths)
+    others = [name for name in names if not name.startswith("relnav.files")]  # formulas are compiled, not traced
     with atheris.instrument_imports(include=["relnav.files"], exclude=others, enable_loader_override=False):
         fuzzing = importlib.import_module("fuzzing")
     choices = importlib.import_module("fuzzing_choices")

@@ -204,9 +204,9 @@ def spun_up():
 
     navigator = relnav.VehicleNavigator(VEHICLE, monitor=False)
     navigator.observe("gyro", 0.0, np.zeros(3))
-    at = navigator._timeline.newest.estimates
+    at, filters = navigator._timeline.newest.estimates, navigator._filters
     at.values[0, TARGET_RATE] = 1e5, 0.0, 0.0
-    return navigator._motion.settled(at, navigator._samples, 1.0)
+    return filters.motion.settled(at, filters.samples, 1.0)
 
 
 def restarted_at(t_s):

@@ -208,8 +208,10 @@ class Runs:
     def failed(self) -> Any:
         """Table of the runs that failed: run, reason."""
         pyarrow = require_pyarrow()
+        from pyarrow import compute
+
         parts = [
-            table.filter(pyarrow.compute.equal(table["status"], int(RunStatus.FAILED))).select(["run", "reason"])
+            table.filter(compute.equal(table["status"], int(RunStatus.FAILED))).select(["run", "reason"])
             for table in self._tables(["run", "status", "reason"])
         ]
         return pyarrow.concat_tables(parts)

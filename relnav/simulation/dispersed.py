@@ -2,16 +2,21 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, overload
 
 from relnav.mission import Model, VisionMission
 from relnav.simulation.as_built import built
 from relnav.simulation.detector import SpotDraws, imaged, misplaced, project_beacons, spot_sigmas
+from relnav.simulation.dispersed_markers import fly_marker_run
+from relnav.simulation.dispersed_vehicle import default_scenario, fly_vehicle_run
 from relnav.simulation.dispersions import Scenario
+from relnav.simulation.marker_flight import MarkerFlight
 from relnav.simulation.run_draws import built_names, disturbed, lose, replaced
 from relnav.simulation.scenario import SimulatedLog
 from relnav.simulation.streams import Draws, Stream
 from relnav.simulation.trajectory import fly_disturbed
+from relnav.simulation.vehicle_dispersions import VehicleScenario
+from relnav.simulation.vehicle_sensors import VehicleRun
 from relnav.spacecraft import Vehicle
 
 
@@ -31,7 +36,25 @@ class Flight:
     drawn: dict[str, float]
 
 
-def simulate(model: Any, scenario: Any = None, seed: int = 0, run: int = 0) -> Any:
+@overload
+def simulate(model: Model, scenario: Scenario | None = None, seed: int = 0, run: int = 0) -> SimulatedLog: ...
+
+
+@overload
+def simulate(model: VisionMission, scenario: Scenario | None = None, seed: int = 0, run: int = 0) -> MarkerFlight: ...
+
+
+@overload
+def simulate(model: Vehicle, scenario: VehicleScenario | None = None, seed: int = 0, run: int = 0) -> VehicleRun: ...
+
+
+@overload
+def simulate(model: Any, scenario: Any = None, seed: int = 0, run: int = 0) -> Any: ...
+
+
+def simulate(
+    model: Any, scenario: Any = None, seed: int = 0, run: int = 0
+) -> "SimulatedLog | MarkerFlight | VehicleRun":
     """Simulate one approach: a log as the filter gets it, and its truth.
 
     Parameters
@@ -64,12 +87,8 @@ def simulate(model: Any, scenario: Any = None, seed: int = 0, run: int = 0) -> A
     ((3000, 3, 2), (3000, 6))
     """
     if isinstance(model, VisionMission):
-        from relnav.simulation.dispersed_markers import fly_marker_run
-
         return fly_marker_run(model, scenario or Scenario(), seed, run)[0]
     if isinstance(model, Vehicle):
-        from relnav.simulation.dispersed_vehicle import default_scenario, fly_vehicle_run
-
         return fly_vehicle_run(model, scenario or default_scenario(model), seed, run)[0]
     return fly_run(model, scenario or Scenario(), seed, run).log
 

@@ -74,13 +74,15 @@ def with_fault(
     fault: VehicleFault,
     name: str,
     rng: np.random.Generator,
-    begins_s: float = BEGINS_S,
-    lasts_s: float = LASTS_S,
+    begins_s: float | None = None,
+    lasts_s: float | None = None,
 ) -> list[Observation]:
     """What was observed with a fault of this sensor, in the order in which a navigator is to take it.
 
-    That is the order of time, whatever arrives when, except where images are late.
+    That is the order of time, whatever arrives when, except where images are late. begins_s, lasts_s: `BEGINS_S` and
+    `LASTS_S` if left out.
     """
+    begins_s, lasts_s = BEGINS_S if begins_s is None else begins_s, LASTS_S if lasts_s is None else lasts_s
     vehicle, full = run.truth.vehicle, ramp_of(run.truth.vehicle, name) if fault == VehicleFault.RAMP else 0.0
 
     def faulty() -> Iterator[Observation]:

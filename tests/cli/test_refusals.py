@@ -72,7 +72,7 @@ REFUSED = {
     "calibrate sun sun.csv --out s.json --free zero_spot_x_px": (2, "--free is for a birefringent sensor"),
     "calibrate sun pairs.csv --model birefringent_sun --out s.toml --method rays": (2, "--method is for an APS sensor"),
     "calibrate sun pairs.csv --model birefringent_sun --out s.toml": (3, "pairs.csv: some pair of spots has no sun"),
-    "campaign aps_sun --runs 2 --out new": (2, "a campaign flies a three-beacon mission"),
+    "campaign aps_sun --runs 2 --out new": (2, "a campaign flies a three_beacon or three_marker mission, or a vehicle"),
     f"campaign {PSD} --runs 2 --out flown": (2, "flown: holds runs but no campaign.json that says of what"),
     f"simulate {PSD} --out l.csv --rate 1e-9": (2, "duration_s times rate_hz must give two epochs or more; got 0"),
     f"simulate {PSD} --out l.csv --distortion 5": (2, "--distortion belongs to --raw: a log of spots has none"),

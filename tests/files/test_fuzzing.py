@@ -10,7 +10,7 @@ import pytest
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 FOUND = Path(__file__).with_name("found")
-CASES = {"models": 60, "parquet": 60, "beacon track": 12, "marker track": 4, "vehicle track": 12}
+CASES = {"models": 60, "parquet": 120, "beacon track": 12, "marker track": 4, "vehicle track": 12}
 CASES |= dict.fromkeys(("campaign, its description", "campaign, its summary", "campaign, its runs"), 30)
 EACH = 80
 NEEDS = {"parquet": "pyarrow", "campaign": "pyarrow", "ROS": "rosbags", "picture .fits": "astropy", "picture": "PIL"}

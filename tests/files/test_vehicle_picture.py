@@ -200,7 +200,6 @@ def test_page_of_a_vehicles_log_is_that_of_its_track(folder):
     ("source", "options", "said"),
     [
         ("track.csv", ["--model", "three_beacon_psd"], "a vehicle's track, and --model three_beacon_psd is no vehicle"),
-        ("log.csv", ["--model", "{slow}", "--smooth"], "--smooth is not for a vehicle"),
         ("log.csv", ["--model", "{slow}", "--method", "fix"], "--method is not for a vehicle"),
     ],
 )
