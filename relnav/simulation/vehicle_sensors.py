@@ -26,7 +26,19 @@ Value: TypeAlias = Vector | Matrix | SunDirection
 
 @dataclass(frozen=True)
 class Observation:
-    """One observation as `VehicleNavigator.observe` takes it, and when it is there."""
+    """One observation as `VehicleNavigator.observe` takes it, and when it is there.
+
+    Attributes
+    ----------
+    sensor : str
+        Its name in the vehicle file; "gyro" or "thrust".
+    t_s : float
+        Of what time it is.
+    value : array or SunDirection
+        (n, 2) spots, (4,) a star sensor's attitude, (3,) rate or acceleration.
+    arrives_s : float
+        When it is there.
+    """
 
     sensor: str
     t_s: float
@@ -41,8 +53,8 @@ class VehicleRun:
     Attributes
     ----------
     truth : Truth
-    lasting : dict
-        Every error that lasts, by the name of the filter's block.
+    lasting : dict of (m,)
+        Every error that lasts, SI, by the name of the filter's block.
     bias_rad_s : (m, 3)
         The gyro's, at each of its samples.
     observations : tuple of Observation
