@@ -204,7 +204,12 @@ def in_children(name: str, folder: Path, cases: int, part: Callable[[Trial, int,
     while (begin := int.from_bytes(at, "little")) < cases:
         read, write = os.pipe()
         if (child := os.fork()) == 0:
-            part(Trial(name, folder, at), begin, partial(_answer, write))
+            try:
+                part(Trial(name, folder, at), begin, partial(_answer, write))
+            except BaseException:
+                traceback.print_exc()
+            finally:
+                os._exit(1)
         os.close(write)
         with os.fdopen(read, "rb") as pipe:
             content = pipe.read()

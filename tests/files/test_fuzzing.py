@@ -2,8 +2,10 @@
 
 import importlib
 import os
+import random
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -100,3 +102,25 @@ def test_what_hangs_would_be_found(fuzzing, monkeypatch):
         os.read(read, 1)
     os.close(read)
     os.close(write)
+
+
+def test_a_file_that_ends_the_process_is_a_fault(fuzzing, tmp_path, monkeypatch):
+    """As a library in another language can: it is told and kept, and the cases behind it are tried."""
+    ends, kept = fuzzing.Seeded(random.Random("0 2")).whole(0, 10**6), []
+
+    def tried(name, folder):  # noqa: ARG001  (as the one it stands for)
+        outcomes = Counter()
+
+        def one(number):
+            if number == ends:
+                os._exit(9)
+            outcomes["read"] += 1
+
+        return one, lambda choose: choose.whole(0, 10**6), outcomes
+
+    monkeypatch.setattr(fuzzing, "tried", tried)
+    monkeypatch.setattr(fuzzing, "keep", lambda name, folder: kept.append((name, folder)))
+    found = fuzzing.seeded("models", tmp_path, 5, 0)
+    assert found["faults"] == ["the process ended with 9"]
+    assert found["outcomes"] == {"read": 2, "fault": 1, "not counted": 2}
+    assert kept == [("models", tmp_path)]
