@@ -2,9 +2,11 @@
 
 python benchmarks/reliability.py [--cases 1000] [--runs 200] [--sample 100]      (hours)
 python benchmarks/reliability.py --add fuzzing.json interruption.json mutation.json    (of runs made before)
+python benchmarks/reliability.py --sum fuzzing.json    (of more files, by another seed or other means)
 
 What each target, command or package gave when it was last tried stands in docs/reliability.json, from which the page is
-written; a file that is added, written by one of the scripts with --json, replaces what stands there of the same name.
+written; a file that is added, written by one of the scripts with --json, replaces what stands there of the same name,
+and one that is summed counts on top of it.
 """
 
 import argparse
@@ -13,6 +15,7 @@ import platform
 import subprocess
 import sys
 import tempfile
+from collections import Counter
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -52,6 +55,20 @@ def added(runs: dict[str, list[dict[str, Any]]], entries: list[dict[str, Any]], 
             kept[places[0]] = new
         else:
             kept.append(new)
+
+
+def summed(runs: dict[str, list[dict[str, Any]]], entries: list[dict[str, Any]], day: str) -> None:
+    """Count new files on top of those that were tried before."""
+    for entry in entries:
+        old = next((one for one in runs["fuzzing"] if one["target"] == entry["target"]), {})
+        outcomes = Counter(old.get("outcomes", {})) + Counter(entry["outcomes"])
+        both = {
+            "cases": old.get("cases", 0) + entry["cases"],
+            "outcomes": dict(sorted(outcomes.items())),
+            "faults": sorted({*old.get("faults", []), *entry["faults"]}),
+            "memory_mib": max(old.get("memory_mib", 0), entry["memory_mib"]),
+        }
+        added(runs, [entry | both], day)
 
 
 def row(*cells: Any) -> str:
@@ -119,7 +136,7 @@ FUZZED = """## Hostile files
 
 `python benchmarks/fuzzing.py --cases N`: good files with names, cells, lines, keys, types, numbers and bytes exchanged
 (by hypothesis; `fuzzing_bytes.py` beside it exchanges them). `--inputs 1000000` tries a million over all targets, by
-seeds, in children; that has not been run to its end yet: the table adds up what was tried by hypothesis and by seeds.
+seeds, in children; that has not been run to its end yet: the table adds up what was tried by hypothesis and by seeds (`reliability.py --sum`).
 `fuzzing_coverage.py` tries the same by the lines that are reached, where `atheris` is installed; none of its files are
 counted here. The test suite runs a part of them, and every file that once broke something (`tests/files/found/`,
 `tests/files/test_fuzzing.py`). A fault is any of these:
@@ -206,6 +223,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=200)
     parser.add_argument("--sample", type=int, default=100)
     parser.add_argument("--add", type=Path, nargs="*")
+    parser.add_argument("--sum", type=Path, nargs="*", default=[])
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "reliability.md")
     options = parser.parse_args()
     runs = json.loads(RUNS.read_text(encoding="utf-8"))
@@ -217,11 +235,13 @@ def main() -> None:
             "mutation": ["--sample", str(options.sample)],
             "python_versions": [],
         }
-        files = options.add
+        files, day = options.add, datetime.now(UTC).date().isoformat()
         if files is None:
-            files = [made(script, option, Path(name)) for script, option in told.items()]
+            files = [] if options.sum else [made(script, option, Path(name)) for script, option in told.items()]
         for file in files:
-            added(runs, json.loads(file.read_text(encoding="utf-8")), datetime.now(UTC).date().isoformat())
+            added(runs, json.loads(file.read_text(encoding="utf-8")), day)
+        for file in options.sum:
+            summed(runs, json.loads(file.read_text(encoding="utf-8")), day)
     RUNS.write_text(json.dumps(runs, indent=1) + "\n", encoding="utf-8")
     options.out.write_text(page(runs), encoding="utf-8")
 

@@ -122,7 +122,7 @@ def _drawn(model: Model, scenario: Scenario) -> dict[str, tuple[str, ...]]:
     return drawn_by_cause(scenario, len(model.sensor.beacons_dock_m))
 
 
-def epochs_of(model: Model | VisionMission, scenario: Scenario) -> float:  # noqa: ARG001
+def epochs_of(model: Model | VisionMission, scenario: Scenario) -> float:  # noqa: ARG001  (as of the others)
     """Images of a run."""
     return scenario.approach.duration_s * scenario.approach.rate_hz
 

@@ -27,7 +27,7 @@ DECIDED = 18.4
 class MarkerScorer:
     """Flies, filters and scores runs one after the other."""
 
-    def __init__(self, mission: VisionMission, scenario: Scenario, method: str, seed: int) -> None:  # noqa: ARG002
+    def __init__(self, mission: VisionMission, scenario: Scenario, method: str, seed: int) -> None:  # noqa: ARG002  (as of the others)
         self._mission, self._scenario, self._seed = mission, scenario, seed
         self._names = MARKERS.columns(mission, scenario)
         self._edges = np.array(scenario.range_edges_m)

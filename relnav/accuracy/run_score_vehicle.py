@@ -29,7 +29,7 @@ class _Counts:
     def __init__(self) -> None:
         self.used, self.partial, self.rejected, self.nis, self.dof = 0, 0, 0, 0.0, 0
 
-    def add(self, event: Event, outcome: Outcome) -> None:  # noqa: ARG002
+    def add(self, event: Event, outcome: Outcome) -> None:  # noqa: ARG002  (as of the others)
         """Count an observation in."""
         if outcome.groups == 0:
             return
@@ -42,7 +42,7 @@ class _Counts:
 class VehicleScorer:
     """Flies, filters and scores runs one after the other."""
 
-    def __init__(self, vehicle: Vehicle, scenario: VehicleScenario, method: str, seed: int) -> None:  # noqa: ARG002
+    def __init__(self, vehicle: Vehicle, scenario: VehicleScenario, method: str, seed: int) -> None:  # noqa: ARG002  (as of the others)
         self._vehicle, self._scenario, self._seed = vehicle, scenario, seed
         self._believed = as_believed(vehicle, scenario)
         self._names, self._edges = VEHICLES.columns(vehicle, scenario), np.array(scenario.range_edges_m)
@@ -99,7 +99,7 @@ def _drawn(vehicle: Vehicle, scenario: VehicleScenario) -> dict[str, tuple[str, 
     return {name: number_names(name, count) for name, count in drawn_once(vehicle, scenario).items()}
 
 
-def _epochs(vehicle: Vehicle, scenario: VehicleScenario) -> float:  # noqa: ARG001
+def _epochs(vehicle: Vehicle, scenario: VehicleScenario) -> float:  # noqa: ARG001  (as of the others)
     approach = scenario.approach
     return EPOCHS_A_METRE * (approach.start_m - approach.final_m)
 

@@ -54,15 +54,15 @@ class InTurn:
     def __init__(self, seed: int) -> None:
         self._rng = np.random.default_rng(seed)
 
-    def once(self, name: str, count: int) -> Vector:  # noqa: ARG002
+    def once(self, name: str, count: int) -> Vector:  # noqa: ARG002  (as of the others)
         """As in `VehicleNumbers`."""
         return self._rng.normal(size=count)
 
-    def angles(self, name: str, shape: tuple[int, ...]) -> Vector:  # noqa: ARG002
+    def angles(self, name: str, shape: tuple[int, ...]) -> Vector:  # noqa: ARG002  (as of the others)
         """As in `VehicleNumbers`."""
         return self._rng.uniform(0.0, 2.0 * math.pi, shape)
 
-    def noise(self, name: str) -> np.random.Generator:  # noqa: ARG002
+    def noise(self, name: str) -> np.random.Generator:  # noqa: ARG002  (as of the others)
         """As in `VehicleNumbers`."""
         return self._rng
 
