@@ -18,6 +18,8 @@ from relnav.sensors.dual_field.sky_background import Dark, smoothed, subtract_ba
 FIRST_PIXEL_PX = 0.0
 """Coordinate of the centre of a picture's first pixel, here and in all of relnav."""
 
+NO_COUNTS = 1e15
+"""No detector counts so far; squares of what is below stay within single precision."""
 MOST_STARS = 1000
 PEAK_PX = 2
 """A peak is the largest of all pixels so near, along each axis."""
@@ -98,7 +100,7 @@ def find_stars(
     Parameters
     ----------
     image : (rows, columns)
-        Counts; pixels that are not finite, or masked, are dead.
+        Counts; pixels that are not finite, beyond 1e15, or masked, are dead.
     threshold_sigma : float
         How far a star's peak stands above the smoothed background, in its noise.
     saturation : float, optional
@@ -125,7 +127,7 @@ def find_stars(
     sum(w I d) = 0. Its covariance follows.
     """
     counts, most_counts = _checked(image, threshold_sigma, saturation, electrons_per_count, most)
-    dead, full = ~np.isfinite(counts), counts >= most_counts
+    dead, full = ~(np.abs(counts) < NO_COUNTS), counts >= most_counts
     dark = subtract_background(counts, dead)
     places = _peaks(counts, dead, dark, threshold_sigma, 4 * most)
     size = (counts.shape[1], counts.shape[0])
