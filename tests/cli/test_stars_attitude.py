@@ -73,6 +73,11 @@ WRONG = {
         "--earth-velocity-km-s: velocity_km_s is in km/s and up to 300",
     ),
     "log alone": ([*OPTIONS, "--log", "log.csv"], 2, "--log and --joined go together"),
+    "log without orbit": (
+        ["--model", "ground_camera", "--track", "--log", "log.csv", "--joined", "j.csv"],
+        2,
+        "--log needs --orbit",
+    ),
     "mounting": ([*OPTIONS, "--q-cam-from-star", 1, 1, 0, 0], 2, "--q-cam-from-star: a rotation quaternion"),
 }
 
@@ -82,7 +87,8 @@ def test_what_is_wrong(run, flight, monkeypatch, name):
     monkeypatch.chdir(flight)
     (flight / "log.csv").write_text("t_s\n0\n")
     options, expected, text = WRONG[name]
-    code, out, err = run("stars", "attitude", "frames.csv", "--orbit", "orbit.csv", *options, "--out", "a.csv")
+    orbit = [] if name == "log without orbit" else ["--orbit", "orbit.csv"]
+    code, out, err = run("stars", "attitude", "frames.csv", *orbit, *options, "--out", "a.csv")
     assert code == expected
     assert text in err
     assert out == ""

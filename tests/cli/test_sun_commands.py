@@ -210,7 +210,23 @@ def test_a_birefringent_turntable_that_is_not_one(run, tmp_path):
     code, _, err = run("calibrate", "sun", path, *arguments)
     assert code == 3
     assert "column 'roll_deg' is empty" in err
+    head = "outer_deg,inner_deg,spot_a_x_px,spot_a_y_px,spot_b_x_px,spot_b_y_px\n"
+    for rows, text in (("", "no rows after the header"), ("0,0,511,511,580,511\n", "1 points with both spots")):
+        path.write_text(head + rows)
+        code, _, err = run("calibrate", "sun", path, *arguments)
+        assert code == 3
+        assert text in err
     assert not (tmp_path / "sensor.toml").exists()
+
+
+def test_which_pairs_agree_does_not_settle(run, tmp_path, monkeypatch):
+    """One pass leaves two points out; that the others then agree is never seen."""
+    monkeypatch.setattr("relnav.files.sun_self_calibration.PASSES", 1)
+    on_a_turntable(tmp_path / "table.csv", wrong=(7, 30))
+    arguments = ["--model", "birefringent_sun", "--out", tmp_path / "sensor.toml"]
+    code, _, err = run("calibrate", "sun", tmp_path / "table.csv", *arguments)
+    assert code == 3
+    assert "agree with the others does not settle" in err
 
 
 @pytest.mark.parametrize("model", ["dual_field_star", "ground_camera"])

@@ -14,7 +14,7 @@ from pyarrow import parquet
 import relnav
 from relnav.cli.vehicle import Summary
 from relnav.files.model_folders import find_model
-from relnav.files.vehicle_log import attitude_note, filter_vehicle_log
+from relnav.files.vehicle_log import attitude_note, filter_vehicle_log, smoothed_rows
 from relnav.vehicle.health import SensorHealth
 from relnav.vehicle.monitor import ALARM_SIGMA
 
@@ -126,6 +126,8 @@ def test_smoothed_it_ends_where_the_filter_does_and_is_tighter_before(run, model
     assert len(filter_vehicle_log(log, vehicle, every_s=2.0)) == 1 + len(forward) // 2
     with pytest.raises(relnav.UsageError, match="every_s is a time above 0 s; got 0"):
         filter_vehicle_log(log, vehicle, every_s=0)
+    with pytest.raises(relnav.InputError, match=r"at 1000000\.0 s: .*after such a gap start anew"):
+        smoothed_rows([("gyro", 1.0, [0.0] * 3), ("gyro", 1e6, [0.0] * 3)], vehicle)
 
 
 @pytest.mark.parametrize(

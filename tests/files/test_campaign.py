@@ -167,6 +167,8 @@ def test_a_damaged_part_is_named(model, tmp_path):
     part_of(out, 0).write_bytes(b"PAR1 no more")
     with pytest.raises(relnav.InputError, match=r"part-000000000000\.parquet: damaged"):
         Runs(out, plan).read(["restarts"])
+    with pytest.raises(relnav.InputError, match=r"part-000000000000\.parquet: damaged"):
+        Runs(out, plan).columns()
 
 
 FLY = """

@@ -1,5 +1,6 @@
 """A campaign on a local dask cluster: the same bytes as on threads."""
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -8,7 +9,7 @@ from unittest import mock
 
 import pytest
 
-from relnav.errors import InputError
+from relnav.errors import InputError, UsageError
 
 pytest.importorskip("pyarrow", reason="campaigns are Parquet files (extra parquet)")
 pytest.importorskip("distributed", reason="campaigns on a cluster need dask (extra cluster)")
@@ -64,6 +65,19 @@ def test_a_cluster_that_fails_is_told(monkeypatch, tmp_path):
     with pytest.raises(InputError, match="the cluster failed: OSError: no space left there; call it again to go on"):
         cluster._Driver(plan, tmp_path, client, None).fly([0])
     waiting.add.assert_called_once_with(future)
+
+
+def test_no_worker_starts(monkeypatch):
+    """As on a machine whose memory is used up: the scheduler of this machine waits in vain."""
+    from relnav.files import cluster
+
+    monkeypatch.setattr(cluster, "_LocalWorkers", lambda *_: contextlib.nullcontext())
+    monkeypatch.setattr(cluster, "START_S", 0.2)
+    with (
+        pytest.raises(UsageError, match=r"--cluster local: no worker started within 0\.2 s; use --workers without"),
+        cluster._client("local", 1),
+    ):
+        pass
 
 
 def driver_of(outcomes, tmp_path, monkeypatch, batch=4):

@@ -110,3 +110,6 @@ def test_tolerances_must_be_there(model):
         relnav.simulate(bare, Scenario(SHORT, as_built=AsBuilt(by_tolerances=True)))
     with pytest.raises(ValueError, match=r"has no \[tolerances\]"):  # before any run is flown and called failed
         relnav.campaign(bare, 4, 1, dispersions=Scenario(SHORT, as_built=AsBuilt(by_tolerances=True)))
+    markers = dataclasses.replace(relnav.load_model("three_marker_vision"), tolerances=None)
+    with pytest.raises(ValueError, match=r"three_marker_vision has no \[tolerances\]"):
+        relnav.simulate(markers, Scenario(SHORT, as_built=AsBuilt(by_tolerances=True)))
