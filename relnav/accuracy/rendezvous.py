@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from relnav.accuracy.claims import ClaimRow, ClaimsReport, claim_row, information
 from relnav.accuracy.published import Published
@@ -15,10 +16,11 @@ from relnav.estimation.consistency import chi_square_interval, nees
 from relnav.geometry.rotation_vector import attitude_error, rotation_vector_between
 from relnav.simulation.rendezvous import Rendezvous, Truth
 from relnav.simulation.vehicle_sensors import VehicleRun, simulate_rendezvous
-from relnav.spacecraft import Vehicle
+from relnav.spacecraft import GYRO, Vehicle
 from relnav.vehicle.estimate import VehicleEstimate
+from relnav.vehicle.filters import VehicleFilters
+from relnav.vehicle.forward import estimates_at
 from relnav.vehicle.layout import CHASER_ATTITUDE, layout_of
-from relnav.vehicle.navigator import VehicleNavigator
 from relnav.vehicle.timeline import Event
 from relnav.vehicle.update import Outcome
 
@@ -74,12 +76,14 @@ def true_ports(truth: Truth, t_s: Vector) -> tuple[Matrix, Stack]:
     """
     h = 0.01
     t = (t_s[:, None] + np.array([-h, 0.0, h])).ravel()
-    chaser, target = truth.chaser_from_frame(t), truth.frame_from_target(t)
+    to_frame, to_target = (
+        turn.transpose(0, 2, 1) for turn in (truth.dcm_chaser_from_frame(t), truth.dcm_frame_from_target(t))
+    )
     own, other = np.array(truth.vehicle.chaser.port_position_m), np.array(truth.vehicle.target.port_position_m)
-    place = (target.inv().apply(truth.motion(t)[:, :3] + chaser.inv().apply(own)) - other).reshape(-1, 3, 3)
-    body = truth.chaser_from_inertial(t).inv()
-    dcm: Stack = (target[1::3].inv() * chaser[1::3].inv()).as_matrix()
-    turning = (body[::3].inv() * body[2::3]).as_rotvec() / (2.0 * h)
+    apart = truth.motion(t)[:, :3] + to_frame @ own
+    place = ((to_target @ apart[..., None])[..., 0] - other).reshape(-1, 3, 3)
+    body, dcm = truth.dcm_chaser_from_inertial(t), to_target[1::3] @ to_frame[1::3]
+    turning = Rotation.from_matrix(body[::3] @ body[2::3].transpose(0, 2, 1)).as_rotvec() / (2.0 * h)
     rate = truth.target_rate(t_s) - (dcm @ turning[..., None])[..., 0]
     velocity = (place[:, 2] - place[:, 0]) / (2.0 * h)
     return np.concatenate([place[:, 1], velocity, np.zeros_like(rate), rate], axis=1), dcm
@@ -104,7 +108,7 @@ def checkpoint(run: VehicleRun, estimate: VehicleEstimate) -> Checkpoint:
     error[place["slow_acceleration"]] += truth.slow_acceleration_at(estimate.t_s)
     for name, value in run.lasting.items():
         error[place[name]] += value
-    target, chaser = truth.frame_from_target(t)[0].as_matrix(), truth.chaser_from_inertial(t)[0].as_matrix()
+    target, chaser = truth.dcm_frame_from_target(t)[0], truth.dcm_chaser_from_inertial(t)[0]
     error[place["target_attitude"]] = rotation_vector_between(target, estimate.dcm_lvlh_from_target)
     error[place["chaser_attitude"]] = rotation_vector_between(chaser.T, estimate.dcm_inertial_from_chaser)
     port, (true, dcm) = estimate.port, true_port(run, estimate.t_s)
@@ -126,16 +130,13 @@ def fly(
 
     believed: the vehicle as the filter takes it; as the run has it if left out.
     """
-    nav = VehicleNavigator(run.truth.vehicle if believed is None else believed)
-    nav.on_outcome = None if told is None else told.add
-    left = [float(t) for t in run.truth.times_of(ranges_m)]
-    found = []
-    for seen in sorted(run.observations, key=lambda observation: observation.t_s):
-        while left and seen.t_s >= left[0]:
-            found.append(checkpoint(run, nav.state(left.pop(0))))
-        if seen.sensor not in without:
-            nav.observe(seen.sensor, seen.t_s, seen.value)
-    return found + [checkpoint(run, nav.state(t)) for t in left]
+    filters = VehicleFilters(run.truth.vehicle if believed is None else believed, 0.0, monitor=False)
+    filters.on_outcome = None if told is None else told.add
+    samples = run.samples[: 0 if GYRO in without else None]
+    seen = (one for one in run.others if one.sensor not in without)
+    events = (filters.event(one.sensor, one.t_s, one.value, None) for one in seen)
+    times = run.truth.times_of(ranges_m).tolist()
+    return [checkpoint(run, estimate) for estimate in estimates_at(filters, samples, events, times)]
 
 
 def honesty(points: Sequence[Checkpoint], places: dict[str, slice], names: str) -> tuple[float, int]:

@@ -13,8 +13,11 @@ from relnav.geometry.rotation_vector import attitude_error
 from relnav.simulation.dispersed_vehicle import as_believed, check_vehicle_scenario, drawn_once, fly_vehicle_run
 from relnav.simulation.vehicle_dispersions import VehicleScenario
 from relnav.simulation.vehicle_numbers import number_names
+from relnav.simulation.vehicle_sensors import VehicleRun
 from relnav.spacecraft import Vehicle
 from relnav.vehicle.estimate import VehicleEstimate
+from relnav.vehicle.filters import VehicleFilters
+from relnav.vehicle.forward import estimates_at
 from relnav.vehicle.navigator import VehicleNavigator
 from relnav.vehicle.timeline import Event
 from relnav.vehicle.update import Outcome
@@ -44,7 +47,7 @@ class VehicleScorer:
 
     def __init__(self, vehicle: Vehicle, scenario: VehicleScenario, method: str, seed: int) -> None:  # noqa: ARG002  (as of the others)
         self._vehicle, self._scenario, self._seed = vehicle, scenario, seed
-        self._believed = as_believed(vehicle, scenario)
+        self._believed, self._watched = as_believed(vehicle, scenario), scenario.is_watched
         self._names, self._edges = VEHICLES.columns(vehicle, scenario), np.array(scenario.range_edges_m)
 
     def run(self, number: int, given: Mapping[str, float] | None = None) -> tuple[RunStatus, Vector]:
@@ -52,18 +55,8 @@ class VehicleScorer:
         flown, drawn = fly_vehicle_run(self._vehicle, self._scenario, self._seed, number, given)
         end = flown.truth.end_s
         times = np.linspace(end / SAMPLES, end - 0.05, SAMPLES)
-        nav, counts, found = VehicleNavigator(self._believed), _Counts(), list[VehicleEstimate]()
-        nav.on_outcome = counts.add
-        left = iter([*times.tolist(), math.inf])
-        due = next(left)
-        for seen in flown.observations:
-            while seen.t_s >= due:
-                found.append(nav.state(due))
-                due = next(left)
-            nav.observe(seen.sensor, seen.t_s, seen.value)
-        while due < math.inf:
-            found.append(nav.state(due))
-            due = next(left)
+        counts = _Counts()
+        found = self._in_time(flown, times, counts) if flown.in_time else self._as_it_comes(flown, times, counts)
         truth, dcm = true_ports(flown.truth, times)
         error = truth - np.array([_port(estimate) for estimate in found])
         error[:, 6:9] = [
@@ -82,12 +75,33 @@ class VehicleScorer:
             "epochs_rejected": float(counts.rejected),
             "epochs_predicted": 0.0,
             "epochs_waiting": 0.0,
-            "alarms": float(sum(health.alarm for health in found[-1].sensors.values())),
+            "alarms": float(sum(health.alarm for health in found[-1].sensors.values())) if self._watched else math.nan,
             "nis_sum": counts.nis,
             "nis_dof": float(counts.dof),
         }
         status = RunStatus.OK if np.isfinite(error[-1]).all() else RunStatus.LOST
         return status, np.array([figures.get(name, math.nan) for name in self._names])
+
+    def _in_time(self, flown: VehicleRun, times: Vector, counts: _Counts) -> list[VehicleEstimate]:
+        filters = VehicleFilters(self._believed, 0.0, monitor=self._watched)
+        filters.on_outcome = counts.add
+        events = (filters.event(seen.sensor, seen.t_s, seen.value, None) for seen in flown.others)
+        return list(estimates_at(filters, flown.samples, events, times.tolist()))
+
+    def _as_it_comes(self, flown: VehicleRun, times: Vector, counts: _Counts) -> list[VehicleEstimate]:
+        nav, found = VehicleNavigator(self._believed, monitor=self._watched), list[VehicleEstimate]()
+        nav.on_outcome = counts.add
+        left = iter([*times.tolist(), math.inf])
+        due = next(left)
+        for seen in flown.observations:
+            while seen.t_s >= due:
+                found.append(nav.state(due))
+                due = next(left)
+            nav.observe(seen.sensor, seen.t_s, seen.value)
+        while due < math.inf:
+            found.append(nav.state(due))
+            due = next(left)
+        return found
 
 
 def _port(estimate: VehicleEstimate) -> Vector:

@@ -1,5 +1,6 @@
 """Campaigns: many approaches of a scenario, flown, filtered and summed up; on threads here, or on a cluster."""
 
+import gc
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import (
@@ -190,7 +191,7 @@ def _side_by_side(plan: Plan, fly: Callable[[int], T], starts: Iterable[int], wo
     elif count == 1:
         yield from map(fly, starts)
     else:
-        pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"))
+        pool = ProcessPoolExecutor(count, get_context("spawn"), _begin, (plan,))
         try:
             yield from _pooled(pool, fly, starts, count)
         except BrokenExecutor as error:
@@ -198,6 +199,11 @@ def _side_by_side(plan: Plan, fly: Callable[[int], T], starts: Iterable[int], wo
                 "a process of the campaign died; call it again to go on, with --cluster local if it dies again: that "
                 'names the run. A program needs if __name__ == "__main__": around its call, or workers=1'
             ) from error
+
+
+def _begin(_plan: Plan) -> None:
+    """Of a process, which has imported by now what the plan needs: garbage is not looked for in that every run anew."""
+    gc.freeze()
 
 
 def _pooled(pool: Executor, fly: Callable[[int], T], starts: Iterable[int], count: int) -> Iterator[T]:

@@ -17,6 +17,7 @@ from relnav.simulation.trajectory import Approach
 from relnav.simulation.vehicle_dispersions import (
     Alignment,
     SensorFault,
+    VehicleResults,
     VehicleScenario,
     VehicleSpread,
     VehicleThrust,
@@ -29,7 +30,7 @@ OF_VEHICLES: dict[str, Any] = {
     "thrust": VehicleThrust,
     "fault": SensorFault,
     "as_built": Alignment,
-    "results": Results,
+    "results": VehicleResults,
 }
 """Sections of a vehicle's scenario."""
 SECTIONS: dict[str, Any] = {

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from relnav.simulation.rendezvous import Rendezvous
 from relnav.simulation.streams import Draws, Stream
 from relnav.simulation.vehicle_dispersions import FAULTS, VehicleScenario
-from relnav.simulation.vehicle_faults import with_fault
+from relnav.simulation.vehicle_faults import VehicleFault, with_fault
 from relnav.simulation.vehicle_numbers import OfRun
 from relnav.simulation.vehicle_sensors import VehicleRun, simulate_rendezvous
 from relnav.spacecraft import GYRO, POINTS, Vehicle
@@ -120,6 +120,7 @@ def fly_vehicle_run(
     if fault.sensor != "none" and Draws(seed, run).uniforms(Stream.LOSS, (1,))[0] < fault.probability:
         kind, rng = FAULTS[fault.kind], numbers.noise("fault")
         observations = with_fault(flown, kind, fault.sensor, rng, fault.from_s, fault.for_s)
+        flown = flown.having(observations, in_time=kind != VehicleFault.LATE)
     else:
-        observations = sorted(flown.observations, key=lambda seen: seen.t_s)
-    return dataclasses.replace(flown, observations=tuple(observations)), numbers.drawn_by_number()
+        flown = dataclasses.replace(flown, in_time=True)
+    return flown, numbers.drawn_by_number()

@@ -115,28 +115,30 @@ class Truth:
         """`lvlh_ccsds` of the stated orbit, (k, 3, 3)."""
         return stated_frames(self.vehicle.orbit, np.atleast_1d(t_s))
 
-    def chaser_from_frame(self, t_s: Vector) -> Rotation:
-        """The chaser's attitude against that frame, at times (k,)."""
+    def dcm_chaser_from_frame(self, t_s: Vector) -> Stack:
+        """The chaser's attitude against that frame, at times (k,); (k, 3, 3)."""
         t = np.atleast_1d(t_s)[:, None]
         turn = self._first_turn * np.exp(-t / SETTLING_S)
         for period, phase in zip(SWAY_PERIODS_S, self._phases, strict=True):
             grown = SWAY_RAD * np.exp(-SETTLING_S / np.maximum(t, 1e-9))
             turn = turn + grown * np.sin(2.0 * math.pi * t / period + phase)
-        return Rotation.from_rotvec(-turn) * Rotation.from_matrix(self.vehicle.chaser.dcm_chaser_from_lvlh)
+        turned: Stack = Rotation.from_rotvec(-turn).as_matrix()
+        return turned @ self.vehicle.chaser.dcm_chaser_from_lvlh
 
-    def chaser_from_inertial(self, t_s: Vector) -> Rotation:
-        """Its inertial attitude, at times (k,)."""
-        return self.chaser_from_frame(t_s) * Rotation.from_matrix(self.dcm_frame_from_inertial(t_s))
+    def dcm_chaser_from_inertial(self, t_s: Vector) -> Stack:
+        """Its inertial attitude, at times (k,); (k, 3, 3)."""
+        return self.dcm_chaser_from_frame(t_s) @ self.dcm_frame_from_inertial(t_s)
 
     def motion(self, t_s: Vector) -> Matrix:
         """Centre of mass from centre of mass and its rate in that frame, (k, 6)."""
         t = np.atleast_1d(t_s)
         return np.concatenate([self._position(t), self._position(t, 1)], axis=1)
 
-    def frame_from_target(self, t_s: Vector) -> Rotation:
-        """The target's attitude against that frame, at times (k,)."""
+    def dcm_frame_from_target(self, t_s: Vector) -> Stack:
+        """The target's attitude against that frame, at times (k,); (k, 3, 3)."""
         t = np.atleast_1d(t_s)
-        return Rotation.from_matrix(self.dcm_frame_from_inertial(t)) * self._target(t)
+        target: Stack = self._target(t).as_matrix()
+        return self.dcm_frame_from_inertial(t) @ target
 
     def target_rate(self, t_s: Vector) -> Matrix:
         """Inertial rate of the target, its axes, (k, 3) rad/s."""
@@ -169,7 +171,7 @@ class Truth:
         course = Course(
             frames,
             self._frame_rates(),
-            self.chaser_from_frame(self._times).as_matrix(),
+            self.dcm_chaser_from_frame(self._times),
             profile,
             self.slow_acceleration + pushed,
         )
@@ -248,12 +250,12 @@ def _anomaly(orbit: InertialOrbit, t_s: Vector) -> Vector:
 
 def stated_frames(orbit: InertialOrbit, t_s: Vector) -> Stack:
     """`lvlh_ccsds` of the stated orbit against inertial axes at times (k,): along, minus normal, down; (k, 3, 3)."""
-    theta = _anomaly(orbit, t_s)
-    angles = np.empty((len(theta), 3))
-    angles[:, 0], angles[:, 1] = orbit.ascending_node_rad, orbit.inclination_rad
-    angles[:, 2] = orbit.perigee_argument_rad + theta
-    axes = Rotation.from_euler("ZXZ", angles).as_matrix()
-    return np.stack([axes[:, :, 1], -axes[:, :, 2], -axes[:, :, 0]], axis=1)
+    u = orbit.perigee_argument_rad + _anomaly(orbit, t_s)
+    node, across, normal = Rotation.from_euler("ZX", [orbit.ascending_node_rad, orbit.inclination_rad]).as_matrix().T
+    cos, sin = np.cos(u)[:, None], np.sin(u)[:, None]
+    frames = np.empty((len(u), 3, 3))
+    frames[:, 0], frames[:, 1], frames[:, 2] = cos * across - sin * node, -normal, -cos * node - sin * across
+    return frames
 
 
 def stated_states(orbit: InertialOrbit, t_s: Vector) -> tuple[Matrix, Matrix, Vector]:

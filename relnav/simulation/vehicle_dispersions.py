@@ -91,6 +91,20 @@ class Alignment:
 
 
 @dataclass(frozen=True)
+class VehicleResults(Results):
+    """What is reported of every run.
+
+    Attributes
+    ----------
+    monitor : bool or None
+        Whether a second filter watches the first, so that alarms are counted, for half as much computing again; if left
+        out, where [fault] names a sensor.
+    """
+
+    monitor: bool | None = None
+
+
+@dataclass(frozen=True)
 class VehicleScenario:
     """A vehicle's approach, what is uncertain about it, and what is reported of it.
 
@@ -100,7 +114,7 @@ class VehicleScenario:
         As it is meant to be flown; it begins where the vehicle file hands over, on the port's axis `start_m` out.
     spread, thrust, fault, as_built
         What is uncertain.
-    results : Results
+    results : VehicleResults
         What is reported of every run of a campaign.
     """
 
@@ -109,7 +123,12 @@ class VehicleScenario:
     thrust: VehicleThrust = field(default_factory=VehicleThrust)
     fault: SensorFault = field(default_factory=SensorFault)
     as_built: Alignment = field(default_factory=Alignment)
-    results: Results = field(default_factory=Results)
+    results: VehicleResults = field(default_factory=VehicleResults)
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether a second filter watches the first."""
+        return self.fault.sensor != "none" if self.results.monitor is None else self.results.monitor
 
     @property
     def range_edges_m(self) -> tuple[float, ...]:

@@ -1,13 +1,15 @@
 """What the sensors of a vehicle see of a rendezvous: noise anew each time, and what is built wrong once a run."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
+from operator import attrgetter
 from typing import TypeAlias
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix, Stack, Vector
 from relnav.dynamics.ephemeris import sun_direction
 from relnav.geometry.pinhole import central_projection
 from relnav.mission import Model as BeaconMission
@@ -19,7 +21,7 @@ from relnav.sensors.sun_direction import SunDirection
 from relnav.sensors.three_marker.camera import project
 from relnav.simulation.rendezvous import Rendezvous, Truth, stated_states
 from relnav.simulation.vehicle_numbers import InTurn, VehicleNumbers
-from relnav.spacecraft import POINTS, STAR, Vehicle
+from relnav.spacecraft import GYRO, POINTS, STAR, Vehicle
 
 Value: TypeAlias = Vector | Matrix | SunDirection
 
@@ -57,14 +59,37 @@ class VehicleRun:
         Every error that lasts, SI, by the name of the filter's block.
     bias_rad_s : (m, 3)
         The gyro's, at each of its samples.
-    observations : tuple of Observation
-        In the order in which they arrive.
+    samples : (k, 4)
+        Of the gyro: t s and rate rad/s, in order of time.
+    others : tuple of Observation
+        Of everything else.
+    in_time : bool
+        Whether `observations` come in the order of time, whenever they arrive.
     """
 
     truth: Truth
     lasting: dict[str, Vector]
     bias_rad_s: Matrix
-    observations: tuple[Observation, ...]
+    samples: Matrix
+    others: tuple[Observation, ...]
+    in_time: bool = False
+
+    @cached_property
+    def observations(self) -> tuple[Observation, ...]:
+        """All, in the order in which they arrive, or of time."""
+        gyro = [Observation(GYRO, t, rate, t) for t, rate in zip(self.samples[:, 0].tolist(), self._rates, strict=True)]
+        return tuple(sorted([*gyro, *self.others], key=attrgetter("t_s" if self.in_time else "arrives_s")))
+
+    @property
+    def _rates(self) -> Matrix:
+        rates: Matrix = self.samples[:, 1:].copy()
+        return rates
+
+    def having(self, observations: Sequence[Observation], *, in_time: bool) -> "VehicleRun":
+        """The same run, seen like this."""
+        gyro = sorted((seen.t_s, *np.asarray(seen.value).tolist()) for seen in observations if seen.sensor == GYRO)
+        others = tuple(seen for seen in observations if seen.sensor != GYRO)
+        return replace(self, samples=np.reshape(np.array(gyro), (-1, 4)), others=others, in_time=in_time)
 
     def bias_at(self, t_s: float) -> Vector:
         """The gyro's bias, (3,) rad/s."""
@@ -82,10 +107,8 @@ def simulate_rendezvous(
     """
     drawn = InTurn(seed) if numbers is None else numbers
     truth = Truth(vehicle, Rendezvous() if flight is None else flight, drawn)
-    lasting, observations = dict(truth.lasting), []
-    gyro, bias = _gyro(truth, drawn)
-    observations += gyro
-    observations += [Observation("thrust", t, command, t) for t, command in truth.commands]
+    lasting, (samples, bias) = dict(truth.lasting), _gyro(truth, drawn)
+    others = [Observation("thrust", t, command, t) for t, command in truth.commands]
     for name, mounted in vehicle.sensor.items():
         lasting[f"{name}.mount"] = drawn.once(f"{name}.mount", 3) * mounted.mount_sigma_rad
         kind = vehicle.kind(name)
@@ -99,29 +122,29 @@ def simulate_rendezvous(
             )
             values = _spots(truth, name, times, lasting, drawn.noise(name))
         else:
-            turn = Rotation.from_rotvec(-lasting[f"{name}.mount"])
-            sensor = turn * Rotation.from_matrix(mounted.dcm_sensor_from_chaser) * truth.chaser_from_inertial(times)
+            turn: Matrix = Rotation.from_rotvec(-lasting[f"{name}.mount"]).as_matrix()
+            sensor = turn @ mounted.dcm_sensor_from_chaser @ truth.dcm_chaser_from_inertial(times)
             rng = drawn.noise(name)
             values = _stars(vehicle, name, sensor, rng) if kind == STAR else _suns(vehicle, name, sensor, times, rng)
-        observations += [
+        others += [
             Observation(name, t, value, t + mounted.delay_s)
             for t, value in zip(times.tolist(), values, strict=True)
             if value is not None
         ]
-    return VehicleRun(truth, lasting, bias, tuple(sorted(observations, key=lambda o: o.arrives_s)))
+    return VehicleRun(truth, lasting, bias, samples, tuple(others))
 
 
-def _gyro(truth: Truth, numbers: VehicleNumbers) -> tuple[list[Observation], Matrix]:
+def _gyro(truth: Truth, numbers: VehicleNumbers) -> tuple[Matrix, Matrix]:
     gyro = truth.vehicle.gyro
     dt = 1.0 / gyro.rate_hz
     times: Vector = np.arange(round(truth.end_s * gyro.rate_hz) + 1, dtype=np.float64) * dt
-    body = truth.chaser_from_inertial(times).inv()
-    rate = (body[:-1].inv() * body[1:]).as_rotvec() / dt
+    body = truth.dcm_chaser_from_inertial(times)
+    rate = Rotation.from_matrix(body[:-1] @ body[1:].transpose(0, 2, 1)).as_rotvec() / dt
     rng = numbers.noise("gyro")
     walk = rng.normal(size=rate.shape) * gyro.bias_walk_rad_s_sqrt_s * dt**0.5
     bias = numbers.once("gyro_bias", 3) * gyro.bias_sigma_rad_s + np.cumsum(walk, axis=0) - walk[0]
     sample = rate + bias + rng.normal(size=rate.shape) * gyro.random_walk_rad_sqrt_s / dt**0.5
-    return [Observation("gyro", t, w, t) for t, w in zip(times.tolist(), sample, strict=False)], bias
+    return np.column_stack([times[:-1], sample]), bias
 
 
 def _spots(
@@ -134,7 +157,7 @@ def _spots(
     sensor = Rotation.from_rotvec(-lasting[f"{name}.mount"]) * Rotation.from_matrix(mounted.dcm_sensor_from_chaser)
     scale = 1.0 + lasting[f"{name}.focal"][0]
     motion = truth.motion(times)[:, None, :3]
-    target, chaser = truth.frame_from_target(times).as_matrix(), truth.chaser_from_frame(times).as_matrix()
+    target, chaser = truth.dcm_frame_from_target(times), truth.dcm_chaser_from_frame(times)
     in_frame = lights @ target.transpose(0, 2, 1) - motion
     points = (in_frame @ chaser.transpose(0, 2, 1) - lens) @ sensor.as_matrix().T
     shape, flat = (len(times), len(lights), 2), points.reshape(-1, 3)
@@ -150,17 +173,17 @@ def _spots(
     return [image if some else None for image, some in zip(spots, seen, strict=True)]
 
 
-def _stars(vehicle: Vehicle, name: str, sensor: Rotation, rng: np.random.Generator) -> list[Vector | None]:
+def _stars(vehicle: Vehicle, name: str, sensor: Stack, rng: np.random.Generator) -> list[Vector | None]:
     noise = rng.normal(size=(len(sensor), 3)) * np.array(vehicle.sensor[name].noise_rad)
-    return list((Rotation.from_rotvec(-noise) * sensor).as_quat())
+    return list((Rotation.from_rotvec(-noise) * Rotation.from_matrix(sensor)).as_quat())
 
 
 def _suns(
-    vehicle: Vehicle, name: str, sensor: Rotation, times: Vector, rng: np.random.Generator
+    vehicle: Vehicle, name: str, sensor: Stack, times: Vector, rng: np.random.Generator
 ) -> list[SunDirection | None]:
     model = vehicle.models[name]
     r, v, _ = stated_states(vehicle.orbit, times)
-    toward = sensor.apply(sun_direction(vehicle.orbit.epoch_s + times, r, v))
+    toward = np.einsum("kij,kj->ki", sensor, sun_direction(vehicle.orbit.epoch_s + times, r, v))
     above, seen = np.flatnonzero(toward[:, 2] > 0.0), np.full(len(times), None)
     if isinstance(model, ApsSunModel):
         clean = project_aps(model, toward[above])

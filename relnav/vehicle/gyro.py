@@ -85,7 +85,7 @@ class GyroSamples:
         self.count = count + 1
         return count - at
 
-    def fill(self, samples: Sequence[Sample]) -> None:
+    def fill(self, samples: Sequence[Sample] | Matrix) -> None:
         """Take a whole flight's samples in, in order and none twice, instead of those that are there."""
         self.array = np.concatenate([self.array[:1], np.reshape(np.array(samples, dtype=np.float64), (-1, 4))])
         self.count, self._last_s = len(self.array), math.inf

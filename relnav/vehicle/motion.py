@@ -148,5 +148,6 @@ class VehicleMotion:
             rate = np.linalg.norm(at.values[:, TARGET_RATE], axis=1).max()
             raise ValueError(f"the target's rate, {rate:.3g} rad/s, is no longer known: start anew")
         new = Estimates(t_s, values, target, chaser, after, command, lost)
-        self._tell(at, self._scratch["F"], self._scratch["Q"], new)
+        if self.on_step is not None:
+            self._tell(at, self._scratch["F"], self._scratch["Q"], new)
         return new

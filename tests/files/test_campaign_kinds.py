@@ -96,7 +96,18 @@ def test_an_approach_of_a_vehicle(vehicle, closing):
     assert row["final_error_port_x_m"] == pytest.approx(truth[0] - port.position_m[0], abs=1e-9)
     assert row["final_sigma_rate_y_deg_s"] == pytest.approx(math.degrees(port.sigma[10]), rel=1e-6)
     assert 0.0 < row["final_nees"] < 60.0
-    assert row["alarms"] == 0.0
+    assert math.isnan(row["alarms"]), "nothing watches where nothing is at fault, unless asked to"
+
+
+def test_alarms_of_a_vehicle(vehicle):
+    changes = {"approach.start_m": 5.6, "approach.final_m": 5.2, "results.monitor": True}
+    watched = row_of(vehicle, relnav.load_scenario(None, changes, model=vehicle), "fused", 2)
+    assert watched["alarms"] == 0.0
+    changes |= {"fault.sensor": "psd", "fault.kind": "late", "fault.from_s": 0.0}
+    late = row_of(vehicle, relnav.load_scenario(None, changes, model=vehicle), "fused", 2)
+    assert late["alarms"] == 0.0
+    assert late["epochs"] > watched["epochs"], "done again where something came late"
+    assert late["final_error_port_x_m"] == watched["final_error_port_x_m"], "the same events in the end"
 
 
 def test_a_vehicle_on_two_processes_and_on_one(vehicle, closing, tmp_path):

@@ -7,6 +7,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from relnav.vehicle.filters import VehicleFilters
+from relnav.vehicle.forward import estimates_at
 from relnav.vehicle.navigator import VehicleNavigator
 from relnav.vehicle.timeline import Event, Observed, Timeline
 
@@ -43,6 +45,25 @@ def test_any_order_gives_the_same_bits(vehicle, begin, in_order, seed, lateness)
     assert Observed.TOO_OLD not in verdicts
     assert Observed.REPLAYED in verdicts
     assert numbers_of(nav.state()) == in_order
+
+
+@pytest.mark.parametrize("gap_s", [(9.0, 9.0), (0.2, 0.35)])
+def test_a_whole_flight_in_order_of_time(vehicle, short_run, gap_s):
+    """`forward.estimates_at`, which knows all samples from the start, gives the navigator's bits at every time."""
+    times = [0.05, 0.2, 0.3, 0.45, 0.5]
+    filters = VehicleFilters(vehicle, 0.0)
+    lost = (short_run.samples[:, 0] > gap_s[0]) & (short_run.samples[:, 0] < gap_s[1])
+    events = [filters.event(seen.sensor, seen.t_s, seen.value, None) for seen in short_run.others]
+    found = list(estimates_at(filters, short_run.samples[~lost], events, times))
+    assert any(estimate.gyro_lost for estimate in found) == (gap_s[1] < 1.0)
+    nav, left = VehicleNavigator(vehicle), list(zip(times, found, strict=True))
+    for seen in sorted(short_run.observations, key=lambda seen: seen.t_s):
+        while left and seen.t_s > left[0][0]:
+            t_s, estimate = left.pop(0)
+            assert numbers_of(estimate) == numbers_of(nav.state(t_s))
+        if seen.sensor != "gyro" or not gap_s[0] < seen.t_s < gap_s[1]:
+            nav.observe(seen.sensor, seen.t_s, seen.value)
+    assert not left
 
 
 def test_twice_is_once(vehicle, begin, in_order):

@@ -118,8 +118,8 @@ def test_simulated_spots_are_those_of_the_filter(navigator, odd_state, short_run
             now = odd_state._replace(
                 t_s=seen.t_s,
                 values=values,
-                dcm_lvlh_from_target=truth.frame_from_target(t).as_matrix(),
-                dcm_inertial_from_chaser=np.ascontiguousarray(truth.chaser_from_inertial(t).inv().as_matrix()),
+                dcm_lvlh_from_target=truth.dcm_frame_from_target(t),
+                dcm_inertial_from_chaser=np.ascontiguousarray(truth.dcm_chaser_from_inertial(t).transpose(0, 2, 1)),
             )
             value, noise = navigator._filters.sensors[seen.sensor].taken(seen.value, None)
             r = rows_of(navigator._filters.sensors[seen.sensor], now, value, noise).residual
