@@ -166,9 +166,16 @@ def _damaged(path: Path, error: Exception) -> InputError:
 
 
 class Runs:
-    """The runs of a finished campaign, read column by column: a million of them need no more memory than one column."""
+    """The runs of a finished campaign, read column by column: a million of them need no more memory than one column.
+
+    Attributes
+    ----------
+    folder : path
+        Of the campaign.
+    """
 
     def __init__(self, folder: Path, plan: Plan | Cut) -> None:
+        self.folder = folder
         self._parts, self._runs = [part_of(folder, start) for start in plan.starts], plan.runs
 
     def _tables(self, names: Sequence[str]) -> Iterator[Any]:
@@ -178,7 +185,7 @@ class Runs:
         for path in self._parts:
             try:
                 yield parquet.ParquetFile(path, pre_buffer=False).read(columns=list(names), use_threads=False)
-            except (pyarrow.ArrowException, OSError) as error:
+            except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
                 raise _damaged(path, error) from error
 
     def read(self, names: Sequence[str]) -> dict[str, Vector]:
@@ -198,7 +205,7 @@ class Runs:
 
         try:
             return set(parquet.read_schema(self._parts[0]).names)
-        except (pyarrow.ArrowException, OSError) as error:
+        except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
             raise _damaged(self._parts[0], error) from error
 
     def status(self) -> Codes:

@@ -100,7 +100,8 @@ def write_campaign_page(flown: FlownCampaign, path: Path) -> None:
     except InputError:
         raise
     except (KeyError, TypeError, ValueError, ArithmeticError, RecursionError) as error:
-        raise InputError(f"runs and {DESCRIPTION} do not belong together: {shown(error)}") from error
+        where = flown.runs.folder
+        raise InputError(f"{where}: runs and {DESCRIPTION} do not belong together: {shown(error)}") from error
     parts = [f'<div class="tiles">{"".join(_tiles(summary))}</div>']
     parts.append(
         section("Is the covariance honest", paragraph(_HONEST_SAID), table(_HONEST, _honest(summary), (1, 2, 3)))

@@ -221,7 +221,7 @@ def test_pairs_of_spots_that_never_agree(monkeypatch):
 def test_runs_of_another_campaign(tmp_path):
     from relnav.files.campaign_page import write_campaign_page
 
-    flown = SimpleNamespace(described={}, summary=None, runs=SimpleNamespace(failed=dict.popitem))
+    flown = SimpleNamespace(described={}, summary=None, runs=SimpleNamespace(failed=dict.popitem, folder=tmp_path))
     with pytest.raises(relnav.InputError, match=r"runs and campaign.json do not belong together"):
         write_campaign_page(flown, tmp_path / "page.html")
 
