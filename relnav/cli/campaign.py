@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 @click.command(
     epilog="Example: relnav campaign three_beacon_psd --runs 1000 --seed 7 --scenario vbar.toml --out campaign"
 )
-@click.argument("model", type=ModelName(*FLOWN, "vehicle"))
+@click.argument("model", type=ModelName(*FLOWN))
 @click.option("--runs", required=True, type=click.IntRange(min=1), help="Number of approaches.")
 @click.option(
     "--seed", default=0, show_default=True, type=click.IntRange(min=0), help="The same seed, the same figures."

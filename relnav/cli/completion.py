@@ -20,7 +20,7 @@ class ModelName(click.types.StringParamType):
         return found or [CompletionItem(incomplete, type="file")]
 
 
-FLOWN = "three_beacon", "three_marker"
+FLOWN = "three_beacon", "three_marker", "vehicle"
 STARS = ("dual_field",)
 SUN = "aps_sun", "birefringent_sun"
 """Kinds of models that a command takes."""

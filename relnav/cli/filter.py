@@ -32,7 +32,7 @@ _input, _filter_options, _output, _picture = map(OptionsOf, ("Input", "Filter", 
 @click.argument("log", type=InputPath(bags=True))
 @_input(
     "--model",
-    type=ModelName(*FLOWN, "vehicle"),
+    type=ModelName(*FLOWN),
     required=True,
     help="A shipped model (see `relnav models`), a folder or a model.toml.",
 )

@@ -18,7 +18,7 @@ _page, _log, _limits = map(OptionsOf, ("Page", "Run", "Your limits, drawn and co
 @_page("--out", type=OutputPath(), required=True, help="Page to write, .html; it asks no network for anything.")
 @_log(
     "--model",
-    type=ModelName(*FLOWN, "vehicle"),
+    type=ModelName(*FLOWN),
     help="What was flown, if SOURCE does not say it, or to filter SOURCE as a log.",
 )
 @_log("--method", type=click.Choice(["fix", "spots"]), help="To filter a log: as for `relnav filter`.")

@@ -67,6 +67,7 @@ SYSTEMS: dict[str, System] = {
     "vehicle": System(
         mission="relnav.spacecraft:Vehicle",
         accuracy="relnav.accuracy.rendezvous:measure",
+        budget="relnav.accuracy.vehicle_budget:budget",
         runs=6,
         progress_steps=3,
         parts="relnav.files.vehicle_parts:sensor_models",

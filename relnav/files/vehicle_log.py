@@ -30,6 +30,7 @@ from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.navigator import LONGEST_PREDICTION_S, VehicleNavigator
 from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.smoothing import VehicleSmoother
+from relnav.vehicle.timeline import check_gap
 
 FAR_FROM_HELD_DEG = 30.0
 """No chaser on its way to a port turns so far away from the attitude of its file."""
@@ -200,13 +201,14 @@ def filter_rows(
     nav: VehicleNavigator | None = None
     due = 0.0
     for name, t_s, value in rows:
-        if nav is None:
-            nav, due = VehicleNavigator(vehicle, t_s=t_s), t_s + every_s
-        while due <= t_s:
-            if due <= nav.newest_s + LONGEST_PREDICTION_S:
-                yield nav.state(due)
-            due += every_s
         try:
+            if nav is None:
+                nav, due = VehicleNavigator(vehicle, t_s=t_s), t_s + every_s
+            check_gap(name, t_s, nav.newest_s)
+            while due <= t_s:
+                if due <= nav.newest_s + LONGEST_PREDICTION_S:
+                    yield nav.state(due)
+                due += every_s
             nav.observe(name, t_s, value)
         except ValueError as error:
             told = LogError(f"at {t_s!r} s: {error}")
@@ -230,10 +232,10 @@ def smoothed_rows(rows: Iterable[Row], vehicle: Vehicle, every_s: float = 1.0) -
     smoother: VehicleSmoother | None = None
     start_s = end_s = 0.0
     for name, t_s, value in rows:
-        if smoother is None:
-            smoother, start_s = VehicleSmoother(vehicle, t_s=t_s), t_s
-        end_s = t_s
         try:
+            if smoother is None:
+                smoother, start_s = VehicleSmoother(vehicle, t_s=t_s), t_s
+            end_s = t_s
             smoother.observe(name, t_s, value)
         except ValueError as error:
             raise LogError(f"at {t_s!r} s: {error}") from error

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from typing import Protocol, cast
 
 import numpy as np
 
@@ -65,6 +65,30 @@ class InTurn:
     def noise(self, name: str) -> np.random.Generator:  # noqa: ARG002  (as of the others)
         """As in `VehicleNumbers`."""
         return self._rng
+
+
+class Undisturbed:
+    """Nothing is drawn: all zero."""
+
+    def once(self, name: str, count: int) -> Vector:  # noqa: ARG002  (as of the others)
+        """As in `VehicleNumbers`."""
+        return np.zeros(count)
+
+    def angles(self, name: str, shape: tuple[int, ...]) -> Vector:  # noqa: ARG002  (as of the others)
+        """As in `VehicleNumbers`."""
+        return np.zeros(shape)
+
+    def noise(self, name: str) -> np.random.Generator:  # noqa: ARG002  (as of the others)
+        """As in `VehicleNumbers`."""
+        return cast("np.random.Generator", _Silent())
+
+
+class _Silent:
+    """Normal numbers that are zero."""
+
+    def normal(self, size: tuple[int, ...]) -> Vector:
+        """Zeros of this shape."""
+        return np.zeros(size)
 
 
 class OfRun:

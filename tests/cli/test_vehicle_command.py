@@ -1,5 +1,6 @@
 """A vehicle on the command line: its log, its track against truth, rows in any order, and what is refused."""
 
+import json
 import os
 import random
 import re
@@ -128,6 +129,18 @@ def test_smoothed_it_ends_where_the_filter_does_and_is_tighter_before(run, model
         filter_vehicle_log(log, vehicle, every_s=0)
     with pytest.raises(relnav.InputError, match=r"at 1000000\.0 s: .*after such a gap start anew"):
         smoothed_rows([("gyro", 1.0, [0.0] * 3), ("gyro", 1e6, [0.0] * 3)], vehicle)
+
+
+def test_a_budget(run, model, tmp_path):
+    code, out, error = run("budget", model, "--json", tmp_path / "b.json")
+    assert (code, error) == (0, "")
+    assert out.startswith(
+        "model slow: port from port on the planned approach from 30 m, 1-sigma as the filter reports it\n"
+    )
+    figures = json.loads((tmp_path / "b.json").read_text())
+    assert [row["range_m"] for row in figures["rows"]] == [25.0, 10.0, 6.5, 5.0, 3.0, 1.0]
+    along = {one["name"]: one["shares"]["along"] for one in figures["sources"]}
+    assert max(along, key=along.get) == "camera focal"
 
 
 @pytest.mark.parametrize(
