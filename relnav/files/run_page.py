@@ -13,6 +13,7 @@ from relnav.files.approach_view import MISALIGNMENT, CaptureLimits
 from relnav.files.models import model_values
 from relnav.files.report_page import key_cell, paragraph, section, table, tile, toolbar, write_page
 from relnav.files.run_view import TURNS, WORDS, Quantity, RunView
+from relnav.files.thinning import envelope_limits
 from relnav.files.vehicle_page import SENSORS_SAID, TIMELINE_SAID, sensor_charts, vehicle_tiles
 from relnav.navigation.status import EpochStatus
 
@@ -179,12 +180,12 @@ def _charts(view: RunView, capture: CaptureLimits) -> list[dict[str, Any]]:
 
 def _value(quantity: Quantity, where: str, view: RunView) -> dict[str, Any]:
     line = {"column": quantity.column, "label": "estimate", "colour": "estimate"}
+    known = view.line(quantity.column)
+    three = np.zeros_like(known)
     if view.has(quantity.sigma):
         line["sigma"] = quantity.sigma
-    known = view.line(quantity.column)
-    known = known[np.isfinite(known)]
-    room = 0.08 * float(np.ptp(known)) or 1.0
-    limits = [float(known.min()) - room, float(known.max()) + room]
+        three = 3.0 * view.largest(quantity.sigma)
+    limits = list(envelope_limits(known, three, 0.08))
     return {"section": where, "title": quantity.label, "unit": quantity.unit, "lines": [line], "limits": limits}
 
 

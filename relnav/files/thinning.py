@@ -10,6 +10,9 @@ import numpy as np
 
 from relnav.arrays import Flags, Matrix, Vector
 
+ENVELOPE_CUT = 0.03
+"""Share of epochs whose envelope may reach beyond its axis: of a start it would flatten all that follows."""
+
 
 @dataclass(frozen=True)
 class Thin:
@@ -144,3 +147,15 @@ def _grouped(
     sums = np.nan_to_num(summed).reshape(len(summed), groups.shape[1], size).sum(axis=2)
     low, high = np.fmin.reduce(groups, axis=2), np.fmax.reduce(groups, axis=2)
     return t[::size].copy(), t[size - 1 :: size].copy(), low, high, first_low <= first_high, sums
+
+
+def envelope_limits(values: Vector, around: Vector, share: float) -> tuple[float, float]:
+    """Limits of an axis: all values, and what lies around nearly all of them, but for how a filter starts."""
+    known = np.isfinite(values)
+    if not known.any():
+        return -1.0, 1.0
+    values, around = values[known], np.where(np.isfinite(around[known]), around[known], 0.0)
+    low = min(float(values.min()), float(np.quantile(values - around, ENVELOPE_CUT)))
+    high = max(float(values.max()), float(np.quantile(values + around, 1.0 - ENVELOPE_CUT)))
+    room = share * (high - low) or 0.1 * abs(high) or 1.0
+    return low - room, high + room

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from relnav.accuracy.published import Claim
-from relnav.arrays import Vector
 from relnav.files.atomic import check_folder
 from relnav.files.measurement_picture import draw_measurements
 from relnav.files.models import mission_of
@@ -31,6 +30,7 @@ from relnav.files.picture_style import (
 )
 from relnav.files.run_view import TURNS, Quantity, RunView, watcher_of
 from relnav.files.sensor_picture import draw_sensors
+from relnav.files.thinning import envelope_limits
 from relnav.files.tracks import ROWS_AT_ONCE
 from relnav.files.wording import printable
 
@@ -38,8 +38,6 @@ GROUPS = 1500
 """Of epochs: more than a page has dots across."""
 WIDTH, HEIGHT = 11.7, 8.3
 CORRIDOR_DEG = 10.0
-ENVELOPE_CUT = 0.03
-"""Share of epochs whose envelope may reach beyond its axis: of a start it would flatten all that follows."""
 PROTECTION_SAID = "protection level, exceeded with a probability of 1e-7"
 
 
@@ -159,7 +157,7 @@ def _draw_value(axis: Any, view: RunView, quantity: Quantity) -> None:
         three = 3.0 * view.largest(quantity.sigma)
         axis.fill_between(t, value - three, value + three, color=ESTIMATE, alpha=0.22, lw=0, label="3-sigma envelope")
     axis.plot(t, value, color=ESTIMATE, label="estimate")
-    axis.set_ylim(*_room(value, three, 0.08))
+    axis.set_ylim(*envelope_limits(value, three, 0.08))
     axis.set_title(quantity.label)
     axis.set_ylabel(quantity.unit)
     axis.margins(x=0.01)
@@ -185,18 +183,6 @@ def _draw_spread(axis: Any, view: RunView, quantity: Quantity, times: float, cla
     axis.set_ylabel(quantity.unit)
     axis.margins(x=0.01, y=0.12)
     fine_grid(axis)
-
-
-def _room(values: Vector, around: Vector, share: float) -> tuple[float, float]:
-    """Limits of an axis: all values, and what lies around nearly all of them, but for how a filter starts."""
-    known = np.isfinite(values)
-    if not known.any():
-        return -1.0, 1.0
-    values, around = values[known], np.where(np.isfinite(around[known]), around[known], 0.0)
-    low = min(float(values.min()), float(np.quantile(values - around, ENVELOPE_CUT)))
-    high = max(float(values.max()), float(np.quantile(values + around, 1.0 - ENVELOPE_CUT)))
-    room = share * (high - low) or 0.1 * abs(high) or 1.0
-    return low - room, high + room
 
 
 def _draw_states(figure: Any, view: RunView) -> None:

@@ -59,7 +59,7 @@ def opened(chromium, pages):
     """open(name, width, scheme) -> page and the list of what went wrong."""
     contexts = []
 
-    def open_page(name="beacon", width=1200, scheme="light"):
+    def open_page(name="beacon", width=1200, scheme="light", finish=True):
         context = chromium.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
         contexts.append(context)
         page, wrong = context.new_page(), []
@@ -67,13 +67,22 @@ def opened(chromium, pages):
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.on("request", lambda request: wrong.append(request.url) if "file:" not in request.url else None)
         page.goto(pages[name].as_uri())
-        if name in RUNS:
+        if name in RUNS and finish:
             page.evaluate("relnavPage.finish()")
         return page, wrong
 
     yield open_page
     for context in contexts:
         context.close()
+
+
+def waited(page, condition):
+    """Until it holds, for half a minute: the page forbids the text that playwright's own waiting would run."""
+    for _ in range(300):
+        if page.evaluate(condition):
+            return
+        page.wait_for_timeout(100)
+    raise AssertionError(condition)
 
 
 CONTRASTS = """() => {
@@ -126,6 +135,14 @@ def test_a_page(opened, name, width, scheme):
     assert wrong == []
 
 
+def test_charts_out_of_sight_are_drawn_too(opened):
+    """A picture of the whole page, taken by a program that does not scroll, has no empty chart."""
+    page, wrong = opened(finish=False)
+    waited(page, "relnavPage.built() === relnavPage.all")
+    assert page.evaluate("document.documentElement.scrollHeight") > 3000
+    assert wrong == []
+
+
 def test_mouse_zooms_every_chart_and_shows_values(opened):
     page, wrong = opened()
     whole = page.evaluate("relnavPage.shown()")
@@ -144,6 +161,19 @@ def test_mouse_zooms_every_chart_and_shows_values(opened):
     assert page.locator(".u-legend .u-value").nth(0).text_content().endswith(" s")
     page.mouse.dblclick(at["x"] + 0.6 * at["width"], y)
     assert page.evaluate("relnavPage.shown()") == whole
+    assert wrong == []
+
+
+def test_a_part_of_a_run_fills_its_charts(opened):
+    """The first chart is the range: of a tenth of the approach a tenth of its numbers."""
+    page, wrong = opened()
+    page.locator(".u-over").first.scroll_into_view_if_needed()
+    low, high = page.evaluate("relnavPage.upright(0)")
+    begin, end = page.evaluate("relnavPage.shown()")
+    page.evaluate(f"relnavPage.show({end - 0.1 * (end - begin)}, {end})")
+    waited(page, f"relnavPage.upright(0)[1] - relnavPage.upright(0)[0] < {0.4 * (high - low)}")
+    page.evaluate(f"relnavPage.show({begin}, {end})")
+    waited(page, f"relnavPage.upright(0)[1] === {high}")
     assert wrong == []
 
 

@@ -1,5 +1,6 @@
 """The report page: self-contained, honest about what it shows, and proof against hostile words."""
 
+import base64
 import html
 import json
 import os
@@ -61,8 +62,6 @@ def test_the_page_needs_nothing_else(page):
 
 
 def test_numbers_are_those_of_the_track(page, track):
-    import base64
-
     data = data_of(page)
     table = [line for line in track.read_text().splitlines() if not line.startswith("#")]
     rows = np.genfromtxt(table, delimiter=",", names=True)
@@ -70,6 +69,21 @@ def test_numbers_are_those_of_the_track(page, track):
     np.testing.assert_array_equal(t, rows["t_s"])
     shown = np.frombuffer(base64.b64decode(data["columns"]["range_m"]), "<f4")
     np.testing.assert_allclose(shown[1:], rows["range_m"][1:], rtol=1e-6)
+
+
+def test_envelopes_lie_within_their_axes(page):
+    """All of the estimate, and nearly all of its 3 sigma: the start alone may reach beyond."""
+    data = data_of(page)
+    columns = {name: np.frombuffer(base64.b64decode(text), "<f4") for name, text in data["columns"].items()}
+    around = [chart for chart in data["charts"] if any("sigma" in line for line in chart.get("lines", ()))]
+    assert len(around) > 8
+    for chart in around:
+        (line,), (low, high) = chart["lines"], chart["limits"]
+        value, three = columns[line["column"]], 3.0 * columns[line["sigma"]]
+        known = np.isfinite(value)
+        assert ((value[known] > low) & (value[known] < high)).all(), chart["title"]
+        inside = (value - three > low) & (value + three < high)
+        assert inside[known].mean() > 0.93, chart["title"]
 
 
 def test_alarms_are_on_the_timeline(track, tmp_path):
@@ -116,8 +130,6 @@ def test_a_long_track_keeps_its_peaks(tmp_path, track):
     long.write_text("\n".join([*lines[: head + 1], *out]) + "\n")
     page = tmp_path / "long.html"
     assert relnav.cli.run(["report", str(long), "--out", str(page), "--quiet"]) == 0
-    import base64
-
     data = data_of(page.read_text(encoding="utf-8"))
     nis = np.frombuffer(base64.b64decode(data["columns"]["nis"]), "<f4")
     assert nis.max() == 77.0

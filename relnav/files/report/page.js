@@ -125,6 +125,7 @@
       const dots = line.kind === "dots";
       add(values, { label: line.label, stroke: colour(line.colour), width: time.length > 4000 ? 1 : 1.4, dash: line.dash ? [6, 4] : undefined,
         paths: dots ? () => null : line.kind === "steps" ? uPlot.paths.stepped({ align: 1 }) : undefined,
+        spanGaps: line.kind === "steps",  // a bound holds where nothing was seen, too
         points: { show: false } });
     }
     return { columns, series, around };
@@ -170,9 +171,11 @@
       Object.assign({ size: 62, label: unit, labelSize: 16, labelFont: "11px system-ui, sans-serif", values: (u, vs) => ticks(vs) }, one)];
   }
 
+  /* All of a run within its limits; of a part what is there fills the height, but for dots, which have their gates. */
   function room(chart) {
+    const dots = chart.lines.some(line => line.kind === "dots");
     return (u, low, high) => {
-      if (chart.limits) return chart.limits;
+      if (chart.limits && (dots || shown[1] - shown[0] >= whole[1] - whole[0])) return chart.limits;
       if (low == null) return [0, 1];
       const r = (high - low) * 0.06 || Math.abs(high) * 0.1 || 1;
       return [low - r, high + r];
@@ -304,6 +307,10 @@
     all.push([box, chart]); waiting.set(box, chart); watcher.observe(box);
   }
   const finish = () => { stale.forEach(box => follow(charts.get(box))); stale.clear(); waiting.forEach((chart, box) => make(box, chart)); waiting.clear(); };
+  /* What is out of sight is drawn when nothing else is to do: who takes a picture of the whole page has every chart in it. */
+  const idle = window.requestIdleCallback || (work => setTimeout(work, 50));
+  const rest = () => { const [next] = waiting; if (next) { waiting.delete(next[0]); make(...next); idle(rest); } };
+  addEventListener("load", () => idle(rest));
   const again = () => { for (const [box, chart] of all) if (charts.has(box)) make(box, chart); space(); };
   new ResizeObserver(() => {
     charts.forEach((u, box) => {
@@ -426,5 +433,6 @@
     space();
   }
   show(whole[0], whole[1]);
-  window.relnavPage = { show, finish, shown: () => shown.slice(), built: () => charts.size, all: all.length };
+  window.relnavPage = { show, finish, shown: () => shown.slice(), built: () => charts.size, all: all.length,
+    upright: k => { const y = charts.get(all[k][0]).scales.y; return [y.min, y.max]; } };
 })();
