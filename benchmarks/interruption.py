@@ -4,8 +4,8 @@ Each command is run once to the end; what it wrote is the reference. Then it is 
 SIGTERM or SIGKILL at a time drawn evenly over its run. After each of them every output is either as it was before or
 the reference, byte by byte; no hidden folder stays, but for SIGKILL at most one, which the next whole run removes.
 
-A campaign goes on where it was stopped: whatever it left in its folder is a file of the reference, and the same command,
-run again to the end, makes the folder the reference, byte by byte.
+A campaign goes on where it was stopped: whatever it left in its folder is a file of the reference, and the same
+command, run again to the end, makes the folder the reference, byte by byte.
 
     python benchmarks/interruption.py [--runs 200] [--command filter] [--json FILE]
 """

@@ -36,11 +36,11 @@ def test_a_campaign_that_does_not_go_on_is_seen(interruption, tmp_path, monkeypa
         "(place / f'part-{len(list(place.iterdir()))}').write_text('x')"
     )
 
-    def started(arguments, folder):
+    def started(_, folder):
         return subprocess.Popen([sys.executable, "-c", script], cwd=folder, stderr=subprocess.PIPE)
 
     monkeypatch.setattr(interruption, "start", started)
-    monkeypatch.setattr(interruption.np.random, "default_rng", lambda seed: Late())
+    monkeypatch.setattr(interruption.np.random, "default_rng", lambda _: Late())
     found = interruption.go_on_after_random("campaign", tmp_path, 1)
     assert any("another folder" in fault for fault in found["faults"])
 
@@ -48,7 +48,7 @@ def test_a_campaign_that_does_not_go_on_is_seen(interruption, tmp_path, monkeypa
 class Late:
     """Draws a time after the end."""
 
-    def uniform(self, low, high):
+    def uniform(self, _, high):
         return 3.0 * high
 
 
