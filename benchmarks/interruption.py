@@ -4,12 +4,16 @@ Each command is run once to the end; what it wrote is the reference. Then it is 
 SIGTERM or SIGKILL at a time drawn evenly over its run. After each of them every output is either as it was before or
 the reference, byte by byte; no hidden folder stays, but for SIGKILL at most one, which the next whole run removes.
 
+A campaign goes on where it was stopped: whatever it left in its folder is a file of the reference, and the same
+command, run again to the end, makes the folder the reference, byte by byte.
+
     python benchmarks/interruption.py [--runs 200] [--command filter] [--json FILE]
 """
 
 import argparse
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -48,6 +52,14 @@ COMMANDS = {
         ["v.csv", "v.json"],
     ),
 }
+FOLDERS = {
+    "campaign": (
+        ["campaign", "three_beacon_psd", "--runs", "8", "--seed", "3", "--set", "approach.duration_s=2", "--set",
+         "spread.start_sigma_m=[0.3, 0.1, 0.1]", "--workers", "1", "--no-pictures", "--out", "camp"],
+        "camp",
+    ),
+}  # fmt: skip
+"""Commands that go on where they were stopped, with the folder that they fill."""
 SIGNALS = {"SIGINT": signal.SIGINT, "SIGTERM": signal.SIGTERM, "SIGKILL": signal.SIGKILL}
 OLD = "of yesterday\n"
 
@@ -91,15 +103,21 @@ def hidden(folder: Path) -> list[str]:
     return sorted(entry.name for entry in folder.iterdir() if entry.name.startswith("."))
 
 
+def undisturbed(arguments: list[str], folder: Path) -> float:
+    """How long a command takes that nobody ends, in seconds."""
+    begin = time.monotonic()
+    process = start(arguments, folder)
+    error = process.communicate()[1].decode()
+    if error or process.returncode:
+        raise RuntimeError(f"{arguments[0]} does not run by itself: exit code {process.returncode}: {error}")
+    return time.monotonic() - begin
+
+
 def end_at_random(name: str, folder: Path, runs: int, seed: int = 0) -> dict[str, object]:
     """Run a command so many times, end it, and count what came; `faults` are sentences, none if all is well."""
     arguments, outputs = COMMANDS[name]
     rng = np.random.default_rng(seed)
-    begin = time.monotonic()
-    first = start(arguments, folder)
-    if first.communicate()[1] or first.returncode:
-        raise RuntimeError(f"{name} does not run by itself: exit code {first.returncode}")
-    length = time.monotonic() - begin
+    length = undisturbed(arguments, folder)
     reference = {output: (folder / output).read_bytes() for output in outputs}
     codes: Counter[str] = Counter()
     whole, left, faults = 0, 0, []
@@ -129,29 +147,62 @@ def end_at_random(name: str, folder: Path, runs: int, seed: int = 0) -> dict[str
             start(arguments, folder).communicate()
             if hidden(folder):
                 faults.append(f"{name}: the next run leaves {hidden(folder)}")
-    return {
-        "command": name,
-        "runs": runs,
-        "length_s": round(length, 2),
-        "finished": whole,
-        "hidden_after_sigkill": left,
-        "codes": dict(sorted(codes.items())),
-        "faults": faults,
-    }
+    counted = {"finished": whole, "hidden_after_sigkill": left, "codes": dict(sorted(codes.items())), "faults": faults}
+    return {"command": name, "runs": runs, "length_s": round(length, 2), **counted}
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Every file below a folder, hidden ones too."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def go_on_after_random(name: str, folder: Path, runs: int, seed: int = 0) -> dict[str, object]:
+    """The same of a command that fills a folder and goes on where it was stopped: after each signal it is run again."""
+    arguments, place = FOLDERS[name]
+    rng = np.random.default_rng(seed)
+    length = undisturbed(arguments, folder)
+    reference = contents(folder / place)
+    codes: Counter[str] = Counter()
+    whole, left, faults = 0, 0, []
+    for run in range(runs):
+        sent = list(SIGNALS)[run % 3]
+        shutil.rmtree(folder / place, ignore_errors=True)
+        process = start(arguments, folder)
+        time.sleep(float(rng.uniform(0.0, 1.05 * length)))
+        process.send_signal(SIGNALS[sent])
+        error = process.communicate()[1].decode()
+        codes[f"{sent} {process.returncode}"] += 1
+        if "internal error" in error:
+            faults.append(f"{name}, {sent}: {error.splitlines()[-1]}")
+        remains = sorted({part.name for part in folder.rglob(".*")})
+        left += bool(remains)
+        if len(remains) > (1 if sent == "SIGKILL" else 0):
+            faults.append(f"{name}, {sent}: {remains} are left")
+        there = {file: data for file, data in contents(folder / place).items() if "/." not in f"/{file}"}
+        whole += there == reference
+        if strange := sorted(file for file, data in there.items() if reference.get(file) != data):
+            faults.append(f"{name}, {sent}: {strange} are not as of a run that was never stopped")
+        again = start(arguments, folder)
+        error = again.communicate()[1].decode()
+        if again.returncode or contents(folder / place) != reference or list(folder.rglob(".*")):
+            faults.append(f"{name}, {sent}: run again ({again.returncode}), another folder: {error[-200:]}")
+    counted = {"finished": whole, "hidden_after_sigkill": left, "codes": dict(sorted(codes.items())), "faults": faults}
+    return {"command": name, "runs": runs, "length_s": round(length, 2), **counted}
 
 
 def main() -> None:
     """Run and report."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=200)
-    parser.add_argument("--command", choices=COMMANDS, action="append")
+    parser.add_argument("--command", choices=(*COMMANDS, *FOLDERS), action="append")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     found = []
-    for name in options.command or COMMANDS:
+    for name in options.command or (*COMMANDS, *FOLDERS):
         with tempfile.TemporaryDirectory() as folder:
             prepare(Path(folder))
-            found.append(end_at_random(name, Path(folder), options.runs))
+            ended = go_on_after_random if name in FOLDERS else end_at_random
+            found.append(ended(name, Path(folder), options.runs))
         print(json.dumps(found[-1]), flush=True)
     if options.json:
         options.json.write_text(json.dumps(found, indent=2) + "\n")

@@ -169,6 +169,8 @@ evenly over its run (plain Python). Codes: 130 and 143 are relnav's own; -2, -15
 starting. A fault is any of these:
 
 - an output that is neither the old file nor the new one byte by byte;
+- of `campaign`, which goes on where it was stopped: a file that is not as in a run that nobody ended, or a folder
+  that is not, byte by byte, after the same command has been run again;
 - new and old outputs of one command side by side after SIGINT or SIGTERM;
 - anything hidden that is left behind, but for one folder after SIGKILL, which the next run has to remove.
 
@@ -212,9 +214,8 @@ A log comes from a file, a named pipe, `<(...)`, `/dev/stdin` or `-`; a pipe is 
 pipes or `-`: they are given the whole file at the end. What `relnav` prints beside a file on standard output goes to
 standard error. A killed run leaves at most one folder `.NAME.relnav-part` beside its output.
 
-Not covered: commands that are in no table (among them `campaign`, which goes on where it was stopped), an output on a
-file system without renaming, and files changed by others while they are read. Nor are signals that arrive before Python
-has started; nothing is written by then.
+Not covered: commands that are in no table, an output on a file system without renaming, and files changed by others
+while they are read. Nor are signals that arrive before Python has started; nothing is written by then.
 """
 
 

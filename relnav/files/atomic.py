@@ -138,7 +138,8 @@ class Outputs:
             except OSError as error:
                 error.filename, error.filename2 = str(target), None
                 raise
-            if (in_place := IN_PLACE.get()) is not None:
+            within = f".{PART}" in target.parent.name  # one file of several is not in its place yet
+            if (in_place := IN_PLACE.get()) is not None and not within:
                 in_place.append(str(target))
 
     def _name(self, error: OSError) -> None:

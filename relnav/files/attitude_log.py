@@ -157,7 +157,10 @@ def join_attitude(log: Path, t_s: Vector, q_cam_from_lvlh: Matrix, out: Path) ->
         file.write(",".join([table.head[-1].rstrip(), *QUATERNION]) + "\n")
         for number, line in table.rows():
             t = to_si(table.number(table.cells(number, line)[place], number, table.names[place]), factor)
-            if not before < t < math.inf:
+            if not math.isfinite(t):
+                came = "empty or NaN" if math.isnan(t) else "infinite"
+                raise InputError(f"{log}:{number}: column '{table.names[place]}' is {came}; only a spot may be missing")
+            if not t > before:
                 raise InputError(f"{log}:{number}: time {t:.15g} s is not after {before:.15g} s of the row before")
             if not t_s[0] <= t <= t_s[-1]:
                 raise InputError(

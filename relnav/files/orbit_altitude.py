@@ -8,6 +8,9 @@ from relnav.files.toml_values import Problems
 from relnav.files.units import UNITS, split_unit, to_si
 from relnav.simulation.orbits import EARTH_RADIUS_M
 
+LOWEST_M = 80e3
+"""The lowest perigee with which a satellite comes round (McDowell 2018, "The edge of space")."""
+
 
 def mean_motion_of_altitude(table: dict[str, Any], problems: Problems) -> None:
     """Replace `altitude_km` (or in m) of the section [orbit] by the mean motion n = sqrt(mu / a^3), in place.
@@ -34,6 +37,8 @@ def mean_motion_of_altitude(table: dict[str, Any], problems: Problems) -> None:
                 f"orbit.{key}",
                 f"the perigee lies {-perigee / 1e3:.0f} km below the ground; altitude is a less the Earth's radius",
             )
+        elif perigee < LOWEST_M:
+            problems.add(f"orbit.{key}", f"the perigee lies {perigee / 1e3:.3g} km high, in the air; km or m?")
         n = math.sqrt(MU_EARTH_M3_S2 / max(a, 1.0) ** 3)
         why = f"sqrt(mu / a^3), a = {a:.1f} m from {key} = {value:g}"
         orbit["mean_motion_rad_s"] = {"value": n, "source": "derived", "why": why}

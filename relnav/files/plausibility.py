@@ -21,6 +21,8 @@ FASTEST_RAD_S = 1.25 * math.sqrt(MU_EARTH_M3_S2 / EARTH_RADIUS_M**3)
 """A quarter more than at the ground: a body's fastest orbit is sqrt(4/3 pi G density), and no planet is denser."""
 LARGEST_RAD = 0.2
 """Noise or misalignment of a sensor that anybody flies, 11 deg: above it a unit was meant otherwise."""
+LARGEST_PART_M, LARGEST_DETECTOR_M, FASTEST_START_M_S = 1e3, 1.0, 1e3
+"""A lever arm or beacons' spacing, a detector, and what is not known of a velocity at the start of an approach."""
 SHORTEST, LONGEST = 0.05, 500.0
 """Focal length in detector widths: a field of 168 deg, and of 0.1 deg."""
 
@@ -28,9 +30,9 @@ SHORTEST, LONGEST = 0.05, 500.0
 def implausible(mission: Any) -> list[tuple[str, str]]:
     """Key and reason of every value that cannot be; empty for a model of another kind of sensor."""
     if isinstance(mission, Model):
-        return [*_orbit(mission.orbit), *_beacon_camera(mission)]
+        return [*_orbit(mission.orbit), *_too_large(mission), *_beacon_camera(mission)]
     if isinstance(mission, VisionMission):
-        return [*_orbit(mission.orbit), *_marker_camera(mission)]
+        return [*_orbit(mission.orbit), *_too_large(mission), *_marker_camera(mission)]
     kind = type(mission).__name__
     if kind == "StarSensor":
         return _star_camera(mission)
@@ -53,6 +55,31 @@ def _orbit(orbit: Orbit) -> list[tuple[str, str]]:
             "orbit.mean_motion_rad_s",
             f"{n:.6g} rad/s is above any orbit's of the Earth, {FASTEST_RAD_S / 1.25:.4g} at the ground{hint}",
         )
+    ]
+
+
+def _too_large(mission: Model | VisionMission) -> list[tuple[str, str]]:
+    """Lengths, angles and speeds that no approach has, whatever its unit was meant to be."""
+    if isinstance(mission, Model):
+        parts = {
+            "docking.port_position_m": mission.docking.port_position_m,
+            "camera.position_m": mission.camera.position_m,
+        }
+    else:
+        target, chaser = mission.target, mission.chaser
+        parts = {"target.port_position_m": target.port_position_m, "chaser.port_position_m": chaser.port_position_m}
+    limits = {key: (max(map(abs, place)), LARGEST_PART_M, "m") for key, place in parts.items()}
+    if isinstance(mission, Model):
+        limits |= {
+            "filter.initial_velocity_sigma_m_s": (mission.filter.initial_velocity_sigma_m_s, FASTEST_START_M_S, "m/s"),
+            "sensor.beacon_half_spacing_m": (mission.sensor.beacon_half_spacing_m, LARGEST_PART_M, "m"),
+            "sensor.detector_size_m": (max(mission.sensor.detector_size_m), LARGEST_DETECTOR_M, "m"),
+            "attitude.sigma_rad": (mission.attitude.sigma_rad, math.pi, "rad"),
+        }
+    return [
+        (key, f"{value:.4g} {unit}; up to {most:.4g} {unit} is credible; is the unit right?")
+        for key, (value, most, unit) in limits.items()
+        if value > most
     ]
 
 

@@ -87,6 +87,8 @@ class TextTable:
         return False
 
     def _header(self, text: str) -> list[str]:
+        if "\0" in text:
+            raise LogError(f"{self.path}:{self.line}: not a text file in UTF-8: zero bytes; UTF-16? save it as UTF-8")
         if "," not in text:
             seen = "';'" if ";" in text else "tabs" if "\t" in text else "no comma"
             raise LogError(f"{self.path}:{self.line}: cells separated by commas are expected in the header; got {seen}")

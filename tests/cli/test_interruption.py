@@ -23,6 +23,35 @@ def test_files_are_whole_or_absent(interruption, tmp_path, name):
     assert found["faults"] == []
 
 
+def test_a_campaign_goes_on_to_the_same_bytes(interruption, tmp_path):
+    pytest.importorskip("pyarrow", reason="the extra `parquet` is not installed")
+    found = interruption.go_on_after_random("campaign", tmp_path, 3, seed=1)
+    assert found["faults"] == []
+
+
+def test_a_campaign_that_does_not_go_on_is_seen(interruption, tmp_path, monkeypatch):
+    """The check itself: a command whose file depends on how often it was started is told."""
+    script = (
+        "import pathlib, time; place = pathlib.Path('camp'); place.mkdir(exist_ok=True); time.sleep(0.3)\n"
+        "(place / f'part-{len(list(place.iterdir()))}').write_text('x')"
+    )
+
+    def started(_, folder):
+        return subprocess.Popen([sys.executable, "-c", script], cwd=folder, stderr=subprocess.PIPE)
+
+    monkeypatch.setattr(interruption, "start", started)
+    monkeypatch.setattr(interruption.np.random, "default_rng", lambda _: Late())
+    found = interruption.go_on_after_random("campaign", tmp_path, 1)
+    assert any("another folder" in fault for fault in found["faults"])
+
+
+class Late:
+    """Draws a time after the end."""
+
+    def uniform(self, _, high):
+        return 3.0 * high
+
+
 @pytest.mark.parametrize(
     ("number", "code", "word"), [(signal.SIGTERM, 143, "terminated"), (signal.SIGINT, 130, "interrupted")]
 )

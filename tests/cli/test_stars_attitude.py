@@ -133,7 +133,10 @@ def test_a_log_outside_the_star_frames(run, flight, vbar_log):
 
 BAD_LOGS = {
     "Latin-1": ("# caf\u00e9\nt_s\n1\n2\n".encode("latin-1"), "not a text file in UTF-8"),
-    "no time": (b"t_s,note\n1,0\nnan,0\n", "log.csv:3: time nan s is not after 1 s of the row before"),
+    "no time": (b"t_s,note\n1,0\nnan,0\n", "log.csv:3: column 't_s' is empty or NaN; only a spot may be missing"),
+    "no time at first": (b"t_s,note\n,0\n2,0\n", "log.csv:2: column 't_s' is empty or NaN"),
+    "no end of time": (b"t_ms,note\n1,0\ninf,0\n", "log.csv:3: column 't_ms' is infinite; only a spot may be missing"),
+    "backward": (b"t_s,note\n2,0\n1,0\n", "log.csv:3: time 1 s is not after 2 s of the row before"),
     "late": (b"t_s,note\n1,0\n4000,0\n", "log.csv:3: time 4000 s lies outside the star sensor's attitudes"),
 }
 

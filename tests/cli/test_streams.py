@@ -133,6 +133,19 @@ def test_nothing_to_compare_is_not_as_expected(run, tmp_path):
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full on this system")
+def test_what_was_written_is_what_is_there(short_log, tmp_path, monkeypatch, capfd):
+    """A summary or a track that is not printed: the files that are in place are named, and no hidden one."""
+    command, track = ["filter", str(short_log), "--model", "three_beacon_psd", "--out"], tmp_path / "track.csv"
+    assert relnav.cli.run([*command, "/dev/full"]) == 3
+    assert capfd.readouterr().err == "relnav: /dev/full: No space left on device; nothing was written\n"
+    with open("/dev/full", "w", encoding="utf-8") as full:
+        monkeypatch.setattr(sys, "stdout", full)
+        assert relnav.cli.run([*command, str(track)]) == 3
+    assert capfd.readouterr().err == f"relnav: standard output: No space left on device; written: {track}\n"
+    assert track.exists()
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full on this system")
 def test_a_summary_that_cannot_be_printed(monkeypatch, capfd):
     """A full disk behind standard output, in this process: one sentence, and nothing is tried again at exit."""
     with open("/dev/full", "w", encoding="utf-8") as full:

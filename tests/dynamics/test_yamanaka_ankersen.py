@@ -194,3 +194,14 @@ def test_wrong_use(n: float, e: float) -> None:
 def test_times_and_places_are_finite(theta: float, dt: float) -> None:
     with pytest.raises(ValueError, match="must be finite"):
         transition(N, 0.1, theta, dt)
+
+
+@pytest.mark.parametrize("e", [0.1, 0.7, 0.97])
+def test_keplers_equation_of_a_step_from_anywhere(e):
+    """Where Newton's method leaves its bounds the middle is taken, and it ends."""
+    from relnav.dynamics.yamanaka_ankersen import eccentric_anomaly_step
+
+    rng = np.random.default_rng(0)
+    for e0, dm in rng.uniform(-np.pi, np.pi, (3000, 2)).tolist():
+        x = eccentric_anomaly_step(e, math.sin(e0), math.cos(e0), dm)
+        assert abs((e0 + x - e * math.sin(e0 + x)) - (e0 - e * math.sin(e0)) - dm) < 1e-12

@@ -1,9 +1,11 @@
 """Flights of absurd, accepted numbers in every format: a state is whole or absent, no variance below zero, no warning.
 
-Files are read back by other hands than wrote them: numpy, json, pyarrow, scipy, h5py, mcap.
+Files are read back by other hands than wrote them: numpy, json, pyarrow, scipy, h5py, mcap, jplephem, rosbags. Line by
+line (`--follow`) a row that is refused is left out instead, and the others hold.
 """
 
 import json
+import os
 import warnings
 
 import numpy as np
@@ -125,13 +127,13 @@ def refusal(track, path, **told):
     return None
 
 
-@pytest.mark.parametrize(
-    ("kind", "name"),
-    [
-        *(("beacons", name) for name in HOSTILE),
-        *(("markers", name) for name in HOSTILE if "sigma" not in name),  # a log of markers has no sigmas
-    ],
-)
+FLIGHTS = [
+    *(("beacons", name) for name in HOSTILE),
+    *(("markers", name) for name in HOSTILE if "sigma" not in name),  # a log of markers has no sigmas
+]
+
+
+@pytest.mark.parametrize(("kind", "name"), FLIGHTS)
 def test_a_track_of_spots(tracks, tmp_path, kind, name, recwarn):
     track = tracks(kind, name)
     known = np.isfinite(track.state[:, 0])
@@ -167,6 +169,105 @@ def test_a_track_of_spots(tracks, tmp_path, kind, name, recwarn):
             words = path.read_text().lower().split()
             assert not {"nan", "inf", "-inf", "infinity"} & set(words)
     assert [str(one.message) for one in recwarn] == []
+
+
+KERNELS = {"beacons": (".bsp",), "markers": (".bsp", ".bc")}
+REFUSED_KERNELS = {"a gap of a microsecond": "less than a microsecond apart"}
+INERTIAL = {"epoch": "2026-01-01T00:00:00", "orientation_deg": (51.6, 0.0, 0.0)}
+
+
+@pytest.mark.parametrize(("kind", "name"), FLIGHTS)
+def test_kernels_of_spice(tracks, tmp_path, kind, name, recwarn):
+    """Every number of every segment, as it lies in the file."""
+    pytest.importorskip("spiceypy", reason="spiceypy is not installed")
+    daf = pytest.importorskip("jplephem.daf", reason="jplephem is not installed")
+    track, written = tracks(kind, name), 0
+    for ending in KERNELS[kind]:
+        for frame in ("eci_relative", "eci") if ending == ".bsp" else (None,):
+            path = tmp_path / f"{frame}{ending}"
+            told = INERTIAL if frame is None else {"frame": frame, **INERTIAL}
+            if (refused := refusal(track, path, **told)) is not None:
+                assert "\n" not in refused
+                assert list(tmp_path.glob(f"{frame}.*")) == []
+                continue
+            written += 1
+            with path.open("rb") as file:
+                kernel = daf.DAF(file)
+                segments = [(values[0], values[1], values[-2:]) for _, values in kernel.summaries()]
+                assert segments
+                for first, last, place in segments:
+                    assert first < last
+                    assert np.isfinite(kernel.read_array(*place)).all()
+    assert written or name in REFUSED_KERNELS
+    assert [str(one.message) for one in recwarn] == []
+
+
+@pytest.mark.parametrize(("kind", "name"), FLIGHTS)
+def test_a_bag_of_ros(tracks, tmp_path, kind, name, recwarn):
+    highlevel = pytest.importorskip("rosbags.highlevel", reason="rosbags is not installed")
+    typesys = pytest.importorskip("rosbags.typesys", reason="rosbags is not installed")
+    track, path = tracks(kind, name), tmp_path / "track.rosbag2"
+    if (refused := refusal(track, path)) is not None:
+        assert name == "a gap of 3000 years"
+        assert "times from 0 to" in refused
+        assert list(tmp_path.iterdir()) == []
+        return
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    with highlevel.AnyReader([path], default_typestore=store) as reader:
+        messages = [reader.deserialize(raw, connection.msgtype) for connection, _, raw in reader.messages()]
+    assert len(messages) == np.isfinite(track.state[:, 0]).sum() > 0
+    for message in messages:
+        at, turn = message.pose.pose.position, message.pose.pose.orientation
+        assert np.isfinite([at.x, at.y, at.z]).all()
+        assert np.hypot(np.hypot(turn.x, turn.y), np.hypot(turn.z, turn.w)) == pytest.approx(1.0, abs=1e-12)
+        covariance = message.pose.covariance.reshape(6, 6)
+        assert np.isfinite(covariance).all()
+        assert (np.diagonal(covariance) > 0.0).all()
+    assert [str(one.message) for one in recwarn] == []
+
+
+def follow(text, model, out):
+    """The exit code of `relnav filter --follow` on a pipe that holds this text."""
+    read_end, write_end = os.pipe()
+    os.write(write_end, text.encode())
+    os.close(write_end)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            return relnav.cli.run(
+                ["filter", "--follow", f"/dev/fd/{read_end}", "--model", model, "--out", str(out), "--quiet"]
+            )
+    finally:
+        os.close(read_end)
+
+
+REFUSED_ROWS = {
+    "an acceleration of 1e308": {"accel_x_m_s2": (8, 1e308)},
+    "an acceleration that is not a number": {"accel_x_m_s2": (8, float("nan"))},
+    "a time of 1e300": {"t_s": (23, 1e300)},
+    "a negative sigma": {"sigma": (8, -1.0)},
+}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="/dev/fd")
+@pytest.mark.parametrize(
+    ("kind", "name"), [*FLIGHTS, *((kind, name) for kind in ("beacons", "markers") for name in REFUSED_ROWS)]
+)
+def test_line_by_line(tmp_path, capsys, kind, name):
+    if kind == "markers" and "sigma" in name:
+        pytest.skip("a log of markers has no sigmas")
+    log = log_of(kind, (HOSTILE | REFUSED_ROWS)[name])
+    model = "three_beacon_psd" if kind == "beacons" else "three_marker_vision"
+    for ending in (".csv", ".jsonl"):
+        out = tmp_path / f"track{ending}"
+        assert follow(log.to_csv(index=False), model, out) == 0
+        said = capsys.readouterr().err.splitlines()
+        assert len(said) == (name in REFUSED_ROWS), said
+        columns = read(out)
+        assert len(columns["t_s"]) == N - len(said)
+        known = np.isfinite(columns["x_m"])
+        assert known.any()
+        hold(columns, known)
 
 
 VEHICLE = {

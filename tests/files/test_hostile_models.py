@@ -67,6 +67,28 @@ SLIPS = {
     "noise in mm": (NOISE, "spot_noise_mm = { value = 10.0,", "noise of 0.01 m on a detector of 0.008 m says nothing"),
     "focal length in m": (FOCAL, "focal_length_m = { value = 50.0,", "are both units right?"),
     "focal length in um": (FOCAL, "focal_length_um = { value = 50.0,", "are both units right?"),
+    "a port at the Moon": (
+        "port_position_m = { value = [0.0, 0.0, 0.0],",
+        "port_position_km = { value = [4e5, 0, 0],",
+        "4e+08 m",
+    ),
+    "a lever arm in the wrong unit": (
+        "[camera]\nposition_m = { value = [0.0, 0.0, 0.0],",
+        "[camera]\nposition_km = { value = [0, 0, -2.5],",
+        "up to 1000 m is credible",
+    ),
+    "beacons in km": ("beacon_half_spacing_m = { value = 0.3,", "beacon_half_spacing_km = { value = 3.0,", "3000 m"),
+    "a detector of 8 km": (
+        "detector_size_mm = { value = [8.0, 8.0],",
+        "detector_size_mm = { value = [8.0, 8e6],",
+        "8000 m",
+    ),
+    "an attitude of 720 deg": ("sigma_deg = { value = 0.15,", "sigma_deg = { value = 720.0,", "up to 3.142 rad"),
+    "a start at a shell's speed": (
+        "initial_velocity_sigma_m_s = { value = 0.1,",
+        "initial_velocity_sigma_m_s = { value = 2000.0,",
+        "up to 1000 m/s is credible",
+    ),
     "looks away": (LOOK, "q_cam_from_lvlh = { value = [0.0, 0.0, 0.0, 1.0],", ""),
     "scalar first": (LOOK, "q_cam_from_lvlh = { value = [-0.5, 0.5, -0.5, -0.5],", "scalar first: write x, y, z, w"),
 }
@@ -101,6 +123,7 @@ def test_an_altitude_instead_of_a_mean_motion(write_model):
     ("new", "text"),
     [
         ("altitude_km = -7000.0 #", "perigee lies"),
+        ("altitude_m = 400.0 #", "0.4 km high, in the air; km or m?"),
         ('altitude_km = "low" #', "altitude_km = 400.0"),
         ("altitude_deg = 400.0 #", "altitude_km = 400.0"),
         ("altitude = 400.0 #", "altitude_km = 400.0"),

@@ -77,6 +77,13 @@ def test_utf_16(table):
     assert "UTF-16? save it as UTF-8" in table(lambda head, row: f"{head}\n{row.format(0)}\n".encode("utf-16"))
 
 
+@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be", "utf-32-le"])
+def test_utf_16_without_its_mark(table, encoding):
+    assert "zero bytes; UTF-16? save it as UTF-8" in table(
+        lambda head, row: f"{head}\n{row.format(0)}\n".encode(encoding)
+    )
+
+
 def test_empty(table):
     assert table(lambda *_: "").startswith(": the file is empty; a header line and one row")
 
