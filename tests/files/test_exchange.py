@@ -104,6 +104,24 @@ def test_netcdf_by_h5py(of, frame, request, tmp_path):
                 assert file["rate_x"].attrs["units"] in ("degree s-1", b"degree s-1")
 
 
+@pytest.mark.parametrize(("of", "frame"), [("solution", "eci"), ("poses", "rsw")])
+def test_netcdf_by_netcdf_c(of, frame, request, tmp_path, outside):
+    """Unidata's library, which shares no line with what writes: values, and NaN where the file has none."""
+    pytest.importorskip("h5netcdf", reason="h5netcdf is not installed")
+    pytest.importorskip("xarray", reason="xarray is not installed")
+    netcdf = pytest.importorskip("netCDF4", reason="netCDF4 is not installed")
+    solution = request.getfixturevalue(of)
+    turned = solution.in_frame(frame, orientation_deg=ORIENTATION_DEG)
+    relnav.write(solution, tmp_path / "track.nc", frame=frame, orientation_deg=ORIENTATION_DEG)
+    with netcdf.Dataset(tmp_path / "track.nc") as file:
+        x, covariance = file["x"][:].filled(np.nan), file["covariance"][:].filled(np.nan)
+        np.testing.assert_array_equal(x, turned.state[:, 0])
+        np.testing.assert_array_equal(covariance, turned.covariance)
+        assert (file["vx"].units, file.Conventions) == ("m s-1", "CF-1.11")
+    known = np.isfinite(turned.state[:, 0])
+    outside("netCDF-C", "track read back, x m", float(np.abs(x - turned.state[:, 0])[known].max()), 0.0)
+
+
 def test_markers_in_pandas_and_xarray(poses):
     pytest.importorskip("xarray", reason="xarray is not installed")
     pytest.importorskip("pandas", reason="pandas is not installed")
