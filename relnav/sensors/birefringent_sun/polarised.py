@@ -9,8 +9,9 @@ attitude up to the polarisation's own sign.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from relnav.arrays import Vector
+from relnav.arrays import Vector, numbers
 from relnav.sensors.birefringent_sun.crystal import mode_amplitudes
 from relnav.sensors.birefringent_sun.sensor import BirefringentSunSensor
 
@@ -52,7 +53,7 @@ def unpolarised_shares(sensor: BirefringentSunSensor, s: Vector) -> Vector:
     return parts
 
 
-def polarised_roll(sensor: BirefringentSunSensor, s: Vector, photons_o: float, photons_e: float) -> PolarisedRoll:
+def polarised_roll(sensor: BirefringentSunSensor, s: ArrayLike, photons_o: float, photons_e: float) -> PolarisedRoll:
     """Angle of a beacon's polarisation from the light in its two spots.
 
     Parameters
@@ -65,7 +66,8 @@ def polarised_roll(sensor: BirefringentSunSensor, s: Vector, photons_o: float, p
     Raises
     ------
     ValueError
-        If either is not above zero: then the angle is that of the empty ray, to the root of what went unseen.
+        If s is no unit vector, or either is not above zero: then the angle is that of the empty ray, to the root of
+        what went unseen.
 
     Notes
     -----
@@ -74,7 +76,10 @@ def polarised_roll(sensor: BirefringentSunSensor, s: Vector, photons_o: float, p
     """
     if not (photons_o > 0.0 and photons_e > 0.0):
         raise ValueError(f"both spots must have light; got {photons_o} and {photons_e} photons")
-    A, B = mode_amplitudes(s, sensor.axis, sensor.ordinary_index, sensor.extraordinary_index)[0]
+    sight = numbers("s", s)
+    if sight.shape != (3,) or not abs(float(np.linalg.norm(sight)) - 1.0) < 1e-6:
+        raise ValueError(f"s: a unit vector (3,) in sensor axes is expected; got {sight.tolist()}")
+    A, B = mode_amplitudes(sight, sensor.axis, sensor.ordinary_index, sensor.extraordinary_index)[0]
     rho = np.sqrt(photons_o / photons_e)
     psi, sigma = np.empty(2), np.empty(2)
     for k, sign in enumerate((1.0, -1.0)):

@@ -66,3 +66,9 @@ def test_the_basis(cone):
 def test_wrong_use(sensor):
     with pytest.raises(ValueError, match="both spots must have light; got 0 and 5 photons"):
         polarised_roll(sensor, np.array([0.0, 0.0, 1.0]), 0, 5)
+
+
+@pytest.mark.parametrize("s", [[0.0, 0.0, 2.0], [1.0, 0.0], [[0.0, 0.0, 1.0]]])
+def test_no_line_of_sight(sensor, s):
+    with pytest.raises(ValueError, match=r"s: a unit vector \(3,\) in sensor axes is expected; got \["):
+        polarised_roll(sensor, s, 1e6, 1e6)
