@@ -354,6 +354,13 @@ def test_each_mean_counts(mean, value):
         assert watch["quiet"] == pytest.approx(shifted and 2.0)
 
 
+@pytest.mark.parametrize(("learnt", "shifted"), [(0, False), (1, True)])
+def test_one_image_is_enough_to_be_compared_with(learnt, shifted):
+    watch = filled(WATCH, age=10.5, jumped=9.0, hold=1.0)
+    seen_once(watch, apart(5.5, learnt=learnt))
+    assert watch["on"] == shifted
+
+
 def test_nothing_seen_is_nothing_said():
     watch = filled(WATCH, age=10.5, jumped=9.0)
     groups = seen_once(watch, apart(9.0, seen=0))
