@@ -10,27 +10,10 @@ import pytest
 from scipy.stats import chi2, norm
 
 from relnav.estimation import monitors
-from relnav.estimation.monitors import WATCH, watch_image, watch_start, watched_type, write_alarm
+from relnav.estimation.monitors import WATCH, watched_type
 
 TINY = 2.0**-60
 """Noise that adds nothing to 1."""
-
-
-def filled(dtype, **fields):
-    """A record of zeros but for some fields."""
-    one = np.zeros(1, dtype)[0]
-    for name, value in fields.items():
-        one[name] = value
-    return one
-
-
-def grouped(*several):
-    """Groups, each from its fields."""
-    groups = np.zeros(len(several), watched_type())
-    for g, fields in enumerate(several):
-        for name, value in fields.items():
-            groups[g][name] = value
-    return groups
 
 
 def weights_of(lengths, first, time_constant):
@@ -43,7 +26,7 @@ def weights_of(lengths, first, time_constant):
 
 
 @pytest.mark.parametrize("images", [1, 2, 3, 8, 30, 200])
-def test_means_are_sums_over_all_images(images):
+def test_means_are_sums_over_all_images(filled, images):
     rng = np.random.default_rng(images)
     lengths = rng.uniform(0.1, 0.9, images)
     value, noise, state, lasting = rng.normal(size=(images, 3)), *rng.uniform(0.2, 3.0, (3, images, 3))
@@ -79,7 +62,7 @@ def test_means_are_sums_over_all_images(images):
     assert (group["images"], group["learnt"]) == (images, images)
 
 
-def test_what_is_usual_stays_while_nothing_is_learnt():
+def test_what_is_usual_stays_while_nothing_is_learnt(filled):
     group = filled(watched_type(), rows=3, usual=5.0, usual_share=0.3, weight=0.2, value=1.0, noise=1.0)
     monitors._take(group, 0.1, False)
     assert (group["learnt"], group["usual_share"], group["weight"]) == (0, 0.3, 0.2)
@@ -88,7 +71,7 @@ def test_what_is_usual_stays_while_nothing_is_learnt():
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_a_shift_is_in_sigmas_of_the_difference(seed):
+def test_a_shift_is_in_sigmas_of_the_difference(filled, seed):
     rng = np.random.default_rng(seed)
     names = ("noise", "state", "usual_state", "changed", "fast", "middle", "usual")
     rows = dict(zip(names, (*rng.uniform(0.5, 2.0, (4, 3)), *rng.normal(size=(3, 3))), strict=True))
@@ -110,7 +93,7 @@ def test_limit_of_a_sum_is_chi_square_s(rows, sigmas):
 @pytest.mark.parametrize("row", [0, 1])
 @pytest.mark.parametrize(("state", "white"), [(2.0, 0.5), (0.5, 2.0)])
 @pytest.mark.parametrize(("usual", "says"), [(12.0, False), (12.0 + 1e-9, True), (-12.0 - 1e-9, True)])
-def test_what_lasts_contradicts_beyond_its_limit(row, state, white, usual, says):
+def test_what_lasts_contradicts_beyond_its_limit(filled, row, state, white, usual, says):
     """Variance 4 * 0.5 + 2 + 2^2 = 8, times 18 is 144."""
     group = filled(watched_type(), rows=2, noise=4.0, usual_share=0.5, state=state, usual_white=white, usual_spread=2.0)
     group["usual"][row] = usual
@@ -132,7 +115,7 @@ def test_what_lasts_contradicts_beyond_its_limit(row, state, white, usual, says)
         (1, 2.0**-7, 2.0 + 1e-9, True),
     ],
 )
-def test_scatter_is_noise_beyond_eight_sigma(rows, share, scatter, says):
+def test_scatter_is_noise_beyond_eight_sigma(filled, rows, share, scatter, says):
     group = filled(watched_type(), rows=rows, scatter_share=share, scatter=scatter)
     assert monitors._is_noisy(group) is says
 
@@ -150,7 +133,7 @@ LATE = {
 }
 
 
-def test_one_delay_is_sought_by_least_squares():
+def test_one_delay_is_sought_by_least_squares(filled, grouped):
     rng = np.random.default_rng(2)
     one, other = ({"fast": rng.normal(size=3), "usual": rng.normal(size=3), "motion": rng.normal(size=3)} for _ in "ab")
     skipped = [LATE | other | {name: 0, "rows": 3} for name in ("present", "learnt", "images")]
@@ -174,7 +157,7 @@ def test_one_delay_is_sought_by_least_squares():
         ((3.0, 0.0), False),
     ],
 )
-def test_late_is_what_one_delay_explains(off, late):
+def test_late_is_what_one_delay_explains(filled, grouped, off, late):
     group = LATE | {"rows": 2, "noise": TINY, "state": 0.0, "usual_state": 0.0, "changed": 1.0}
     groups = grouped(group | {"fast": (*off, 0.0), "motion": (0.5, 0.0, 0.0)})
     watch = filled(WATCH)
@@ -182,13 +165,13 @@ def test_late_is_what_one_delay_explains(off, late):
     assert watch["offset"] == pytest.approx(2.0 * off[0])
 
 
-def test_without_motion_nothing_is_late():
+def test_without_motion_nothing_is_late(filled, grouped):
     watch = filled(WATCH, offset=7.0)
     assert not monitors._looks_late(watch, grouped(LATE | {"rows": 3, "fast": 100.0}))
     assert watch["offset"] == 7.0
 
 
-def test_a_mean_is_followed():
+def test_a_mean_is_followed(filled):
     group = filled(watched_type(), value=(0.0, 5.0, 0.0), offset=(9.0, 1.0, 9.0))
     assert monitors.follow(group, 1, 3.0) == 4.0  # three quarters of the way
     assert list(group["offset"]) == [9.0, 4.0, 9.0]
@@ -204,7 +187,7 @@ def test_a_mean_is_followed():
         ((1.0, 0.0, 0.0, 2.0), 5.5, (0.0, 0.0, 0.0, 2.0)),
     ],
 )
-def test_a_step_is_noted(before, dt, after):
+def test_a_step_is_noted(filled, before, dt, after):
     names = ("jumped", "hold", "noisy", "interval")
     watch = filled(WATCH, **dict(zip(names, before, strict=True)))
     monitors.note_step(watch, dt)
@@ -228,254 +211,8 @@ HERE = {"seen": 1, "present": 1, "images": 7}
     ],
 )
 @pytest.mark.parametrize("first", [True, False])
-def test_groups_come_and_go(group, other, dt, says, after, first):
+def test_groups_come_and_go(grouped, group, other, dt, says, after, first):
     groups = grouped(group, other) if first else grouped(other, group)
     assert monitors._come_and_go(groups, dt) == says
     one = groups[0 if first else 1]
     assert tuple(one[name] for name in ("present", "images", "away", "gone")) == after
-
-
-def every(value=3):
-    """All of a watch, each field the same."""
-    return filled(WATCH, **dict.fromkeys(WATCH.names, value))
-
-
-def now(watch, *names):
-    return {name: float(watch[name]) for name in (names or WATCH.names)}
-
-
-def test_a_first_start_forgets():
-    watch, groups = every(), grouped(HERE | {"learnt": 5}, HERE | {"learnt": 5})
-    watch_start(watch, groups, False, True)
-    kept = dict.fromkeys(("quiet", "offset", "unsure", "shown", "along"), 3.0)
-    assert now(watch) == dict.fromkeys(WATCH.names, 0.0) | kept | {"jumped": math.inf}
-    assert list(groups["images"]) == list(groups["learnt"]) == [0, 0]
-
-
-@pytest.mark.parametrize(
-    ("fields", "comparable", "after"),
-    [
-        ({"age": 10.5}, True, {"alarm": 32, "learnt": 5}),
-        ({"age": 10.0}, True, {"alarm": 32, "learnt": 0, "age": 0.0}),
-        ({"age": 10.5}, False, {"alarm": 32, "learnt": 0, "age": 0.0}),
-        ({"age": 10.5, "clock": 1}, True, {"alarm": 48, "clock": 1}),
-        ({"age": 10.5, "jumped": 5.0}, True, {"alarm": 32, "clock": 0}),
-        ({"age": 10.5, "jumped": 4.75}, True, {"alarm": 48, "clock": 1}),
-        ({"age": 9.0, "jumped": 4.75}, True, {"alarm": 48, "clock": 1, "learnt": 0, "age": 0.0}),
-        ({"age": 10.5, "restart": 1}, True, {"contradicted": 0.0, "noisy": 0.0, "unproven": 10.0}),
-        ({"age": 10.5, "restart": 1, "contradicted": 0.0}, True, {"contradicted": 0.0, "unproven": 0.0, "noisy": 0.0}),
-        ({"age": 10.5, "restart": 1, "contradicted": 0.5}, True, {"contradicted": 0.0, "unproven": 10.0, "noisy": 0.0}),
-    ],
-)
-def test_a_start_after_another_keeps_what_can_be_compared(fields, comparable, after):
-    before = {"jumped": 9.0, "contradicted": 2.0, "noisy": 2.0, "unproven": 2.0, "on": 1, "quiet": 2.0, "doubted": 2.0}
-    before |= {"pulled": 1, "returned": 1, "offset": 4.0} | fields
-    watch, groups = filled(WATCH, **before), grouped(HERE | {"learnt": 5}, HERE | {"learnt": 5})
-    watch_start(watch, groups, True, comparable)
-    made = now(watch) | {"learnt": float(groups["learnt"][1])}
-    cleared = dict.fromkeys(("on", "quiet", "restart", "doubted", "pulled", "returned"), 0.0)
-    assert made == filled_in(before | {"learnt": 5, "clock": 0}) | cleared | {"hold": 10.0, "alarm": 32} | after
-    assert list(groups["images"]) == [0, 0]
-
-
-def filled_in(fields):
-    return dict.fromkeys(WATCH.names, 0.0) | fields
-
-
-@pytest.mark.parametrize(
-    ("field", "bits"),
-    [
-        ("on", 1),
-        ("contradicted", 2),
-        ("unproven", 2),
-        ("noisy", 4),
-        ("clock", 16),
-        ("doubted", 16),
-        ("hold", 32),
-        ("restart", 0),
-    ],
-)
-def test_an_alarm_is_written(field, bits):
-    watch = filled(WATCH, alarm=127, **{field: 1 if WATCH[field].kind == "i" else 0.5})
-    write_alarm(watch)
-    assert watch["alarm"] == bits
-    watch = every()
-    write_alarm(watch)
-    assert watch["alarm"] == 55
-
-
-STEADY = HERE | {"rows": 1, "images": 10**9, "learnt": 10**9, "noise": TINY, "changed": 1.0, "scatter": 1.0}
-"""Of a group that says the same for ever, with a variance of 1 between the means."""
-
-
-def apart(*off, **more):
-    """A group whose means are so far from what they were."""
-    rows = (*off, 0.0, 0.0)[:3]
-    return STEADY | {"rows": len(off), "value": rows, "fast": rows, "middle": rows} | more
-
-
-def seen_once(watch, *several, dt=0.5):
-    groups = grouped(*several)
-    watch_image(watch, groups, dt)
-    return groups
-
-
-@pytest.mark.parametrize(
-    ("fields", "off", "shifted"),
-    [
-        ({"hold": 1.0}, (5.0,), False),
-        ({"hold": 1.0}, (5.0 + 1e-9,), True),
-        ({"hold": 1.0, "age": 10.0}, (9.0,), False),
-        ({"on": 1}, (4.0,), False),
-        ({"on": 1}, (-4.0 - 1e-9,), True),
-        ({"on": 1}, (2.5, 2.5, 2.5), False),  # 18.75 of 21.8
-        ({"on": 1}, (2.8, 2.8, 2.8), True),
-        ({"hold": 1.0}, (3.2, 3.2, 3.2), False),  # 30.7 of 32.5
-        ({"hold": 1.0}, (3.4, 3.4, 3.4), True),
-    ],
-)
-def test_a_shift_is_said_beyond_its_limit(fields, off, shifted):
-    watch = filled(WATCH, **{"age": 10.5, "jumped": 9.0, "quiet": 2.0} | fields)
-    seen_once(watch, apart(*off))
-    was = fields.get("on", 0)
-    assert watch["quiet"] == (0.0 if shifted else 2.5 if was else 2.0)
-    assert (watch["on"], watch["restart"]) == (max(was, shifted), 0)
-    assert watch["alarm"] == (1 if watch["on"] else 0) + (32 if "hold" in fields else 0)
-
-
-@pytest.mark.parametrize(("mean", "value"), [("fast", 0.0), ("middle", 0.0)])
-def test_each_mean_counts(mean, value):
-    """The other one lies where it lay; five rows of two groups, 25 of 26.5, or 31."""
-    for size, shifted in ((2.24, 2.5), (2.5, 0.0)):
-        watch = filled(WATCH, age=10.5, jumped=9.0, on=1, quiet=2.0)
-        rest = {"fast": value, "middle": value, "value": value} | {mean: size}
-        one, other = apart(0.0, 0.0, 0.0) | rest, apart(0.0, 0.0) | rest
-        seen_once(watch, one, other, dt=1e-9)
-        assert watch["quiet"] == pytest.approx(shifted and 2.0)
-
-
-@pytest.mark.parametrize(("learnt", "shifted"), [(0, False), (1, True)])
-def test_one_image_is_enough_to_be_compared_with(learnt, shifted):
-    watch = filled(WATCH, age=10.5, jumped=9.0, hold=1.0)
-    seen_once(watch, apart(5.5, learnt=learnt))
-    assert watch["on"] == shifted
-
-
-def test_nothing_seen_is_nothing_said():
-    watch = filled(WATCH, age=10.5, jumped=9.0)
-    groups = seen_once(watch, apart(9.0, seen=0))
-    assert now(watch) == filled_in({"age": 10.5, "jumped": 9.0})
-    assert tuple(groups[0][name] for name in ("images", "away", "weight")) == (10**9, 0.5, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("fields", "age"),
-    [({}, 3.5), ({"on": 1}, 3.0), ({"hold": 0.5}, 3.0), ({"doubted": 0.5}, 3.0), ({"unproven": 2.0}, 3.5)],
-)
-def test_it_learns_where_nothing_is_wrong(fields, age):
-    watch = filled(WATCH, **{"age": 3.0} | fields)
-    groups = seen_once(watch, apart(0.0, away=0.5, weight=0.75))
-    assert (watch["age"], groups["images"][0], groups["away"][0]) == (age, 10**9 + 1, 0.0)
-    assert groups["learnt"][0] == 10**9 + (age > 3.0)
-    assert groups["weight"][0] == pytest.approx(1.0 / 21.0 if age > 3.0 else 0.0)
-    assert watch["unproven"] == max(0.0, fields.get("unproven", 0.0) - 0.5)
-
-
-@pytest.mark.parametrize(
-    ("fields", "forgets"), [({}, True), ({"on": 1}, False), ({"hold": 0.5}, False), ({"on": 1, "hold": 0.5}, False)]
-)
-def test_a_group_that_comes_is_learnt_anew_unless_there_is_an_alarm(fields, forgets):
-    watch = filled(WATCH, age=3.0, **fields)
-    groups = seen_once(watch, apart(0.0), apart(0.0, present=0))
-    assert watch["age"] == (0.5 if forgets else 3.0)
-    assert list(groups["learnt"]) == [1 if forgets else 10**9] * 2
-
-
-def test_a_pause_takes_nothing_in():
-    watch = filled(WATCH, age=3.0, pause=0.75)
-    for left, age, images in ((0.25, 0.0, 0), (-0.25, 0.0, 0), (-0.25, 0.5, 10**9 + 1)):
-        groups = seen_once(watch, apart(0.0))
-        assert (watch["pause"], watch["age"], groups["images"][0]) == (left, age, images)
-
-
-@pytest.mark.parametrize(
-    ("fields", "usual", "learnt", "left"),
-    [
-        ({}, 4.49, 10, 0.0),
-        ({}, 4.51, 10, 99.5),
-        ({}, 4.51, 9, 0.0),
-        ({"unproven": 1.0}, 2.49, 10, 0.0),
-        ({"unproven": 1.0}, 2.51, 10, 99.5),
-        ({"contradicted": 1.0}, 2.49, 10, 0.5),
-        ({"contradicted": 1.0}, 2.51, 10, 99.5),
-        ({"contradicted": 0.75}, 2.51, 10, 99.5),
-    ],
-)
-def test_it_contradicts_from_ten_images_on(fields, usual, learnt, left):
-    """Variance 1; on: nothing is learnt meanwhile."""
-    watch = filled(WATCH, on=1, **fields)
-    seen_once(watch, apart(usual, usual=(usual, 0.0, 0.0), usual_spread=1.0, learnt=learnt))
-    assert watch["contradicted"] == left
-    assert watch["alarm"] == 1 + (2 if left or "unproven" in fields else 0)
-
-
-@pytest.mark.parametrize(
-    ("fields", "left", "restart"),
-    [
-        ({"contradicted": 0.75}, 0.25, 0),
-        ({"contradicted": 0.5}, 0.5, 1),
-        ({"contradicted": 0.25}, 0.25, 1),
-        ({"contradicted": 0.0}, 0.0, 0),
-        ({"contradicted": 0.75, "pause": 1.0}, 0.75, 0),
-        ({"contradicted": 0.25, "pause": 1.0}, 0.25, 0),
-    ],
-)
-def test_after_a_contradiction_it_asks_for_a_start(fields, left, restart):
-    watch = filled(WATCH, **fields)
-    seen_once(watch, apart(0.0))
-    assert (watch["contradicted"], watch["restart"]) == (left, restart)
-
-
-@pytest.mark.parametrize(("images", "scatter", "noisy"), [(9, 2.0, 3.0), (8, 2.0, 0.0), (9, 1.0, 0.0), (40, 2.0, 3.0)])
-def test_scatter_is_judged_from_ten_images_on(images, scatter, noisy):
-    watch = filled(WATCH, on=1)
-    seen_once(watch, apart(0.0, images=images, scatter=10.0 * scatter if scatter > 1.0 else 1.0), dt=0.01)
-    assert (watch["noisy"], watch["alarm"]) == (noisy, 5 if noisy else 1)
-
-
-@pytest.mark.parametrize(
-    ("fields", "more", "clock"),
-    [
-        ({}, {}, 1),
-        ({"jumped": 5.0}, {}, 0),
-        ({"jumped": 4.75}, {}, 1),
-        ({"hold": 0.5}, {}, 0),
-        ({"age": 10.0}, {}, 0),
-        ({}, {"motion": 0.0}, 0),
-    ],
-)
-def test_a_late_image_is_the_clock_s(fields, more, clock):
-    """4.5 sigma: late beyond four, no shift below five."""
-    watch = filled(WATCH, **{"age": 10.5, "jumped": 1.0, "quiet": 4.0} | fields)
-    seen_once(watch, apart(4.5, motion=1.0, usual_spread=1.0) | more, dt=1e-6)
-    assert (watch["clock"], watch["on"], watch["restart"]) == (clock, clock, clock)
-    assert watch["quiet"] == (0.0 if clock else 4.0)
-    assert watch["alarm"] == 17 * clock + (32 if "hold" in fields else 0)
-
-
-@pytest.mark.parametrize(
-    ("fields", "after"),
-    [
-        ({"quiet": 4.5}, {"quiet": 5.0, "restart": 0}),
-        ({"quiet": 4.75}, {"quiet": 5.25, "restart": 1}),
-        ({"quiet": 4.75, "pause": 1.0}, {"quiet": 4.75, "restart": 0}),
-        ({"quiet": 4.75, "on": 0}, {"quiet": 4.75, "restart": 0}),
-        ({"clock": 1}, {"clock": 1}),
-        ({"clock": 1, "on": 0}, {"clock": 0}),
-        ({"clock": 1, "on": 0, "hold": 0.5}, {"clock": 1}),
-    ],
-)
-def test_an_alarm_ends_after_five_quiet_seconds(fields, after):
-    watch = filled(WATCH, **{"age": 10.5, "jumped": 9.0, "on": 1} | fields)
-    seen_once(watch, apart(1.0))
-    assert now(watch, *after) == after
