@@ -235,3 +235,9 @@ def test_the_noise_of_what_is_not_used_is_not_asked_for():
     R[2:5] = R[:, 2:5] = np.nan
     nis, dof = sweep(track, track["state"], seen, work)
     assert (nis, dof) == (pytest.approx(joint(seen, R, covariance, used)[2], rel=1e-9), 3)
+
+
+def test_rows_are_copied():
+    source, target = np.arange(1.0, 7.0).reshape(2, 3), np.zeros((2, 3))
+    rows.copy_rows(source, target)
+    np.testing.assert_array_equal(target, source)
