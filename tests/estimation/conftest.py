@@ -1,4 +1,4 @@
-"""One place that knows the scratch of the time update."""
+"""One place that knows the scratch of the time update, and records of monitors."""
 
 import inspect
 from collections.abc import Callable
@@ -8,6 +8,7 @@ import pytest
 
 import relnav.codegen.kernel as compiler
 from relnav.estimation.factored import scalar_update, time_update_into
+from relnav.estimation.monitors import watched_type
 from relnav.estimation.smoothing import backward_model, smooth_step
 
 
@@ -45,3 +46,30 @@ def compiled_smooth():
 @pytest.fixture(scope="session")
 def compiled_model():
     return compiled(backward_model)
+
+
+@pytest.fixture(scope="session")
+def filled():
+    """A record of zeros but for some fields."""
+
+    def fill(dtype, **fields):
+        one = np.zeros(1, dtype)[0]
+        for name, value in fields.items():
+            one[name] = value
+        return one
+
+    return fill
+
+
+@pytest.fixture(scope="session")
+def grouped():
+    """Groups of the monitors, each from its fields."""
+
+    def group(*several):
+        groups = np.zeros(len(several), watched_type())
+        for one, fields in zip(groups, several, strict=True):
+            for name, value in fields.items():
+                one[name] = value
+        return groups
+
+    return group

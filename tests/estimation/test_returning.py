@@ -54,3 +54,45 @@ def test_surprise_is_the_chi_square_of_the_pair():
     innovation = h @ covariance @ h.T + np.array([[4.0, 0.5], [0.5, 1.0]])
     assert known["surprise"] == pytest.approx(residual @ np.linalg.solve(innovation, residual), rel=1e-9)
     assert pytest.approx(9.2103, abs=1e-4) == SURPRISE
+
+
+@pytest.mark.parametrize(
+    ("refused", "images"), [(0.0, [(2.0, -1.0)]), (0.5, [(2.0, -1.0)]), (0.5, [(2.0, -1.0), (5.0, 3.0)])]
+)
+def test_what_a_refused_pair_is_off_is_remembered(refused, images):
+    """One that is not refused: the latest alone. Else each new one has a fifth."""
+    known = np.zeros(1, dtype=RETURNING)[0]
+    known["refused"], known["off"] = refused, (10.0, 20.0)
+    expected = np.array([10.0, 20.0])
+    for residual in images:
+        note_pair(known, LD, GRADIENT, VARIANCE, 0.0, np.array(residual))
+        expected = 0.8 * expected + 0.2 * np.array(residual) if refused else np.array(residual)
+    assert tuple(known["off"]) == pytest.approx(tuple(expected), rel=1e-12)
+    assert known["surprise"] == 0.0  # not refused for long
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize(("share", "surprising"), [(0.25, False), (0.25 + 1e-9, True), (-0.5, False)])
+def test_a_quarter_of_what_it_was_off_may_be_noise(axis, share, surprising):
+    known = np.zeros(1, dtype=RETURNING)[0]
+    known["refused"], known["off"][axis] = 3.5, 2.0
+    residual = np.zeros(2)
+    residual[axis] = 2.0 * share
+    note_pair(known, LD, GRADIENT, VARIANCE, 0.0, residual)
+    assert np.isinf(known["surprise"]) == surprising
+
+
+@pytest.mark.parametrize(
+    ("refused", "surprise", "wrong"),
+    [(3.0, 99.0, False), (3.01, 99.0, True), (3.01, 9.21, False), (3.01, 9.22, True), (99.0, SURPRISE, False)],
+)
+def test_what_returns_is_wrong_beyond_its_limits(refused, surprise, wrong):
+    known = np.zeros(1, dtype=RETURNING)[0]
+    known["refused"], known["surprise"] = refused, surprise
+    assert not returns_wrong(known, False, False, 0.5)
+    assert known["refused"] == refused
+    assert not returns_wrong(known, False, True, 0.0)
+    assert returns_wrong(known, True, True, 0.5) == wrong
+    assert known["refused"] == 0.0
+    returns_wrong(known, False, True, 0.5)
+    assert known["refused"] == 0.5

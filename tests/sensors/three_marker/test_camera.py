@@ -79,3 +79,11 @@ def test_weight_is_the_information_of_the_pixel_noise(with_lens, truth):
     _, plain = normalise(spots, camera)
     _, same = normalise(spots, camera, np.tile(0.1**2 * np.eye(2), (10, 1, 1)))
     np.testing.assert_allclose(plain, same, rtol=1e-12)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_the_unit_of_length_moves_no_spot(with_lens, scale):
+    p = points_in_front()
+    near, scaled = project(p, with_lens.camera), project(scale * p, with_lens.camera)
+    np.testing.assert_array_equal(scaled.visible, near.visible)
+    np.testing.assert_allclose(scaled.spots_px, near.spots_px, rtol=0.0, atol=1e-9)

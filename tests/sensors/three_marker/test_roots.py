@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from relnav.sensors.three_marker.pose import Pose, belief_of, rank_roots
+from relnav.sensors.three_marker.pose import Pose, belief_of, rank_roots, roots_of
 from relnav.sensors.three_marker.roots import BELIEF, WORK, least_certain_axis, widest_triples
 from relnav.sensors.three_marker.sensor import View
 
@@ -67,3 +67,14 @@ def test_least_certain_axis():
         values, axes = np.linalg.eigh(covariance[3:, 3:])
         assert variance == pytest.approx(values[-1], rel=1e-12)
         assert abs(axis @ axes[:, -1]) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_rows_are_told_apart():
+    """Nine numbers of C, three of r, 36 of their covariance, misfit and score."""
+    rows = np.arange(100.0).reshape(2, 50)
+    first, second = roots_of(rows)
+    np.testing.assert_array_equal(first.pose.dcm_cam_from_target, np.arange(9.0).reshape(3, 3))
+    np.testing.assert_array_equal(second.pose.position_m, [59.0, 60.0, 61.0])
+    np.testing.assert_array_equal(second.pose.covariance, np.arange(62.0, 98.0).reshape(6, 6))
+    assert (first.misfit, first.score, second.misfit, second.score) == (48.0, 49.0, 98.0, 99.0)
+    assert not rows.flags.writeable
