@@ -127,10 +127,14 @@ def refusal(track, path, **told):
     return None
 
 
-FLIGHTS = [
-    *(("beacons", name) for name in HOSTILE),
-    *(("markers", name) for name in HOSTILE if "sigma" not in name),  # a log of markers has no sigmas
-]
+def flights(names):
+    """Of both kinds; a log of markers has no sigmas."""
+    return [
+        (kind, name) for kind in ("beacons", "markers") for name in names if kind == "beacons" or "sigma" not in name
+    ]
+
+
+FLIGHTS = flights(HOSTILE)
 
 
 @pytest.mark.parametrize(("kind", "name"), FLIGHTS)
@@ -250,12 +254,8 @@ REFUSED_ROWS = {
 
 
 @pytest.mark.skipif(os.name == "nt", reason="/dev/fd")
-@pytest.mark.parametrize(
-    ("kind", "name"), [*FLIGHTS, *((kind, name) for kind in ("beacons", "markers") for name in REFUSED_ROWS)]
-)
+@pytest.mark.parametrize(("kind", "name"), [*FLIGHTS, *flights(REFUSED_ROWS)])
 def test_line_by_line(tmp_path, capsys, kind, name):
-    if kind == "markers" and "sigma" in name:
-        pytest.skip("a log of markers has no sigmas")
     log = log_of(kind, (HOSTILE | REFUSED_ROWS)[name])
     model = "three_beacon_psd" if kind == "beacons" else "three_marker_vision"
     for ending in (".csv", ".jsonl"):
