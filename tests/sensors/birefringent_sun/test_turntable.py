@@ -1,5 +1,6 @@
 """Constants from known directions: what cannot be estimated is refused."""
 
+import numpy as np
 import pytest
 
 from relnav.sensors.birefringent_sun.spots import project
@@ -15,3 +16,9 @@ def test_wrong_use(sensor, cone):
         calibrate_known(sensor, spots, s[:3])
     with pytest.raises(ValueError, match="a direction shows no spots: it lies beside or behind the sensor"):
         calibrate_known(sensor, spots, -s)
+
+
+def test_one_direction_determines_nothing(sensor, cone):
+    s = np.repeat(cone(30.0, 1), 12, axis=0)
+    with pytest.raises(ValueError, match=r"these directions do not determine .* together; spread them or free fewer"):
+        calibrate_known(sensor, project(sensor, s), s)
