@@ -4,7 +4,8 @@ One approach as planned, with nothing drawn, is flown through the filter; then a
 noise by its 1-sigma and what lasts by that of the vehicle file. The filter weighs anew each time, so that what is found
 is what a better part would buy. A variance v = c + s^2 a of which a source with 1-sigma s has the share s^2 a falls by
 three quarters of it where s is halved: the share of a source is 4/3 of what the variance fell by. Shares add up to more
-or less than one, as the filter leans on what is better.
+or less than one, as the filter leans on what is better; one below zero says that less noise makes it lean on what is
+only considered, where Schmidt's gain is not the best one.
 """
 
 import math
@@ -157,40 +158,29 @@ def sources(vehicle: Vehicle) -> Iterator[Source]:
     """All sources of error that a vehicle file states, but those of size zero."""
     for name in vehicle.sensor:
         yield from _of_sensor(vehicle, name)
-    gyro, thrust, motion, target = vehicle.gyro, vehicle.thrust, vehicle.motion, vehicle.target
-    yield Source(
-        "gyro noise",
-        f"{math.degrees(gyro.random_walk_rad_sqrt_s) * 60.0:.3g} deg/sqrt(h)",
-        replace(vehicle, gyro=replace(gyro, random_walk_rad_sqrt_s=0.5 * gyro.random_walk_rad_sqrt_s)),
-    )
-    less = {key: 0.5 * getattr(gyro, key) for key in ("bias_sigma_rad_s", "bias_walk_rad_s_sqrt_s")}
-    bias = math.degrees(gyro.bias_sigma_rad_s) * 3600.0
-    yield Source("gyro bias and its walk", f"{bias:.3g} deg/h", replace(vehicle, gyro=replace(gyro, **less)))
-    less = {key: 0.5 * getattr(thrust, key) for key in ("scale_sigma", "direction_sigma_rad")}
-    said = f"{100.0 * thrust.scale_sigma:.3g} %, {math.degrees(thrust.direction_sigma_rad):.3g} deg"
-    yield Source("thrusters", said, replace(vehicle, thrust=replace(thrust, **less)))
-    density = motion.acceleration_noise_density_m2_s3
-    yield Source(
-        "jitter of the thrusters",
-        f"{density:.3g} m^2/s^3",
-        replace(vehicle, motion=replace(motion, acceleration_noise_density_m2_s3=0.25 * density)),
-    )
-    slow = motion.slow_acceleration_sigma_m_s2
-    yield Source(
-        "slow acceleration",
-        f"{slow:.3g} m/s^2",
-        replace(vehicle, motion=replace(motion, slow_acceleration_sigma_m_s2=0.5 * slow)),
-    )
-    torque = target.rate_noise_density_rad2_s3
-    yield Source(
-        "torques on the target",
-        f"{torque:.3g} rad^2/s^3",
-        replace(vehicle, target=replace(target, rate_noise_density_rad2_s3=0.25 * torque)),
-    )
-    begin = vehicle.hand_over
-    less = {key: 0.5 * getattr(begin, key) for key in vars(begin) if "sigma" in key}
-    said = f"{begin.position_sigma_m:g} m, {math.degrees(begin.target_attitude_sigma_rad):.3g} deg"
-    yield Source("hand-over", said, replace(vehicle, hand_over=replace(begin, **less)))
+    gyro, thrust, motion = vehicle.gyro, vehicle.thrust, vehicle.motion
+    target, begin = vehicle.target, vehicle.hand_over
+    walk = f"{math.degrees(gyro.random_walk_rad_sqrt_s) * 60.0:.3g} deg/sqrt(h)"
+    yield Source("gyro noise", walk, replace(vehicle, gyro=_less(gyro, "random_walk_rad_sqrt_s")))
+    bias = f"{math.degrees(gyro.bias_sigma_rad_s) * 3600.0:.3g} deg/h"
+    steadier = _less(gyro, "bias_sigma_rad_s", "bias_walk_rad_s_sqrt_s")
+    yield Source("gyro bias and its walk", bias, replace(vehicle, gyro=steadier))
+    off = f"{100.0 * thrust.scale_sigma:.3g} %, {math.degrees(thrust.direction_sigma_rad):.3g} deg"
+    yield Source("thrusters", off, replace(vehicle, thrust=_less(thrust, "scale_sigma", "direction_sigma_rad")))
+    key, density = "acceleration_noise_density_m2_s3", f"{motion.acceleration_noise_density_m2_s3:.3g} m^2/s^3"
+    yield Source("jitter of the thrusters", density, replace(vehicle, motion=_less(motion, key, factor=0.25)))
+    key, slow = "slow_acceleration_sigma_m_s2", f"{motion.slow_acceleration_sigma_m_s2:.3g} m/s^2"
+    yield Source("slow acceleration", slow, replace(vehicle, motion=_less(motion, key)))
+    key, torque = "rate_noise_density_rad2_s3", f"{target.rate_noise_density_rad2_s3:.3g} rad^2/s^3"
+    yield Source("torques on the target", torque, replace(vehicle, target=_less(target, key, factor=0.25)))
+    start = f"{begin.position_sigma_m:g} m, {math.degrees(begin.target_attitude_sigma_rad):.3g} deg"
+    sigmas = [key for key in vars(begin) if "sigma" in key]
+    yield Source("hand-over", start, replace(vehicle, hand_over=_less(begin, *sigmas)))
+
+
+def _less(part: Any, *keys: str, factor: float = 0.5) -> Any:
+    """A section of the file with less of some of its values: half of a sigma, a quarter of a density."""
+    return replace(part, **{key: factor * getattr(part, key) for key in keys})
 
 
 SAID: Mapping[str, Callable[[float], str]] = {

@@ -97,8 +97,8 @@ class VehicleResults(Results):
     Attributes
     ----------
     monitor : bool or None
-        Whether a second filter watches the first, so that alarms are counted, for half as much computing again; if left
-        out, where [fault] names a sensor.
+        Whether a second filter watches the first, so that alarms are counted, for more computing; if left out, where
+        [fault] names a sensor.
     """
 
     monitor: bool | None = None
