@@ -23,6 +23,8 @@ LARGEST_RAD = 0.2
 """Noise or misalignment of a sensor that anybody flies, 11 deg: above it a unit was meant otherwise."""
 LARGEST_PART_M, LARGEST_DETECTOR_M, FASTEST_START_M_S = 1e3, 1.0, 1e3
 """A lever arm or beacons' spacing, a detector, and what is not known of a velocity at the start of an approach."""
+LATEST_S, STRONGEST_M2_S3 = 3600.0, 100.0
+"""How late an image may come, and white acceleration: this much moves a velocity by 10 m/s in one second, 1-sigma."""
 SHORTEST, LONGEST = 0.05, 500.0
 """Focal length in detector widths: a field of 168 deg, and of 0.1 deg."""
 
@@ -69,6 +71,9 @@ def _too_large(mission: Model | VisionMission) -> list[tuple[str, str]]:
         target, chaser = mission.target, mission.chaser
         parts = {"target.port_position_m": target.port_position_m, "chaser.port_position_m": chaser.port_position_m}
     limits = {key: (max(map(abs, place)), LARGEST_PART_M, "m") for key, place in parts.items()}
+    limits["filter.longest_delay_s"] = (mission.filter.longest_delay_s, LATEST_S, "s")
+    density = "acceleration_noise_density_m2_s3"
+    limits[f"process_noise.{density}"] = (getattr(mission.process_noise, density), STRONGEST_M2_S3, "m^2/s^3")
     if isinstance(mission, Model):
         limits |= {
             "filter.initial_velocity_sigma_m_s": (mission.filter.initial_velocity_sigma_m_s, FASTEST_START_M_S, "m/s"),

@@ -89,6 +89,12 @@ SLIPS = {
         "initial_velocity_sigma_m_s = { value = 2000.0,",
         "up to 1000 m/s is credible",
     ),
+    "an image a day late": ("longest_delay_s = { value = 0.0,", "longest_delay_s = { value = 86400.0,", "up to 3600 s"),
+    "a drive of noise": (
+        "acceleration_noise_density_m2_s3 = { value = 1e-10,",
+        "acceleration_noise_density_m2_s3 = { value = 1e6,",
+        "up to 100 m^2/s^3 is credible",
+    ),
     "looks away": (LOOK, "q_cam_from_lvlh = { value = [0.0, 0.0, 0.0, 1.0],", ""),
     "scalar first": (LOOK, "q_cam_from_lvlh = { value = [-0.5, 0.5, -0.5, -0.5],", "scalar first: write x, y, z, w"),
 }
