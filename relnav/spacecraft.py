@@ -28,6 +28,8 @@ from relnav.sensors.dual_field.sensor import StarSensor
 
 RESERVED = GYRO, THRUST = "gyro", "thrust"
 """Names under which samples of the gyro and commands to the thrusters are observed."""
+FORESEEN_RAD = 0.2
+"""1-sigma of an attitude up to which errors about it are small ones."""
 
 
 @dataclass(frozen=True)
@@ -194,7 +196,7 @@ class HandOver:
         In `lvlh_ccsds`.
     position_sigma_m, velocity_sigma_m_s : float
     chaser_attitude_sigma_rad, target_attitude_sigma_rad : float
-        About the held attitudes.
+        About the held attitudes. Above `FORESEEN_RAD` the target's is looked for (`relnav.vehicle.acquisition`).
     target_rate_sigma_rad_s : float
         About that of the held attitude.
     """
@@ -203,8 +205,8 @@ class HandOver:
     velocity_m_s: Triple
     position_sigma_m: Positive
     velocity_sigma_m_s: Positive
-    chaser_attitude_sigma_rad: Annotated[float, Gt(0.0), Le(0.2)]
-    target_attitude_sigma_rad: Annotated[float, Gt(0.0), Le(0.2)]
+    chaser_attitude_sigma_rad: Annotated[float, Gt(0.0), Le(FORESEEN_RAD)]
+    target_attitude_sigma_rad: Annotated[float, Gt(0.0), Le(math.pi)]
     target_rate_sigma_rad_s: Positive
 
 
@@ -329,6 +331,16 @@ class Vehicle:
             if (kind == STAR) != (mounted.noise_rad is not None):
                 need = "is needed" if kind == STAR else "is for star sensors; leave it out"
                 raise ValueError(f"sensor.{name}.noise_rad {need}, model {mounted.model}")
+        if self.seeks_attitude and not any(self.kind(name) == POINTS for name in self.sensor):
+            raise ValueError(
+                f"hand_over.target_attitude_sigma: above {math.degrees(FORESEEN_RAD):.3g} deg the target's attitude is "
+                "found from its lights; no sensor sees any"
+            )
+
+    @property
+    def seeks_attitude(self) -> bool:
+        """Whether so little is known of the target's attitude at hand-over that it is looked for."""
+        return self.hand_over.target_attitude_sigma_rad > FORESEEN_RAD
 
     def kind(self, name: str) -> str:
         """What a sensor gives: `POINTS`, `STAR` or `SUN`.

@@ -104,6 +104,7 @@ class Summary:
         self._times: dict[str, list[float]] = {}
         self._last: VehicleEstimate | None = None
         self._estimates = 0
+        self._ambiguous = 0
         self._alarms: dict[str, tuple[float, int]] = {}
         self._readings: dict[str, str] = {}
 
@@ -126,6 +127,7 @@ class Summary:
         for estimate in estimates:
             self._last = estimate
             self._estimates += 1
+            self._ambiguous += estimate.ambiguous
             for name, health in estimate.sensors.items():
                 if health.alarm:
                     first, count = self._alarms.get(name, (estimate.t_s, 0))
@@ -138,7 +140,7 @@ class Summary:
         """As plain values."""
         assert self._last is not None
         alarms = {name: {"first_s": first, "estimates": count} for name, (first, count) in self._alarms.items()}
-        said = {"estimates": self._estimates, "alarms": alarms, "notes": self._notes()}
+        said = {"estimates": self._estimates, "ambiguous": self._ambiguous, "alarms": alarms, "notes": self._notes()}
         return _figures(self._last, self._vehicle, self._rows) | said
 
     def _notes(self) -> list[str]:
@@ -204,6 +206,11 @@ def _lines(figures: dict[str, Any], name: str) -> list[str]:
             lines.append(f"{sensor}: never used")
         else:
             lines.append(f"{sensor}: last used at {health['last_used_s']:.2f} s, NIS/n {health['nis_per_dof']:.2f}")
+    if figures["ambiguous"]:
+        lines.append(
+            f"the target's attitude was not found yet in {figures['ambiguous']} of {figures['estimates']} estimates: "
+            "where the column ambiguous is 1, do not use the states"
+        )
     for sensor, alarm in figures["alarms"].items():
         lines.append(
             f"ALARM {sensor} in {alarm['estimates']} of {figures['estimates']} estimates, first at "

@@ -227,7 +227,7 @@ def smoothed_rows(rows: Iterable[Row], vehicle: Vehicle, every_s: float = 1.0) -
     Raises
     ------
     LogError
-        For an observation that the filter cannot take.
+        For an observation that the filter cannot take, or a target whose attitude stays ambiguous.
     """
     smoother: VehicleSmoother | None = None
     start_s = end_s = 0.0
@@ -242,7 +242,10 @@ def smoothed_rows(rows: Iterable[Row], vehicle: Vehicle, every_s: float = 1.0) -
     if smoother is None:
         return []
     times = start_s + every_s * np.arange(1, math.floor((end_s - start_s) / every_s) + 1)
-    return smoother.estimates([*times.tolist(), end_s])
+    try:
+        return smoother.estimates([*times.tolist(), end_s])
+    except ValueError as error:
+        raise LogError(str(error)) from error
 
 
 def filter_vehicle_log(

@@ -34,6 +34,8 @@ TRACK_COLUMNS = (
 Of every sensor there follow `OF_A_SENSOR`, as in `used_camera`: whether something of it was believed since the row
 before (0 or 1), observations in a row refused, NIS per degree of freedom, deviation in the filter that watches, alarm.
 """
+SEEKING = "ambiguous"
+"""A column before them, of a vehicle whose file does not know the target's attitude: whether it is not found yet."""
 _CENTRE = tuple(f"{_NAMES[k]}_{_UNITS[k]}" for k in range(6))
 _DEGREES = np.array([1.0] * 6 + [180.0 / math.pi] * 6)
 
@@ -77,12 +79,14 @@ class TrackRows:
         """Take the names of the sensors, and a frame for further columns."""
         self._last, self._frame = dict.fromkeys(vehicle.sensor, math.nan), frame
         of_sensors = (f"{what}_{name}" for name in self._last for what in OF_A_SENSOR)
-        self.columns = (*TRACK_COLUMNS, *of_sensors, *frame_columns(frame))
+        self._seeks = (SEEKING,) if vehicle.seeks_attitude else ()
+        self.columns = (*TRACK_COLUMNS, *self._seeks, *of_sensors, *frame_columns(frame))
 
     @property
     def whole_numbers(self) -> tuple[int, ...]:
         """Which columns hold whole numbers."""
-        whole = ("gyro_lost", *(f"{what}_{name}" for name in self._last for what in ("used", "refused", "alarm")))
+        of_sensors = (f"{what}_{name}" for name in self._last for what in ("used", "refused", "alarm"))
+        whole = ("gyro_lost", SEEKING, *of_sensors)
         return tuple(k for k, name in enumerate(self.columns) if name in whole)
 
     def of(self, estimate: VehicleEstimate) -> list[float]:
@@ -91,7 +95,7 @@ class TrackRows:
         attitude = Rotation.from_matrix(port.dcm_target_from_chaser).as_quat(canonical=True)
         row = [estimate.t_s, *port.position_m, *port.velocity_m_s, *np.degrees(port.rate_rad_s), *attitude]
         row += [*(_DEGREES * port.sigma), float(estimate.gyro_lost), *port.protection_level_m()]
-        row += [*port.covariance[_UPPER]]
+        row += [*port.covariance[_UPPER], *(float(estimate.ambiguous) for _ in self._seeks)]
         for name, before in self._last.items():
             health = estimate.sensors[name]
             used = health.last_used_s == health.last_used_s and health.last_used_s != before

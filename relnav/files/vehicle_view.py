@@ -10,7 +10,7 @@ from relnav.accuracy.published import Claim
 from relnav.files.models import load_published
 from relnav.files.port_columns import RENAMED
 from relnav.files.run_view import Event, Row, RunView, RunWatcher, Spans
-from relnav.files.vehicle_track import TrackRows
+from relnav.files.vehicle_track import SEEKING, TrackRows
 from relnav.spacecraft import Vehicle
 from relnav.vehicle.estimate import VehicleEstimate
 
@@ -69,10 +69,11 @@ class VehicleWatcher(RunWatcher):
         """Columns of which stretches are told, and in which words."""
         words = {"used": "{} used", "refused": "{} refused", "alarm": "ALARM {}"}
         said = [(f"{what}_{s}", text.format(s)) for s in self._sensors for what, text in words.items()]
-        return [(name, text) for name, text in [*said, ("gyro_lost", "gyro lost")] if name in columns]
+        more = [("gyro_lost", "gyro lost"), (SEEKING, "attitude ambiguous")]
+        return [(name, text) for name, text in [*said, *more] if name in columns]
 
     def _rows(self) -> tuple[Row, ...]:
-        colours = {"used": "spread", "refused": "published", "alarm": "gate", "gyro": "published"}
+        colours = {"used": "spread", "refused": "published", "alarm": "gate", "gyro": "published", SEEKING: "gate"}
         out = []
         for name, text in self._words.items():
             what, count = name.partition("_")[0], self._told.get(name, 0)

@@ -39,6 +39,11 @@ class VehicleEstimate:
         No observation is taken that is older: what the filter made of the time before stands.
     vehicle : Vehicle
         What flies.
+    ambiguous : bool
+        At a start that does not know the target's attitude (`relnav.vehicle.acquisition`): it is not found yet, and the
+        estimate, of the most credible one, not to be used.
+    explanations : int
+        Attitudes of the target that explain what was seen.
     without : mapping
         The port as filters without each sensor in turn have it, by the sensor's name; empty unless they are flown.
     """
@@ -57,6 +62,8 @@ class VehicleEstimate:
     gyro_lost: bool
     final_before_s: float
     vehicle: Vehicle = field(repr=False)
+    ambiguous: bool = False
+    explanations: int = 1
     without: Mapping[str, PortState] = field(default_factory=dict, repr=False)
 
     def protection_level_m(self, probability: float = 1e-7, fault_probability: float = FAULT_PROBABILITY) -> Vector:

@@ -4,8 +4,8 @@ What they hold is constant but for the gyro's samples: the same estimates, sampl
 order of events is that of who asks (`navigator`, `smoother`).
 """
 
-from collections.abc import Callable, Mapping
-from math import isfinite
+from collections.abc import Callable, Iterable, Mapping
+from math import degrees, isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 
 from relnav.arrays import LARGEST, Matrix, number, numbers
 from relnav.dynamics.error_state import MOTION
-from relnav.spacecraft import GYRO, POINTS, RESERVED, STAR, THRUST, Vehicle
+from relnav.spacecraft import FORESEEN_RAD, GYRO, POINTS, RESERVED, STAR, THRUST, Vehicle
+from relnav.vehicle.acquisition import Search, found_at_start, hypotheses_about
 from relnav.vehicle.directions import StarTracker, SunSensor
 from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.flying_sensor import Flown, FlyingSensor
@@ -23,7 +24,7 @@ from relnav.vehicle.layout import GYRO_BIAS, TARGET_RATE, layout_of
 from relnav.vehicle.monitor import Sums, all_estimated
 from relnav.vehicle.motion import VehicleMotion
 from relnav.vehicle.orbit_frame import OrbitFrame
-from relnav.vehicle.points import PointSensor
+from relnav.vehicle.points import LEAST_LIGHTS, PointSensor
 from relnav.vehicle.port import port_state
 from relnav.vehicle.separation import hide
 from relnav.vehicle.state import Estimates, start_state
@@ -36,10 +37,18 @@ NOTHING: Matrix = np.zeros((0, 0))
 
 
 class Tracked(NamedTuple):
-    """Estimates, and how each sensor has fared until then."""
+    """Estimates, how each sensor has fared until then, and the search of which they are the best, if it is not over."""
 
     estimates: Estimates
     fares: Mapping[str, Fare]
+    search: Search | None = None
+
+    def moved(self, move: Callable[[Estimates], Estimates]) -> "Tracked":
+        """The same with all estimates moved."""
+        if self.search is None:
+            return self._replace(estimates=move(self.estimates))
+        search = self.search.moved(move)
+        return self._replace(estimates=search.estimates, search=search)
 
 
 class VehicleFilters:
@@ -85,6 +94,11 @@ class VehicleFilters:
         self.frame = OrbitFrame(vehicle.orbit)
         self.motion = VehicleMotion(vehicle, self.frame)
         layouts = [self.layout, all_estimated(self.layout)] if monitor else [self.layout]
+        if separation and vehicle.seeks_attitude:
+            raise ValueError(
+                "separation: the target's attitude has to be known at hand-over, so that no filter rests on a sensor "
+                f"that it does not take; hand_over.target_attitude_sigma is above {degrees(FORESEEN_RAD):.3g} deg"
+            )
         self._watched, names = len(layouts), [*vehicle.sensor, *more] if separation else []
         self._without = {name: len(layouts) + k for k, name in enumerate(names)}
         layouts += [self.layout] * len(names)
@@ -98,7 +112,8 @@ class VehicleFilters:
         self.places = {name: k for k, name in enumerate([*RESERVED, *self.sensors])}
         motion = np.concatenate([place, speed])
         start = start_state(vehicle, self.layout, self.frame, number("t_s", t_s), motion, len(layouts))
-        self.start = Tracked(start, dict.fromkeys(self.sensors, Fare(Sums(start.t_s))))
+        search = Search(start) if vehicle.seeks_attitude else None
+        self.start = Tracked(start, dict.fromkeys(self.sensors, Fare(Sums(start.t_s))), search)
         self.on_outcome: Callable[[Event, Outcome], None] | None = None
 
     def _sensor(self, name: str, filters: int) -> PointSensor | StarTracker | SunSensor:
@@ -127,23 +142,72 @@ class VehicleFilters:
 
     def apply(self, tracked: Tracked, event: Event) -> tuple[Tracked, Outcome | None]:
         """The estimates after an event; the outcome of one that the filter had to believe."""
+        source, fares, search, at = event.source, tracked.fares, tracked.search, tracked.estimates
+        if search is None:
+            at, outcomes = self._through(at, event)
+        else:
+            search, outcomes = self._searched(search, event)
+            at = search.estimates
+            if search.is_over:
+                search = None
+        if source == THRUST or not outcomes:
+            return Tracked(at, fares, search), None
+        if self.on_outcome is not None:
+            self.on_outcome(event, outcomes[0])
+        fares = {**fares, source: fares[source].after(event.t_s, outcomes[: self._watched])}
+        return Tracked(at, fares, search), outcomes[0]
+
+    def _through(self, before: Estimates, event: Event) -> tuple[Estimates, list[Outcome]]:
+        """What an event makes of estimates, and what became of it in each filter; nothing of a command."""
         t_s, _, source, value, noise = event
-        before, fares = tracked
         at = self.motion.settled(before, self.samples, t_s)
         if source == THRUST:
-            return Tracked(at._replace(command_m_s2=value), fares), None
+            return at._replace(command_m_s2=value), []
         sensor = self.sensors[source]
         if at is before:
             at = before.copied()
         hidden = [self._without[source]] if self._without else []
-        outcomes = self._updater.take(at, lambda estimates: hide(sensor.rows(estimates, value, noise), hidden))
-        if self.on_outcome is not None:
-            self.on_outcome(event, outcomes[0])
-        return Tracked(at, {**fares, source: fares[source].after(t_s, outcomes[: self._watched])}), outcomes[0]
+        return at, self._updater.take(at, lambda estimates: hide(sensor.rows(estimates, value, noise), hidden))
+
+    def _searched(self, search: Search, event: Event) -> tuple[Search, list[Outcome]]:
+        """What an event makes of a start that is not over, and what became of it in the best hypothesis."""
+        sensor = self.sensors.get(event.source)
+        if not isinstance(sensor, PointSensor):
+            return search.passed(lambda at: self._through(at, event))
+        if np.isfinite(event.value).sum() < 2 * LEAST_LIGHTS:
+            return search.moved(lambda at: self.motion.settled(at, self.samples, event.t_s)), []
+        blind = self.motion.settled(search.blind, self.samples, event.t_s)
+        return search.seen(
+            lambda at: self._through(at, event),
+            blind,
+            lambda at: hypotheses_about(at, sensor.attitudes(at, event.value, event.noise), self.vehicle),
+        )
+
+    def known_start(self, events: Iterable[Event]) -> Tracked:
+        """The start with the target's attitude that is found from these events, in order; as it is if it is known.
+
+        Raises
+        ------
+        ValueError
+            If more than one explanation, or none, is left at their end.
+        """
+        tracked, left = self.start, 0
+        if tracked.search is None:
+            return tracked
+        for event in events:
+            tracked, _ = self.apply(tracked, event)
+            if tracked.search is not None:
+                left = len(tracked.search.hypotheses)
+            else:
+                known = found_at_start(self.start.estimates, tracked.estimates, self.vehicle, self.frame)
+                return self.start._replace(estimates=known, search=None)
+        raise ValueError(
+            f"attitudes of the target that explain what was seen: {left}; a flight has to show one to be smoothed"
+        )
 
     def settled(self, tracked: Tracked, t_s: float) -> Tracked:
         """The same at t_s, not before its own time."""
-        return tracked._replace(estimates=self.motion.settled(tracked.estimates, self.samples, t_s))
+        return tracked.moved(lambda at: self.motion.settled(at, self.samples, t_s))
 
     def estimate(self, tracked: Tracked, t_s: float, final_before_s: float) -> VehicleEstimate:
         """What is told of t_s, not before the time of `tracked`."""
@@ -167,6 +231,8 @@ class VehicleFilters:
             gyro_lost=at.lost is not None,
             final_before_s=final_before_s,
             vehicle=self.vehicle,
+            ambiguous=tracked.search is not None,
+            explanations=1 if tracked.search is None else len(tracked.search.hypotheses),
             without={
                 name: port_state(self.vehicle, self.frame, other, turning - other.values[GYRO_BIAS])[0]
                 for name, other in alone.items()

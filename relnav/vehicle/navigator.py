@@ -57,7 +57,8 @@ class VehicleNavigator:
         Raises
         ------
         ValueError
-            For what is no vehicle, arguments of another shape, or a sensor with a name that is taken.
+            For what is no vehicle, arguments of another shape, a sensor with a name that is taken, or separation where
+            the target's attitude is to be found.
         """
         self._filters = VehicleFilters(
             vehicle, t_s, position_m, velocity_m_s, sensors, monitor=monitor, separation=separation
@@ -165,7 +166,7 @@ class VehicleNavigator:
 
     def _forwarded(self, tracked: Tracked, t_s: float) -> Tracked:
         motion, samples = self._filters.motion, self._filters.samples
-        return tracked._replace(estimates=motion.forwarded(tracked.estimates, samples, t_s))
+        return tracked.moved(lambda at: motion.forwarded(at, samples, t_s))
 
     def _estimate(self, tracked: Tracked, t_s: float) -> VehicleEstimate:
         final_before_s = self._timeline.newest_s - self.vehicle.filter.replay_window_s

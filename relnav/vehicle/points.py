@@ -17,13 +17,17 @@ from numpy.typing import ArrayLike
 from relnav.arrays import Flags, Matrix, Vector, numbers
 from relnav.estimation.state_layout import StateLayout
 from relnav.mission import Model as BeaconMission
-from relnav.sensors.three_marker.camera import usable_covariance
+from relnav.sensors.three_marker.camera import normalise_spot, usable_covariance
+from relnav.sensors.three_marker.pose import explaining_poses
 from relnav.sensors.three_marker.sensor import MarkerCamera
 from relnav.spacecraft import Vehicle
 from relnav.vehicle.light_rows import GEOMETRY, OPTICS, light_rows_into, spots_inside_into
 from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.rows import Rows, empty_rows
 from relnav.vehicle.state import Estimates
+
+LEAST_LIGHTS = 3
+"""From which an attitude follows, up to four of them."""
 
 
 class PointSensor:
@@ -105,3 +109,19 @@ class PointSensor:
             rows.noise,
         )
         return rows
+
+    def attitudes(self, at: Estimates, spots: Vector, noise: Matrix) -> list[Matrix]:
+        """Every attitude of the target, dcm_lvlh_from_target, that explains spots (2 n,) of three lights or more."""
+        seen = np.flatnonzero(np.isfinite(spots.reshape(-1, 2)).all(axis=1))
+        optics, image = self._optics, np.empty((len(seen), 5))
+        lens = np.concatenate([optics["focal_length"], optics["principal_point"], np.zeros(3), optics["distortion"]])
+        for row, k in enumerate(seen):
+            x, y = 2 * k, 2 * k + 1
+            own = noise[x, x], noise[x, y], noise[y, x], noise[y, y]
+            image[row] = normalise_spot(spots[x], spots[y], *own, lens)
+        if not np.isfinite(image).all():
+            return []
+        frame = self._frame.dcm_lvlh_from_inertial(at.t_s)
+        turn = frame @ at.dcm_inertial_from_chaser[0] @ optics["dcm_chaser_from_sensor"]
+        found = explaining_poses(image[:, :2], image[:, 2:], self._points[seen])
+        return [turn @ pose[:3] for pose, *_ in found]

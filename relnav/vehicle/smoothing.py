@@ -106,7 +106,8 @@ class VehicleSmoother:
         Raises
         ------
         ValueError
-            For times that go back, or lie before the start or after the last observation.
+            For times that go back, or lie before the start or after the last observation; where the target's attitude
+            is to be found (`relnav.vehicle.acquisition`), if it stays ambiguous.
         """
         times = numbers("times_s", times_s)
         begin, end = self._alone.start.estimates.t_s, self._newest_s
@@ -122,9 +123,10 @@ class VehicleSmoother:
 
     def _backward(self, times: Sequence[float]) -> Iterator[VehicleEstimate]:
         """The last one first."""
-        seen: list[tuple[float, Event | None]] = [(event.t_s, event) for event in self._in_order()]
+        events = self._in_order()
+        seen: list[tuple[float, Event | None]] = [(event.t_s, event) for event in events]
         items = sorted([*seen, *((t, None) for t in times)], key=lambda item: item[0])
-        kept, told, end = self._forward(items)
+        kept, told, end = self._forward(items, self._watched.known_start(events))
         later = end
         for begin, before in reversed(kept):
             steps, marks = self._again(before, items[begin : begin + CHUNK])
@@ -140,10 +142,10 @@ class VehicleSmoother:
         return [event for _, event in sorted({event.key: event for event in self._events}.items())]
 
     def _forward(
-        self, items: Sequence[tuple[float, Event | None]]
+        self, items: Sequence[tuple[float, Event | None]], tracked: Tracked
     ) -> tuple[list[tuple[int, Tracked]], list[_Told], Estimates]:
         """States before every CHUNK items, what is told at times that were asked for, and the estimates at the end."""
-        filters, tracked = self._watched, self._watched.start
+        filters = self._watched
         kept, told = [], []
         for k, (t_s, event) in enumerate(items):
             if k % CHUNK == 0:

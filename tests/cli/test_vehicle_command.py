@@ -224,10 +224,37 @@ def test_alarms_are_in_the_summary():
     good, bad = SensorHealth(1.0, 0, 1.0, 0.5), SensorHealth(1.0, 0, 9.0, ALARM_SIGMA + 1.0)
     summary = Summary(vehicle)
     for t_s, camera in ((10.0, good), (11.0, bad), (12.0, bad), (13.0, good)):
-        list(summary.passing([SimpleNamespace(t_s=t_s, sensors={"camera": camera, "star": good}, port=port)]))
+        sensors = {"camera": camera, "star": good}
+        list(summary.passing([SimpleNamespace(t_s=t_s, sensors=sensors, port=port, ambiguous=False)]))
     assert summary.figures()["alarms"] == {"camera": {"first_s": 11.0, "estimates": 2}}
     (said,) = [line for line in summary.lines("log.csv") if line.startswith("ALARM")]
     assert said.startswith("ALARM camera in 2 of 4 estimates, first at 11.00 s")
+
+
+def test_where_the_targets_attitude_is_not_known_yet(run, model, log, tmp_path):
+    """Ten images of lights have to agree; a column and a line of the summary say where they did not yet."""
+    seeking = tmp_path / "seeking.toml"
+    known = "target_attitude_sigma_deg = { value = 0.5,"
+    assert known in model.read_text()
+    seeking.write_text(model.read_text().replace(known, "target_attitude_sigma_deg = { value = 180.0,"))
+    code, out, _ = run("filter", log, "--model", seeking, "--out", tmp_path / "track.csv")
+    assert code == 0
+    track = table(tmp_path / "track.csv")
+    waiting = int(np.argmax(track["ambiguous"] == 0))
+    assert 3 <= waiting <= 5  # three images a second of the two sensors together
+    assert (track["ambiguous"] == (np.arange(len(track)) < waiting)).all()
+    assert f"the target's attitude was not found yet in {waiting} of {len(track)} estimates" in out
+    truth = table(tmp_path / "truth.csv")
+    for name in ("x_m", "y_m", "z_m", "rate_x_deg_s"):
+        off = track[name][waiting : len(truth)] - truth[name][waiting:]
+        assert (np.abs(off) < 4.5 * track[f"sigma_{name}"][waiting : len(truth)]).all()
+    rows = log.read_text().splitlines(keepends=True)
+    early = [row for row in rows if not row[0].isdigit() or float(row.split(",")[0]) < 1.5]
+    (tmp_path / "early.csv").write_text("".join(early))
+    code, _, error = run("filter", tmp_path / "early.csv", "--model", seeking, "--smooth", "--out", tmp_path / "s.csv")
+    assert code == 3
+    assert "attitudes of the target that explain what was seen" in error
+    assert not (tmp_path / "s.csv").exists()
 
 
 def test_a_frame_adds_the_centre_of_mass_and_the_target(run, model, tmp_path):
