@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from relnav.sensors.three_beacon.perspective import _closed_form_pass
+from relnav.sensors.three_beacon.invariants import invariants, rays_from_position
+from relnav.sensors.three_beacon.perspective import _closed_form_pass, settle
 
 A, B = 0.3, 0.5
 
@@ -34,3 +35,22 @@ def test_a_beacon_behind_is_refused():
     u, w = seen_from(np.array([4.0, 1.0, -0.5]), np.eye(3))
     u[2] = -u[2]
     assert not _closed_form_pass(u, A, B, w, np.array([4.0, 1.0, -0.5]), np.zeros((6, 3)))
+
+
+def test_newton_ends_at_the_position_or_says_that_it_does_not():
+    """From 300 places, some of them far off or behind: where it settles, the invariants are those that were seen."""
+    rng, ended = np.random.default_rng(5), []
+    for _ in range(300):
+        p = np.array([rng.uniform(1.0, 9.0), rng.uniform(-1.0, 1.0), rng.uniform(-1.0, 1.0)])
+        g, u, distance = np.empty(3), np.empty((3, 3)), np.empty(3)
+        rays_from_position(p, A, B, u, distance)
+        invariants(u, g)
+        q = p * rng.uniform(0.2, 5.0) + rng.normal(size=3) * rng.choice([0.01, 1.0, 3.0])
+        if settle(g, A, B, q, np.empty((3, 3))):
+            got = np.empty(3)
+            rays_from_position(q, A, B, u, distance)
+            invariants(u, got)
+            assert np.abs(got - g).max() < 1e-13
+            ended.append(np.linalg.norm(q - p) < 1e-9 * np.linalg.norm(p))
+    assert len(ended) > 40
+    assert sum(ended) > 0.8 * len(ended)

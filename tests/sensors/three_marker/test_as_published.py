@@ -129,6 +129,7 @@ def test_a_singular_view_has_no_small_angle_solution(own):
     p = points + np.array([0.0, 0.75, 0.0])
     xy = np.stack([p[:, 0] / p[:, 1], -p[:, 2] / p[:, 1]], axis=-1)
     pose = small_angle(xy, points, own.cam_from_paper)
+    assert pose.shape == (4, 3)
     assert np.isnan(pose).all()
     p = points + np.array([0.0, 0.9, 0.0])
     xy = np.stack([p[:, 0] / p[:, 1], -p[:, 2] / p[:, 1]], axis=-1)

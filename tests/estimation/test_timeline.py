@@ -1,0 +1,43 @@
+"""Events by their times: late ones inserted, others found by their very time, old ones forgotten."""
+
+from relnav.estimation.timeline import Timeline
+
+
+def add(state, event):
+    """A state is the text of all events so far."""
+    return state + event, f"<{state}{event}>"
+
+
+def filled():
+    line = Timeline("", 0.0)
+    results = [line.insert(t, event, add) for t, event in ((1.0, "a"), (3.0, "c"), (2.0, "b"), (3.0, "d"))]
+    return line, results
+
+
+def test_a_late_one_stands_where_it_belongs():
+    line, results = filled()
+    assert results == ["<a>", "<ac>", "<ab>", "<abcd>"]
+    assert [one.state for one in line.passed] == ["a", "ab", "abc", "abcd"]
+    assert line.last_s == 3.0
+    assert Timeline("", 0.5).last_s == 0.5
+
+
+def test_found_by_its_very_time():
+    line, _ = filled()
+    assert [line.number(t) for t in (0.5, 1.0, 1.5, 2.0, 3.0, 4.0)] == [None, 0, None, 1, 2, None]
+    assert [line.following(t) for t in (0.5, 1.0, 2.5, 3.0)] == ["a", "b", "c", None]
+
+
+def test_replaced_what_follows_is_done_again():
+    line, _ = filled()
+    assert line.replace(1, "B", add) == "<aB>"
+    assert [one.state for one in line.passed] == ["a", "aB", "aBc", "aBcd"]
+
+
+def test_what_is_forgotten_is_the_new_start():
+    line, _ = filled()
+    assert line.forget(1.0) == []
+    assert (line.start, line.start_s) == ("", 0.0)
+    assert [one.event for one in line.forget(3.0)] == ["a", "b"]
+    assert (line.start, line.start_s, line.times) == ("ab", 2.0, [3.0, 3.0])
+    assert line.insert(2.5, "x", add) == "<abx>"
