@@ -139,6 +139,12 @@ def script() -> Callable[[str], ModuleType]:
 
 
 @pytest.fixture(scope="session")
+def derivatives() -> ModuleType:
+    """What sensors measure, and derivatives derived of it: `tests/derivatives.py`."""
+    return module_of("tests/derivatives.py")
+
+
+@pytest.fixture(scope="session")
 def messages() -> ModuleType:
     """`raise_sites.py`: what was triggered in this process so far."""
     return raise_sites

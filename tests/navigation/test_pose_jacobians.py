@@ -7,8 +7,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import relnav
+from relnav.dynamics.docking_port import port_geometry_into
 from relnav.estimation.attitude import reset
 from relnav.geometry.rotation_vector import turned
+from relnav.navigation.blocks import FOCAL_LENGTH, MOUNTING, PLACEMENT
+from relnav.navigation.observation.marker_poses import write_state
+from relnav.navigation.observation.marker_rows import aim_camera, observe_markers
+from relnav.navigation.pose_memory import new_pose_memory, pose_views
 from relnav.navigation.pose_state import (
     PoseState,
     camera_pose,
@@ -91,6 +96,46 @@ def test_spot_rows(mission, marker_image):
     rows = spot_jacobians(mission.markers.points_m, pose, mission.camera).chaser_attitude.reshape(-1, 3)
     expected = differences(lambda a: spots(state, mission, turned(np.eye(3), -a) @ dcm), 3, 1e-5)
     np.testing.assert_allclose(rows, expected, atol=1e-7 * np.abs(expected).max())
+
+
+def test_spot_rows_are_the_derived_ones(mission, derivatives):
+    """Rows of the filter, and what lasts: chaser's attitude, mounting, focal length and the markers' places."""
+    sizes = dataclasses.replace(mission.tolerances, considered=True)
+    chaser = dataclasses.replace(mission.chaser, attitude_sigma_rad=2e-3)
+    told = dataclasses.replace(mission, tolerances=sizes, chaser=chaser)
+    state, dcm, camera, m = a_state(), chaser_attitude(told), told.camera, pose_views(new_pose_memory(told))
+    write_state(m.bank[0], state)
+    aim_camera(m.camera, dcm)
+    seen = spots(state, told, dcm).reshape(-1, 2)
+    observe_markers(m, m.bank[0], m.bank_sensitivities[0], seen, np.empty((0, 2, 2)))
+    derived = derivatives.derivative(derivatives.spot_of_light, "spot", "errors", at_zero=True, **derivatives.LIGHT)
+    own = [np.array(x) for x in (camera.position_m, camera.focal_length_px, camera.distortion)]
+    for k, s in enumerate(told.markers.points_m):
+        by = derived(state.dcm_lvlh_from_target, dcm, camera.dcm_cam_from_chaser, s, state.motion[:3], *own)
+        both, place = slice(2 * k, 2 * k + 2), slice(PLACEMENT + 3 * k, PLACEMENT + 3 * k + 3)
+        rows, lasting = m.groups[k]["gradient"][:2], m.by_error[both]
+        for got, expected in (
+            (rows[:, :3], by[:, :3]),
+            (rows[:, 6:9], by[:, 3:6]),
+            (m.turns[both], by[:, 6:9]),
+            (lasting[:, :3], 2e-3 * by[:, 6:9]),
+            (lasting[:, MOUNTING : MOUNTING + 3], sizes.camera_mounting_sigma_rad * by[:, 9:12]),
+            (lasting[:, FOCAL_LENGTH], sizes.focal_length_relative_sigma * by[:, 18]),
+            (lasting[:, place], sizes.marker_placement_sigma_m * by[:, 15:18]),
+        ):
+            np.testing.assert_allclose(got, expected, rtol=1e-10, atol=1e-12 * np.abs(expected).max())
+
+
+def test_the_ports_are_the_derived_ones(derivatives):
+    rng, shapes = np.random.default_rng(5), {"C_TL": (3, 3), "C_TB": (3, 3), "motion": (6,), "errors": (15,)}
+    shapes |= {"w_T": (3,), "w_B": (3,), "d": (3,), "out": (12,)}
+    C_TL, C_TB = Rotation.random(2, rng=rng).as_matrix()
+    motion, rates, d, turn = rng.normal(size=6), rng.normal(size=(2, 3)), rng.normal(size=3), 0.7
+    by_target, by_chaser, work = np.empty((12, 12)), np.empty((12, 3)), np.empty((4, 3))
+    port_geometry_into(C_TL, C_TB, motion, rates, turn, d, np.empty((3, 3)), by_target, by_chaser, work)
+    derived = derivatives.derivative(derivatives.port_from_port, "out", "errors", at_zero=True, **shapes)
+    expected = derived(C_TL, C_TB, motion, *rates, turn, d)
+    np.testing.assert_allclose(np.hstack([by_target, by_chaser]), expected, rtol=1e-11, atol=1e-13)
 
 
 def docking_error(one, reference):

@@ -125,3 +125,22 @@ def test_the_covariance_is_the_jacobian_s(truth, sensor) -> None:
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     np.testing.assert_allclose(got / scale, expected / scale, rtol=0.0, atol=1e-6)
     np.testing.assert_array_equal(got, got.T)
+
+
+def test_the_jacobians_are_the_derived_ones(truth, derivatives) -> None:
+    """Of both closed forms, on the axis and off it: to rounding, where differences end at 1e-7."""
+    derived, none = derivatives.derivative, np.zeros(15)
+    of_image = derived(derivatives.invariants_of_spots, "g", "spots", spots=(3, 2), g=(3,))
+    shapes = {"p": (3,), "arm": (3,), "places": (3, 3), "errors": (15,), "g": (3,)}
+    of_place = derived(derivatives.rays_of_beacons, "g", "p", **shapes)
+    of_angles = derived(derivatives.angles_of_place, "rae", "p", p=(3,), rae=(3,))
+    of_parallel = derived(derivatives.parallel_form, "rae", "spots", spots=(3, 2), rae=(3,))
+    for range_m, azimuth, elevation in PLACES:
+        p = truth.position(range_m, math.radians(azimuth), math.radians(elevation))
+        spots = truth.central(p, truth.look_at(p, 0.3))
+        by_spots = np.linalg.solve(of_place(p, none[:3], truth.beacons, none), of_image(spots, truth.f))
+        for expected, got in (
+            (of_angles(p) @ by_spots, rae_jacobian(p, spots, truth, PERSPECTIVE)),
+            (of_parallel(spots, truth.f, truth.a, truth.b), rae_jacobian(p, spots, truth, PARALLEL)),
+        ):
+            np.testing.assert_allclose(got, expected, rtol=0.0, atol=1e-11 * np.abs(expected).max())

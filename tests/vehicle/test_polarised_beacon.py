@@ -38,6 +38,25 @@ def test_the_row_is_the_derivative(near, flights):
     assert np.abs(row.jacobian[0, TARGET_ATTITUDE]).max() > 0.5
 
 
+def test_the_row_is_the_derived_one(near, flights, derivatives):
+    own = flights.beacon(near)
+    nav = VehicleNavigator(near, sensors={"roll": own})
+    state, names = nav._filters.start.estimates.of(0), nav.layout.by_name
+    C_BI = state.dcm_inertial_from_chaser.T
+    C_BL = C_BI @ nav._filters.frame.dcm_lvlh_from_inertial(state.t_s).T
+    shapes = derivatives.FRAMES | dict.fromkeys(("light", "field", "rho", "lens"), (3,))
+    derived = derivatives.derivative(
+        derivatives.roll_of_field, "psi", "errors", at_zero=True, errors=(12,), psi=(1,), **shapes
+    )
+    given = own._beacon, own._field, state.values[POSITION], own._lens
+    by = derived(state.dcm_lvlh_from_target, C_BL, own._mounted, *given)
+    row = own.rows(state, np.array([0.3, 1.9]), np.eye(2)).jacobian
+    blocks = POSITION, TARGET_ATTITUDE, CHASER_ATTITUDE, names["roll.mount"]
+    got = np.hstack([row[:, block] for block in blocks])
+    np.testing.assert_allclose(got, by, rtol=1e-10, atol=1e-13)
+    assert np.count_nonzero(row) <= by.size
+
+
 def test_the_roll_is_found_and_honest(near, flights):
     """Twelve runs: about the line of sight the attitude's sigma falls ten times, and NEES is one in the mean."""
     flown = np.array([flights.fly(near, seed) for seed in range(12)])

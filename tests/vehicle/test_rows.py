@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from relnav.geometry.rotation_vector import turned
 from relnav.sensors.sun_direction import tangent_basis
-from relnav.vehicle.layout import MOVING
+from relnav.vehicle.layout import CHASER_ATTITUDE, MOVING, POSITION, TARGET_ATTITUDE
 from relnav.vehicle.port import port_state
 from relnav.vehicle.rows import Rows
 
@@ -38,6 +39,52 @@ def test_lights(navigator, odd_state, name):
     rows = rows_of(sensor, odd_state, spots, noise)
     np.testing.assert_allclose(rows.jacobian, measured, rtol=1e-5, atol=1e-7 * largest)
     assert (rows.noise == noise).all()
+
+
+def frames(navigator, at, name):
+    """C_LT, C_BL and C_SB, with what is known of the mounting."""
+    C_BI, mount = at.dcm_inertial_from_chaser.T, at.values[navigator.layout.by_name[f"{name}.mount"]]
+    C_SB = turned(np.eye(3), -mount) @ navigator.vehicle.sensor[name].dcm_sensor_from_chaser
+    return at.dcm_lvlh_from_target, C_BI @ navigator._filters.frame.dcm_lvlh_from_inertial(at.t_s).T, C_SB
+
+
+@pytest.mark.parametrize("name", ["camera", "psd"])
+def test_lights_are_the_derived_ones(navigator, odd_state, derivatives, name):
+    sensor, known, at = navigator._filters.sensors[name], odd_state.values[0], odd_state.of(0)
+    optics, points, by_name = sensor._optics, navigator.vehicle.points_m(name), navigator.layout.by_name
+    rows = rows_of(sensor, odd_state, np.zeros(2 * len(points)), np.eye(2 * len(points))).jacobian
+    focal, lever, first = by_name[f"{name}.focal"], by_name[f"{name}.lever"], optics["lights"]
+    scale, lens = 1.0 + known[focal][0], optics["lens"] + known[lever]
+    derived = derivatives.derivative(derivatives.spot_of_light, "spot", "errors", at_zero=True, **derivatives.LIGHT)
+    for k, s in enumerate(points):
+        place, expected = slice(first + 3 * k, first + 3 * k + 3), np.zeros((2, len(known)))
+        given = s + known[place], known[:3], lens, scale * optics["focal_length"], optics["distortion"]
+        by = derived(*frames(navigator, at, name), *given)
+        blocks = [POSITION, TARGET_ATTITUDE, CHASER_ATTITUDE, by_name[f"{name}.mount"], lever, place]
+        for number, block in enumerate(blocks):
+            expected[:, block] = by[:, 3 * number : 3 * number + 3]
+        expected[:, focal] = by[:, 18:] / scale
+        np.testing.assert_allclose(rows[2 * k : 2 * k + 2], expected, rtol=1e-10, atol=1e-13 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("name", ["star", "sun_aps", "sun_birefringent"])
+def test_directions_are_the_derived_ones(navigator, odd_state, derivatives, name):
+    sensor, at = navigator._filters.sensors[name], odd_state.of(0)
+    C_BI, C_SB = at.dcm_inertial_from_chaser.T, frames(navigator, at, name)[2]
+    shapes = {"C_BI": (3, 3), "C_SB": (3, 3), "errors": (6,)}
+    if name == "star":
+        by = derivatives.derivative(derivatives.inertial_attitude, "theta", "errors", True, theta=(3,), **shapes)
+        by, value, noise = by(C_BI, C_SB), (C_SB @ C_BI).ravel(), np.eye(3)
+    else:
+        line = sensor.sun(at.t_s)
+        value, noise = C_SB @ C_BI @ line, np.zeros((3, 3))
+        shapes |= {"line": (3,), "basis": (3, 2), "across": (2,)}
+        by = derivatives.derivative(derivatives.direction, "across", "errors", True, **shapes)
+        by = by(C_BI, C_SB, line, tangent_basis(value))
+    rows = rows_of(sensor, odd_state, value, noise).jacobian
+    expected = np.zeros_like(rows)
+    expected[:, CHASER_ATTITUDE], expected[:, navigator.layout.by_name[f"{name}.mount"]] = by[:, :3], by[:, 3:]
+    np.testing.assert_allclose(rows, expected, rtol=1e-10, atol=1e-13)
 
 
 def test_stars(navigator, odd_state):
