@@ -201,9 +201,10 @@ def put_number(x: float, powers: Matrix, groups: Text, out: Text, at: int) -> in
 def write_rows(table: Matrix, whole: Codes, powers: Matrix, groups: Text, out: Text, state: Codes) -> bool:
     """Write rows of numbers, separated by commas, each ended by a line end; True when all are written.
 
-    table (n, m); whole (m,): 1 for a column of integers; powers: `powers_of_ten`; groups: `groups_of_digits`. out: room for LONGEST_NUMBER
-    characters a number. state (3,): row and column to go on with, and the place in out. False: Python is to write the
-    number there, without what separates it, and to call again, the column one farther.
+    table (n, m); whole (m,): 1 for a column of integers; powers and groups: `powers_of_ten` and
+    `groups_of_digits`. out: room for LONGEST_NUMBER characters a number. state (3,): row and column to go on with, and
+    the place in out. False: Python is to write the number there, without what separates it, and to call again, the
+    column one farther.
     """
     at = state[2]
     for row in range(state[0], table.shape[0]):
