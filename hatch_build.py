@@ -131,7 +131,7 @@ def tables():
     compiled_text.MANY_NUMBERS = 0
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "table.csv"
-        path.write_text("a,b\n" + "".join(compiled_text.texts_of([np.ones(3), np.full(3, 0.1)], (0,))))
+        path.write_bytes(b"a,b\n" + b"".join(compiled_text.texts_of([np.ones(3), np.full(3, 0.1)], (0,))))
         table = TextTable(path)
         reader = compiled_text.BlockReader(table, [0, 1])
         for line, block in table.blocks():

@@ -44,8 +44,8 @@ def writers(names, columns, folder):
     table = np.stack(columns, axis=1)
 
     def ours():
-        with (folder / "relnav.csv").open("w") as file:
-            file.write(",".join(names) + "\n")
+        with (folder / "relnav.csv").open("wb") as file:
+            file.write((",".join(names) + "\n").encode())
             file.writelines(compiled_text.texts_of(columns, ()))
 
     def python():

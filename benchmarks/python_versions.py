@@ -3,6 +3,7 @@
 Looks for python3.11 to python3.14 on the path, under pyenv, and through uv where that is there; says which are missing.
 
     python benchmarks/python_versions.py [--only 3.12] [--json FILE] [TESTS ...]
+    python benchmarks/python_versions.py --prebuilt [--only 3.12]   # the wheel with compiled code, and its first call
 """
 
 import argparse
@@ -29,6 +30,17 @@ import relnav
 navigator = relnav.Navigator(relnav.load_model("three_beacon_psd"))
 navigator.step(0.0, [[-1.5e-3, 0.0], [1.5e-3, 0.0], [0.0, 0.0]])
 """
+FIRST_CALL = (
+    TRIED
+    + """
+import sys
+import time
+assert not relnav.__file__.startswith(sys.argv[1]), "the checkout is called, not what was installed"
+assert "numba" not in sys.modules, "numba was needed: the wheel's code does not fit"
+print(f"first estimate of beacons after {time.process_time():.2f} s of processor time, without numba")
+"""
+)
+"""To be run where the package's source is not."""
 
 
 def interpreter(version: str) -> str | None:
@@ -45,7 +57,7 @@ def interpreter(version: str) -> str | None:
     return None
 
 
-def tried(version: str, tests: list[str]) -> dict[str, object]:
+def tried(version: str, tests: list[str], *, prebuilt: bool = False) -> dict[str, object]:
     """Install and test; what came of it."""
     place, begin = interpreter(version), time.monotonic()
     if place is None:
@@ -55,15 +67,21 @@ def tried(version: str, tests: list[str]) -> dict[str, object]:
         steps = {
             "environment": [place, "-m", "venv", folder],
             "installation": [python, "-m", "pip", "install", "-q", str(ROOT), *NEEDED],
+        }
+        checks = {
             "first call": [python, "-c", TRIED],
             "compiled call": [python, "-c", TRIED],
             "tests": [python, "-m", "pytest", "-q", "-p", "no:xdist", "-o", "addopts=--import-mode=importlib", *tests],
         }
+        steps |= {"first call": [python, "-c", FIRST_CALL, str(ROOT)]} if prebuilt else checks
         said = ""
         for name, command in steps.items():
-            ways = {"RELNAV_PREBUILD": "0", "RELNAV_JIT": str(int(name == "compiled call")), "NUMBA_CACHE_DIR": folder}
+            compiles = prebuilt or name == "compiled call"
+            ways = {"RELNAV_PREBUILD": str(int(prebuilt)), "RELNAV_JIT": str(int(compiles)), "NUMBA_CACHE_DIR": folder}
             environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"} | ways
-            done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+            done = subprocess.run(
+                command, cwd=folder if prebuilt else ROOT, env=environment, capture_output=True, text=True, check=False
+            )
             said = (done.stdout.strip() or done.stderr.strip()).splitlines()[-1:] or [""]
             if done.returncode != 0:
                 last = (done.stderr.strip() or done.stdout.strip()).splitlines()[-1:]
@@ -76,11 +94,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("tests", nargs="*", default=list(QUICK))
     parser.add_argument("--only", action="append", choices=VERSIONS)
+    parser.add_argument("--prebuilt", action="store_true", help="With compiled code in the wheel, and its first call.")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     found = []
     for version in options.only or VERSIONS:
-        found.append(tried(version, options.tests))
+        found.append(tried(version, options.tests, prebuilt=options.prebuilt))
         print(json.dumps(found[-1]), flush=True)
     if options.json:
         options.json.write_text(json.dumps(found, indent=2) + "\n")

@@ -28,7 +28,7 @@ FAMILIES = {
 
 def text_of(values):
     """Two columns as compiled code writes them."""
-    return "".join(texts_of(list(values.reshape(-1, 2).T), ()))
+    return "".join(str(text, "ascii") for text in texts_of(list(values.reshape(-1, 2).T), ()))
 
 
 @pytest.mark.parametrize("family", FAMILIES)

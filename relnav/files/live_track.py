@@ -55,7 +55,7 @@ class LineByLine:
         """Write the head, then what comes."""
         try:
             with suppress(BrokenPipeError), _opened(path) as file:
-                self._put(file, [head_text(self._ending, columns, stated)])
+                self._put(file, [head_text(self._ending, columns, stated).encode()])
                 for part in parts:
                     self._put(file, rows_text(self._ending, columns, part, integers))
                     self.rows += len(part[0])
@@ -67,9 +67,9 @@ class LineByLine:
                 in_place.append(f"{self.rows} rows of {path}")
 
     @staticmethod
-    def _put(file: BinaryIO, lines: "Iterator[str] | list[str]") -> None:
+    def _put(file: BinaryIO, lines: "Iterator[bytes | memoryview] | list[bytes]") -> None:
         for text in lines:
-            file.write(text.encode())
+            file.write(text)
         file.flush()
 
 

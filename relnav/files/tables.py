@@ -118,25 +118,31 @@ def head_text(ending: str, columns: tuple[str, ...], stated: dict[str, str]) -> 
     return "".join([*comments, ",".join(columns), "\n"])
 
 
-def rows_text(ending: str, columns: tuple[str, ...], part: Table, integers: tuple[int, ...]) -> Iterator[str]:
-    """The rows of a table as lines of .csv, or of .jsonl: an object a row, null where a cell is empty or infinite."""
+def rows_text(
+    ending: str, columns: tuple[str, ...], part: Table, integers: tuple[int, ...]
+) -> Iterator[bytes | memoryview]:
+    """The rows of a table as lines of .csv, or of .jsonl: an object a row, null where a cell is empty or infinite.
+
+    To be written before the next piece is asked for (`texts_of`).
+    """
+    texts: Iterator[bytes | memoryview]
     texts = texts_of(part, integers) if worth_writing(len(part) * len(part[0])) else _texts_of(part, integers)
     if ending != ".jsonl":
         yield from texts
         return
     names = [f'"{name}": ' for name in columns]
     for text in texts:
-        for line in text.split("\n")[:-1]:
+        for line in str(text, "ascii").split("\n")[:-1]:
             cells = line.split(",")
             if not all(cells) or "inf" in line:
                 cells = ["null" if cell in _NO_JSON else cell for cell in cells]
-            yield "{" + ", ".join(map(add, names, cells)) + "}\n"
+            yield ("{" + ", ".join(map(add, names, cells)) + "}\n").encode()
 
 
-def _texts_of(part: Table, integers: tuple[int, ...]) -> Iterator[str]:
+def _texts_of(part: Table, integers: tuple[int, ...]) -> Iterator[bytes]:
     """As `texts_of`, by Python."""
     for row in zip(*(column.tolist() for column in part), strict=True):
-        yield ",".join(_cells(row, integers)) + "\n"
+        yield (",".join(_cells(row, integers)) + "\n").encode()
 
 
 def write_table(
@@ -149,9 +155,9 @@ def write_table(
 
             write_parquet(temporary, columns, parts, stated, integers)
             return
-        with temporary.open("w", newline="", encoding="utf-8") as file:
+        with temporary.open("wb") as file:
             ending = ".jsonl" if path.suffix.lower() == ".jsonl" else ".csv"
-            file.write(head_text(ending, columns, stated))
+            file.write(head_text(ending, columns, stated).encode())
             for part in parts:
                 file.writelines(rows_text(ending, columns, part, integers))
 
