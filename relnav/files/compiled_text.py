@@ -33,6 +33,17 @@ def worth_reading(numbers: int) -> bool:
     return is_at_hand(read_rows) or (numbers >= MANY_NUMBERS and is_compiled())
 
 
+def prepare() -> None:
+    """Have the code that writes and reads rows at hand, compiled now if need be: for what is followed row by row."""
+    if not is_compiled() or is_at_hand(write_rows, read_rows):
+        return
+    for _ in texts_of([np.zeros(1)], ()):
+        pass
+    text, cells, state = np.frombuffer(b"0.0\n", dtype=np.uint8), np.zeros(1, dtype=np.int64), np.array([0, 1, 0, 0, 0])
+    values, lines, ask = np.empty((1, 1)), np.empty(1, dtype=np.int64), np.empty((MOST_ASKED, 4), dtype=np.int64)
+    read_rows(text, cells, _powers(), values, lines, ask, state)
+
+
 def texts_of(columns: list[Vector], integers: tuple[int, ...]) -> Iterator[str]:
     """The rows of a table as lines of text, some thousand at once; columns of equal length, some of integers."""
     rows, whole = len(columns[0]), _whole(len(columns), integers)
