@@ -44,7 +44,7 @@ def prepare() -> None:
     read_rows(text, cells, _powers(), values, lines, ask, state)
 
 
-def texts_of(columns: list[Vector], integers: tuple[int, ...]) -> Iterator[str]:
+def texts_of(columns: list[Vector] | Matrix, integers: tuple[int, ...]) -> Iterator[str]:
     """The rows of a table as lines of text, some thousand at once; columns of equal length, some of integers."""
     rows, whole = len(columns[0]), _whole(len(columns), integers)
     room = ROWS_AT_ONCE if rows > 1 else 1  # one row: what is followed; 2 MB would be mapped anew for each
@@ -52,7 +52,9 @@ def texts_of(columns: list[Vector], integers: tuple[int, ...]) -> Iterator[str]:
     state, powers = np.empty(3, dtype=np.int64), _powers()
     for begin in range(0, rows, ROWS_AT_ONCE):
         cut = columns if rows <= ROWS_AT_ONCE else [column[begin : begin + ROWS_AT_ONCE] for column in columns]
-        table = np.ascontiguousarray(np.concatenate(cut, dtype=np.float64).reshape(len(columns), -1).T)
+        if isinstance(cut, list):
+            cut = np.concatenate(cut, dtype=np.float64).reshape(len(columns), -1)
+        table = np.ascontiguousarray(cut.T)
         state[:] = 0
         while not write_rows(table, whole, powers, out, state):
             row, column, place = state.tolist()
