@@ -89,7 +89,8 @@ def test_what_is_followed_has_the_code_from_its_first_row_on(tmp_path):
         "print(worth_writing(1), worth_reading(1))\nprepare()\nprint(worth_writing(1), worth_reading(1))\n"
     )
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    for jit, said in (("1", "True True"), ("0", "False False")):
+    code += "import sys\nprint('numba' in sys.modules)\n"
+    for jit, said in (("1", ["True True"]), ("1", ["True True", "False"]), ("0", ["False False", "False"])):
         environment["RELNAV_JIT"] = jit
         ran = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
-        assert ran.stdout.splitlines()[1] == said
+        assert ran.stdout.splitlines()[1:][: len(said)] == said  # the second time it is at hand, without numba
