@@ -122,20 +122,10 @@ def markers():
 
 
 def tables():
-    """A text table written and read back."""
-    import numpy as np
+    """Text tables written and read back."""
+    from relnav.files.compiled_text import prepare
 
-    from relnav.files import compiled_text
-    from relnav.files.text_table import TextTable
-
-    compiled_text.MANY_NUMBERS = 0
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "table.csv"
-        path.write_bytes(b"a,b\n" + b"".join(compiled_text.texts_of([np.ones(3), np.full(3, 0.1)], (0,))))
-        table = TextTable(path)
-        reader = compiled_text.BlockReader(table, [0, 1])
-        for line, block in table.blocks():
-            reader.read(block, 0, line, 3)
+    prepare()
 
 
 FLIGHTS = {"markers": markers, "beacons": beacons, "tables": tables}

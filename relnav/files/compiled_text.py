@@ -34,7 +34,18 @@ def worth_reading(numbers: int) -> bool:
     return is_at_hand(read_rows) or (numbers >= MANY_NUMBERS and is_compiled())
 
 
-def texts_of(columns: list[Vector], integers: tuple[int, ...]) -> Iterator[memoryview]:
+def prepare() -> None:
+    """Have the code that writes and reads rows at hand, compiled now if need be: for what is followed row by row."""
+    if is_at_hand(write_rows, read_rows) or not is_compiled():  # asked in this order: the second imports numba
+        return
+    for _ in texts_of([np.zeros(1)], ()):
+        pass
+    text, cells, state = np.frombuffer(b"0.0\n", dtype=np.uint8), np.zeros(1, dtype=np.int64), np.array([0, 1, 0, 0, 0])
+    values, lines, ask = np.empty((1, 1)), np.empty(1, dtype=np.int64), np.empty((MOST_ASKED, 4), dtype=np.int64)
+    read_rows(text, cells, _powers(), values, lines, ask, state)
+
+
+def texts_of(columns: list[Vector] | Matrix, integers: tuple[int, ...]) -> Iterator[memoryview]:
     """The rows of a table as lines of text, some hundred at once; columns of equal length, some of integers.
 
     What is given is ASCII, in memory that the next piece is written into.
@@ -45,7 +56,9 @@ def texts_of(columns: list[Vector], integers: tuple[int, ...]) -> Iterator[memor
     state, powers, groups = np.empty(3, dtype=np.int64), _powers(), groups_of_digits()
     for begin in range(0, rows, ROWS_AT_ONCE):
         cut = columns if rows <= ROWS_AT_ONCE else [column[begin : begin + ROWS_AT_ONCE] for column in columns]
-        table = np.ascontiguousarray(np.concatenate(cut, dtype=np.float64).reshape(len(columns), -1).T)
+        if isinstance(cut, list):
+            cut = np.concatenate(cut, dtype=np.float64).reshape(len(columns), -1)
+        table = np.ascontiguousarray(cut.T)
         state[:] = 0
         while not write_rows(table, whole, powers, groups, out, state):
             row, column, place = state.tolist()

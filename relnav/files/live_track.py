@@ -9,6 +9,7 @@ from typing import BinaryIO
 
 from relnav.errors import UsageError
 from relnav.files.atomic import IN_PLACE, STDOUT, is_stream
+from relnav.files.compiled_text import prepare
 from relnav.files.tables import Table, head_text, rows_text
 
 ENDINGS = (".csv", ".jsonl")
@@ -56,6 +57,7 @@ class LineByLine:
         try:
             with suppress(BrokenPipeError), _opened(path) as file:
                 self._put(file, [head_text(self._ending, columns, stated).encode()])
+                prepare()
                 for part in parts:
                     self._put(file, rows_text(self._ending, columns, part, integers))
                     self.rows += len(part[0])

@@ -179,7 +179,7 @@ def write_track(
     """
     check_format(path, TRACKS)
     turning = turning or Turning()
-    tables = (_rows(part, turning(part)) for part in parts)
+    tables = (np.vstack(_blocks(part, turning(part)), dtype=np.float64) for part in parts)
     stated = _head({"model": model} | _words(turning.stated) | (metadata or {}))
     writer(path, columns_in(turning.frame), tables, stated, _INTEGERS)
 
@@ -200,7 +200,14 @@ def _words(stated: dict[str, str]) -> dict[str, str]:
     return stated | ({"frame": f"{stated['frame']}; ports and turns in target axes"} if stated else {})
 
 
-def _rows(solution: PoseSolution, turned: FramedTrack | None = None) -> Table:
+def _rows(solution: PoseSolution, turned: FramedTrack | None = None) -> list[Vector]:
+    """The columns one by one, each with numbers of its own kind."""
+    blocks = _blocks(solution, turned)
+    return [column for block in blocks for column in (block if block.ndim == 2 else (block,))]
+
+
+def _blocks(solution: PoseSolution, turned: FramedTrack | None = None) -> list[Any]:
+    """The columns by what they are of, (k, n) or (n,)."""
     state, covariance, attitude = solution.state, solution.covariance, solution.dcm_lvlh_from_target
     if turned is not None and turned.dcm_frame_from_target is not None:
         state, covariance, attitude = turned.state, turned.covariance, turned.dcm_frame_from_target
@@ -208,19 +215,19 @@ def _rows(solution: PoseSolution, turned: FramedTrack | None = None) -> Table:
     doubtful = np.where(np.isfinite(solution.ambiguity), solution.ambiguity, np.nan)
     return [
         solution.t_s,
-        *state.T,
-        *turns[: len(solution)].T,
-        *np.degrees(solution.rate_rad_s).T,
-        *_sigmas(covariance).T,
-        *solution.port_m.T,
-        *solution.port_velocity_m_s.T,
-        *turns[len(solution) :].T,
-        *np.degrees(solution.relative_rate_rad_s).T,
-        *_sigmas(solution.docking_covariance).T,
+        state.T,
+        turns[: len(solution)].T,
+        np.degrees(solution.rate_rad_s).T,
+        _sigmas(covariance).T,
+        solution.port_m.T,
+        solution.port_velocity_m_s.T,
+        turns[len(solution) :].T,
+        np.degrees(solution.relative_rate_rad_s).T,
+        _sigmas(solution.docking_covariance).T,
         *(solution.nis, solution.dof, solution.used, solution.status, solution.hypotheses, doubtful),
         *(solution.observable, solution.too_late, solution.alarm),
-        *covariance[:, _UPPER[0], _UPPER[1]].T,
-        *solution.docking_covariance[:, _UPPER_3[0], _UPPER_3[1]].T,
+        covariance[:, _UPPER[0], _UPPER[1]].T,
+        solution.docking_covariance[:, _UPPER_3[0], _UPPER_3[1]].T,
     ]
 
 

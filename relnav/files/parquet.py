@@ -131,7 +131,7 @@ def _refuse_bombs(file: Any, path: Path) -> None:
 def write_parquet(
     path: Path,
     columns: tuple[str, ...],
-    parts: Iterator[list[Vector]],
+    parts: Iterator[list[Vector] | Matrix],
     metadata: dict[str, str],
     integers: tuple[int, ...],
 ) -> None:

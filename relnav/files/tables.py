@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from relnav.arrays import Vector
+from relnav.arrays import Matrix, Vector
 from relnav.dynamics.in_frame import OWN, FramedTrack
 from relnav.errors import LogError, UsageError
 from relnav.files.atomic import is_stream, replacing
@@ -59,8 +59,8 @@ def head(model: str, method: str, smoothed: bool) -> dict[str, str]:
     }
 
 
-Table = list[Vector]
-"""Rows as columns: one array (m,) for each."""
+Table = list[Vector] | Matrix
+"""Rows as columns: one array (m,) for each, or all as one (columns, m), which is faster for a single row."""
 
 
 def rows_of(part: Solution, turned: FramedTrack | None = None) -> Table:

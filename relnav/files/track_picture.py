@@ -30,6 +30,7 @@ from relnav.files.picture_style import (
 )
 from relnav.files.run_view import TURNS, Quantity, RunView, watcher_of
 from relnav.files.sensor_picture import draw_sensors
+from relnav.files.space_picture import draw_space
 from relnav.files.thinning import envelope_limits
 from relnav.files.tracks import ROWS_AT_ONCE
 from relnav.files.wording import printable
@@ -79,12 +80,20 @@ def _sheets(view: RunView, corridor_deg: float) -> dict[str, Any]:
         return {"Measurements (the filter never started)": draw_measurements}
     sheets = {
         "Approach": lambda figure, view: _draw_approach(figure, view, corridor_deg),
+        "Approach in space": lambda figure, view: draw_space(figure, view, corridor_deg),
         "State and its 3-sigma": _draw_states,
         "Port from port, target axes, and its 3-sigma": _draw_ports,
         "Measurements": draw_measurements,
         "Sensors": draw_sensors,
     }
-    there = [bool(view.docking()), bool(view.states()), bool(view.ports()), not view.of_vehicle, bool(view.sensors)]
+    there = [
+        bool(view.docking()),
+        bool(view.places),
+        bool(view.states()),
+        bool(view.ports()),
+        not view.of_vehicle,
+        bool(view.sensors),
+    ]
     return {title: draw for (title, draw), here in zip(sheets.items(), there, strict=True) if here}
 
 
@@ -139,12 +148,11 @@ def _draw_paths(view: RunView, top: Any, side: Any, corridor_deg: float) -> None
         axis.plot(place[0, -1], place[row, -1], "o", ms=5, color=ESTIMATE)
         axis.plot(0.0, 0.0, marker="s", ms=7, color=INK, clip_on=False, zorder=5)
         axis.set_xlim(0.0, far)
-        axis.set_ylim(-height, height)
+        axis.set_ylim(height, -height)  # y to the right of who looks out of the port, z down
         axis.set_ylabel(f"{name} of the docking frame, m")
     end = ", ".join(f"{1e3 * 3.0 * value:.2g}" for value in sigma[:, -1])
     top.set_title("From above")
     side.set_title("From the side")
-    side.invert_yaxis()
     top.tick_params(labelbottom=False)
     side.set_xlabel(f"x out of the port, m   (port: square, start: ring, end: dot;\n3-sigma at the end {end} mm)")
 

@@ -117,7 +117,7 @@ def write_port_track(
 
     def parts() -> Iterator[Table]:
         for one in estimates:
-            yield [np.array([value]) for value in rows.of(one)]
+            yield np.array([rows.of(one)], dtype=np.float64).T
 
     stated = _head({"model": vehicle.name} | metadata) | _framed_head(vehicle, frame)
     writer(path, rows.columns, parts(), stated, rows.whole_numbers)

@@ -126,5 +126,5 @@ def cross_matrix(v: ArrayLike) -> Stack:
 def lengths(vectors: Matrix) -> Vector:
     """Lengths (...,) of vectors (..., n); infinite where a square is beyond the largest float."""
     with np.errstate(over="ignore"):
-        out: Vector = np.linalg.norm(vectors, axis=-1)
+        out: Vector = np.sqrt(np.add.reduce(vectors * vectors, axis=-1))  # as numpy's norm, without its questions
     return out

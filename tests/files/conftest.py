@@ -1,7 +1,8 @@
-"""Small models and logs written for one test; MAT and MCAP files read by their descriptions, not by their writers."""
+"""Small models and logs written for one test; MAT and MCAP files read by other libraries than wrote them."""
 
-import io
-import struct
+import ctypes
+import ctypes.util
+import functools
 from pathlib import Path
 
 import numpy as np
@@ -78,113 +79,92 @@ def vbar_log():
 
 @pytest.fixture(scope="session")
 def mat_variables():
-    """mat_variables(bytes) -> name: value of each variable, a struct as a dictionary."""
-    return read_mat
+    """mat_variables(path) -> name: value of each variable, a struct as a dictionary, as libmatio reads them."""
+    name = ctypes.util.find_library("matio")
+    if name is None:  # a C library of Debian, which no index of Python packages has: .ci/run installs it
+        pytest.skip("libmatio is not installed (Debian: libmatio11 or later)")
+    return functools.partial(read_mat, library_of_mat(ctypes.CDLL(name)))
+
+
+class MatVariable(ctypes.Structure):
+    """`matvar_t` of matio.h."""
+
+    _fields_ = [
+        ("nbytes", ctypes.c_size_t),
+        ("rank", ctypes.c_int),
+        ("data_type", ctypes.c_int),
+        ("data_size", ctypes.c_int),
+        ("class_type", ctypes.c_int),
+        *((flag, ctypes.c_int) for flag in ("is_complex", "is_global", "is_logical")),
+        ("dims", ctypes.POINTER(ctypes.c_size_t)),
+        ("name", ctypes.c_char_p),
+        ("data", ctypes.c_void_p),
+    ]
+
+
+STRUCT, CHAR, DOUBLE = 2, 4, 6
+"""`matio_classes` of matio.h."""
+TEXT_TYPES = {1, 2, 16}
+"""`matio_types` of a byte a character: int8, uint8, UTF-8."""
+
+
+def library_of_mat(library):
+    """It, told what its functions take and return."""
+    variable, file = ctypes.POINTER(MatVariable), ctypes.c_void_p
+    for name, returns, *takes in (
+        ("Mat_Open", file, ctypes.c_char_p, ctypes.c_int),
+        ("Mat_Close", ctypes.c_int, file),
+        ("Mat_VarReadNext", variable, file),
+        ("Mat_VarFree", None, variable),
+        ("Mat_VarGetNumberOfFields", ctypes.c_uint, variable),
+        ("Mat_VarGetStructFieldByIndex", variable, variable, ctypes.c_size_t, ctypes.c_size_t),
+    ):
+        function = getattr(library, name)
+        function.restype, function.argtypes = returns, takes
+    return library
+
+
+def read_mat(library, path):
+    file, found = library.Mat_Open(str(path).encode(), 0), {}
+    assert file, "libmatio opens it"
+    while variable := library.Mat_VarReadNext(file):
+        found[variable.contents.name.decode()] = _value(library, variable)
+        library.Mat_VarFree(variable)
+    library.Mat_Close(file)
+    return found
+
+
+def _value(library, variable):
+    it = variable.contents
+    shape = it.dims[: it.rank]
+    if it.class_type == STRUCT:
+        assert set(shape) == {1}
+        fields = (
+            library.Mat_VarGetStructFieldByIndex(variable, k, 0)
+            for k in range(library.Mat_VarGetNumberOfFields(variable))
+        )
+        return {field.contents.name.decode(): _value(library, field) for field in fields}
+    raw = ctypes.string_at(it.data, it.nbytes)
+    if it.class_type == CHAR:
+        assert it.data_type in TEXT_TYPES
+        return raw.decode()
+    assert (it.class_type, it.is_complex, it.data_size) == (DOUBLE, 0, 8)
+    return np.frombuffer(raw, dtype=np.float64).reshape(shape, order="F")
 
 
 @pytest.fixture(scope="session")
 def mcap_messages():
-    """mcap_messages(bytes) -> (topic, name of the schema, schema, time in ns, message) of each message."""
-    return read_mcap
+    """mcap_messages(path) -> (topic, name of the schema, schema, time in ns, message) of each, as small-mcap reads."""
+    small_mcap = pytest.importorskip("small_mcap", reason="small-mcap is not installed")
 
+    def read(path):
+        with path.open("rb") as file:
+            for schema, channel, message in small_mcap.read_message(file, validate_crc=True):
+                assert (channel.message_encoding, schema.encoding) == ("json", "jsonschema")
+                assert message.publish_time == message.log_time
+                yield channel.topic, schema.name, bytes(schema.data), message.log_time, bytes(message.data)
 
-def read_mat(data):
-    """Variables of a level 5 MAT-file without compression ("MAT-File Format", The MathWorks, chapter 1)."""
-    version, order = struct.unpack_from("<H2s", data, 124)
-    assert (version, order) == (0x0100, b"IM")
-    found, at = {}, 128
-    while at < len(data):
-        name, value, at = _matrix(data, at)
-        found[name] = value
-    return found
-
-
-_NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8", 16: "u1"}
-STRUCT, CHAR, DOUBLE, MATRIX = 2, 4, 6, 14
-
-
-def _element(data, at):
-    """Type and bytes of a data element, and where the next begins: small ones have both in eight bytes."""
-    kind, size = struct.unpack_from("<HH", data, at)
-    if size:
-        return kind, data[at + 4 : at + 4 + size], at + 8
-    kind, size = struct.unpack_from("<II", data, at)
-    return kind, data[at + 8 : at + 8 + size], at + 8 + -(-size // 8) * 8
-
-
-def _matrix(data, at):
-    kind, body, after = _element(data, at)
-    assert kind == MATRIX
-    _, flags, at = _element(body, 0)
-    _, shape, at = _element(body, at)
-    _, name, at = _element(body, at)
-    shape = np.frombuffer(shape, "<i4")
-    if flags[0] == STRUCT:
-        assert (shape == 1).all()
-        _, length, at = _element(body, at)
-        _, names, at = _element(body, at)
-        step, value = struct.unpack("<i", length)[0], {}
-        for k in range(0, len(names), step):
-            _, value[names[k : k + step].split(b"\0")[0].decode()], at = _matrix(body, at)
-        return name.decode(), value, after
-    kind, raw, at = _element(body, at)
-    assert flags[0] in (CHAR, DOUBLE)
-    assert at == len(body)
-    numbers = np.frombuffer(raw, "<" + _NUMBERS[kind])
-    if flags[0] == CHAR:
-        return name.decode(), bytes(numbers.astype("u1")).decode(), after
-    return name.decode(), numbers.astype(float).reshape(shape, order="F"), after
-
-
-MAGIC = b"\x89MCAP0\r\n"
-SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 3, 4, 5, 6, 15
-
-
-def read_mcap(data):
-    """(topic, name of schema, schema, time ns, message) of an MCAP file (mcap.dev/spec), in the order of the file."""
-    assert data.startswith(MAGIC)
-    assert data.endswith(MAGIC)
-    schemas, channels, found = {}, {}, []
-    for kind, body in _records(data[8:-8]):
-        if kind == DATA_END:  # behind it stands the summary, which says it all again
-            break
-        inside = _records(_unpacked(body)) if kind == CHUNK else [(kind, body)]
-        for kind, body in inside:
-            if kind == SCHEMA:
-                number, rest = struct.unpack_from("<H", body)[0], io.BytesIO(body[2:])
-                schemas[number] = _text(rest), _text(rest), _text(rest)
-            elif kind == CHANNEL:
-                number, schema = struct.unpack_from("<HH", body)
-                rest = io.BytesIO(body[4:])
-                channels[number] = schema, _text(rest), _text(rest)
-            elif kind == MESSAGE:
-                number, _, log_time, publish_time = struct.unpack_from("<HIQQ", body)
-                schema, topic, encoding = channels[number]
-                name, schema_encoding, text = schemas[schema]
-                assert (encoding, schema_encoding, publish_time) == (b"json", b"jsonschema", log_time)
-                found.append((topic.decode(), name.decode(), text, log_time, body[22:]))
-    return found
-
-
-def _records(data):
-    at = 0
-    while at < len(data):
-        kind, size = struct.unpack_from("<BQ", data, at)
-        yield kind, data[at + 9 : at + 9 + size]
-        at += 9 + size
-
-
-def _unpacked(chunk):
-    _, _, size, _ = struct.unpack_from("<QQQI", chunk)
-    rest = io.BytesIO(chunk[28:])
-    method, packed = _text(rest), rest.read()[8:]
-    assert method == b"zstd"
-    zstandard = pytest.importorskip("zstandard", reason="zstandard is not installed")
-    return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
-
-
-def _text(stream):
-    return stream.read(struct.unpack("<I", stream.read(4))[0])
+    return read
 
 
 SCENARIO = """[approach]

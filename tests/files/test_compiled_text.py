@@ -1,5 +1,9 @@
 """Long tables are written and read by compiled code: the same bytes, the same bits, and the same sentences."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -76,3 +80,17 @@ def test_a_table_has_the_same_bytes_either_way(tmp_path, monkeypatch):
         monkeypatch.setattr(tables, "worth_writing", lambda _numbers, way=way: way)
         tables.write_table(tmp_path / f"{way}.csv", tuple("abcde"), iter([columns]), {"a": "b"}, (4,))
     assert (tmp_path / "True.csv").read_bytes() == (tmp_path / "False.csv").read_bytes()
+
+
+def test_what_is_followed_has_the_code_from_its_first_row_on(tmp_path):
+    """In a process and a cache of its own; short tables are left to Python before."""
+    code = (
+        "from relnav.files.compiled_text import prepare, worth_reading, worth_writing\n"
+        "print(worth_writing(1), worth_reading(1))\nprepare()\nprint(worth_writing(1), worth_reading(1))\n"
+    )
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    code += "import sys\nprint('numba' in sys.modules)\n"
+    for jit, said in (("1", ["True True"]), ("1", ["True True", "False"]), ("0", ["False False", "False"])):
+        environment["RELNAV_JIT"] = jit
+        ran = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+        assert ran.stdout.splitlines()[1:][: len(said)] == said  # the second time it is at hand, without numba

@@ -1,7 +1,8 @@
 """Flights of absurd, accepted numbers in every format: a state is whole or absent, no variance below zero, no warning.
 
-Files are read back by other hands than wrote them: numpy, json, pyarrow, scipy, h5py, mcap, jplephem, rosbags. Line by
-line (`--follow`) a row that is refused is left out instead, and the others hold.
+Files are read back by other hands than wrote them: numpy, json, pyarrow, scipy, h5py, mcap, jplephem, rosbags
+(what scipy and mcap write is read by others in `test_exchange.py`). Line by line (`--follow`) a row that is refused is
+left out instead, and the others hold.
 """
 
 import json

@@ -34,13 +34,15 @@ def solution(log):
 
 @pytest.mark.parametrize("frame", ["lvlh_ccsds", "rsw"])
 @pytest.mark.parametrize("of", ["solution", "poses"])
-def test_mat_by_its_description(mat_variables, of, frame, request, tmp_path):
+def test_mat_by_libmatio(mat_variables, of, frame, request, tmp_path, outside):
     solution = request.getfixturevalue(of)
     relnav.write(solution, tmp_path / "track.mat", frame=frame)
-    (track,) = mat_variables((tmp_path / "track.mat").read_bytes()).values()
+    (track,) = mat_variables(tmp_path / "track.mat").values()
     turned = solution.in_frame(frame)
     np.testing.assert_array_equal(track["x_m"], turned.state[:, [0]])
     np.testing.assert_array_equal(np.moveaxis(track["covariance"], 2, 0), turned.covariance)
+    known = np.isfinite(turned.state[:, 0])
+    outside("libmatio", "MATLAB file read back, x m", np.abs(track["x_m"][:, 0] - turned.state[:, 0])[known].max(), 0.0)
     assert track["units"]["vx_m_s"] == "m s-1"
     assert f"model = {solution.model}" in track["about"]
     assert f"frame = {frame}" in track["about"]
@@ -104,16 +106,17 @@ def test_netcdf_by_h5py(of, frame, request, tmp_path):
                 assert file["rate_x"].attrs["units"] in ("degree s-1", b"degree s-1")
 
 
+@pytest.mark.parametrize("ending", [".nc", ".h5"])
 @pytest.mark.parametrize(("of", "frame"), [("solution", "eci"), ("poses", "rsw")])
-def test_netcdf_by_netcdf_c(of, frame, request, tmp_path, outside):
+def test_netcdf_by_netcdf_c(of, frame, ending, request, tmp_path, outside):
     """Unidata's library, which shares no line with what writes: values, and NaN where the file has none."""
     pytest.importorskip("h5netcdf", reason="h5netcdf is not installed")
     pytest.importorskip("xarray", reason="xarray is not installed")
     netcdf = pytest.importorskip("netCDF4", reason="netCDF4 is not installed")
     solution = request.getfixturevalue(of)
     turned = solution.in_frame(frame, orientation_deg=ORIENTATION_DEG)
-    relnav.write(solution, tmp_path / "track.nc", frame=frame, orientation_deg=ORIENTATION_DEG)
-    with netcdf.Dataset(tmp_path / "track.nc") as file:
+    relnav.write(solution, tmp_path / f"track{ending}", frame=frame, orientation_deg=ORIENTATION_DEG)
+    with netcdf.Dataset(tmp_path / f"track{ending}") as file:
         x, covariance = file["x"][:].filled(np.nan), file["covariance"][:].filled(np.nan)
         np.testing.assert_array_equal(x, turned.state[:, 0])
         np.testing.assert_array_equal(covariance, turned.covariance)
@@ -135,7 +138,7 @@ def test_markers_in_pandas_and_xarray(poses):
 
 
 @pytest.mark.parametrize(("of", "frame"), [("solution", "lvlh_ccsds"), ("solution", "rsw"), ("poses", "eci_relative")])
-def test_mcap_by_its_description(mcap_messages, of, frame, request, tmp_path):
+def test_mcap_by_small_mcap(mcap_messages, of, frame, request, tmp_path, outside):
     """Poses with covariance in the axes that they name, states in the frame asked for; all as their schemas say."""
     jsonschema = pytest.importorskip("jsonschema", reason="jsonschema is not installed")
     pytest.importorskip("mcap", reason="mcap is not installed")
@@ -144,7 +147,7 @@ def test_mcap_by_its_description(mcap_messages, of, frame, request, tmp_path):
     known = np.flatnonzero(np.isfinite(solution.state[:, 0]))
     turned = solution.in_frame(frame, orientation_deg=ORIENTATION_DEG)
     topics, names, schemas = {}, {}, {}
-    for topic, name, schema, time, data in mcap_messages((tmp_path / "track.mcap").read_bytes()):
+    for topic, name, schema, time, data in mcap_messages(tmp_path / "track.mcap"):
         message, names[topic] = json.loads(data), name
         if topic not in schemas:
             schemas[topic] = jsonschema.Draft202012Validator(json.loads(schema))
@@ -175,6 +178,9 @@ def test_mcap_by_its_description(mcap_messages, of, frame, request, tmp_path):
         np.testing.assert_allclose(chaser.as_matrix(), solution.dcm_target_from_chaser[e], atol=1e-12)
         target = Rotation.from_quat(list(state["q_from_target"].values()))
         np.testing.assert_allclose(target.as_matrix(), turned.dcm_frame_from_target[e], atol=1e-12)
+    places = [list(pose["pose"]["position"].values()) for _, pose in topics["/relnav/pose"]]
+    off = np.abs(np.array(places) - (turned.state[known, :3] if of == "solution" else solution.port_m[known])).max()
+    outside("small-mcap", "MCAP read back, positions, m", off, 0.0)
     if of == "poses":
         assert_turns_about_fixed_axes(solution, known[-1], chaser, covariance)
 

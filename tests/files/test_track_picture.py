@@ -72,7 +72,7 @@ def plotted(solution, tmp_path_factory):
 def test_no_word_is_cut_off_and_titles_do_not_collide(plotted):
     figure, path = plotted
     assert path.stat().st_size > 50_000
-    assert len(figure.subfigs) == 3
+    assert len(figure.subfigs) == 4
     figure.canvas.draw()  # the file has another resolution than the figure, and words are measured in dots
     titles = []
     for axis in figure.axes:

@@ -93,7 +93,8 @@ def test_the_track_says_how_sensors_fare(folder):
 
 
 def test_sheets_of_a_vehicle(view, sheets):
-    approach, ports, sensors = sheets
+    approach, space, ports, sensors = sheets
+    assert [axis.name for axis in space.axes] == ["3d"]
     assert [len(sheet.axes) for sheet in (approach, ports, sensors)] == [8, 18, 3]
     titles = [axis.get_title(loc="left") for axis in (*approach.axes, *ports.axes)]
     for quantity in (*PORTS, *PORT_MOTION):
@@ -119,7 +120,7 @@ def test_published_figure_and_protection_level_beside_the_sigma(view, sheets):
 
 
 def test_sensors_when_and_alarms(view, sheets):
-    timeline, watched, nis = sheets[2].axes
+    timeline, watched, nis = sheets[3].axes
     titles = [axis.get_title(loc="left") for axis in (timeline, watched, nis)]
     assert titles == [TIMELINE_TITLE, DEVIATION_TITLE, NIS_TITLE]
     labels = [text.get_text() for text in timeline.get_yticklabels()]
@@ -136,7 +137,7 @@ def test_sensors_when_and_alarms(view, sheets):
 
 
 def test_words_stay_on_the_sheet(sheets):
-    for sheet in (sheets[0], sheets[2]):
+    for sheet in (sheets[0], sheets[3]):
         sheet.canvas.draw()
         words = [text for axis in sheet.axes for text in (axis._left_title, axis._right_title, axis.yaxis.label)]
         words += [text for legend in sheet.legends for text in legend.get_texts()]
@@ -231,7 +232,7 @@ def test_markers_have_innovations_within_gates(marker_log):
 
     solution = filter_marker_log(marker_log, relnav.load_model("three_marker_vision"))
     figure = solution.plot()
-    assert len(figure.subfigs) == 4
+    assert len(figure.subfigs) == 5
     for marker in "ABC":
         for axis_name in "xy":
             title = f"Spot {marker}, {axis_name}: measured minus predicted"
