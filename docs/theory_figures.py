@@ -122,7 +122,10 @@ def _two_spots(figure) -> None:
         axes.plot(*extraordinary.T, color=PUBLISHED, label="extraordinary spot")
         for k in range(0, len(azimuth) - 1, 9):
             axes.plot(*np.stack([ordinary[k], extraordinary[k]]).T, "-", color=QUIET, lw=0.8, label="both of one sun")
-        axes.annotate(f"{off:g} deg", ordinary[54], xytext=(2, -3), textcoords="offset points", va="top", color=INK)
+        clear = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
+        axes.annotate(
+            f"{off:g} deg", ordinary[54], ha="center", va="center", color=INK, fontsize="small", bbox=clear, zorder=5
+        )
     axes.plot([0.0], [0.0], "+", color=INK, label="opening")
     axes.set(xlabel="detector x, mm (the optic axis leans toward +x)", ylabel="detector y, mm", aspect="equal")
 

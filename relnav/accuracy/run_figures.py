@@ -20,7 +20,7 @@ class RunStatus(IntEnum):
     FAILED = 3
     """The run could not be flown; its reason is told."""
     AMBIGUOUS = 4
-    """Of markers: the filter has several poses left at the end, and says so."""
+    """Of markers and vehicles: the filter has several poses left at the end, and says so."""
 
 
 @dataclass(frozen=True)

@@ -64,11 +64,12 @@ class VehicleScorer:
             for estimate, true in zip(found, dcm, strict=True)
         ]
         covariance = np.array([estimate.port.covariance for estimate in found])
-        range_m, settled = np.linalg.norm(truth[:, :3], axis=1), times >= self._scenario.results.settling_s
+        known = ~np.array([estimate.ambiguous for estimate in found])
+        range_m, settled = np.linalg.norm(truth[:, :3], axis=1), known & (times >= self._scenario.results.settling_s)
         figures = score_port(error, covariance, range_m, settled, self._edges)
         figures |= {f"drawn_{name}": value for name, value in drawn.items()}
         figures |= {
-            "started_s": 0.0,
+            "started_s": 0.0 if known[0] else float(times[np.argmax(known)]) if known.any() else math.nan,
             "restarts": 0.0,
             "epochs": float(counts.used + counts.partial + counts.rejected),
             "epochs_partial": float(counts.partial),
@@ -80,6 +81,8 @@ class VehicleScorer:
             "nis_dof": float(counts.dof),
         }
         status = RunStatus.OK if np.isfinite(error[-1]).all() else RunStatus.LOST
+        if not known[-1]:
+            status = RunStatus.AMBIGUOUS
         return status, np.array([figures.get(name, math.nan) for name in self._names])
 
     def _in_time(self, flown: VehicleRun, times: Vector, counts: _Counts) -> list[VehicleEstimate]:

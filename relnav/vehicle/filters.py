@@ -34,6 +34,8 @@ from relnav.vehicle.update import Outcome, Updater
 MOST = {GYRO: 1e3, THRUST: 1e4}
 """Of a rate, rad/s, and an acceleration, m/s^2: more is a mistake."""
 NOTHING: Matrix = np.zeros((0, 0))
+NOT_USED = Outcome(0.0, 0, 0, 0)
+"""Of an image of which nothing is asked."""
 
 
 class Tracked(NamedTuple):
@@ -175,7 +177,7 @@ class VehicleFilters:
         if not isinstance(sensor, PointSensor):
             return search.passed(lambda at: self._through(at, event))
         if np.isfinite(event.value).sum() < 2 * LEAST_LIGHTS:
-            return search.moved(lambda at: self.motion.settled(at, self.samples, event.t_s)), []
+            return search.moved(lambda at: self.motion.settled(at, self.samples, event.t_s)), [NOT_USED]
         blind = self.motion.settled(search.blind, self.samples, event.t_s)
         return search.seen(
             lambda at: self._through(at, event),

@@ -13,6 +13,7 @@ pytest.importorskip("pyarrow", reason="campaigns are Parquet files (extra parque
 import relnav
 from relnav.accuracy.campaign_plan import Plan, fly_batch
 from relnav.accuracy.rendezvous import true_port
+from relnav.accuracy.run_figures import RunStatus
 from relnav.accuracy.sensitivities import sum_up
 from relnav.accuracy.sensitivity_design import NOISE, Design
 from relnav.files import campaign as campaigns
@@ -97,6 +98,23 @@ def test_an_approach_of_a_vehicle(vehicle, closing):
     assert row["final_sigma_rate_y_deg_s"] == pytest.approx(math.degrees(port.sigma[10]), rel=1e-6)
     assert 0.0 < row["final_nees"] < 60.0
     assert math.isnan(row["alarms"]), "nothing watches where nothing is at fault, unless asked to"
+
+
+def test_a_start_that_does_not_know_the_targets_attitude(vehicle):
+    """Ten images at 2 Hz have to agree: a run that ends before is ambiguous, another one starts then."""
+    start = dataclasses.replace(vehicle.hand_over, target_attitude_sigma_rad=math.pi)
+    seeking = dataclasses.replace(vehicle, hand_over=start)
+    changes = {"approach.start_m": 5.6, "spread.start_sigma_m": 0.05, "spread.target_attitude_sigma_deg": 0.5}
+    found = []
+    for final_m in (5.5, 5.0):
+        ends = relnav.load_scenario(None, changes | {"approach.final_m": final_m}, model=seeking)
+        plan = Plan(seeking, ends, "fused", 3, 8)
+        batch = fly_batch(plan, range(1, 2))
+        found.append((batch.status[0], batch.figures[0, plan.columns.index("started_s")]))
+    (early, never), (late, started_s) = found
+    assert (early, late) == (RunStatus.AMBIGUOUS, RunStatus.OK)
+    assert math.isnan(never)
+    assert 4.5 < started_s < 7.0
 
 
 def test_alarms_of_a_vehicle(vehicle):

@@ -148,7 +148,10 @@ def test_two_lights_say_nothing(flights):
             spots = np.array(one.value)
             spots[2] = np.nan
             seen[k] = dataclasses.replace(one, value=spots)
-    now = fed(flights[4], seen).state()
+    nav = navigator(flights[4])
+    verdicts = {one.sensor: nav.observe(one.sensor, one.t_s, one.value).name for one in seen}
+    assert (verdicts["camera"], verdicts["star"]) == ("REJECTED", "ACCEPTED")
+    now = nav.state()
     assert now.explanations == 0
     assert math.isnan(now.sensors["camera"].last_used_s)
 
