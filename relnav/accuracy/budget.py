@@ -214,7 +214,10 @@ def _sigma(columns: Matrix) -> Vector:
 
 
 def _diagonal(covariance: Matrix) -> Vector:
-    return np.asarray(np.sqrt(np.diag(covariance)))
+    variances = np.diag(covariance)
+    if not (variances >= 0.0).all():
+        raise OverflowError("a variance below zero: noise so small that its square is lost in rounding")
+    return np.asarray(np.sqrt(variances))
 
 
 def _table(budget: Budget) -> list[str]:

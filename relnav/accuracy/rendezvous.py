@@ -5,6 +5,8 @@ Every run draws anew lasting errors (mountings, levers, lights, lenses, thruster
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from math import nan
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -205,28 +207,53 @@ def _honesty_rows(
     return rows
 
 
-def _told_lines(told: Told) -> list[str]:
+@dataclass(frozen=True)
+class VehicleReport(ClaimsReport):
+    """What was measured of a vehicle.
+
+    Attributes
+    ----------
+    shares : dict
+        By sensor, what it told of all that was learnt of position, target attitude and chaser attitude, (3,).
+    left : dict
+        By block of errors that last a run, the share of its 1-sigma that is left at the end; NaN if it is considered.
+    """
+
+    shares: dict[str, Vector] = field(default_factory=dict)
+    left: dict[str, float] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The report as plain values."""
+        left = {name: None if share != share else share for name, share in self.left.items()}
+        shares = {name: share.tolist() for name, share in self.shares.items()}
+        return super().to_dict() | {"shares_told": shares, "sigma_left": left}
+
+
+def _shares(told: Told) -> dict[str, Vector]:
     total = sum(told.by_sensor.values(), np.zeros(3))
-    lines = []
-    for name, gains in told.by_sensor.items():
-        shares = 100.0 * gains / total
-        lines.append(
-            f"{name} told {shares[0]:.0f} % of what was learnt of position, {shares[1]:.0f} % of the target's attitude "
-            f"and {shares[2]:.0f} % of the chaser's"
-        )
-    return lines
+    return {name: gains / total for name, gains in told.by_sensor.items()}
 
 
-def _learnt_lines(points: Sequence[Checkpoint], vehicle: Vehicle) -> list[str]:
-    layout = layout_of(vehicle)
+def _left(points: Sequence[Checkpoint], vehicle: Vehicle) -> dict[str, float]:
     variance = np.mean([np.diagonal(point.covariance) for point in points], axis=0)
-    lines = []
-    for block in layout.blocks:
-        if "." in block.name and block.sigma > 0.0:
-            left = float(np.sqrt(np.mean(variance[block.place]))) / block.sigma
-            seen = "considered" if block.role == "considered" else f"{100.0 * left:.0f} % of its 1-sigma is left"
-            lines.append(f"{block.name}: {seen}")
-    return lines
+    return {
+        block.name: nan if block.role == "considered" else float(np.sqrt(np.mean(variance[block.place]))) / block.sigma
+        for block in layout_of(vehicle).blocks
+        if "." in block.name and block.sigma > 0.0
+    }
+
+
+def _lines(shares: dict[str, Vector], left: dict[str, float]) -> tuple[str, ...]:
+    told = [
+        f"{name} told {100.0 * place:.0f} % of what was learnt of position, {100.0 * target:.0f} % of the target's "
+        f"attitude and {100.0 * chaser:.0f} % of the chaser's"
+        for name, (place, target, chaser) in shares.items()
+    ]
+    learnt = [
+        f"{name}: {'considered' if share != share else f'{100.0 * share:.0f} % of its 1-sigma is left'}"
+        for name, share in left.items()
+    ]
+    return (*told, *learnt)
 
 
 def measure(
@@ -238,7 +265,7 @@ def measure(
     progress: Callable[[int], None] | None = None,
     flight: Rendezvous | None = None,
     short: Rendezvous = SHORT,
-) -> ClaimsReport:
+) -> VehicleReport:
     """Fly a vehicle many times: errors and honesty by distance, beside the papers, and without each sensor in turn.
 
     Parameters
@@ -288,5 +315,5 @@ def measure(
     rows += _honesty_rows(believed, vehicle, "honesty, truth as believed", short.final_m, two_sided=True)
     for name, points in without_one.items():
         rows += _error_rows(points, f"{name}, from {short.start_m:g} m", short.final_m)
-    notes = (*_told_lines(told), *_learnt_lines(by_range[-1], vehicle))
-    return ClaimsReport(vehicle.name, runs, seed, tuple(rows), notes)
+    shares, left = _shares(told), _left(by_range[-1], vehicle)
+    return VehicleReport(vehicle.name, runs, seed, tuple(rows), _lines(shares, left), shares, left)

@@ -15,6 +15,9 @@ from relnav.cli.printing import OutputPath, say
 if TYPE_CHECKING:
     from relnav.accuracy.claims import ClaimsReport
 
+DRAWN = ("relnav.mission:Model", "relnav.spacecraft:Vehicle")
+"""Missions of which there is a picture."""
+
 
 @click.command(epilog="Example: relnav accuracy three_beacon_psd --runs 20 --json accuracy.json --plot accuracy.png")
 @click.argument("model", type=ModelName())
@@ -23,7 +26,9 @@ if TYPE_CHECKING:
     "--seed", default=7, show_default=True, type=click.IntRange(min=0), help="The same seed, the same report."
 )
 @click.option("--json", "json_path", type=OutputPath(), help="Write the report as one JSON object.")
-@click.option("--plot", type=OutputPath(), help="Draw errors and 1-sigma over range, .png, .pdf or .svg.")
+@click.option(
+    "--plot", type=OutputPath(), help="Draw errors and 1-sigma over range, of beacons or a vehicle: .png, .pdf, .svg."
+)
 @click.option(
     "--faults",
     is_flag=True,
@@ -58,8 +63,8 @@ def command(
     system = system_of(mission)
     if faults:
         return _faults(mission, runs, seed, json_path, plot, quiet)
-    if plot is not None and system.mission != "relnav.mission:Model":
-        raise UsageError(f"--plot draws relative navigation missions; {mission.name} has no picture")
+    if plot is not None and system.mission not in DRAWN:
+        raise UsageError(f"--plot draws missions of beacons and vehicles; {mission.name} has no picture")
     count = system.runs if runs is None else runs
     with click.progressbar(
         length=system.progress_steps * count,
@@ -72,12 +77,24 @@ def command(
         if json_path is not None:
             write_json(report.to_dict(), outputs.path(json_path))
         if plot is not None:
-            from relnav.files.pictures import draw_accuracy
-
-            draw_accuracy(report, outputs.path(plot, ".png"))
+            _draw(report, outputs.path(plot, ".png"))
     if not quiet:
         say(claim_lines(report) if isinstance(report, ClaimsReport) else report_lines(report), json_path, plot)
     return 0 if report.ok and compared(report) else NOT_MET
+
+
+def _draw(report: Any, path: Path) -> None:
+    """The picture of a mission of beacons or of a vehicle."""
+    from relnav.accuracy.rendezvous import VehicleReport
+
+    if isinstance(report, VehicleReport):
+        from relnav.files.vehicle_accuracy_picture import draw_vehicle_accuracy
+
+        draw_vehicle_accuracy(report, path)
+    else:
+        from relnav.files.pictures import draw_accuracy
+
+        draw_accuracy(report, path)
 
 
 def _faults(mission: Any, runs: int | None, seed: int, json_path: Path | None, plot: Path | None, quiet: bool) -> int:

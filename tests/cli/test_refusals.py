@@ -55,7 +55,7 @@ def folder(tmp_path_factory):
 
 DAY = "2026-07-02T12:00:00"
 REFUSED = {
-    "accuracy aps_sun --plot x.png": (2, "--plot draws relative navigation missions; aps_sun has no picture"),
+    "accuracy aps_sun --plot x.png": (2, "--plot draws missions of beacons and vehicles; aps_sun has no picture"),
     f"accuracy {PSD} --faults --plot x.png": (2, "--faults has no picture; leave --plot out"),
     "accuracy loose.toml --faults": (2, "--faults flies a mission of beacons or markers with [tolerances]"),
     f"campaign {PSD} --runs 2 --out good.csv": (2, "good.csv: is a file; a campaign needs a folder of its own"),
@@ -63,7 +63,7 @@ REFUSED = {
     f"filter late.csv --follow --model {PSD} --quiet": (2, "of beacons --follow takes them as they come: leave the"),
     "budget aps_sun": (2, "aps_sun: no error budget is known for this kind of sensor"),
     "budget loose.toml": (2, "a budget needs the section [tolerances]"),
-    f"budget {PSD} --set acceleration_noise_density_m2_s3=1e40": (2, "too large or too small for a budget: accel"),
+    f"budget {PSD} --set acceleration_noise_density_m2_s3=1e-200": (2, "too large or too small for a budget: accel"),
     "budget three_marker_vision --plot x.png": (2, "--plot draws budgets of three-beacon missions"),
     "calibrate fold sky.csv --model dual_field_star --velocity-km-s 0 0 0": (3, "none of 2 frames shows both fields"),
     "calibrate fold sky.csv --model dual_field_star --velocity-km-s 1e9 0 0": (2, "--velocity-km-s: velocity_km_s is"),
