@@ -215,7 +215,7 @@ def _sigma(columns: Matrix) -> Vector:
 
 def _diagonal(covariance: Matrix) -> Vector:
     variances = np.diag(covariance)
-    if not (variances >= 0.0).all():
+    if (variances < 0.0).any():  # NaN where no beacon is seen
         raise OverflowError("a variance below zero: noise so small that its square is lost in rounding")
     return np.asarray(np.sqrt(variances))
 
