@@ -58,3 +58,8 @@ def test_c_alone_on_the_axis_is_undetectable(quiet_model):
 def test_no_measurement_is_an_error(quiet_model):
     with pytest.raises(ValueError, match=r"no measurement at \[0.3, 0.0, 0.0\] m"):
         settled_filter(quiet_model, np.array([0.3, 0.0, 0.0]), 10.0, "fix")
+
+
+def test_noise_beyond_all_numbers_is_refused():
+    with pytest.raises(OverflowError, match=r"process noise of a step is up to 1e\+200; 1e\+30 is the most"):
+        steady_state(np.eye(6), 1e200 * np.eye(6), np.eye(2, 6), np.eye(2))
