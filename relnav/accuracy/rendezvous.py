@@ -38,6 +38,8 @@ GROUPS = {
     "thrusters": "thrust.scale thrust.direction",
 }
 """Blocks whose honesty is told; alignments are added by sensor."""
+APPROACH = "all sensors, from 30 m"
+"""What a row of the whole approach is called."""
 HONEST = 0.9999
 """Probability of the interval in which an honest NEES lies."""
 
@@ -309,7 +311,7 @@ def measure(
                 rows.append(
                     claim_row(claim, published, "fused", float(error[0]), range_m=range_m, statistic="rms error")
                 )
-        rows += _error_rows(points, "all sensors, from 30 m", range_m)
+        rows += _error_rows(points, APPROACH, range_m)
     for range_m, points in zip(RANGES_M, by_range, strict=True):
         rows += _honesty_rows(points, vehicle, "honesty, truth of its own", range_m, two_sided=False)
     rows += _honesty_rows(believed, vehicle, "honesty, truth as believed", short.final_m, two_sided=True)

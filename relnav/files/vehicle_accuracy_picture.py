@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from relnav.accuracy.rendezvous import VehicleReport
+from relnav.accuracy.rendezvous import APPROACH, VehicleReport
 from relnav.files.picture_style import (
     ESTIMATE,
     INK,
@@ -26,7 +26,7 @@ ERRORS = {"port along": ESTIMATE, "port across": PUBLISHED, "attitude": ESTIMATE
 MEASURED, REPORTED = "rms error an axis", "rms reported 1-sigma"
 LEARNT = ("position", "target\nattitude", "chaser\nattitude")
 BOUGHT = ("port along", "port across", "attitude", "rate")
-WITH_ALL, WITHOUT = "all sensors, from", "without "
+WITHOUT = "without "
 
 
 def draw_vehicle_accuracy(report: VehicleReport, path: Path) -> None:
@@ -57,11 +57,10 @@ def _over_distance(axis: Any, report: VehicleReport, quantities: tuple[str, ...]
     for quantity in quantities:
         for statistic, style in ((MEASURED, "o"), (REPORTED, "-")):
             rows = [
-                (row.range_m, scale * row.measured)
+                (row.range_m or 0.0, scale * row.measured)
                 for row in report.rows
-                if row.quantity == quantity and row.statistic == statistic and "without" not in row.method
-                and row.range_m is not None and row.method.startswith(WITH_ALL) and "30 m" in row.method
-            ]  # fmt: skip
+                if (row.quantity, row.statistic, row.method) == (quantity, statistic, APPROACH)
+            ]
             axis.loglog(*np.array(rows).T, style, ms=4, color=ERRORS[quantity], label=f"{quantity}, {statistic}")
     axis.set(xlabel="port from port, m", ylabel=unit)
     at = sorted({row.range_m for row in report.rows if row.range_m is not None})
@@ -84,7 +83,7 @@ def _bought(axis: Any, report: VehicleReport) -> None:
     """How many times as large the reported 1-sigma is without each sensor."""
     sigmas: dict[str, dict[str, float]] = {}
     for row in report.rows:
-        if row.statistic == REPORTED and row.quantity in BOUGHT and "30 m" not in row.method:
+        if row.statistic == REPORTED and row.quantity in BOUGHT and row.method != APPROACH:
             sigmas.setdefault(row.method.partition(",")[0], {})[row.quantity] = row.measured
     whole = sigmas.pop("all sensors")
     names, step = list(sigmas), 0.8 / len(BOUGHT)

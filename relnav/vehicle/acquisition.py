@@ -5,11 +5,12 @@ a filter of its own that begins about it. Its score, minus twice the logarithm o
 
     |angle from the held attitude|^2 / sigma^2 + sum over images of min(NIS, what the gate lets pass)
 
-and one that lies DROP behind the best is left. Of the image that opens it a hypothesis takes the attitude alone, known
-to START_RAD: a glint in it moves the place where the next image is linearised, not the estimate. Where images
-contradict the best one it is left with all others, and the next image opens new ones: `blind` is the estimate of what
-never saw a light. Images of fewer than LEAST_LIGHTS are not used: they fix no attitude, and bend within one that is
-known to START_RAD. Only once one explanation is left, and images agreed with it, is there one filter.
+and one that lies DROP behind the best is left, as is one by which a light that was seen could not be. Of the image
+that opens it a hypothesis takes the attitude alone, known to START_RAD: a glint in it moves the place where the next
+image is linearised, not the estimate. Where images contradict the best one it is left with all others, and the next
+image opens new ones: `blind` is the estimate of what never saw a light. Images of fewer than LEAST_LIGHTS are not used:
+they fix no attitude, and bend within one that is known to START_RAD. Only once one explanation is left, and images
+agreed with it, is there one filter.
 """
 
 from collections.abc import Callable, Sequence
@@ -94,11 +95,11 @@ class Search(NamedTuple):
 
     def _after(self, through: Through) -> tuple["Search", list[Outcome]]:
         """The hypotheses after an image, without those that fell behind, and what the best one made of it."""
-        tried = []
-        for one in self.hypotheses:
-            at, outcomes = through(one.estimates)
-            first = outcomes[0]
-            tried.append((Hypothesis(at, one.score + min(first.nis, first.largest_credible)), outcomes))
+        after = [through(one.estimates) for one in self.hypotheses]
+        most, tried = max(outcomes[0].groups for _, outcomes in after), []
+        for one, (at, outcomes) in zip(self.hypotheses, after, strict=True):
+            nis, _, groups, _, credible, *_ = outcomes[0]
+            tried.append((Hypothesis(at, one.score + min(nis, credible) + DROP * (most - groups)), outcomes))
         tried.sort(key=lambda item: item[0].score)
         best = tried[0][1]
         if best[0].groups == 0:
