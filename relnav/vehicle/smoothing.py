@@ -11,6 +11,9 @@ of that of every later estimate, whatever gains the filter had, because these ar
 noise alone: so P_s is as honest as P where errors are only considered too. What lasts a run does not move: its rows of
 G are those of the identity, so that a considered error stays what it is, and an estimated one is that of the end.
 
+After a lock-out the filter knows nothing of what it knew before: the parts are smoothed apart, and what it says during
+the search is left as it is.
+
 Estimates of all steps would be 50 kB each. So the filter is kept at every CHUNK events, and flown again from there when
 the way back comes to it.
 """
@@ -44,10 +47,21 @@ LEAST_PIVOTS = (0.0, 1e-13, 1e-11, 1e-9)
 
 
 class _Told(NamedTuple):
-    """A time that was asked for: what the filter said of its sensors, and whether the gyro was lost."""
+    """A time that was asked for: what the filter said of its sensors and restarts; all it said during a search."""
 
     t_s: float
     fares: Mapping[str, Fare]
+    restarts: int
+    searching: VehicleEstimate | None
+
+
+class _Piece(NamedTuple):
+    """Items in a row, from `begin` on: the filter before them, and at the end if what follows is no part of it."""
+
+    begin: int
+    end: int
+    before: Tracked
+    last: Estimates | None
 
 
 class VehicleSmoother:
@@ -107,7 +121,7 @@ class VehicleSmoother:
         ------
         ValueError
             For times that go back, or lie before the start or after the last observation; where the target's attitude
-            is to be found (`relnav.vehicle.acquisition`), if it stays ambiguous; if the filter is locked out.
+            is to be found (`relnav.vehicle.acquisition`), if it stays ambiguous.
         """
         times = numbers("times_s", times_s)
         begin, end = self._alone.start.estimates.t_s, self._newest_s
@@ -126,10 +140,14 @@ class VehicleSmoother:
         events = self._in_order()
         seen: list[tuple[float, Event | None]] = [(event.t_s, event) for event in events]
         items = sorted([*seen, *((t, None) for t in times)], key=lambda item: item[0])
-        kept, told, end = self._forward(items, self._watched.known_start(events))
-        later = end
-        for begin, before in reversed(kept):
-            steps, marks = self._again(before, items[begin : begin + CHUNK])
+        pieces, told = self._forward(items, self._watched.known_start(events))
+        later = self._alone.start.estimates
+        for begin, end, before, last in reversed(pieces):
+            while told and (searching := told[-1].searching) is not None:
+                told.pop()
+                yield searching
+            later = later if last is None else last
+            steps, marks = self._again(before, items[begin:end])
             for place in range(len(steps), -1, -1):
                 while marks and marks[-1] == place:
                     marks.pop()
@@ -143,24 +161,27 @@ class VehicleSmoother:
 
     def _forward(
         self, items: Sequence[tuple[float, Event | None]], tracked: Tracked
-    ) -> tuple[list[tuple[int, Tracked]], list[_Told], Estimates]:
-        """States before every CHUNK items, what is told at times that were asked for, and the estimates at the end."""
-        filters = self._watched
-        kept, told = [], []
+    ) -> tuple[list[_Piece], list[_Told]]:
+        """The flight in pieces of CHUNK items, none of a search, and what is told at times that were asked for."""
+        filters, begin, before = self._watched, 0, tracked
+        pieces, told = [], list[_Told]()
         for k, (t_s, event) in enumerate(items):
-            if k % CHUNK == 0:
-                kept.append((k, _first(tracked)))
+            found = tracked
             if event is not None:
                 tracked, _ = filters.apply(tracked, event)
-                if tracked.search is not None:
-                    raise ValueError(
-                        f"the filter is locked out at {t_s:.2f} s and looks for the target anew: what is before and "
-                        "what is after are smoothed apart; give the observations of one of them"
-                    )
             else:
                 tracked = filters.settled(tracked, t_s)
-                told.append(_Told(t_s, tracked.fares))
-        return kept, told, _first(tracked).estimates
+                said = None if tracked.search is None else filters.estimate(tracked, t_s, math.inf)
+                told.append(_Told(t_s, tracked.fares, tracked.restarts, said))
+            if found.search is None and tracked.search is not None:  # what this event is a part of is no longer tracked
+                pieces.append(_Piece(begin, k, _first(before), _first(found).estimates))
+            elif tracked.search is None and (found.search is not None or k + 1 - begin == CHUNK):
+                if found.search is None:
+                    pieces.append(_Piece(begin, k + 1, _first(before), None))
+                begin, before = k + 1, tracked
+        if tracked.search is None:
+            pieces.append(_Piece(begin, len(items), _first(before), _first(tracked).estimates))
+        return pieces, told
 
     def _again(self, tracked: Tracked, items: Sequence[tuple[float, Event | None]]) -> tuple[list[Step], list[int]]:
         """The steps of some items, flown again, and after how many of them each time that was asked for stands."""
@@ -179,7 +200,7 @@ class VehicleSmoother:
         return steps, marks
 
     def _estimate(self, at: Estimates, told: _Told) -> VehicleEstimate:
-        return self._alone.estimate(Tracked(at, told.fares), told.t_s, math.inf)
+        return self._alone.estimate(Tracked(at, told.fares, restarts=told.restarts), told.t_s, math.inf)
 
 
 def _first(tracked: Tracked) -> Tracked:

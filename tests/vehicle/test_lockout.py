@@ -150,9 +150,38 @@ def test_with_separation_it_stays(run):
     assert now.restarts == 0
 
 
-def test_it_is_not_smoothed_across(run):
-    smoother = VehicleSmoother(run.truth.vehicle, position_m=run.truth.vehicle.start_position_m + OFF_M, monitor=False)
-    for one in run.observations:
+def test_the_parts_are_smoothed_apart(run):
+    """After the search as a flight of its own; while it lasts what the filter said; before it what was known then."""
+    nav, smoother = (
+        start(run, monitor=False),
+        VehicleSmoother(run.truth.vehicle, position_m=run.truth.vehicle.start_position_m + OFF_M, monitor=False),
+    )
+    times, filtered = np.arange(1.0, 20.0), []
+    for one in sorted(run.observations, key=lambda one: one.t_s):
+        while len(filtered) < len(times) and one.t_s > times[len(filtered)]:
+            filtered.append(nav.state(times[len(filtered)]))
+        nav.observe(one.sensor, one.t_s, one.value)
         smoother.observe(one.sensor, one.t_s, one.value)
-    with pytest.raises(ValueError, match=r"locked out at \d\.\d\d s and looks for the target anew: what is before"):
-        smoother.estimates([10.0])
+    smoothed = smoother.estimates(times)
+    assert [one.ambiguous for one in smoothed] == [one.ambiguous for one in filtered]
+    assert [one.restarts for one in smoothed] == [one.restarts for one in filtered]
+    for one, other in zip(smoothed, filtered, strict=True):
+        if one.ambiguous:
+            np.testing.assert_array_equal(one.port.position_m, other.port.position_m)
+        elif one.restarts:
+            assert (off_m(run, one) < one.port.protection_level_m()).all()
+            assert (one.port.sigma[:3] <= 1.0001 * other.port.sigma[:3]).all()
+    first = next(k for k, one in enumerate(filtered) if one.restarts and not one.ambiguous)
+    assert (smoothed[first].port.sigma[3:6] < 0.8 * filtered[first].port.sigma[3:6]).all()
+    assert any(one.ambiguous for one in smoothed)
+
+
+def test_a_flight_that_ends_in_a_search_is_smoothed_before_it(run):
+    smoother = VehicleSmoother(run.truth.vehicle, monitor=False)
+    lied = with_spots(run, 8.0, 99.0, lambda sensor, spots: spots + (120.0 if sensor == "camera" else 4e-4))
+    for one in lied:
+        if one.t_s < 16.0:
+            smoother.observe(one.sensor, one.t_s, one.value)
+    early, late = smoother.estimates([5.0, 15.9])
+    assert (early.ambiguous, late.ambiguous) == (False, True)
+    assert (off_m(run, early) < early.port.protection_level_m()).all()
