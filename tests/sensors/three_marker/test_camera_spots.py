@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 import relnav
-from relnav.sensors.three_marker.camera import image_of, normalise, normalise_spot, on_image, usable_into
+from relnav.sensors.three_marker.camera import (
+    image_of,
+    normalise,
+    normalise_spot,
+    on_image,
+    usable_covariance,
+    usable_into,
+)
 
 
 @pytest.fixture(scope="module")
@@ -90,3 +97,14 @@ def test_which_spots_are_used(camera):
     np.testing.assert_allclose(weights[:2], information, rtol=1e-12)
     assert usable_into(spots, np.empty((0, 2, 2)), lens, image, weights, which) == 3
     np.testing.assert_allclose(weights[:3], normalise(spots[[0, 2, 3]], camera)[1], rtol=1e-12)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_a_covariance_is_symmetric_to_its_own_size(scale):
+    """To 1e-9 of the geometric mean of its variances, whatever the unit."""
+
+    def asymmetric_by(part):
+        return scale * np.array([[2.0, 0.5], [0.5 + part, 3.0]])
+
+    given = np.array([asymmetric_by(0.0), asymmetric_by(1e-9), asymmetric_by(1e-8)])
+    assert usable_covariance(given).tolist() == [True, True, False]
