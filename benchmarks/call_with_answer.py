@@ -7,7 +7,7 @@ filterpy user of the timed tables has no gate.
 
 import numpy as np
 from peers.by_hand import OnFilterpy
-from peers.c_and_eigen import FromPython, from_a_loop_in_c, libraries
+from peers.c_and_eigen import Build, ByCtypes, ByExtension, from_a_loop_in_c
 from peers.on_fast_kalman import OnFastKalman
 from peers.on_gtsam import LAG_S, VARIANCE_BOUND, OnFixedLag, OnKalmanFilter
 from peers.on_jax import OnJax
@@ -116,17 +116,22 @@ def relnav_user(flight):
     return run
 
 
-def compiled(flight, built):
+def compiled(flight, build):
     """Name -> (epochs, function): plain C and C++, called from Python and in a loop of their own."""
     spots, pushes = map(np.ascontiguousarray, flight.after())
     entries = {}
-    for language, library in built.items():
+
+    def from_python(cls, code):
+        return len(spots), stepping(flight, lambda start: cls(code, start), None)
+
+    if build.extension is not None:
+        entries["plain C, called from Python (extension)"] = from_python(ByExtension, build.extension)
+    for language, library in build.libraries.items():
 
         def loop(library=library):
             return from_a_loop_in_c(library, flight.start(), spots, pushes)
 
-        from_python = stepping(flight, lambda start, library=library: FromPython(library, start), None)
-        entries[f"{language}, called from Python (ctypes)"] = (len(spots), from_python)
+        entries[f"{language}, called from Python (ctypes)"] = from_python(ByCtypes, library)
         entries[f"{language}, called from a loop in C: the limit"] = (len(spots), loop)
     return entries
 
@@ -163,13 +168,14 @@ def contenders(model, hand, times, method):
     entries[f"relnav per epoch, {method}, in and out"] = (len(times), ours)
     if method != "fix":
         return entries
-    built = libraries()
+    build = Build()
     for case in (Flight(model, hand, times, method, (WRONG_IMAGE,)), flight):
-        others = compiled(case, built) | packages(case)
+        others = compiled(case, build) | packages(case)
         for name, (_, run) in others.items():
             case.check(name, *answers_of(run()))
 
     def log():
-        relnav.filter_epochs(model, times, flight.spots, acceleration_m_s2=flight.push, method=method)
+        found = relnav.filter_epochs(model, times, flight.spots, acceleration_m_s2=flight.push, method=method)
+        return found.range_m, found.state, found.covariance
 
-    return entries | {"relnav, a log in memory": (len(times), log)} | others
+    return entries | {"relnav, a log in memory, all read": (len(times), log)} | others

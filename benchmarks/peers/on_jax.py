@@ -117,11 +117,10 @@ def noise(hand, p, jacobian):
     import jax.numpy as jnp
 
     turned = jnp.asarray(hand.cam_from_dock)
-    x, y, z = c = turned @ (jnp.asarray(hand.beacons) - p).T
-    none = jnp.zeros(3)
-    project = hand.f / z * jnp.array([[jnp.ones(3), none, -x / z], [none, jnp.ones(3), -y / z]])
-    turn = jnp.array([[none, c[2], -c[1]], [-c[2], none, c[0]], [c[1], -c[0], none]])
-    shift = -jnp.einsum("rkb,kj->brj", project, turned)
-    twist = jnp.einsum("rkb,kjb->brj", project, turn)
-    j = jacobian @ jnp.linalg.inv(jnp.concatenate([shift, twist], axis=2).reshape(6, 6))[:3]
+    x, y, z = turned @ (jnp.asarray(hand.beacons) - p).T
+    scale, right, up = (hand.f / z)[:, None, None], x / z, y / z
+    shift = -scale * (turned[:2] - jnp.stack([right, up], axis=1)[:, :, None] * turned[2])
+    twist = jnp.stack([-right * y, z + right * x, -y, -z - up * y, up * x, x], axis=1).reshape(3, 2, 3)
+    full = jnp.concatenate([shift, scale * twist], axis=2).reshape(6, 6)
+    j = jacobian @ jnp.linalg.inv(full)[:3]
     return hand.s**2 * j @ j.T
