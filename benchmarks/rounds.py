@@ -31,10 +31,10 @@ def measure(entries, rounds, clock=time.thread_time_ns):
 def table(times, reference, rows):
     """Print a table against one of its rows, and keep it."""
     base, width = times[reference], max(40, 2 + max(map(len, times)))
-    print(f"\n{'':<{width}}{'us per epoch, min':>18}{'median':>10}{reference + ' / it, min':>40}{'median':>9}")
+    print(f"\n{'':<{width}}{'us per epoch, min':>18}{'median':>10}{reference + ' / it, min':>48}{'median':>9}")
     for name, values in times.items():
         low, middle = min(values), statistics.median(values)
         ratios = min(base) / low, statistics.median(base) / middle
         rows.append({"name": name, "us_min": low, "us_median": middle, "of": reference})
         rows[-1] |= {"ratio_min": ratios[0], "ratio_median": ratios[1]}
-        print(f"{name:<{width}}{low:>18.3f}{middle:>10.3f}{ratios[0]:>40.1f}{ratios[1]:>9.1f}")
+        print(f"{name:<{width}}{low:>18.3f}{middle:>10.3f}{ratios[0]:>48.1f}{ratios[1]:>9.1f}")
