@@ -1,30 +1,31 @@
 """How fast: relnav beside what a user writes with numpy, filterpy and others, same data, one process, answers first.
 
     python benchmarks/speed.py --out speed.json          (a few minutes; needs the extra `bench` for all peers)
+    python benchmarks/speed.py --short                   (what stays in memory alone)
     python benchmarks/speed.py --long                    (adds a log of 1e8 epochs, filtered and smoothed: an hour)
 
-Every figure is thread CPU time (files: process CPU time), minimum and median over interleaved rounds; only the ratios
-mean anything on another machine. The problem: images of the three-beacon sensor; closed form exact for central
-projection, R from the analytic Jacobian, Clohessy-Wiltshire prediction, update. relnav also gates, computes NIS and
-stores everything.
+Every figure is thread CPU time (a call with its answer and files: process CPU time), minimum and median over
+interleaved rounds; only the ratios mean anything on another machine. The problem: images of the three-beacon sensor;
+closed form exact for central projection, R from the analytic Jacobian, Clohessy-Wiltshire prediction, update. relnav
+also gates, computes NIS and stores everything.
 """
 
 import argparse
 import dataclasses
-import importlib.util
 import json
-import statistics
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
 
+import call_with_answer
 import numpy as np
+from call_with_answer import PEER_EPOCHS, START
 from long_logs import PEAK, streaming
 from peers import linear
 from peers.by_hand import ByHand, OnFilterpy, OnKalmanPy, filterpy_smoother
-from peers.six_coordinates import SixCoordinates
+from rounds import installed, measure, table
 
 import relnav
 from relnav.accuracy.campaign import noise_alone
@@ -40,9 +41,8 @@ from relnav.simulation.detector import Faults, image
 from relnav.simulation.scenario import SimulatedLog
 
 EPOCHS = 2000
-PEER_EPOCHS = 300
+PACKAGE_OF = {"kalman_py": "kalman-py", "stonesoup": "Stone Soup", "cv2": "OpenCV", "kalman": "fast-kalman"}
 FILE_EPOCHS = 200_000
-START = 5
 
 
 def prepare(epochs=EPOCHS):
@@ -56,14 +56,6 @@ def prepare(epochs=EPOCHS):
         truth[e], x = x, phi @ x
     spots = image(model, truth, Faults(), np.random.default_rng(1))
     return model, SimulatedLog(np.arange(epochs) * 0.1, spots, np.zeros((epochs, 3)), truth)
-
-
-def installed(package):
-    """Whether a peer is there; if not, its rows are left out."""
-    if importlib.util.find_spec(package) is None:
-        print(f"{package} is not installed and left out: pip install 'relnav[bench]'")
-        return False
-    return True
 
 
 class Problem:
@@ -145,48 +137,6 @@ class Problem:
             "relnav log smoothed, fix": (EPOCHS, whole_log("fix", True)),
         }
 
-    def calls(self, method):
-        """Name -> (epochs, function): an acceleration in, range, state and covariance read, an epoch at a time."""
-        push = 1e-4 * np.sin(0.01 * np.arange(EPOCHS))[:, None] * [1.0, -0.5, 0.25]
-        effect, x, truth = self.hand.effect(0.1), np.array([9.0, 0.2, -0.1, -0.01, 0.0, 0.0]), np.empty((EPOCHS, 6))
-        for e in range(EPOCHS):
-            x = self.phi @ x + effect @ push[e]
-            truth[e] = x
-        spots = image(self.model, truth, Faults(), np.random.default_rng(5))
-        solution = relnav.filter_epochs(self.model, self.log.t_s, spots, acceleration_m_s2=push, method=method)
-        started = solution.state[START], solution.covariance[START], self.phi, self.q
-        after, images = slice(START + 1, START + 1 + PEER_EPOCHS), list(spots)
-        times, pushes = self.log.t_s.tolist(), list(push)
-
-        def ours():
-            step, read = relnav.Navigator(self.model, method).step, []
-            for t, z, a in zip(times, images, pushes, strict=True):
-                record = step(t, z, acceleration_m_s2=a)
-                read = record.range_m, record.state, record.covariance
-            return read
-
-        def theirs():
-            user = OnFilterpy(self.hand, *started) if method == "fix" else SixCoordinates(self.model, *started)
-            answers = []
-            for z, a in zip(images[after], pushes[after], strict=True):
-                user.step(z, effect @ a)
-                x = user.filter.x
-                answers.append((np.linalg.norm(x[:3]), x, user.filter.P))
-            return answers
-
-        for e, (distance, x, covariance) in enumerate(theirs(), START + 1):
-            sigma = solution.sigma[e]
-            assert np.max(np.abs(x - solution.state[e]) / sigma) < 1e-6, f"states of {method} differ at epoch {e}"
-            assert np.max(np.abs(covariance - solution.covariance[e]) / np.outer(sigma, sigma)) < 1e-6
-            assert abs(distance - solution.range_m[e]) < 1e-6 * sigma[0]
-        distance, x, covariance = ours()
-        assert (distance, *x) == (solution.range_m[-1], *solution.state[-1])
-        assert np.array_equal(covariance, solution.covariance[-1])
-        return {
-            f"filterpy user, {method}, in and out": (PEER_EPOCHS, theirs),
-            f"relnav per epoch, {method}, in and out": (EPOCHS, ours),
-        }
-
     def linear_peers(self):
         """Name -> (epochs, function): packages that only know linear filters, on positions with one R."""
         fixes = np.array([self.hand.dock.T @ self.hand.closed_form(z) for z in self.peer_images])
@@ -195,12 +145,19 @@ class Problem:
         expected = linear.numpy_filter(*arguments)
         found = {"pykalman": linear.pykalman_filter, "simdkalman": linear.simdkalman_filter}
         found |= {"kalman_py": linear.kalman_py_filter, "stonesoup": linear.stone_soup_filter}
+        found |= {"cv2": linear.opencv_filter, "kalman": linear.fast_kalman_filter}
         entries = {}
         for package, function in found.items():
             if installed(package):
                 assert np.max(np.abs(function(*arguments) - expected)) < 1e-9, package
-                name = f"{package.replace('_', '-')}, linear, no closed form"
+                name = f"{PACKAGE_OF.get(package, package)}, linear, no closed form"
                 entries[name] = (PEER_EPOCHS, lambda function=function: function(*arguments))
+        if installed("kalman"):
+            assert np.max(np.abs(linear.fast_kalman_last(*arguments) - expected[-1])) < 1e-9
+            entries["fast-kalman, its loop in C++, last state alone"] = (
+                PEER_EPOCHS,
+                lambda: linear.fast_kalman_last(*arguments),
+            )
         if installed("simdkalman"):
             name = f"simdkalman, {linear.SERIES:,} series at once"
             entries[name] = (PEER_EPOCHS * linear.SERIES, lambda: linear.simdkalman_series(*arguments))
@@ -249,31 +206,6 @@ def from_file_to_file(model, log, folder):
         filter_file(folder / "log.parquet", model, folder / "track.parquet", method="fix")
 
     return {"relnav Parquet to Parquet, fix": (FILE_EPOCHS, run)}
-
-
-def measure(entries, rounds, clock=time.thread_time_ns):
-    """Microseconds an epoch of each entry, interleaved rounds."""
-    for _, function in entries.values():
-        function()
-    times = {name: [] for name in entries}
-    for _ in range(rounds):
-        for name, (epochs, function) in entries.items():
-            began = clock()
-            function()
-            times[name].append((clock() - began) / epochs / 1000.0)
-    return times
-
-
-def table(times, reference, rows):
-    """Print a table against one of its rows, and keep it."""
-    base = times[reference]
-    print(f"\n{'':<40}{'us per epoch, min':>18}{'median':>10}{reference + ' / it, min':>40}{'median':>9}")
-    for name, values in times.items():
-        low, middle = min(values), statistics.median(values)
-        ratios = min(base) / low, statistics.median(base) / middle
-        rows.append({"name": name, "us_min": low, "us_median": middle, "of": reference})
-        rows[-1] |= {"ratio_min": ratios[0], "ratio_median": ratios[1]}
-        print(f"{name:<40}{low:>18.3f}{middle:>10.3f}{ratios[0]:>40.1f}{ratios[1]:>9.1f}")
 
 
 def growth(model, log):
@@ -343,10 +275,33 @@ def start_ups():
     return rows
 
 
+def in_memory(problem, rounds, rows):
+    """Print and keep the tables of what stays in memory."""
+    for method in ("fix", "spots"):
+        name = f"filterpy user, {method}, in and out"
+        calls = call_with_answer.contenders(problem.model, problem.hand, problem.log.t_s, method)
+        table(measure(calls, rounds, time.process_time_ns), name, rows)
+    table(measure(problem.peers() | problem.linear_peers() | problem.ours(), rounds), "filterpy user", rows)
+    table(measure(problem.smoothers(), rounds), "filterpy rts_smoother, backward", rows)
+
+
+def of_files(problem, options, rows):
+    """Print and keep the table of files; what else is of files and processes, to be kept."""
+    with tempfile.TemporaryDirectory(dir=options.folder) as name:
+        folder = Path(name)
+        peers = {key: value for key, value in problem.peers().items() if key == "filterpy user"}
+        files = peers | from_file_to_file(problem.model, problem.log, folder)
+        table(measure(files, min(options.rounds, 7), time.process_time_ns), "filterpy user", rows)
+        found = {"growth": growth(problem.model, problem.log), "start_up": start_ups()}
+        epochs = 100_000_000 if options.long else options.epochs
+        return found | {"streamed": streaming(problem.log, epochs, folder) if epochs else []}
+
+
 def main() -> None:
     """Check, measure, print, write JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=15)
+    parser.add_argument("--short", action="store_true", help="what stays in memory alone, no files")
     parser.add_argument("--epochs", type=int, default=10_000_000, help="of the streamed log; 0 leaves it out")
     parser.add_argument("--long", action="store_true", help="stream 1e8 epochs (40 GB of disk)")
     parser.add_argument("--folder", type=Path, help="where the large files go for a while")
@@ -354,22 +309,11 @@ def main() -> None:
     options = parser.parse_args()
     problem = Problem()
     rows: list[dict[str, object]] = []
-    for method in ("fix", "spots"):
-        name = f"filterpy user, {method}, in and out"
-        table(measure(problem.calls(method), options.rounds), name, rows)
-    table(measure(problem.peers() | problem.linear_peers() | problem.ours(), options.rounds), "filterpy user", rows)
-    table(measure(problem.smoothers(), options.rounds), "filterpy rts_smoother, backward", rows)
-    with tempfile.TemporaryDirectory(dir=options.folder) as name:
-        folder = Path(name)
-        peers = {key: value for key, value in problem.peers().items() if key == "filterpy user"}
-        files = peers | from_file_to_file(problem.model, problem.log, folder)
-        table(measure(files, min(options.rounds, 7), time.process_time_ns), "filterpy user", rows)
-        grown = growth(problem.model, problem.log)
-        started = start_ups()
-        epochs = 100_000_000 if options.long else options.epochs
-        streamed = streaming(problem.log, epochs, folder) if epochs else []
+    in_memory(problem, options.rounds, rows)
+    report: dict[str, object] = {"rounds": options.rounds, "rows": rows}
+    if not options.short:
+        report |= of_files(problem, options, rows)
     if options.out is not None:
-        report = {"rounds": options.rounds, "rows": rows, "growth": grown, "start_up": started, "streamed": streamed}
         options.out.write_text(json.dumps(report, indent=2) + "\n")
 
 

@@ -80,3 +80,41 @@ def stone_soup_filter(phi, q, h, r, x, covariance, fixes):
         state = updater.update(SingleHypothesis(predicted, Detection(z[:, None], timestamp=t)))
         states.append(np.asarray(state.state_vector, dtype=float)[:, 0])
     return np.array(states)
+
+
+def opencv_filter(phi, q, h, r, x, covariance, fixes):
+    """OpenCV's KalmanFilter."""
+    import cv2
+
+    filter_ = cv2.KalmanFilter(6, 3, 0, cv2.CV_64F)
+    filter_.transitionMatrix, filter_.processNoiseCov = phi, q
+    filter_.measurementMatrix, filter_.measurementNoiseCov = h, r
+    filter_.statePost, filter_.errorCovPost = x[:, None].copy(), covariance.copy()
+    states = []
+    for z in fixes:
+        filter_.predict()
+        states.append(filter_.correct(z[:, None])[:, 0].copy())
+    return np.array(states)
+
+
+def fast_kalman_filter(phi, q, h, r, x, covariance, fixes):
+    """fast-kalman, a call per epoch."""
+    filter_ = fast_kalman(phi, q, h, r, x, covariance)
+    states = []
+    for z in fixes:
+        filter_.update(z)
+        states.append(filter_.x)
+    return np.array(states)
+
+
+def fast_kalman_last(phi, q, h, r, x, covariance, fixes):
+    """fast-kalman in its best case: its loop in C++, which gives the last state alone, (1, 6)."""
+    return np.array([fast_kalman(phi, q, h, r, x, covariance).update_many(fixes)["x"]])
+
+
+def fast_kalman(phi, q, h, r, x, covariance):
+    """Its filter, started; it is imported as `kalman`."""
+    from kalman import LinearKalmanFilter
+
+    matrices = {"P": covariance, "F": phi, "Q": q, "H": h, "R": r}
+    return LinearKalmanFilter(6, 3, x=x, **{name: matrix.ravel() for name, matrix in matrices.items()})
