@@ -111,9 +111,11 @@ def test_wrong_use(case):
     assert isinstance(no_direction(Status.AT_EDGE), SunDirection)
 
 
-def test_projection_angles():
-    """tan(alpha) = s_x / s_z and tan(beta) = s_y / s_z."""
+def test_projection_angles_and_sigma():
+    """tan(alpha) = s_x / s_z and tan(beta) = s_y / s_z; rms of the two errors across."""
     s = np.array([0.3, -0.4, 0.8]) / np.linalg.norm([0.3, -0.4, 0.8])
-    found = SunDirection(s, np.eye(3), Status.OK)
+    across = np.linalg.svd(s[None])[2][1:]
+    found = SunDirection(s, across.T @ np.diag([1e-8, 9e-8]) @ across, Status.OK)
+    assert found.sigma_rad == pytest.approx(np.sqrt(5e-8))
     assert np.tan(found.alpha_rad) == pytest.approx(0.3 / 0.8)
     assert np.tan(found.beta_rad) == pytest.approx(-0.4 / 0.8)
