@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from relnav.sensors.measurement import Status
-from relnav.sensors.three_beacon import measure, positions
+from relnav.sensors.three_beacon import measure
+from relnav.sensors.three_beacon.off_nominal import positions
 
 
 @pytest.mark.parametrize("off_axis_deg", [0.0, 20.0, 45.0, 70.0, 89.0, 120.0, 170.0])
