@@ -144,6 +144,16 @@ class VehicleFilters:
 
     def apply(self, tracked: Tracked, event: Event) -> tuple[Tracked, Outcome | None]:
         """The estimates after an event; the outcome of one that the filter had to believe."""
+        after, outcome = self._after(tracked, event)
+        if outcome is not None and self.on_outcome is not None:
+            self.on_outcome(event, outcome)
+        return after, outcome
+
+    def again(self, tracked: Tracked, event: Event) -> Tracked:
+        """The estimates after an event of which the outcome was told."""
+        return self._after(tracked, event)[0]
+
+    def _after(self, tracked: Tracked, event: Event) -> tuple[Tracked, Outcome | None]:
         source, fares, search, at = event.source, tracked.fares, tracked.search, tracked.estimates
         if search is None:
             at, outcomes = self._through(at, event)
@@ -154,8 +164,6 @@ class VehicleFilters:
                 search = None
         if source == THRUST or not outcomes:
             return Tracked(at, fares, search), None
-        if self.on_outcome is not None:
-            self.on_outcome(event, outcomes[0])
         fares = {**fares, source: fares[source].after(event.t_s, outcomes[: self._watched])}
         return Tracked(at, fares, search), outcomes[0]
 
@@ -253,6 +261,6 @@ def three(name: str, value: ArrayLike) -> tuple[float, float, float]:
     array, most = numbers(name, value), MOST.get(name, LARGEST)
     if array.shape == (3,):
         x, y, z = array.tolist()
-        if abs(x) <= most and abs(y) <= most and abs(z) <= most:
+        if -most <= x <= most and -most <= y <= most and -most <= z <= most:
             return x, y, z
     raise ValueError(f"{name}: three finite numbers up to {most:g} in size are expected; got {array.tolist()}")

@@ -56,23 +56,23 @@ class GyroSamples:
     array, count : (n, 4), int
         t s and rate (3,) rad/s; the first `count` rows are samples, the first of them from -inf on until it is
         forgotten: the rate before any came.
+    room : int
+        Samples that the array holds: more has to be made before another one.
     """
 
     def __init__(self, rate_before_any: Vector) -> None:
-        self.array, self.count = np.empty((ROOM, 4)), 1
+        self._hold(np.empty((ROOM, 4)), 1)
         self.array[0] = -math.inf, *rate_before_any
         self._last_s = -math.inf
 
-    @property
-    def is_full(self) -> bool:
-        """Whether room has to be made before another sample."""
-        return self.count == len(self.array)
+    def _hold(self, array: Matrix, count: int) -> None:
+        self.array, self.count, self.room, self._memory = array, count, len(array), array.data
 
     def insert(self, sample: Sample) -> int:
         """Take a sample in where it belongs; how many come after it, -1 and nothing done if it is here already."""
         count, t_s = self.count, sample[0]
         if t_s > self._last_s:
-            ROW.pack_into(self.array.data, ROW.size * count, *sample)  # a quarter of the time that numpy takes
+            ROW.pack_into(self._memory, ROW.size * count, *sample)  # a tenth of the time that numpy takes
             self.count, self._last_s = count + 1, t_s
             return 0
         at = int(np.searchsorted(self.array[:count, 0], t_s))
@@ -87,8 +87,9 @@ class GyroSamples:
 
     def fill(self, samples: Sequence[Sample] | Matrix) -> None:
         """Take a whole flight's samples in, in order and none twice, instead of those that are there."""
-        self.array = np.concatenate([self.array[:1], np.reshape(np.array(samples, dtype=np.float64), (-1, 4))])
-        self.count, self._last_s = len(self.array), math.inf
+        array = np.concatenate([self.array[:1], np.reshape(np.array(samples, dtype=np.float64), (-1, 4))])
+        self._hold(array, len(array))
+        self._last_s = math.inf
 
     def remove(self, sample: Sample) -> None:
         """Undo an insertion."""
@@ -100,10 +101,10 @@ class GyroSamples:
     def make_room(self, before_s: float) -> None:
         """Forget samples that no longer hold at before_s; where that is not half of them, take more room."""
         first = self._holding_at(before_s)
-        left, room = self.array[first : self.count], len(self.array)
+        left, room = self.array[first : self.count], self.room
         array = np.empty((room if 2 * len(left) <= room else 2 * room, 4))
         array[: len(left)] = left
-        self.array, self.count = array, len(left)
+        self._hold(array, len(left))
 
     def rate_at(self, t_s: float) -> Vector:
         """Rate (3,) of the sample that holds at t_s."""

@@ -66,7 +66,7 @@ class VehicleNavigator:
         self.vehicle, self.layout = vehicle, self._filters.layout
         self._timeline: Timeline[Tracked, Outcome | None]
         start, window_s = self._filters.start, vehicle.filter.replay_window_s
-        self._timeline = Timeline(start, start.estimates.t_s, window_s, self._filters.apply)
+        self._timeline = Timeline(start, start.estimates.t_s, window_s, self._filters.apply, self._filters.again)
 
     @property
     def on_outcome(self) -> Callable[[Event, Outcome], None] | None:
@@ -146,9 +146,8 @@ class VehicleNavigator:
 
     def _sample(self, t_s: float, value: ArrayLike) -> Observed:
         """Take a gyro sample in: it waits for the next observation, unless there is a later one already."""
-        timeline, samples, (x, y, z) = self._timeline, self._filters.samples, three(GYRO, value)
-        sample = t_s, x, y, z
-        if samples.is_full:
+        timeline, samples, sample = self._timeline, self._filters.samples, (t_s, *three(GYRO, value))
+        if samples.count == samples.room:
             samples.make_room(timeline.forward(self._forwarded).estimates.t_s)
         if timeline.goes_on(t_s):
             samples.insert(sample)
