@@ -220,10 +220,14 @@ class VehicleFilter:
         With which a good spot or direction passes the gate.
     replay_window_s : float
         An observation may come this long after a later one, and is then inserted where it belongs.
+    restart_after_s : float
+        How long no image of lights may be believed, more than half of it, before the target is looked for anew; where
+        none ever was, ten images alone count.
     """
 
     gate_probability: Annotated[float, Gt(0.0), Lt(1.0)] = 0.9999
     replay_window_s: Annotated[float, Ge(0.0), Le(60.0)] = 2.0
+    restart_after_s: Annotated[float, Gt(0.0)] = 5.0
 
 
 @dataclass(frozen=True)

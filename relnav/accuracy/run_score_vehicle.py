@@ -70,7 +70,7 @@ class VehicleScorer:
         figures |= {f"drawn_{name}": value for name, value in drawn.items()}
         figures |= {
             "started_s": 0.0 if known[0] else float(times[np.argmax(known)]) if known.any() else math.nan,
-            "restarts": 0.0,
+            "restarts": float(found[-1].restarts),
             "epochs": float(counts.used + counts.partial + counts.rejected),
             "epochs_partial": float(counts.partial),
             "epochs_rejected": float(counts.rejected),

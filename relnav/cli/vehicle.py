@@ -178,6 +178,7 @@ def _figures(last: "VehicleEstimate", vehicle: "Vehicle", observations: int) -> 
         "model": vehicle.name,
         "observations": observations,
         "t_s": last.t_s,
+        "restarts": last.restarts,
         "port_m": last.port.position_m.tolist(),
         "sigma_port_m": sigma[:3].tolist(),
         "sigma_port_velocity_m_s": sigma[3:6].tolist(),
@@ -208,8 +209,8 @@ def _lines(figures: dict[str, Any], name: str) -> list[str]:
             lines.append(f"{sensor}: last used at {health['last_used_s']:.2f} s, NIS/n {health['nis_per_dof']:.2f}")
     if figures["ambiguous"]:
         lines.append(
-            f"the target's attitude was not found yet in {figures['ambiguous']} of {figures['estimates']} estimates: "
-            "where the column ambiguous is 1, do not use the states"
+            f"the target was looked for in {figures['ambiguous']} of {figures['estimates']} estimates, at the start or "
+            "after a lock-out: where the column ambiguous is 1, do not use the states"
         )
     for sensor, alarm in figures["alarms"].items():
         lines.append(

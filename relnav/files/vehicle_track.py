@@ -22,20 +22,21 @@ _PORT = tuple(f"{_NAMES[k]}_{_UNITS[k]}" for k in (0, 1, 2, 3, 4, 5, 9, 10, 11))
 TRUTH_COLUMNS = ("t_s", *_PORT, *_ATTITUDE)
 PROTECTION_COLUMNS = tuple(f"protection_{axis}_m" for axis in "xyz")
 OF_A_SENSOR = ("used", "refused", "nis", "deviation", "alarm")
+SEEKING = "ambiguous"
 TRACK_COLUMNS = (
     *TRUTH_COLUMNS,
     *(f"sigma_{name}_{unit}" for name, unit in zip(_NAMES, _UNITS, strict=True)),
     "gyro_lost",
     *PROTECTION_COLUMNS,
     *(f"cov_{_NAMES[i]}_{_NAMES[j]}" for i, j in zip(*_UPPER, strict=True)),
+    SEEKING,
 )
 """Port from port, target axes; the covariance in SI (m, m/s, rad, rad/s), turn as in `PortState`.
 
-Of every sensor there follow `OF_A_SENSOR`, as in `used_camera`: whether something of it was believed since the row
-before (0 or 1), observations in a row refused, NIS per degree of freedom, deviation in the filter that watches, alarm.
+`ambiguous` is 1 while the target is looked for, at a start or after a lock-out: the state is not to be used. Of every
+sensor there follow `OF_A_SENSOR`, as in `used_camera`: whether something of it was believed since the row before (0 or
+1), observations in a row refused, NIS per degree of freedom, deviation in the filter that watches, alarm.
 """
-SEEKING = "ambiguous"
-"""A column before them, of a vehicle whose file does not know the target's attitude: whether it is not found yet."""
 _CENTRE = tuple(f"{_NAMES[k]}_{_UNITS[k]}" for k in range(6))
 _DEGREES = np.array([1.0] * 6 + [180.0 / math.pi] * 6)
 
@@ -79,8 +80,7 @@ class TrackRows:
         """Take the names of the sensors, and a frame for further columns."""
         self._last, self._frame = dict.fromkeys(vehicle.sensor, math.nan), frame
         of_sensors = (f"{what}_{name}" for name in self._last for what in OF_A_SENSOR)
-        self._seeks = (SEEKING,) if vehicle.seeks_attitude else ()
-        self.columns = (*TRACK_COLUMNS, *self._seeks, *of_sensors, *frame_columns(frame))
+        self.columns = (*TRACK_COLUMNS, *of_sensors, *frame_columns(frame))
 
     @property
     def whole_numbers(self) -> tuple[int, ...]:
@@ -95,7 +95,7 @@ class TrackRows:
         attitude = Rotation.from_matrix(port.dcm_target_from_chaser).as_quat(canonical=True)
         row = [estimate.t_s, *port.position_m, *port.velocity_m_s, *np.degrees(port.rate_rad_s), *attitude]
         row += [*(_DEGREES * port.sigma), float(estimate.gyro_lost), *port.protection_level_m()]
-        row += [*port.covariance[_UPPER], *(float(estimate.ambiguous) for _ in self._seeks)]
+        row += [*port.covariance[_UPPER], float(estimate.ambiguous)]
         for name, before in self._last.items():
             health = estimate.sensors[name]
             used = health.last_used_s == health.last_used_s and health.last_used_s != before

@@ -69,7 +69,7 @@ class VehicleWatcher(RunWatcher):
         """Columns of which stretches are told, and in which words."""
         words = {"used": "{} used", "refused": "{} refused", "alarm": "ALARM {}"}
         said = [(f"{what}_{s}", text.format(s)) for s in self._sensors for what, text in words.items()]
-        more = [("gyro_lost", "gyro lost"), (SEEKING, "attitude ambiguous")]
+        more = [("gyro_lost", "gyro lost"), (SEEKING, "target looked for")]
         return [(name, text) for name, text in [*said, *more] if name in columns]
 
     def _rows(self) -> tuple[Row, ...]:

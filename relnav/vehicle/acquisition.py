@@ -1,4 +1,4 @@
-"""A start that does not know how the target is turned: every attitude that explains an image is followed.
+"""A start that does not know how the target is turned, or where it is: every explanation of an image is followed.
 
 Three lights have up to four explanations, and one of them alone may be the wrong one for ever. Each opens a hypothesis,
 a filter of its own that begins about it. Its score, minus twice the logarithm of its probability but for a constant, is
@@ -11,17 +11,24 @@ image is linearised, not the estimate. Where images contradict the best one it i
 image opens new ones: `blind` is the estimate of what never saw a light. Images of fewer than LEAST_LIGHTS are not used:
 they fix no attitude, and bend within one that is known to START_RAD. Only once one explanation is left, and images
 agreed with it, is there one filter.
+
+The same after a lock-out: of LOST_IMAGES in a row half of the lights or less was believed, and no other image more for
+long. (At a wrong place a filter goes on to find single lights that agree with it.) Nothing is known then
+of where the target is, so that an explanation brings its place too; and the filter that was locked out is one of them,
+for the images may be what was wrong.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from relnav.arrays import Matrix
+from relnav.arrays import Matrix, Stack, Vector
+from relnav.estimation.state_layout import StateLayout
 from relnav.geometry.rotation_vector import rotation_vector_between, turned
-from relnav.spacecraft import FORESEEN_RAD, Vehicle
-from relnav.vehicle.layout import TARGET_ATTITUDE, TARGET_RATE
+from relnav.spacecraft import FORESEEN_RAD, POINTS, Vehicle
+from relnav.vehicle.layout import POSITION, TARGET_ATTITUDE, TARGET_RATE, VELOCITY
 from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.state import Estimates
 from relnav.vehicle.update import Outcome
@@ -35,7 +42,13 @@ AGREED = 10
 CONTRADICTED = 3
 """Images, and more than a third of those that agree, after which explanations are looked for anew."""
 SAME_SIGMA = 1.0
-"""Attitudes nearer than this, in 1-sigma of the better one, are one."""
+"""Poses nearer than this, in 1-sigma of the better one, are one."""
+LOST_IMAGES = 10
+"""Of a sensor, doubted one after the other, before a filter is locked out."""
+START_SHARE, START_M_S, START_RAD_S = 0.1, 1.0, 0.05
+"""1-sigma of a hypothesis' position by its distance, of its velocity (at rest) and of the target's rate, anew."""
+KEPT = ("chaser_attitude", "gyro_bias")
+"""Errors that lights tell little of."""
 
 Through: TypeAlias = Callable[[Estimates], tuple[Estimates, list[Outcome]]]
 """What an event makes of estimates, and what became of it."""
@@ -59,12 +72,15 @@ class Search(NamedTuple):
         The best one first.
     agreed, contradicted : int
         Images of which the best one then believed more than two thirds of the lights, and less.
+    before : Estimates or None
+        Of the filter that was locked out, which is one of the explanations; None at a start.
     """
 
     blind: Estimates
     hypotheses: tuple[Hypothesis, ...] = ()
     agreed: int = 0
     contradicted: int = 0
+    before: Estimates | None = None
 
     @property
     def estimates(self) -> Estimates:
@@ -74,23 +90,26 @@ class Search(NamedTuple):
     def moved(self, move: Callable[[Estimates], Estimates]) -> "Search":
         """The same with all estimates moved."""
         moved = tuple(one._replace(estimates=move(one.estimates)) for one in self.hypotheses)
-        return self._replace(blind=move(self.blind), hypotheses=moved)
+        before = None if self.before is None else move(self.before)
+        return self._replace(blind=move(self.blind), hypotheses=moved, before=before)
 
     def passed(self, through: Through) -> tuple["Search", list[Outcome]]:
         """The same after an event that is no image of lights, and what the best one made of it."""
         (blind, outcomes), tried = through(self.blind), [through(one.estimates) for one in self.hypotheses]
         kept = [one._replace(estimates=at) for one, (at, _) in zip(self.hypotheses, tried, strict=True)]
-        return self._replace(blind=blind, hypotheses=tuple(kept)), tried[0][1] if tried else outcomes
+        before = None if self.before is None else through(self.before)[0]
+        return self._replace(blind=blind, hypotheses=tuple(kept), before=before), tried[0][1] if tried else outcomes
 
     def seen(
         self, through: Through, blind: Estimates, explained: Callable[[Estimates], Sequence[Hypothesis]]
     ) -> tuple["Search", list[Outcome]]:
         """The same after an image of LEAST_LIGHTS or more; blind: of its time; explained: what its spots explain."""
-        search, best = self._replace(blind=blind), list[Outcome]()
+        before = None if self.before is None else through(self.before)[0]
+        search, best = self._replace(blind=blind, before=before), list[Outcome]()
         if self.hypotheses:
             search, best = search._after(through)
         if not self.hypotheses or search.is_contradicted:
-            return Search(blind, tuple(sorted(explained(blind), key=lambda one: one.score))), []
+            return opened(blind, explained(blind), before), []
         return search, best
 
     def _after(self, through: Through) -> tuple["Search", list[Outcome]]:
@@ -126,19 +145,54 @@ class Search(NamedTuple):
         return bool(variances.max() < FORESEEN_RAD**2)
 
 
-def hypotheses_about(blind: Estimates, attitudes: Sequence[Matrix], vehicle: Vehicle) -> list[Hypothesis]:
-    """Where explanations begin: estimates that know nothing of the target but about which attitude it is held."""
-    held, sigma = vehicle.target.dcm_target_from_lvlh.T, vehicle.hand_over.target_attitude_sigma_rad
-    found = []
-    for dcm in attitudes:
-        at = blind.copied()
-        at.dcm_lvlh_from_target[:] = dcm
-        at.values[:, TARGET_RATE] = -vehicle.orbit.mean_motion_rad_s * dcm[1]
-        at.covariance[:, TARGET_ATTITUDE, :] = at.covariance[:, :, TARGET_ATTITUDE] = 0.0
-        at.covariance[:, TARGET_ATTITUDE, TARGET_ATTITUDE] = START_RAD**2 * np.eye(3)
-        angle = rotation_vector_between(dcm, held)
-        found.append(Hypothesis(at, float(angle @ angle) / sigma**2))
-    return found
+def opened(blind: Estimates, explained: Sequence[Hypothesis], before: Estimates | None = None) -> Search:
+    """A search that begins with these explanations, and with that of the filter that was locked out."""
+    hypotheses = ([] if before is None else [Hypothesis(before, 0.0)]) + list(explained)
+    return Search(blind, tuple(sorted(hypotheses, key=lambda one: one.score)), before=before)
+
+
+def hypothesis_about(blind: Estimates, dcm_lvlh_from_target: Matrix, vehicle: Vehicle) -> Hypothesis:
+    """Where an explanation begins at a start: nothing is known of the target but about which attitude it is held."""
+    dcm, held = dcm_lvlh_from_target, vehicle.target.dcm_target_from_lvlh.T
+    at = blind.copied()
+    at.dcm_lvlh_from_target[:] = dcm
+    at.values[:, TARGET_RATE] = -vehicle.orbit.mean_motion_rad_s * dcm[1]
+    _forget(at.covariance, TARGET_ATTITUDE, START_RAD)
+    angle = rotation_vector_between(dcm, held)
+    return Hypothesis(at, float(angle @ angle) / vehicle.hand_over.target_attitude_sigma_rad**2)
+
+
+def hypothesis_anew(blind: Estimates, pose: tuple[Matrix, Vector], vehicle: Vehicle) -> Hypothesis:
+    """Where an explanation begins after a lock-out: about a pose, and none is more credible than another."""
+    at = hypothesis_about(blind, pose[0], vehicle).estimates
+    at.values[:, POSITION] = pose[1]
+    _forget(at.covariance, POSITION, START_SHARE * float(np.linalg.norm(pose[1])))
+    return Hypothesis(at, 0.0)
+
+
+def locked_out(at: Estimates, layout: StateLayout, vehicle: Vehicle) -> Estimates:
+    """What a filter that is locked out still knows: nothing of the target, the thrusters and where lights are seen.
+
+    Kept are the chaser's attitude, the gyro's bias and what is off in sensors that see no lights.
+    """
+    blind, prior = at.copied(), layout.prior
+    blind_names = {name for name in vehicle.sensor if vehicle.kind(name) != POINTS}
+    for block in layout.blocks:
+        if block.name not in KEPT and block.name.partition(".")[0] not in blind_names:
+            _forget(blind.covariance, block.place, float(np.sqrt(prior[block.place.start, block.place.start])))
+            if block.name != "position":
+                blind.values[:, block.place] = 0.0
+    distance = float(np.linalg.norm(at.values[0, POSITION]))
+    wide = (POSITION, distance), (VELOCITY, START_M_S), (TARGET_ATTITUDE, math.pi), (TARGET_RATE, START_RAD_S)
+    for place, sigma in wide:
+        _forget(blind.covariance, place, sigma)
+    return blind
+
+
+def _forget(covariance: Stack, place: slice, sigma: float) -> None:
+    """Let errors be known to sigma each, and hang together with no others, in covariances (k, n, n)."""
+    covariance[:, place, :] = covariance[:, :, place] = 0.0
+    covariance[:, place, place] = sigma**2 * np.eye(place.stop - place.start)
 
 
 def found_at_start(start: Estimates, found: Estimates, vehicle: Vehicle, frame: OrbitFrame) -> Estimates:
@@ -146,11 +200,12 @@ def found_at_start(start: Estimates, found: Estimates, vehicle: Vehicle, frame: 
     back = found.values[0, TARGET_RATE] * (start.t_s - found.t_s)
     inertial = frame.dcm_lvlh_from_inertial(found.t_s).T @ found.dcm_lvlh_from_target[0]
     attitude = frame.dcm_lvlh_from_inertial(start.t_s) @ turned(inertial, back)
-    return hypotheses_about(start, [attitude], vehicle)[0].estimates
+    return hypothesis_about(start, attitude, vehicle).estimates
 
 
 def _is_same(one: Hypothesis, other: Hypothesis) -> bool:
     """Whether two explanations have become one."""
     turn = rotation_vector_between(other.estimates.dcm_lvlh_from_target[0], one.estimates.dcm_lvlh_from_target[0])
-    sigma = np.sqrt(one.estimates.covariance[0].diagonal()[TARGET_ATTITUDE])
-    return bool((np.abs(turn) <= SAME_SIGMA * sigma).all())
+    apart = other.estimates.values[0, POSITION] - one.estimates.values[0, POSITION]
+    sigma = SAME_SIGMA * np.sqrt(one.estimates.covariance[0].diagonal())
+    return bool((np.abs(turn) <= sigma[TARGET_ATTITUDE]).all() and (np.abs(apart) <= sigma[POSITION]).all())

@@ -40,10 +40,12 @@ class VehicleEstimate:
     vehicle : Vehicle
         What flies.
     ambiguous : bool
-        At a start that does not know the target's attitude (`relnav.vehicle.acquisition`): it is not found yet, and the
-        estimate, of the most credible one, not to be used.
+        The target is looked for (`relnav.vehicle.acquisition`), at a start that does not know its attitude or after a
+        lock-out: the estimate, of the most credible explanation, is not to be used.
     explanations : int
-        Attitudes of the target that explain what was seen.
+        Poses of the target that explain what was seen.
+    restarts : int
+        How often it was looked for after a lock-out.
     without : mapping
         The port as filters without each sensor in turn have it, by the sensor's name; empty unless they are flown.
     """
@@ -64,6 +66,7 @@ class VehicleEstimate:
     vehicle: Vehicle = field(repr=False)
     ambiguous: bool = False
     explanations: int = 1
+    restarts: int = 0
     without: Mapping[str, PortState] = field(default_factory=dict, repr=False)
 
     def protection_level_m(self, probability: float = 1e-7, fault_probability: float = FAULT_PROBABILITY) -> Vector:

@@ -5,7 +5,7 @@ order of events is that of who asks (`navigator`, `smoother`).
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from math import degrees, isfinite
+from math import degrees, inf, isfinite, isnan
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +14,16 @@ from numpy.typing import ArrayLike
 from relnav.arrays import LARGEST, Matrix, number, numbers
 from relnav.dynamics.error_state import MOTION
 from relnav.spacecraft import FORESEEN_RAD, GYRO, POINTS, RESERVED, STAR, THRUST, Vehicle
-from relnav.vehicle.acquisition import Search, found_at_start, hypotheses_about
+from relnav.vehicle.acquisition import (
+    LOST_IMAGES,
+    Hypothesis,
+    Search,
+    found_at_start,
+    hypothesis_about,
+    hypothesis_anew,
+    locked_out,
+    opened,
+)
 from relnav.vehicle.directions import StarTracker, SunSensor
 from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.flying_sensor import Flown, FlyingSensor
@@ -39,11 +48,15 @@ NOT_USED = Outcome(0.0, 0, 0, 0)
 
 
 class Tracked(NamedTuple):
-    """Estimates, how each sensor has fared until then, and the search of which they are the best, if it is not over."""
+    """Estimates, how each sensor has fared until then, the search of which they are the best, if it is not over.
+
+    And how many searches there were after a lock-out.
+    """
 
     estimates: Estimates
     fares: Mapping[str, Fare]
     search: Search | None = None
+    restarts: int = 0
 
     def moved(self, move: Callable[[Estimates], Estimates]) -> "Tracked":
         """The same with all estimates moved."""
@@ -107,6 +120,7 @@ class VehicleFilters:
         self.sensors: dict[str, PointSensor | StarTracker | SunSensor | Flown]
         self.sensors = {name: self._sensor(name, len(layouts)) for name in vehicle.sensor}
         self.sensors |= {name: Flown(own, name, self.layout) for name, own in more.items()}
+        self._lights = [name for name in vehicle.sensor if vehicle.kind(name) == POINTS]
         rows = max(sensor.most_rows for sensor in self.sensors.values())
         turning = -vehicle.orbit.mean_motion_rad_s * vehicle.chaser.dcm_chaser_from_lvlh[:, 1]  # held in its orbit
         self.samples = GyroSamples(turning)
@@ -163,9 +177,34 @@ class VehicleFilters:
             if search.is_over:
                 search = None
         if source == THRUST or not outcomes:
-            return Tracked(at, fares, search), None
+            return Tracked(at, fares, search, tracked.restarts), None
         fares = {**fares, source: fares[source].after(event.t_s, outcomes[: self._watched])}
-        return Tracked(at, fares, search), outcomes[0]
+        if search is None and source in self._lights and self._is_locked_out(event, outcomes[0].groups, fares):
+            search = self._anew(at, event)
+            lights = {name: Fare(Sums(event.t_s), *fares[name][1:]) for name in self._lights}
+            return Tracked(search.estimates, {**fares, **lights}, search, tracked.restarts + 1), outcomes[0]
+        return Tracked(at, fares, search, tracked.restarts), outcomes[0]
+
+    def _is_locked_out(self, event: Event, lights: int, fares: Mapping[str, Fare]) -> bool:
+        """Whether no image of lights has been believed for long, although this one shows enough of them."""
+        if self._without or lights < LEAST_LIGHTS or fares[event.source].doubted < LOST_IMAGES:
+            return False
+        agreed_s = max(-inf if isnan(fares[name].agreed_s) else fares[name].agreed_s for name in self._lights)
+        return event.t_s - agreed_s >= self.vehicle.filter.restart_after_s
+
+    def _anew(self, at: Estimates, event: Event) -> Search:
+        """A search that begins with an image that a filter which is locked out refused."""
+        blind = locked_out(at, self.layout, self.vehicle)
+        return opened(blind, self._explained(blind, event, at), at)
+
+    def _explained(self, blind: Estimates, event: Event, before: Estimates | None) -> list[Hypothesis]:
+        """Where the explanations of an image begin: at a start, or after a lock-out."""
+        sensor = self.sensors[event.source]
+        assert isinstance(sensor, PointSensor)
+        poses = sensor.poses(blind, event.value, event.noise)
+        if before is None:
+            return [hypothesis_about(blind, attitude, self.vehicle) for attitude, _ in poses]
+        return [hypothesis_anew(blind, pose, self.vehicle) for pose in poses]
 
     def _through(self, before: Estimates, event: Event) -> tuple[Estimates, list[Outcome]]:
         """What an event makes of estimates, and what became of it in each filter; nothing of a command."""
@@ -190,7 +229,7 @@ class VehicleFilters:
         return search.seen(
             lambda at: self._through(at, event),
             blind,
-            lambda at: hypotheses_about(at, sensor.attitudes(at, event.value, event.noise), self.vehicle),
+            lambda at: self._explained(at, event, search.before),
         )
 
     def known_start(self, events: Iterable[Event]) -> Tracked:
@@ -243,6 +282,7 @@ class VehicleFilters:
             vehicle=self.vehicle,
             ambiguous=tracked.search is not None,
             explanations=1 if tracked.search is None else len(tracked.search.hypotheses),
+            restarts=tracked.restarts,
             without={
                 name: port_state(self.vehicle, self.frame, other, turning - other.values[GYRO_BIAS])[0]
                 for name, other in alone.items()

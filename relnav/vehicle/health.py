@@ -5,6 +5,7 @@ from math import isnan, nan
 from typing import NamedTuple
 
 from relnav.vehicle.monitor import ALARM_SIGMA, Sums
+from relnav.vehicle.points import LEAST_LIGHTS
 from relnav.vehicle.update import Outcome
 
 
@@ -38,23 +39,41 @@ class SensorHealth:
 
 
 class Fare(NamedTuple):
-    """How a sensor fares in the filter, and its sums in the one that watches."""
+    """How a sensor fares in the filter, and its sums in the one that watches.
+
+    Attributes
+    ----------
+    sums : Sums
+    last_used_s, refused, nis_ratio
+        As of `SensorHealth`.
+    agreed_s : float
+        When more than half of an observation was believed last; NaN if never.
+    doubted : int
+        Images of LEAST_LIGHTS or more since then, of which half or less was.
+    """
 
     sums: Sums
     last_used_s: float = nan
     refused: int = 0
     nis_ratio: float = nan
+    agreed_s: float = nan
+    doubted: int = 0
 
     def after(self, t_s: float, outcomes: list[Outcome]) -> "Fare":
         """The same after another observation: what became of it in the filter, and in the one that watches."""
         nis, dof, groups, used, *_ = outcomes[0]
-        sums, last_used_s, refused, mean = self
+        sums, last_used_s, refused, mean, agreed_s, doubted = self
         for watched in outcomes[1:2]:
             sums = sums.after_outcome(t_s, watched)
         if groups == 0:
-            return Fare(sums, last_used_s, refused, mean)
+            return Fare(sums, last_used_s, refused, mean, agreed_s, doubted)
         mean = nis / dof if isnan(mean) else 0.9 * mean + 0.1 * nis / dof
-        return Fare(sums, t_s, 0, mean) if used else Fare(sums, last_used_s, refused + 1, mean)
+        if 2 * used > groups:
+            return Fare(sums, t_s, 0, mean, t_s, 0)
+        doubted += groups >= LEAST_LIGHTS
+        if used:
+            return Fare(sums, t_s, 0, mean, agreed_s, doubted)
+        return Fare(sums, last_used_s, refused + 1, mean, agreed_s, doubted)
 
     @property
     def health(self) -> SensorHealth:

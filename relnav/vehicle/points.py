@@ -110,8 +110,11 @@ class PointSensor:
         )
         return rows
 
-    def attitudes(self, at: Estimates, spots: Vector, noise: Matrix) -> list[Matrix]:
-        """Every attitude of the target, dcm_lvlh_from_target, that explains spots (2 n,) of three lights or more."""
+    def poses(self, at: Estimates, spots: Vector, noise: Matrix) -> list[tuple[Matrix, Vector]]:
+        """Every pose that explains spots (2 n,) of three lights or more.
+
+        Each is the target's attitude, dcm_lvlh_from_target, and the chaser's position from the target's (3,), lvlh.
+        """
         seen = np.flatnonzero(np.isfinite(spots.reshape(-1, 2)).all(axis=1))
         optics, image = self._optics, np.empty((len(seen), 5))
         lens = np.concatenate([optics["focal_length"], optics["principal_point"], np.zeros(3), optics["distortion"]])
@@ -122,6 +125,7 @@ class PointSensor:
         if not np.isfinite(image).all():
             return []
         frame = self._frame.dcm_lvlh_from_inertial(at.t_s)
-        turn = frame @ at.dcm_inertial_from_chaser[0] @ optics["dcm_chaser_from_sensor"]
+        dcm_lvlh_from_chaser = frame @ at.dcm_inertial_from_chaser[0]
+        turn = dcm_lvlh_from_chaser @ optics["dcm_chaser_from_sensor"]
         found = explaining_poses(image[:, :2], image[:, 2:], self._points[seen])
-        return [turn @ pose[:3] for pose, *_ in found]
+        return [(turn @ pose[:3], -(turn @ pose[3] + dcm_lvlh_from_chaser @ optics["lens"])) for pose, *_ in found]

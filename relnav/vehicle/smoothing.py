@@ -107,7 +107,7 @@ class VehicleSmoother:
         ------
         ValueError
             For times that go back, or lie before the start or after the last observation; where the target's attitude
-            is to be found (`relnav.vehicle.acquisition`), if it stays ambiguous.
+            is to be found (`relnav.vehicle.acquisition`), if it stays ambiguous; if the filter is locked out.
         """
         times = numbers("times_s", times_s)
         begin, end = self._alone.start.estimates.t_s, self._newest_s
@@ -152,6 +152,11 @@ class VehicleSmoother:
                 kept.append((k, _first(tracked)))
             if event is not None:
                 tracked, _ = filters.apply(tracked, event)
+                if tracked.search is not None:
+                    raise ValueError(
+                        f"the filter is locked out at {t_s:.2f} s and looks for the target anew: what is before and "
+                        "what is after are smoothed apart; give the observations of one of them"
+                    )
             else:
                 tracked = filters.settled(tracked, t_s)
                 told.append(_Told(t_s, tracked.fares))
