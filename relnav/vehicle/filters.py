@@ -27,7 +27,7 @@ from relnav.vehicle.acquisition import (
 from relnav.vehicle.directions import StarTracker, SunSensor
 from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.flying_sensor import Flown, FlyingSensor
-from relnav.vehicle.gyro import GyroSamples
+from relnav.vehicle.gyro import FASTEST_RAD_S, GyroSamples
 from relnav.vehicle.health import Fare
 from relnav.vehicle.layout import GYRO_BIAS, TARGET_RATE, layout_of
 from relnav.vehicle.monitor import Sums, all_estimated
@@ -40,7 +40,7 @@ from relnav.vehicle.state import Estimates, start_state
 from relnav.vehicle.timeline import Event
 from relnav.vehicle.update import Outcome, Updater
 
-MOST = {GYRO: 1e3, THRUST: 1e4}
+MOST = {GYRO: FASTEST_RAD_S, THRUST: 1e4}
 """Of a rate, rad/s, and an acceleration, m/s^2: more is a mistake."""
 NOTHING: Matrix = np.zeros((0, 0))
 NOT_USED = Outcome(0.0, 0, 0, 0)

@@ -124,21 +124,18 @@ class Timeline(Generic[State, Result]):
         return t_s < self._start_s or t_s < newest - self._window_s
 
     def goes_on(self, t_s: float) -> bool:
-        """Whether t_s is later than all that came so far, and no mistake: then it is the newest time from now on."""
+        """Whether t_s is later than all that came so far, and no mistake."""
         newest = self.newest_s
-        if newest < t_s <= newest + LONGEST_GAP_S:
-            self.newest_s = t_s
-            return True
-        return False
+        return newest < t_s <= newest + LONGEST_GAP_S
 
     def changed(self, t_s: float) -> bool:
         """Do events from t_s on again, because what moves states has changed since; whether t_s is in the past."""
-        at, late = bisect.bisect_left(self._times, t_s), t_s < self.newest_s
-        self._back_s = max(self._back_s, self.newest_s - t_s)
-        if at < len(self._times):
+        at, newest = bisect.bisect_left(self._times, t_s), self.newest_s
+        again = at < len(self._times)
+        if again:
             self._do(at, self._events[at:])
-            return True
-        return late
+        self._back_s, self.newest_s = max(self._back_s, newest - t_s), max(newest, t_s)
+        return again or t_s < newest
 
     def forward(self, along: Callable[[State, float], State]) -> State:
         """Bring the state before all events along to the oldest time that can still change, and return it."""
