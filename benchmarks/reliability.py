@@ -136,7 +136,7 @@ FUZZED = """## Hostile files
 
 `python benchmarks/fuzzing.py --cases N`: good files with names, cells, lines, keys, types, numbers and bytes exchanged
 (by hypothesis; `fuzzing_bytes.py` beside it exchanges them). `--inputs 1000000` tries a million over all targets, by
-seeds, in children; that has not been run to its end yet. The table adds up what was tried by hypothesis and by seeds
+seeds, in children. The table adds up what was tried by hypothesis and by seeds, in several runs of either
 (`reliability.py --sum`).
 `fuzzing_coverage.py` tries the same by the lines that are reached, where `atheris` is installed; none of its files are
 counted here. The test suite runs a part of them, and every file that once broke something (`tests/files/found/`,

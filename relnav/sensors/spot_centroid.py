@@ -13,7 +13,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Codes, Matrix, Vector, numbers, one_piece
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import entry, kernel
 from relnav.sensors.measurement import OK, Status
 
 Positive = Annotated[float, Gt(0.0)]
@@ -26,7 +26,8 @@ MOST_SATURATED = 0.2
 SHAPE_ERROR_PX = 0.003
 """1-sigma of what the subtracted threshold leaves, over the spot's place within a pixel (up to 0.006 px)."""
 SHAPE_VARIANCE_PX2 = SHAPE_ERROR_PX**2
-SATURATED, AT_EDGE = int(Status.SATURATED), int(Status.AT_EDGE)
+NOT_SEEN, SATURATED, AT_EDGE = int(Status.NOT_SEEN), int(Status.SATURATED), int(Status.AT_EDGE)
+_NO_IMAGE = "an image has two axes (rows, columns) of 4 px or more, finite counts; got shape {}"
 ORIGIN = (0.0, 0.0)
 """Corner of a window that is the whole detector."""
 
@@ -160,37 +161,98 @@ def centroids(
     """Centres of the `count` brightest separate spots of a window, brightest first; parameters as of `centroid`."""
     if not 0.0 <= threshold <= 0.9:
         raise ValueError(f"threshold is a share of the peak between 0 and 0.9; got {threshold}")
-    g = _checked(image)
-    level = _border_level(g) if background is None else background
-    signal = level - g if dark else g - level
-    gain = readout.electrons_per_count
-    quiet = math.sqrt(readout.read_noise_e**2 + max(level, 0.0) * gain) / gain + 1.0 / math.sqrt(12.0)
-    noise = np.array([gain, readout.read_noise_e, readout.response_nonuniformity, readout.full_scale])
-    queue, found = np.empty(g.size, dtype=np.int64), []
-    for _ in range(count):
-        brightest = int(signal.argmax())
-        peak = float(signal.flat[brightest])
-        if not peak > SEEN_SIGMAS * quiet:
-            found.append(_none(Status.NOT_SEEN))
-            continue
-        cut, out = max(threshold * peak, NOISE_SIGMAS * quiet), np.empty(6)
-        status = Status(centre_of_blob(g, signal, float(level), cut, brightest, noise, queue, out))
-        found.append(_none(status) if status is not Status.OK else _spot(out))
-    return tuple(found)
+    g = one_piece("image", image)
+    if g.ndim != 2 or min(g.shape) < 4:
+        raise ValueError(_NO_IMAGE.format(g.shape))
+    noise = np.array([readout.electrons_per_count, readout.read_noise_e, readout.response_nonuniformity])
+    levels = np.array([math.nan if background is None else background, threshold, readout.full_scale])
+    signal, queue = np.empty(g.shape), np.empty(g.size, dtype=np.int64)
+    border, out = np.empty(2 * sum(g.shape) - 4), np.empty((count, 7))
+    if not spots_into(g, noise, levels, -1.0 if dark else 1.0, border, signal, queue, out):
+        raise ValueError(_NO_IMAGE.format(g.shape))
+    return tuple(map(_spot, out.tolist()))
+
+
+@entry
+def spots_into(
+    g: Matrix, noise: Vector, levels: Vector, sign: float, border: Vector, signal: Matrix, queue: Codes, out: Matrix
+) -> bool:
+    """Write status, x, y, the covariance (xx, xy, yy) and the flux e of the brightest separate spots into out (k, 7).
+
+    g (rows, columns) counts; noise (3,): electrons per count, read noise e, non-uniformity; levels (3,): background,
+    NaN for the median of the border, threshold as a share of the peak, largest count; sign -1 for dark spots. border
+    (2 (rows + columns) - 4,), signal (rows, columns) and queue (rows columns,) are scratch. False where a count is not
+    finite.
+    """
+    rows, columns = g.shape
+    for y in range(rows):
+        for x in range(columns):
+            if not math.isfinite(g[y, x]):
+                return False
+    level, gain = levels[0], noise[0]
+    if math.isnan(level):
+        level = border_level(g, border)
+    for y in range(rows):
+        for x in range(columns):
+            signal[y, x] = sign * (g[y, x] - level)
+    quiet = math.sqrt(noise[1] ** 2 + max(level, 0.0) * gain) / gain + 1.0 / math.sqrt(12.0)
+    for k in range(out.shape[0]):
+        brightest, peak = 0, signal[0, 0]
+        for y in range(rows):
+            for x in range(columns):
+                if signal[y, x] > peak:
+                    brightest, peak = y * columns + x, signal[y, x]
+        out[k, 0] = NOT_SEEN
+        if peak > SEEN_SIGMAS * quiet:
+            cut = max(levels[1] * peak, NOISE_SIGMAS * quiet)
+            out[k, 0] = centre_of_blob(g, signal, level, cut, brightest, noise, levels[2], queue, out[k, 1:])
+    return True
+
+
+@kernel
+def border_level(g: Matrix, border: Vector) -> float:
+    """Median of the pixels along the edges of g (rows, columns); border (2 (rows + columns) - 4,) is scratch."""
+    rows, columns = g.shape
+    count = border.shape[0]
+    for x in range(columns):
+        border[x], border[columns + x] = g[0, x], g[rows - 1, x]
+    for y in range(1, rows - 1):
+        border[2 * columns + 2 * y - 2], border[2 * columns + 2 * y - 1] = g[y, 0], g[y, columns - 1]
+    gap = count // 2
+    while gap > 0:  # Shell 1959, A high-speed sorting procedure
+        for k in range(gap, count):
+            value, at = border[k], k
+            while at >= gap and border[at - gap] > value:
+                border[at] = border[at - gap]
+                at -= gap
+            border[at] = value
+        gap //= 2
+    half = count // 2
+    middle: float = 0.5 * (border[half - 1] + border[half])  # their number is even
+    return middle
 
 
 @kernel
 def centre_of_blob(
-    g: Matrix, signal: Matrix, level: float, cut: float, brightest: int, noise: Vector, queue: Codes, out: Vector
+    g: Matrix,
+    signal: Matrix,
+    level: float,
+    cut: float,
+    brightest: int,
+    noise: Vector,
+    full_scale: float,
+    queue: Codes,
+    out: Vector,
 ) -> int:
     """Centre of the pixels with signal above the cut that hang together with the brightest; a Status code.
 
     g (rows, columns) counts, signal |g - level| of them, set to zero where it was used; brightest: place in the image.
-    noise (4,): electrons per count, read noise e, non-uniformity, largest count. queue (rows columns,) is scratch.
+    noise (3,): electrons per count, read noise e, non-uniformity; full_scale: largest count. queue (rows columns,) is
+    scratch.
     Writes x, y, the covariance (xx, xy, yy) and the flux e into out (6,). The cut is subtracted from every pixel.
     """
     rows, columns = g.shape
-    gain, read, uneven, full_scale = noise[0], noise[1], noise[2], noise[3]
+    gain, read, uneven = noise[0], noise[1], noise[2]
     queue[0], count, done, full, edge = brightest, 1, 0, 0, False
     signal[brightest // columns, brightest % columns] = 0.0
     total, sum_x, sum_y = 0.0, 0.0, 0.0
@@ -225,23 +287,13 @@ def centre_of_blob(
     return OK
 
 
-def _border_level(g: Matrix) -> float:
-    """Median of the pixels along the window's border."""
-    border = np.concatenate([g[0], g[-1], g[1:-1, 0], g[1:-1, -1]])
-    border.sort()
-    half = len(border) // 2
-    return 0.5 * float(border[half - 1] + border[half])  # their number is even
-
-
-def _spot(found: Vector) -> Spot:
-    x, y, xx, xy, yy, flux = found.tolist()
+def _spot(found: list[float]) -> Spot:
+    status, x, y, xx, xy, yy, flux = found
+    if status != OK:
+        return Spot(math.nan, math.nan, np.full((2, 2), math.nan), math.nan, Status(int(status)))
     covariance = np.array([[xx, xy], [xy, yy]])
     covariance.setflags(write=False)
     return Spot(x, y, covariance, flux, Status.OK)
-
-
-def _none(status: Status) -> Spot:
-    return Spot(math.nan, math.nan, np.full((2, 2), math.nan), math.nan, status)
 
 
 def window_corner(corner_px: ArrayLike) -> tuple[float, float]:
@@ -257,5 +309,5 @@ def window_corner(corner_px: ArrayLike) -> tuple[float, float]:
 def _checked(image: ArrayLike) -> Matrix:
     g = one_piece("image", image)
     if g.ndim != 2 or min(g.shape) < 4 or not np.all(np.isfinite(g)):
-        raise ValueError(f"an image has two axes (rows, columns) of 4 px or more, finite counts; got shape {g.shape}")
+        raise ValueError(_NO_IMAGE.format(g.shape))
     return g

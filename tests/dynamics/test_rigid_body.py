@@ -98,6 +98,15 @@ def test_error_rates():
         np.testing.assert_allclose(F[3:, 3 + i], by_rate, atol=1e-9)
 
 
+def test_process_noise_of_a_body_at_rest():
+    """White angular acceleration of density s: s t^3 / 3, s t^2 / 2 and s t of angle and rate, however many steps."""
+    body, density = RigidBody(100.0 * np.eye(3), 0.0), 4e-10
+    for t in (0.25, 3.0):
+        *_, noise = body.propagate_with_errors(np.eye(3), np.zeros(3), t, density)
+        parts = np.array([[t**3 / 3.0, 0.5 * t**2], [0.5 * t**2, t]])
+        np.testing.assert_allclose(noise, density * np.kron(parts, np.eye(3)), rtol=1e-12, atol=1e-30)
+
+
 def test_process_noise_is_that_of_many_small_steps():
     body = RigidBody(INERTIA, N)
     dcm, w = np.eye(3), np.radians([0.5, -0.3, 0.8])

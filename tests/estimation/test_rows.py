@@ -241,3 +241,19 @@ def test_rows_are_copied():
     source, target = np.arange(1.0, 7.0).reshape(2, 3), np.zeros((2, 3))
     rows.copy_rows(source, target)
     np.testing.assert_array_equal(target, source)
+
+
+@pytest.mark.parametrize("correlated", [True, False])
+def test_a_group_that_is_left_out_has_no_noise_that_could_be_used(correlated):
+    """Of independent rows: what reads an image after the gate goes by the variances alone."""
+    rng = np.random.default_rng(8)
+    seen, _, covariance = image(rng, 3, correlated=correlated)
+    seen.groups[1]["residual"][:2] += 200.0
+    track, work = track_of(covariance)
+    before = seen.groups["variance"].copy()
+    nis, dof = sweep(track, track["state"], seen, work)
+    assert gate_groups(track, seen, GATE, work, nis, dof) == 2
+    assert seen.groups["tested"].tolist() == [1, 0, 1]
+    if not correlated:
+        before[1, :2] = 0.0
+    np.testing.assert_array_equal(seen.groups["variance"], before)

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from relnav.sensors.three_beacon.invariants import invariants, rays_from_position
-from relnav.sensors.three_beacon.perspective import _closed_form_pass, settle
+from relnav.sensors.measurement import OK, OUTSIDE_DOMAIN
+from relnav.sensors.three_beacon.invariants import invariant_gradients, invariants, rays_from_position
+from relnav.sensors.three_beacon.perspective import _closed_form_pass, inside_domain, settle, solve_perspective
 
 A, B = 0.3, 0.5
 
@@ -54,3 +55,56 @@ def test_newton_ends_at_the_position_or_says_that_it_does_not():
             ended.append(np.linalg.norm(q - p) < 1e-9 * np.linalg.norm(p))
     assert len(ended) > 40
     assert sum(ended) > 0.8 * len(ended)
+
+
+def at(range_m, angle_deg, around_deg=70.0):
+    """A place so far off the axis of the beacons, around it by an angle."""
+    angle, around = np.radians([angle_deg, around_deg])
+    return range_m * np.array([np.cos(angle), np.sin(angle) * np.cos(around), np.sin(angle) * np.sin(around)])
+
+
+@pytest.mark.parametrize("around_deg", [0.0, 70.0, 200.0])
+@pytest.mark.parametrize(("below_deg", "least"), [(10.0, 1.2), (20.0, 1.54), (30.0, 2.0), (45.0, 3.0), (60.0, 5.0)])
+def test_where_there_is_one_pose_alone(below_deg, least, around_deg):
+    """Off-axis angle against r / b, in steps: just inside both limits, beyond the one, beyond the other."""
+    angle = below_deg - 0.1
+    assert inside_domain(at(1.001 * least * B, angle, around_deg), B)
+    assert not inside_domain(at(0.999 * least * B, angle, around_deg), B)
+    assert not inside_domain(at(1.001 * least * B, below_deg + 0.1, around_deg), B)
+    assert not inside_domain(-at(1.001 * least * B, angle, around_deg), B)
+
+
+def test_behind_and_beyond_sixty_degrees_there_is_none():
+    assert not inside_domain(at(100.0, 61.0), B)
+    assert not inside_domain(np.array([0.0, 5.0, 5.0]), B)
+
+
+@pytest.mark.parametrize("p", [(4.0, 1.0, -0.5), (2.0, -0.3, 0.8), (9.0, -3.0, 2.0), (30.0, 4.0, -7.0)])
+def test_the_whole_solution(p):
+    """Whatever was in the place of the answer, and in the scratch, before."""
+    p = np.array(p)
+    u, _ = seen_from(p, np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0])
+    u = u if np.linalg.det(u) * np.linalg.det(seen_from(p, np.eye(3))[0]) > 0.0 else -u
+    got = np.array([5.0, -7.0, 9.0])
+    assert solve_perspective(u, A, B, got, np.full((12, 6), 3.0)) == OK
+    np.testing.assert_allclose(got, p, rtol=1e-9)
+
+
+def test_a_solution_outside_the_domain_says_so():
+    p = at(4.0 * B, 50.0)
+    u, _ = seen_from(p, np.eye(3))
+    assert solve_perspective(u, A, B, np.zeros(3), np.zeros((12, 6))) == OUTSIDE_DOMAIN
+
+
+def test_gradients_of_the_invariants_whatever_was_there_before():
+    u = seen_from(np.array([4.0, 1.0, -0.5]), np.eye(3))[0]
+    out, numeric = np.full((9, 3), np.nan), np.empty((9, 3))
+    invariant_gradients(u, out)
+    for beacon in range(3):
+        for axis in range(3):
+            step, ahead, behind = np.zeros((3, 3)), np.empty(3), np.empty(3)
+            step[beacon, axis] = 1e-6
+            invariants(u + step, ahead)
+            invariants(u - step, behind)
+            numeric[beacon::3, axis] = (ahead - behind) / 2e-6
+    np.testing.assert_allclose(out, numeric, atol=1e-9)

@@ -109,3 +109,11 @@ def test_wrong_use(case):
     with pytest.raises(ValueError, match="rotation matrix"):
         seen.turned(2.0 * attitude)
     assert isinstance(no_direction(Status.AT_EDGE), SunDirection)
+
+
+def test_projection_angles():
+    """tan(alpha) = s_x / s_z and tan(beta) = s_y / s_z."""
+    s = np.array([0.3, -0.4, 0.8]) / np.linalg.norm([0.3, -0.4, 0.8])
+    found = SunDirection(s, np.eye(3), Status.OK)
+    assert np.tan(found.alpha_rad) == pytest.approx(0.3 / 0.8)
+    assert np.tan(found.beta_rad) == pytest.approx(-0.4 / 0.8)

@@ -1,10 +1,12 @@
 """A spot of a camera: where the image ends, and what a spot's covariance says of the normalised point."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 import relnav
-from relnav.sensors.three_marker.camera import normalise_spot, on_image
+from relnav.sensors.three_marker.camera import image_of, normalise, normalise_spot, on_image, usable_into
 
 
 @pytest.fixture(scope="module")
@@ -37,3 +39,54 @@ def test_information_of_a_normalised_point(camera, scale):
 
 def test_a_covariance_without_determinant_gives_no_point(camera):
     assert np.isnan(normalise_spot(620.0, 410.0, 1.0, 1.0, 1.0, 1.0, np.asarray(camera.lens, dtype=float))).all()
+
+
+def bent(camera):
+    """With a lens that bends."""
+    return dataclasses.replace(camera, distortion=(0.1, -0.05, 1e-3, -2e-3, 0.01))
+
+
+def test_a_point_comes_back_from_its_image(camera):
+    """Through the distortion and back, and the Jacobian by differences; each coordinate with a scale of its own."""
+    points = np.array([[0.4, -0.3, 5.0], [-0.8, 0.5, 4.0], [0.05, 0.6, 3.0]])
+    for one in (camera, bent(camera)):
+        spots, jacobian = image_of(points, one)
+        back, _ = normalise(spots, one)
+        np.testing.assert_allclose(back, points[:, :2] / points[:, 2:], rtol=1e-9)
+        for axis, step in enumerate(1e-5 * np.eye(3)):
+            slope = (image_of(points + step, one)[0] - image_of(points - step, one)[0]) / 2e-5
+            np.testing.assert_allclose(jacobian[:, :, axis], slope, rtol=1e-6, atol=1e-6)
+
+
+def test_where_the_distortion_folds_back_there_is_no_image(camera):
+    """Pure barrel of k1 = -0.3: r (1 - 0.3 r^2) rises up to r = 1.054 and falls beyond, on either axis."""
+    folding = dataclasses.replace(camera, distortion=(-0.3, 0.0, 0.0, 0.0, 0.0))
+    inside, beyond = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 1.0]]), np.array([[1.1, 0.0, 1.0], [0.0, 1.1, 1.0]])
+    assert np.isfinite(image_of(inside, folding)[0]).all()
+    for part in image_of(beyond, folding):
+        assert np.isnan(part).all()
+
+
+def test_information_of_the_cameras_own_noise(camera):
+    """f^2 / sigma^2 where nothing bends, each coordinate its own."""
+    plain = dataclasses.replace(camera, distortion=(0.0,) * 5)
+    _, information = normalise(np.array([[620.0, 410.0], [100.0, 90.0]]), plain)
+    fx, fy = plain.focal_length_px
+    expected = np.array([fx**2, 0.0, fy**2]) / plain.spot_noise_px**2
+    np.testing.assert_allclose(information, [expected, expected], rtol=1e-9, atol=1e-6)
+
+
+def test_which_spots_are_used(camera):
+    """What is off the image or has no covariance is left out, and the others keep their number and their weights."""
+    spots = np.array([[620.0, 410.0], [-3.0, 5.0], [100.0, 90.0], [300.0, 300.0]])
+    own = np.array([[[0.04, 0.01], [0.01, 0.09]], np.eye(2), [[1.0, 2.0], [2.0, 1.0]], [[0.16, -0.02], [-0.02, 0.25]]])
+    image, weights, which = np.empty((4, 2)), np.empty((4, 3)), np.empty(4, dtype=np.int64)
+    lens = np.asarray(camera.lens, dtype=float)
+    assert usable_into(spots, own, lens, image, weights, which) == 2
+    assert which[:2].tolist() == [0, 3]
+    seen = spots[[0, 3]]
+    expected, information = normalise(seen, camera, own[[0, 3]])
+    np.testing.assert_allclose(image[:2], expected, rtol=1e-12)
+    np.testing.assert_allclose(weights[:2], information, rtol=1e-12)
+    assert usable_into(spots, np.empty((0, 2, 2)), lens, image, weights, which) == 3
+    np.testing.assert_allclose(weights[:3], normalise(spots[[0, 2, 3]], camera)[1], rtol=1e-12)
