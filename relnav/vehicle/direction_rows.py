@@ -82,6 +82,15 @@ def attitude_rows_into(
 
 
 @entry
+def between_into(nodes: Matrix, u: float, out: Vector) -> None:
+    """Write into out (3,) the cubic through four directions (4, 3), of u = -1, 0, 1 and 2."""
+    a, b, c = u + 1.0, u - 1.0, u - 2.0
+    first, second, third, last = -u * b * c / 6.0, 0.5 * a * b * c, -0.5 * a * u * c, a * u * b / 6.0
+    for i in range(3):
+        out[i] = first * nodes[0, i] + second * nodes[1, i] + third * nodes[2, i] + last * nodes[3, i]
+
+
+@entry
 def sun_rows_into(
     mounting: Record,
     sun: Vector,

@@ -17,7 +17,7 @@ from relnav.geometry.rotation import dcm_from_quaternion
 from relnav.sensors.dual_field.solution import StarSolution
 from relnav.sensors.sun_direction import SunDirection
 from relnav.spacecraft import Vehicle
-from relnav.vehicle.direction_rows import MOUNTING, attitude_rows_into, sun_rows_into
+from relnav.vehicle.direction_rows import MOUNTING, attitude_rows_into, between_into, sun_rows_into
 from relnav.vehicle.rows import Rows, empty_rows
 from relnav.vehicle.state import Estimates
 
@@ -135,9 +135,8 @@ class SunSensor(_Mounted):
         if node != self._nodes[0]:
             times = SUN_NODES_S * (node + np.arange(-1.0, 3.0))
             self._nodes = node, sun_direction(self._epoch_s + times)
-        a, b, c = u + 1.0, u - 1.0, u - 2.0
-        weights = -u * b * c / 6.0, 0.5 * a * b * c, -0.5 * a * u * c, a * u * b / 6.0
-        direction: Vector = np.array(weights) @ self._nodes[1]
+        direction = np.empty(3)
+        between_into(self._nodes[1], u, direction)
         return direction
 
     def rows(self, at: Estimates, direction: Vector, covariance: Matrix) -> Rows:

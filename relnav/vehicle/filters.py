@@ -27,7 +27,7 @@ from relnav.vehicle.acquisition import (
 from relnav.vehicle.directions import StarTracker, SunSensor
 from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.flying_sensor import Flown, FlyingSensor
-from relnav.vehicle.gyro import GyroSamples
+from relnav.vehicle.gyro import FASTEST_RAD_S, GyroSamples
 from relnav.vehicle.health import Fare
 from relnav.vehicle.layout import GYRO_BIAS, TARGET_RATE, layout_of
 from relnav.vehicle.monitor import Sums, all_estimated
@@ -40,7 +40,7 @@ from relnav.vehicle.state import Estimates, start_state
 from relnav.vehicle.timeline import Event
 from relnav.vehicle.update import Outcome, Updater
 
-MOST = {GYRO: 1e3, THRUST: 1e4}
+MOST = {GYRO: FASTEST_RAD_S, THRUST: 1e4}
 """Of a rate, rad/s, and an acceleration, m/s^2: more is a mistake."""
 NOTHING: Matrix = np.zeros((0, 0))
 NOT_USED = Outcome(0.0, 0, 0, 0)
@@ -158,6 +158,16 @@ class VehicleFilters:
 
     def apply(self, tracked: Tracked, event: Event) -> tuple[Tracked, Outcome | None]:
         """The estimates after an event; the outcome of one that the filter had to believe."""
+        after, outcome = self._after(tracked, event)
+        if outcome is not None and self.on_outcome is not None:
+            self.on_outcome(event, outcome)
+        return after, outcome
+
+    def again(self, tracked: Tracked, event: Event) -> Tracked:
+        """The estimates after an event of which the outcome was told."""
+        return self._after(tracked, event)[0]
+
+    def _after(self, tracked: Tracked, event: Event) -> tuple[Tracked, Outcome | None]:
         source, fares, search, at = event.source, tracked.fares, tracked.search, tracked.estimates
         if search is None:
             at, outcomes = self._through(at, event)
@@ -168,8 +178,6 @@ class VehicleFilters:
                 search = None
         if source == THRUST or not outcomes:
             return Tracked(at, fares, search, tracked.restarts), None
-        if self.on_outcome is not None:
-            self.on_outcome(event, outcomes[0])
         fares = {**fares, source: fares[source].after(event.t_s, outcomes[: self._watched])}
         if search is None and source in self._lights and self._is_locked_out(event, outcomes[0].groups, fares):
             search = self._anew(at, event)
@@ -293,6 +301,6 @@ def three(name: str, value: ArrayLike) -> tuple[float, float, float]:
     array, most = numbers(name, value), MOST.get(name, LARGEST)
     if array.shape == (3,):
         x, y, z = array.tolist()
-        if abs(x) <= most and abs(y) <= most and abs(z) <= most:
+        if -most <= x <= most and -most <= y <= most and -most <= z <= most:
             return x, y, z
     raise ValueError(f"{name}: three finite numbers up to {most:g} in size are expected; got {array.tolist()}")

@@ -5,7 +5,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from relnav.arrays import number
+from relnav.arrays import number, numbers
 from relnav.spacecraft import GYRO, Vehicle
 from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.filters import Tracked, VehicleFilters, three
@@ -66,7 +66,7 @@ class VehicleNavigator:
         self.vehicle, self.layout = vehicle, self._filters.layout
         self._timeline: Timeline[Tracked, Outcome | None]
         start, window_s = self._filters.start, vehicle.filter.replay_window_s
-        self._timeline = Timeline(start, start.estimates.t_s, window_s, self._filters.apply)
+        self._timeline = Timeline(start, start.estimates.t_s, window_s, self._filters.apply, self._filters.again)
 
     @property
     def on_outcome(self) -> Callable[[Event, Outcome], None] | None:
@@ -145,14 +145,17 @@ class VehicleNavigator:
         return self._estimate(self._timeline.newest, time)
 
     def _sample(self, t_s: float, value: ArrayLike) -> Observed:
-        """Take a gyro sample in: it waits for the next observation, unless there is a later one already."""
-        timeline, samples, (x, y, z) = self._timeline, self._filters.samples, three(GYRO, value)
-        sample = t_s, x, y, z
+        """Take a gyro sample in: it waits for the next observation, unless there is a later one already.
+
+        Nearly all observations are one that is later than all before.
+        """
+        timeline, samples, rate = self._timeline, self._filters.samples, numbers(GYRO, value)
+        if timeline.goes_on(t_s) and samples.append(t_s, rate):
+            timeline.newest_s = t_s
+            return ACCEPTED
+        sample = t_s, *three(GYRO, rate)
         if samples.is_full:
             samples.make_room(timeline.forward(self._forwarded).estimates.t_s)
-        if timeline.goes_on(t_s):
-            samples.insert(sample)
-            return ACCEPTED
         if timeline.is_too_old(GYRO, t_s):
             return TOO_OLD
         later = samples.insert(sample)

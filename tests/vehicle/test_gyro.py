@@ -37,6 +37,38 @@ def test_they_are_in_order_and_each_is_there_once(given_samples):
     assert samples.array[1 : samples.count].tolist() == [list(one) for one in sorted(seen[1:])]
 
 
+def test_a_later_one_is_appended_as_it_is_inserted(monkeypatch):
+    monkeypatch.setattr(gyro, "ROOM", 4)
+    appended, inserted, rate = GyroSamples(BEFORE_ANY), filled([1.0, 1.1]), np.array([0.0, 7.0, -1e3])
+    assert all(appended.append(t, np.array([x, 0.0, 0.0])) for t, x in ((1.0, 0.0), (1.1, 1.0)))
+    for samples in (appended, inserted):
+        assert not samples.append(1.1, rate)
+        assert not samples.append(1.05, rate)
+        assert not samples.append(math.nan, rate)
+    for none in (rate * 1.001, np.array([0.0, math.nan, 0.0]), np.zeros(2), np.zeros((3, 1)), np.float64(1.0)):
+        assert not appended.append(1.2, none)
+    assert not appended.append(1.2, np.zeros((3, 2))[:, 0])  # in pieces
+    assert appended.count == inserted.count == 3
+    assert appended.array[:3].tobytes() == inserted.array[:3].tobytes()
+    assert appended.append(1.2, rate)
+    assert not appended.append(1.3, rate)  # no room
+    assert appended.array[3].tolist() == [1.2, *rate]
+
+
+def test_any_array_of_three_numbers_is_a_rate(vehicle):
+    read_only, packed = np.array([0.1, 0.2, 0.3]), np.zeros(3, dtype=[("flag", "u1"), ("rate", "f8")])
+    read_only.flags.writeable, packed["rate"] = False, read_only
+    pieces = np.array([[0.1, 0.0], [0.2, 0.0], [0.3, 0.0]])[:, 0]
+    unaligned = np.frombuffer(b"." + read_only.tobytes(), dtype=np.float64, offset=1)
+    navigator = VehicleNavigator(vehicle)
+    rates = [read_only, packed["rate"], pieces, unaligned, read_only.tolist(), read_only.astype(">f8")]
+    for k, rate in enumerate(rates):
+        assert navigator.observe("gyro", 0.01 * (k + 1), rate) is Observed.ACCEPTED
+        assert navigator.newest_s == 0.01 * (k + 1)
+    held = navigator._filters.samples
+    assert held.array[1 : held.count, 1:].tolist() == [read_only.tolist()] * 6
+
+
 def test_which_one_holds():
     samples = filled([1.0, 1.1, 1.2])
     assert samples.rate_at(0.9).tolist() == BEFORE_ANY.tolist()

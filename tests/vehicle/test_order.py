@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from relnav.vehicle.filters import VehicleFilters
 from relnav.vehicle.forward import estimates_at
 from relnav.vehicle.navigator import VehicleNavigator
-from relnav.vehicle.timeline import Event, Observed, Timeline
+from relnav.vehicle.timeline import SPARSE_S, Event, Observed, Timeline
 
 
 def numbers_of(estimate):
@@ -117,13 +117,53 @@ def test_too_old_and_not_seen(vehicle, begin):
     assert VehicleNavigator(vehicle, t_s=2.0).observe("gyro", 1.9, np.zeros(3)) is Observed.TOO_OLD
 
 
+class Toy:
+    """A timeline whose states remember every event in order, (value, ...), and what was asked of it."""
+
+    def __init__(self) -> None:
+        self.done, self.again = 0, 0
+        self.line = Timeline[tuple[float, ...], None]((), 0.0, 100.0, self._do, self._do_again)
+
+    def _do(self, state, event):
+        self.done += 1
+        return (*state, event.value[0]), None
+
+    def _do_again(self, state, event):
+        self.again += 1
+        return (*state, event.value[0])
+
+
+def toy_event(t_s, value):
+    return Event(t_s, 0, "toy", np.array([float(value)]), np.zeros((0, 0)))
+
+
 @settings(derandomize=True, max_examples=50, deadline=None)
 @given(times=st.lists(st.integers(0, 40), min_size=1, max_size=25), data=st.data())
 def test_a_timeline_is_a_fold_over_sorted_events(times, data):
-    """With a toy state that remembers everything in order: (value, ...)."""
-    events = [Event(float(t), t % 3, "toy", np.array([float(k)]), np.zeros((0, 0))) for k, t in enumerate(times)]
-    wanted = tuple(event.value[0] for event in sorted(events, key=lambda event: event.key))
-    timeline = Timeline((), 0.0, 100.0, lambda state, event: ((*state, event.value[0]), None))
+    """Whether states between were kept or not, at its end and wherever it is looked at."""
+    events = [toy_event(0.05 * t, k) for k, t in enumerate(times)]
+    wanted = sorted(events, key=lambda event: event.key)
+    timeline = Toy().line
     for event in data.draw(st.permutations(events)):
         timeline.insert(event)
-    assert timeline.newest == wanted
+        asked = 0.05 * data.draw(st.integers(0, 40))
+        before = [one.value[0] for one in wanted if one.t_s <= asked and one in timeline._events]
+        assert asked > timeline.newest_s or timeline.before(asked) == tuple(before)
+    assert timeline.newest == tuple(event.value[0] for event in wanted)
+
+
+def test_states_are_kept_as_far_back_as_it_was_gone():
+    toy = Toy()
+    for k in range(400):
+        toy.line.insert(toy_event(0.01 * k, k))
+    assert sum(state is not None for state in toy.line._after) <= 3.99 / SPARSE_S + 2.0
+    assert toy.line.before(3.6) == tuple(map(float, range(361)))
+    assert 0 < toy.again <= SPARSE_S / 0.01
+    toy.again = 0
+    for k in range(400, 600):
+        toy.line.insert(toy_event(0.01 * k, k))
+        toy.line.before(0.01 * k - 0.3)
+    assert toy.again <= 2.0 * SPARSE_S / 0.01  # once, and from then on they were kept
+    toy.again = 0
+    toy.line.insert(toy_event(5.695, 0.0))
+    assert (toy.again, toy.done) == (0, 600 + 31)
