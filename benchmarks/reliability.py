@@ -20,6 +20,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from mutation import judged
+
 ROOT = Path(__file__).resolve().parents[1]
 RUNS = ROOT / "docs" / "reliability.json"
 NAMED_BY = {
@@ -48,6 +50,8 @@ def added(runs: dict[str, list[dict[str, Any]]], entries: list[dict[str, Any]], 
     """Put new entries in the place of older ones of the same name."""
     for entry in entries:
         script = kind_of(entry)
+        if script == "mutation":
+            judge(entry)
         key, kept = NAMED_BY[script], runs.setdefault(script, [])
         new = entry | {"date": day, "on": f"Python {platform.python_version()}, {sys.platform}"}
         places = [k for k, old in enumerate(kept) if old[key] == entry[key]]
@@ -55,6 +59,14 @@ def added(runs: dict[str, list[dict[str, Any]]], entries: list[dict[str, Any]], 
             kept[places[0]] = new
         else:
             kept.append(new)
+
+
+def judge(entry: dict[str, Any]) -> None:
+    """Say of a room's survivors, in place, why they change no answer, where that was found since it was tried."""
+    known = judged()
+    for one in entry["survivors"]:
+        one["why"] = known.get((one["path"], one["within"], one["after"]), "")
+    entry["judged"] = sum(bool(one["why"]) for one in entry["survivors"])
 
 
 def summed(runs: dict[str, list[dict[str, Any]]], entries: list[dict[str, Any]], day: str) -> None:
