@@ -1,5 +1,7 @@
 """A sun direction as an attitude observation: sign, Jacobian, full-rank noise, blind to turns about the sun."""
 
+from dataclasses import FrozenInstanceError
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -119,3 +121,11 @@ def test_projection_angles_and_sigma():
     assert found.sigma_rad == pytest.approx(np.sqrt(5e-8))
     assert np.tan(found.alpha_rad) == pytest.approx(0.3 / 0.8)
     assert np.tan(found.beta_rad) == pytest.approx(-0.4 / 0.8)
+
+
+def test_an_observation_is_what_it_was(case):
+    """Whoever holds one can rely on it."""
+    attitude, sun, seen = case(3)
+    for said, name in ((attitude_observation(seen, sun, attitude), "innovation"), (seen, "direction")):
+        with pytest.raises(FrozenInstanceError):
+            setattr(said, name, np.zeros(2))
