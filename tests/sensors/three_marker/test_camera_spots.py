@@ -108,3 +108,12 @@ def test_a_covariance_is_symmetric_to_its_own_size(scale):
 
     given = np.array([asymmetric_by(0.0), asymmetric_by(1e-9), asymmetric_by(1e-8)])
     assert usable_covariance(given).tolist() == [True, True, False]
+
+
+def test_a_covariance_is_finite():
+    for k in range(4):
+        given = np.array([2.0, 0.0, 0.0, 3.0])
+        for value in (np.inf, np.nan):
+            given[k] = value
+            assert usable_covariance(given.reshape(1, 2, 2)).tolist() == [False]
+    assert usable_covariance(np.array([[[np.inf, 0.0], [0.0, np.inf]]])).tolist() == [False]
