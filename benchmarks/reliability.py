@@ -123,7 +123,8 @@ def page(runs: dict[str, list[dict[str, Any]]]) -> str:
     for entry in runs["mutation"]:
         left = entry["tried"] - entry["killed"] - entry["judged"]
         counts = (entry[name] for name in ("possible", "tried", "killed", "judged"))
-        lines.append(row(entry["room"], *counts, left, entry["date"]))
+        share = f"{entry['killed'] / max(1, entry['tried'] - entry['judged']):.0%}"
+        lines.append(row(entry["room"], *counts, left, share, entry["date"]))
     survivors = [one for entry in runs["mutation"] for one in entry["survivors"]]
     lines += ["", *(survivor(one) for one in survivors)]
     tried = [row(entry["python"], entry["outcome"], entry["date"]) for entry in runs["python_versions"]]
@@ -193,10 +194,11 @@ MUTATED = """## Mutants of the formulas
 `python benchmarks/mutation.py --sample N`: one operator, comparison, number or function of a formula is exchanged, and
 the tests that name its module have to fail, in plain Python and within some ten seconds of processor time. They have
 to pass unchanged first. Of what a package or a module holds a random sample is tried. Survivors that change no answer
-are judged in `benchmarks/mutation_judged.toml`, with the reason.
+are judged in `benchmarks/mutation_judged.toml`, with the reason; a share is of the others. Where one survives that
+changes an answer a test is written, which a later sample shows.
 
-| package or module | possible | tried | killed | judged harmless | survive | tried on |
-| --- | ---: | ---: | ---: | ---: | ---: | --- |"""
+| package or module | possible | tried | killed | judged harmless | survive | killed of the others | tried on |
+| --- | ---: | ---: | ---: | ---: | ---: | ---: | --- |"""
 PYTHONS = """## Pythons
 
 `python benchmarks/python_versions.py`: installed into a fresh environment each, a call in plain Python, one that is
