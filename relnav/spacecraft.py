@@ -222,7 +222,7 @@ class VehicleFilter:
         An observation may come this long after a later one, and is then inserted where it belongs.
     restart_after_s : float
         How long no image of lights may be believed, more than half of it, before the target is looked for anew; where
-        none ever was, ten images alone count.
+        none ever was, ten images alone count. If left out 5 s, ten images of a camera at 2 Hz.
     """
 
     gate_probability: Annotated[float, Gt(0.0), Lt(1.0)] = 0.9999
