@@ -133,6 +133,8 @@ def test_wrong_use(model, counts):
     for bad in (counts[0], counts[:3], np.full((24, 24), np.nan)):
         with pytest.raises(ValueError, match=r"two axes \(rows, columns\)"):
             centroid(bad, model.image)
+        with pytest.raises(ValueError, match=r"two axes \(rows, columns\)"):
+            centroid_patent(bad)
     with pytest.raises(ValueError, match=r"share of the peak between 0 and 0\.9"):
         centroid(counts, model.image, threshold=1.0)
     assert np.isnan(centroid_patent(np.zeros((5, 5)))).all()
