@@ -51,6 +51,10 @@ of the attitudes."""
 SHEAR, LEAST_SHEAR, MOST_SHEAR = 0.01, 0.002, 0.03
 """Error of a spot relative to its distance from the pair, by distortion not known: any lens, a long one, a wide one."""
 
+COARSENESS = 0.05
+"""Half the width of a step of scale, in shears: the questions of a pair of spots serve all pairs of stars in one step,
+with a tolerance that is wider by twice that."""
+
 WIDE = 0.4
 """Distance of the farthest spot from the axis, in focal lengths, of a wide lens."""
 
@@ -96,6 +100,20 @@ def scale_rays(points: Matrix, scale: float, first: int, count: int, W: Matrix) 
 
 
 @kernel
+def ask_at_angle(
+    frame: Frame, points: Matrix, i: int, j: int, angle: float, stretch: float, work: Matrix, questions: Matrix
+) -> None:
+    """Prepare the questions of spots i and j, standing at `angle` from one another; `stretch` is as `SHEAR`."""
+    n = frame.sigma2.shape[0]
+    asked, ways, _ = extent(n, 1, LEAST_FOUND)
+    scale = scale_of_pair(points, i, j, angle)
+    scale_rays(points, scale, i, 1, frame.W)
+    scale_rays(points, scale, j, min(n, asked + 3), frame.W)  # those that are asked follow j
+    spot_triad(frame.W, i, j, work[15:18], work[8:10])
+    prepare_questions(frame, i, j, 0, work[15:18], asked, ways, stretch * stretch, questions)
+
+
+@kernel
 def try_scaled_pair(
     frame: Frame,
     sky: SkyArrays,
@@ -124,17 +142,17 @@ def try_scaled_pair(
     angle = math.acos(min(1.0, cosine))
     low, high = math.cos(angle * (1.0 + FOCAL_RANGE)), math.cos(angle * (1.0 - FOCAL_RANGE))
     first, last = k_range(sky.cosines, sky.k, sky.line, low, high)
-    best = 0.0
+    half_step, asked_to, best = COARSENESS * shear, -2.0, 0.0
     fainter = frame.magnitude[j] - frame.magnitude[i]
     for pair in range(first, last):
         step = sky.stars[sky.pairs[pair, 1], 3] - sky.stars[sky.pairs[pair, 0], 3]
         if min(abs(step - fainter), abs(step + fainter)) > contrast:
             continue
-        scale = scale_of_pair(points, i, j, math.acos(sky.cosines[pair]))
-        scale_rays(points, scale, i, 1, frame.W)
-        scale_rays(points, scale, j, min(n, asked + 3), frame.W)  # those that are asked follow j
-        spot_triad(frame.W, i, j, spots, work[8:10])
-        prepare_questions(frame, i, j, 0, spots, asked, ways, shear * shear, questions)
+        if sky.cosines[pair] > asked_to:  # they ascend
+            angle = math.acos(sky.cosines[pair])
+            stretch = shear + 2.0 * half_step
+            ask_at_angle(frame, points, i, j, angle * (1.0 - half_step), stretch, work, questions)
+            asked_to = math.cos(angle * (1.0 - 2.0 * half_step))
         apart = star_triad(sky.stars, frame.beta, sky.pairs[pair, 0], sky.pairs[pair, 1], stars, work[4:8])
         for order in range(2):
             sign, a, c = 1.0 - 2.0 * order, sky.pairs[pair, order], sky.pairs[pair, 1 - order]
@@ -143,8 +161,10 @@ def try_scaled_pair(
             info[0] += 1.0
             if not (apart and promising(frame, sky, questions, asked, ways, least, stars, sign)):
                 continue
-            attitude_of_triads(spots, stars, sign, A)
+            scale = scale_of_pair(points, i, j, math.acos(sky.cosines[pair]))
             scale_rays(points, scale, 0, n, frame.W)
+            spot_triad(frame.W, i, j, spots, work[8:10])
+            attitude_of_triads(spots, stars, sign, A)
             found = match_loosely(frame, sky, i, j, 0, shear * shear, A, match, out)
             if found < LEAST_FOUND:
                 continue
