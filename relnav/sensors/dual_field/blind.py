@@ -241,14 +241,14 @@ def sky_for(
     stars_in_field: float = STARS_IN_FIELD,
 ) -> Sky:
     """The sky for a field as large as the spots (n, 2) on the plane z = 1 cover: as deep as they are many."""
-    radius, widest = math.atan(edge(points)), FAR if edge(points) > NARROW else NEAR
+    radius = math.atan(edge(points))
     return prepare_sky(
         catalogue,
         epoch_jyear,
         faintest_in_field(catalogue, points, max(2.0 * STARS_IN_FIELD, 1.5 * len(points))),
         faintest_in_field(catalogue, points, stars_in_field),
         round(0.1 * radius, 3),
-        round(min(1.2 * widest * radius, 1.5), 3),
+        round(min(1.3 * radius, 1.5), 3),
         velocity_km_s,
     )
 
@@ -297,13 +297,13 @@ def solve_blind(
     as_given, few = np.arange(n), FEW_STARS_IN_FIELD
     ways = [
         Way(as_given, SHEAR, few, first),
-        Way(as_given, LEAST_SHEAR, few, first),
+        Way(as_given, LEAST_SHEAR, few, FAR),  # a long lens hardly distorts, and far pairs are the surest
         Way(spread_order(points), SHEAR, few, then),
         *(Way(half, SHEAR, few, then) for half in half_orders(points)),
         Way(as_given, SHEAR, STARS_IN_FIELD, then),
     ]
     if radius > NARROW:
-        ways += [Way(as_given, shear, few, FAR) for shear in (SHEAR, LEAST_SHEAR)]
+        ways.append(Way(as_given, SHEAR, few, FAR))
     if radius > WIDE_LENS:
         ways.append(Way(as_given, MOST_SHEAR, few, FAR))
     for way, chosen in list(zip(ways, new_pairs(points, ways), strict=True))[searches]:

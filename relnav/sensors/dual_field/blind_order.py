@@ -27,7 +27,7 @@ CLOSER = 0.5
 
 NARROW, WIDE = 0.1, 0.25
 """Distance of the farthest spot from the axis, rad: work goes with the inverse of the field. Beyond WIDE it is so
-little that pairs up to FAR are tried in every order, below NARROW so much that they are tried in none."""
+little that pairs up to FAR are tried in every order, below NARROW so much that they are tried in one alone."""
 
 CELLS = 4
 """Along each side of the field: where bright spots crowd (leaves, lamps) the brightest of every cell comes first."""
