@@ -254,7 +254,7 @@ def cases(vehicle: Vehicle) -> list[Case]:
     ]
 
 
-def _lost_flight(flight: Rendezvous, k: int) -> Rendezvous:
+def lost_flight(flight: Rendezvous, k: int) -> Rendezvous:
     """The flight of run k in which sensors are lost: long enough for them to be back, and no longer if it is far."""
     start_m = LOST_FROM_M[k % len(LOST_FROM_M)]
     if start_m <= flight.start_m:
@@ -272,7 +272,7 @@ def fly_run(vehicle: Vehicle, flight: Rendezvous, seed: int, k: int) -> Runs:
         hand_over = replace(vehicle.hand_over, port_distance_m=(way.start_m, 0.0, 0.0))
         return simulate_rendezvous(replace(vehicle, hand_over=hand_over), way, seed=seed + k)
 
-    run, losing = simulated(flight), _lost_flight(flight, k)
+    run, losing = simulated(flight), lost_flight(flight, k)
     lost = run if losing == flight else simulated(losing)
     usual = fly_fault(lost, VehicleFault.NOTHING, "", separation=False)
     flown: dict[Case, Flown] = {}

@@ -115,6 +115,40 @@ def test_a_glint_in_the_first_image_does_no_harm(run, name):
     assert flown.one_fault < 1.0
 
 
+@pytest.fixture
+def two_cases(monkeypatch):
+    """Of all that can go wrong, only these."""
+    chosen = [(VehicleFault.NOTHING, ""), (VehicleFault.LOST, "star")]
+    monkeypatch.setattr(vehicle_faults, "cases", lambda _: chosen)
+
+
+def test_the_report_is_that_of_its_flights(slow, two_cases):
+    """Whatever the order in which runs come back; the second is lost from 30 m."""
+    told = []
+
+    def backward(fly, numbers):
+        return map(fly, reversed(numbers))
+
+    report = vehicle_faults.measure_faults(slow, runs=2, seed=72, flight=FLIGHT, fly_all=backward, progress=told.append)
+    flown = [vehicle_faults.fly_run(slow, FLIGHT, 72, k) for k in (0, 1)]
+    assert told == [2, 2]
+    healthy, lost = report.rows
+    assert (healthy.runs, healthy.sensor, healthy.inside) == (2, "", -1)
+    assert healthy.one_fault == max(one["nothing", ""].one_fault for _, one, _ in flown) > 0.0
+    assert (lost.runs, lost.fault, lost.sensor, lost.inside) == (2, "lost for 60 s", "star", 2)
+    assert lost.error == max(one["lost for 60 s", "star"].error for _, one, _ in flown)
+    assert lost.back_s == max(back_after_s(one["lost for 60 s", "star"], usual) for _, one, usual in flown)
+
+
+def test_losses_are_flown_from_three_distances():
+    usual = vehicle_faults.FLIGHT
+    first, far, near, again = (vehicle_faults.lost_flight(usual, k) for k in range(4))
+    assert first == again == usual
+    assert (near.start_m, near.final_m) == (7.6, usual.final_m)
+    assert far.start_m == 30.0
+    assert (far.start_m - far.final_m) / far.fast_m_s == pytest.approx(BEGINS_S + LASTS_S + 30.0)
+
+
 def test_how_long_it_takes_to_be_back():
     def flown(*sigmas):
         seconds = {round(BEGINS_S + LASTS_S) + k: np.array([1.0, sigma]) for k, sigma in enumerate(sigmas)}
