@@ -35,9 +35,9 @@ from relnav.vehicle.motion import VehicleMotion
 from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.points import LEAST_LIGHTS, PointSensor
 from relnav.vehicle.port import port_state
+from relnav.vehicle.replay import Event
 from relnav.vehicle.separation import hide
 from relnav.vehicle.state import Estimates, start_state
-from relnav.vehicle.timeline import Event
 from relnav.vehicle.update import Outcome, Updater
 
 MOST = {GYRO: FASTEST_RAD_S, THRUST: 1e4}
@@ -158,16 +158,13 @@ class VehicleFilters:
 
     def apply(self, tracked: Tracked, event: Event) -> tuple[Tracked, Outcome | None]:
         """The estimates after an event; the outcome of one that the filter had to believe."""
-        after, outcome = self._after(tracked, event)
+        after, outcome = self.again(tracked, event)
         if outcome is not None and self.on_outcome is not None:
             self.on_outcome(event, outcome)
         return after, outcome
 
-    def again(self, tracked: Tracked, event: Event) -> Tracked:
-        """The estimates after an event of which the outcome was told."""
-        return self._after(tracked, event)[0]
-
-    def _after(self, tracked: Tracked, event: Event) -> tuple[Tracked, Outcome | None]:
+    def again(self, tracked: Tracked, event: Event) -> tuple[Tracked, Outcome | None]:
+        """The same of an event of which the outcome was told."""
         source, fares, search, at = event.source, tracked.fares, tracked.search, tracked.estimates
         if search is None:
             at, outcomes = self._through(at, event)

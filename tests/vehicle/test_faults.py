@@ -122,7 +122,8 @@ def two_cases(monkeypatch):
     monkeypatch.setattr(vehicle_faults, "cases", lambda _: chosen)
 
 
-def test_the_report_is_that_of_its_flights(slow, two_cases):
+@pytest.mark.usefixtures("two_cases")
+def test_the_report_is_that_of_its_flights(slow):
     """Whatever the order in which runs come back; the second is lost from 30 m."""
     told = []
 
