@@ -36,8 +36,12 @@ LOST_FROM_M = (FLIGHT.start_m, 30.0, 7.6)
 RUNS = 10
 WITHIN, INSIDE_SHARE = 0.9973, 0.99
 """Probability of the ellipsoid of 3 sigma, and in how many runs the port has to be in it when a sensor returns."""
-BACK_S, BACK_SHARE = 10.0, 1.25
-"""How long it may take then until no sigma of the port is more than this many times that of a flight without loss."""
+BACK_S, BACK_SHARE = 10.0, math.sqrt(2.0)
+"""How long it may take then until no sigma of the port is more than this many times that of a flight without loss.
+
+With the square root of two half of what is usually known is known again. What a minute told of errors that last, a
+lens, or a velocity, takes about a minute to be learnt again, whatever the filter.
+"""
 RETURNS_S = round(BEGINS_S + LASTS_S)
 ONE_IN = dict.fromkeys(VehicleFault, 1) | {VehicleFault.LATE: 20}
 """Runs of which one is flown: late images end in the bits of images in time, for twenty times the computing."""
@@ -124,9 +128,15 @@ def _after_second(run: VehicleRun, told: Flown, now: VehicleEstimate, second: in
 
 
 def back_after_s(lost: Flown, usual: Flown) -> float:
-    """How long after a sensor returned the port is known as well as in the usual flight, within a quarter, s."""
+    """How long after a sensor returned no sigma of the port is above `BACK_SHARE` times that of the usual flight, s."""
     worse = [s for s, sigma in lost.sigma.items() if (sigma > BACK_SHARE * usual.sigma[s]).any()]
     return float(max(worse, default=RETURNS_S - 1) + 1 - RETURNS_S)
+
+
+def worse_later(lost: Flown, usual: Flown) -> float:
+    """The largest sigma of the port over that of the usual flight, from `BACK_S` after a sensor returned on."""
+    later = [float((sigma / usual.sigma[s]).max()) for s, sigma in lost.sigma.items() if s >= RETURNS_S + BACK_S]
+    return max(later, default=math.nan)
 
 
 @dataclass(frozen=True)
@@ -151,7 +161,9 @@ class FaultRow:
     inside_low, inside_high : float
         95 % bounds of their share (Wilson); NaN of other faults.
     back_s : float
-        The longest that the port's sigmas took to be as usual again; NaN of other faults.
+        The longest that the port's sigmas took to be about as usual again; NaN of other faults.
+    later : float
+        The largest of them over the usual one, from ten seconds after the return on; NaN of other faults.
     """
 
     fault: str
@@ -169,6 +181,7 @@ class FaultRow:
     inside_low: float
     inside_high: float
     back_s: float
+    later: float
 
     @property
     def ok(self) -> bool:
@@ -190,7 +203,11 @@ class FaultRow:
             return "-" if math.isnan(value) else format(value, form)
 
         lost = self.inside >= 0
-        inside = f"{self.inside:>8}  {self.inside_low:.3f} .. {self.inside_high:.3f}{self.back_s:>6.0f}" if lost else ""
+        inside = (
+            f"{self.inside:>8}  {self.inside_low:.3f} .. {self.inside_high:.3f}{self.back_s:>6.0f}{self.later:>7.2f}"
+            if lost
+            else ""
+        )
         return (
             f"  {self.sensor or 'nothing is wrong':<24}{self.alarmed:>7}{self.named if self.sensor else '-':>11}"
             f"{told(self.alarm_s, '.0f'):>10}{self.error:>15.2f}{told(self.one_fault, '.2f'):>11}"
@@ -229,12 +246,13 @@ class VehicleFaultsReport:
             + " m in turn",
             "error / level: at the alarm, over the level without faults; one fault: until then, over that with one",
             "after: median, from its beginning; silent: the port off by more than its protection level, and no alarm",
-            "inside: within 3 sigma when the sensor returns; back: then, the longest until sigmas are as usual, s",
+            "inside: within 3 sigma when the sensor returns; back: then, the longest until no sigma is above sqrt(2)",
+            f"times the usual one, s; later: the most times the usual one, from {BACK_S:g} s on",
         ]
         fault = None
         for row in self.rows:
             if row.fault != fault:
-                fault, lost = row.fault, "     inside  95 % bounds     back" if row.inside >= 0 else ""
+                fault, lost = row.fault, "     inside  95 % bounds     back  later" if row.inside >= 0 else ""
                 head = f"{fault:<26}alarmed  naming it  after, s  error / level  one fault  silent  95 % bounds{lost}"
                 out.append(head.rstrip())
             out.append(row.line())
@@ -333,4 +351,5 @@ def _row(fault: VehicleFault, name: str, pairs: list[tuple[Flown, Flown]]) -> Fa
         inside_low=inside_low,
         inside_high=inside_high,
         back_s=max(back_after_s(*pair) for pair in pairs) if lost else math.nan,
+        later=max(worse_later(*pair) for pair in pairs) if lost else math.nan,
     )
