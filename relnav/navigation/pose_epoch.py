@@ -13,6 +13,8 @@ from relnav.estimation.rows import copy_rows
 from relnav.navigation.pose_memory import PoseMemory, pose_views
 
 PACKED = POSE * (POSE + 1) // 2
+LOWER = np.tril_indices(POSE)
+"""Rows and columns of packed factors."""
 
 SETTLED_S = 3.9
 """After the leading hypothesis was too wide to tell roots apart: until roots that it has left are found again."""

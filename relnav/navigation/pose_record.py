@@ -102,7 +102,9 @@ class PoseRecord:
     @property
     def accepted(self) -> Flags:
         """Which markers' spots were used, (n,)."""
-        return _frozen(np.frombuffer(self._memory, _FLOAT, offset=EPOCH.itemsize + 8 * POSE * POSE) > 0.0)
+        flags: Flags = np.frombuffer(self._memory, _FLOAT, offset=EPOCH.itemsize + 8 * POSE * POSE) > 0.0
+        flags.setflags(write=False)
+        return flags
 
     @property
     def status(self) -> EpochStatus:
