@@ -136,5 +136,5 @@ def correct(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix, watc
         iterations += 1
     result["iterations"], result["used"] = iterations, passed
     copy_track(work, track)
-    consider(m, track["ld"], at, image, sensitivities, spots)
+    consider(m, track["ld"], at, image, sensitivities, spots, iterations > 1)
     return UPDATED if passed == seen else PARTIAL

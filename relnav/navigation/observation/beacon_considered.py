@@ -94,16 +94,24 @@ def observed(m: Memory) -> Observed:
 
 
 @kernel
-def consider(m: Memory, ld: Matrix, at: Vector, image: Observed, sensitivities: Matrix, spots: Matrix) -> None:
-    """Take an image into sensitivities (m, 6), by the rows in use, linearised at `at`; ld: after it."""
-    count = sensitivities.shape[0]
+def consider(
+    m: Memory, ld: Matrix, at: Vector, image: Observed, sensitivities: Matrix, spots: Matrix, again: bool
+) -> None:
+    """Take an image into sensitivities (m, 6), by the rows in use, linearised at `at`; ld: after it.
+
+    again: the rows of coordinates are other ones than those of `add_considered_noise`.
+    """
+    count, first, last = sensitivities.shape[0], 0, 0
     if count == 0:
         return
-    if uses_coordinates(m.sensor):
+    if not uses_coordinates(m.sensor):
+        errors_of_position(m, at, spots)
+    elif again:
         errors_of_coordinates(m, at, spots)
     else:
-        errors_of_position(m, at, spots)
-    subtract_taken(image.groups, m.by_error, sensitivities, 0, count)
+        first, last = shared_errors(m)  # of which the share that the state has taken up has left `by_error`
+    subtract_taken(image.groups, m.by_error, sensitivities, 0, first)
+    subtract_taken(image.groups, m.by_error, sensitivities, last, count)
     update_sensitivities(ld, image, m.by_error, m.news, sensitivities)
 
 
@@ -140,7 +148,7 @@ def start_sensitivities_of_planes(m: Memory, track: Record, spots: Matrix, sensi
         for i in range(MOTION):
             sensitivities[j, i] = 0.0
     image = Observed(m.groups, m.nothing, m.nothing, m.groups[0:0])
-    consider(m, track["ld"], track["state"], image, sensitivities, spots)
+    consider(m, track["ld"], track["state"], image, sensitivities, spots, True)
 
 
 @kernel
