@@ -15,7 +15,7 @@ The innovation shows E e less what the estimate has taken up of it, (E - H S) e:
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, square, straight_line, vector
 from relnav.estimation.factored import add_rank_one
-from relnav.estimation.rows import Observed
+from relnav.estimation.rows import Observed, row_pattern
 
 
 @kernel
@@ -27,6 +27,22 @@ def is_felt(row: Vector) -> bool:
     return size > 0.0
 
 
+@straight_line(h=row_pattern, s=vector)
+def _shown(h: Vector, s: Vector) -> float:
+    """What a row h shows of an error of the state s (n,)."""
+    total = h[0] * s[0]
+    for j in range(1, s.shape[0]):
+        total += h[j] * s[j]
+    return total
+
+
+@straight_line(h=row_pattern, total=vector)
+def _add_row(h: Vector, weight: float, total: Vector) -> None:
+    """Add a row h times a weight to total (n,)."""
+    for j in range(total.shape[0]):
+        total[j] += h[j] * weight
+
+
 @kernel
 def subtract_taken(groups: Record, by_error: Matrix, sensitivities: Matrix, first: int, last: int) -> None:
     """Replace E (rows, m) of groups by E - H S, of the errors first to last - 1; row k of group g is row 2 g + k."""
@@ -34,10 +50,7 @@ def subtract_taken(groups: Record, by_error: Matrix, sensitivities: Matrix, firs
         for k in range(groups[g]["rows"]):
             h = groups[g]["gradient"][k]
             for c in range(first, last):
-                s, taken = sensitivities[c], 0.0
-                for j in range(s.shape[0]):
-                    taken += h[j] * s[j]
-                by_error[2 * g + k, c] -= taken
+                by_error[2 * g + k, c] -= _shown(h, sensitivities[c])
 
 
 @kernel
@@ -94,8 +107,7 @@ def update_sensitivities(ld: Matrix, seen: Observed, by_error: Matrix, news: Mat
             for c in range(news.shape[0]):
                 weight = by_error[i, c] / variance
                 if weight != 0.0:
-                    for j in range(news.shape[1]):
-                        news[c, j] += h[j] * weight
+                    _add_row(h, weight, news[c])
     for c in range(news.shape[0]):
         if is_felt(news[c]):
             add_covariance_times(ld, news[c], sensitivities[c])
