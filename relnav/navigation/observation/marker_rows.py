@@ -202,15 +202,19 @@ def _write_bend(h: Vector, g: Vector, q: Vector, s: Vector, covariance: Matrix, 
     return mean
 
 
-@straight_line(a=(SEEN * SEEN,), b=(SEEN * SEEN,))
-def _half_trace(a: Vector, b: Vector) -> float:
-    """Half of tr(A B) of two matrices (6, 6) row by row, in four strands."""
-    strands = np.zeros(4)
-    for i in range(SEEN):
-        for j in range(SEEN):
-            strands[j % 4] += a[SEEN * i + j] * b[SEEN * j + i]
-    half: float = 0.5 * ((strands[0] + strands[1]) + (strands[2] + strands[3]))
-    return half
+@straight_line(a=(2, SEEN * SEEN), b=(2, SEEN * SEEN), noise=(2, 2))
+def _add_half_traces(a: Matrix, b: Matrix, noise: Matrix) -> None:
+    """Add half of tr(A B) of the matrices (6, 6), row by row, of the rows of two markers to the noise of these rows.
+
+    For all four at once each number is fetched once; in two strands each additions do not wait for one another.
+    """
+    for row in range(2):
+        for other in range(2):
+            strands = np.zeros(2)
+            for i in range(SEEN):
+                for j in range(SEEN):
+                    strands[j % 2] += a[row, SEEN * i + j] * b[other, SEEN * j + i]
+            noise[row, other] += 0.5 * (strands[0] + strands[1])
 
 
 @kernel
@@ -233,10 +237,13 @@ def _add_second_order(
         s = points[int(which[row // 2])]
         mean = _write_bend(group["gradient"][k], nearer[row // 2], by_marker[row], s, P, bends[row])
         group["residual"][k] -= mean
-    for row in range(2 * count):
-        for other in range(row + 1):
-            noise[row, other] += _half_trace(bends[row], bends[other])
-            noise[other, row] = noise[row, other]
+    for first in range(0, 2 * count, 2):
+        for second in range(0, first + 1, 2):
+            block = noise[first : first + 2, second : second + 2]
+            _add_half_traces(bends[first : first + 2], bends[second : second + 2], block)
+            for row in range(first, first + 2):
+                for other in range(second, second + 2):
+                    noise[other, row] = noise[row, other]
 
 
 @kernel
