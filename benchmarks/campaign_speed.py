@@ -18,7 +18,7 @@ from speed import Problem
 
 import relnav
 from relnav.accuracy.campaign_plan import Plan, fly_batch
-from relnav.files.campaign import processors
+from relnav.files.workers import processors
 from relnav.simulation.dispersions import Images, Scenario, Spread, Thrust
 from relnav.simulation.trajectory import Approach
 

@@ -15,7 +15,8 @@ from speed import Problem
 
 import relnav
 from relnav.accuracy.campaign_plan import fly_batch
-from relnav.files.campaign import plan_of, processors
+from relnav.files.campaign import plan_of
+from relnav.files.workers import processors
 
 
 def main() -> None:

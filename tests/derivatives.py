@@ -26,7 +26,7 @@ OPERATIONS = {
     "negative": lambda a: -a,
     "abs": abs,
     "sqrt": np.sqrt,
-    "atan2": np.arctan2,
+    "atan2": math.atan2,  # numpy has one of its own for some processors
     "<": lambda a, b: a < b,
     "<=": lambda a, b: a <= b,
     ">": lambda a, b: a > b,

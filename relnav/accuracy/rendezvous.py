@@ -23,7 +23,7 @@ from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.filters import VehicleFilters
 from relnav.vehicle.forward import estimates_at
 from relnav.vehicle.layout import CHASER_ATTITUDE, layout_of
-from relnav.vehicle.timeline import Event
+from relnav.vehicle.replay import Event
 from relnav.vehicle.update import Outcome
 
 RANGES_M = (25.0, 10.0, 6.5, 5.0, 3.0, 1.0)

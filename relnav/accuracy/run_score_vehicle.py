@@ -19,7 +19,7 @@ from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.filters import VehicleFilters
 from relnav.vehicle.forward import estimates_at
 from relnav.vehicle.navigator import VehicleNavigator
-from relnav.vehicle.timeline import Event
+from relnav.vehicle.replay import Event
 from relnav.vehicle.update import Outcome
 
 EPOCHS_A_METRE = 6000.0

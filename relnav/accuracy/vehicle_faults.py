@@ -9,9 +9,10 @@ been lost.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, replace
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -30,16 +31,28 @@ from relnav.vehicle.navigator import VehicleNavigator
 
 FLIGHT = Rendezvous(start_m=10.0, final_m=1.0, fast_m_s=0.06, slow_m_s=0.06)
 """Two and a half minutes to a metre from contact."""
+LOST_FROM_M = (FLIGHT.start_m, 30.0, 7.6)
+"""Where the flights begin in which a sensor is lost, in turn: at the last the loss ends at 2.2 m."""
 RUNS = 10
 WITHIN, INSIDE_SHARE = 0.9973, 0.99
 """Probability of the ellipsoid of 3 sigma, and in how many runs the port has to be in it when a sensor returns."""
-BACK_S, BACK_SHARE = 10.0, 1.25
-"""How long it may take then until no sigma of the port is more than this many times that of a flight without loss."""
+BACK_S, BACK_SHARE = 10.0, math.sqrt(2.0)
+"""How long it may take then until no sigma of the port is more than this many times that of a flight without loss.
+
+With the square root of two half of what is usually known is known again. What a minute told of errors that last, a
+lens, or a velocity, takes about a minute to be learnt again, whatever the filter.
+"""
 RETURNS_S = round(BEGINS_S + LASTS_S)
 ONE_IN = dict.fromkeys(VehicleFault, 1) | {VehicleFault.LATE: 20}
 """Runs of which one is flown: late images end in the bits of images in time, for twenty times the computing."""
+NOTHING_FALSE = (VehicleFault.LOST, VehicleFault.LATE)
+"""Nothing false is said: filters without a sensor have nothing to tell."""
 TO_THE_END = (VehicleFault.NOTHING, VehicleFault.LOST)
 """Flown on after an alarm."""
+
+
+Case: TypeAlias = tuple[VehicleFault, str]
+"""What goes wrong, and with which sensor."""
 
 
 class Flown(NamedTuple):
@@ -72,11 +85,17 @@ class Flown(NamedTuple):
     sigma: dict[int, Vector]
 
 
-def fly_fault(run: VehicleRun, fault: VehicleFault, name: str, seed: int = 0) -> Flown:
-    """A run with a fault of one sensor, until the first alarm; where nothing is wrong or a sensor lost, to its end."""
-    false = fault not in (VehicleFault.LOST, VehicleFault.LATE)  # else five more filters would have nothing to tell
-    nav = VehicleNavigator(run.truth.vehicle, separation=false)
-    told = Flown(math.nan, "", 0.0, False, 0.0 if false else math.nan, True, {})
+Runs: TypeAlias = tuple[int, dict[Case, Flown], Flown]
+"""A run by number, case by case, and what a loss of it is compared with."""
+
+
+def fly_fault(run: VehicleRun, fault: VehicleFault, name: str, seed: int = 0, *, separation: bool = True) -> Flown:
+    """A run with a fault of one sensor, until the first alarm; where nothing is wrong or a sensor lost, to its end.
+
+    separation: whether the level with one sensor at fault is looked at, for four times the computing.
+    """
+    nav = VehicleNavigator(run.truth.vehicle, separation=separation)
+    told = Flown(math.nan, "", 0.0, False, 0.0 if separation else math.nan, True, {})
     second = 1
     for seen in with_fault(run, fault, name, np.random.default_rng(seed)):
         nav.observe(seen.sensor, seen.t_s, seen.value)
@@ -109,9 +128,15 @@ def _after_second(run: VehicleRun, told: Flown, now: VehicleEstimate, second: in
 
 
 def back_after_s(lost: Flown, usual: Flown) -> float:
-    """How long after a sensor returned the port is known as well as in the usual flight, within a quarter, s."""
+    """How long after a sensor returned no sigma of the port is above `BACK_SHARE` times that of the usual flight, s."""
     worse = [s for s, sigma in lost.sigma.items() if (sigma > BACK_SHARE * usual.sigma[s]).any()]
     return float(max(worse, default=RETURNS_S - 1) + 1 - RETURNS_S)
+
+
+def worse_later(lost: Flown, usual: Flown) -> float:
+    """The largest sigma of the port over that of the usual flight, from `BACK_S` after a sensor returned on."""
+    later = [float((sigma / usual.sigma[s]).max()) for s, sigma in lost.sigma.items() if s >= RETURNS_S + BACK_S]
+    return max(later, default=math.nan)
 
 
 @dataclass(frozen=True)
@@ -136,7 +161,9 @@ class FaultRow:
     inside_low, inside_high : float
         95 % bounds of their share (Wilson); NaN of other faults.
     back_s : float
-        The longest that the port's sigmas took to be as usual again; NaN of other faults.
+        The longest that the port's sigmas took to be about as usual again; NaN of other faults.
+    later : float
+        The largest of them over the usual one, from ten seconds after the return on; NaN of other faults.
     """
 
     fault: str
@@ -154,6 +181,7 @@ class FaultRow:
     inside_low: float
     inside_high: float
     back_s: float
+    later: float
 
     @property
     def ok(self) -> bool:
@@ -175,7 +203,11 @@ class FaultRow:
             return "-" if math.isnan(value) else format(value, form)
 
         lost = self.inside >= 0
-        inside = f"{self.inside:>8}  {self.inside_low:.3f} .. {self.inside_high:.3f}{self.back_s:>6.0f}" if lost else ""
+        inside = (
+            f"{self.inside:>8}  {self.inside_low:.3f} .. {self.inside_high:.3f}{self.back_s:>6.0f}{self.later:>7.2f}"
+            if lost
+            else ""
+        )
         return (
             f"  {self.sensor or 'nothing is wrong':<24}{self.alarmed:>7}{self.named if self.sensor else '-':>11}"
             f"{told(self.alarm_s, '.0f'):>10}{self.error:>15.2f}{told(self.one_fault, '.2f'):>11}"
@@ -209,15 +241,18 @@ class VehicleFaultsReport:
         out = [
             f"model {self.model}, {self.runs} runs {way} a row, seed {self.seed}; faults begin at {BEGINS_S:g} s",
             f"a ramp: within {LASTS_S:g} s to {RAMP_SIGMA:g} sigma of an observation, noise and mounting",
-            f"late images in every {ONE_IN[VehicleFault.LATE]}th run alone",
+            f"late images in every {ONE_IN[VehicleFault.LATE]}th run alone; losses in flights from "
+            + ", ".join(f"{start_m:g}" for start_m in LOST_FROM_M)
+            + " m in turn",
             "error / level: at the alarm, over the level without faults; one fault: until then, over that with one",
             "after: median, from its beginning; silent: the port off by more than its protection level, and no alarm",
-            "inside: within 3 sigma when the sensor returns; back: then, the longest until sigmas are as usual, s",
+            "inside: within 3 sigma when the sensor returns; back: then, the longest until no sigma is above sqrt(2)",
+            f"times the usual one, s; later: the most times the usual one, from {BACK_S:g} s on",
         ]
         fault = None
         for row in self.rows:
             if row.fault != fault:
-                fault, lost = row.fault, "     inside  95 % bounds     back" if row.inside >= 0 else ""
+                fault, lost = row.fault, "     inside  95 % bounds     back  later" if row.inside >= 0 else ""
                 head = f"{fault:<26}alarmed  naming it  after, s  error / level  one fault  silent  95 % bounds{lost}"
                 out.append(head.rstrip())
             out.append(row.line())
@@ -225,7 +260,7 @@ class VehicleFaultsReport:
         return out
 
 
-def cases(vehicle: Vehicle) -> list[tuple[VehicleFault, str]]:
+def cases(vehicle: Vehicle) -> list[Case]:
     """Every fault with each sensor that can have it; first a vehicle at which nothing is wrong, its sensor ""."""
     lights = [name for name in vehicle.sensor if vehicle.kind(name) == POINTS]
     return [
@@ -237,6 +272,35 @@ def cases(vehicle: Vehicle) -> list[tuple[VehicleFault, str]]:
     ]
 
 
+def lost_flight(flight: Rendezvous, k: int) -> Rendezvous:
+    """The flight of run k in which sensors are lost: long enough for them to be back, and no longer if it is far."""
+    start_m = LOST_FROM_M[k % len(LOST_FROM_M)]
+    if start_m <= flight.start_m:
+        return replace(flight, start_m=start_m)
+    return replace(flight, start_m=start_m, final_m=start_m - (RETURNS_S + 3.0 * BACK_S) * flight.fast_m_s)
+
+
+def fly_run(vehicle: Vehicle, flight: Rendezvous, seed: int, k: int) -> Runs:
+    """Run k with every fault of each sensor, and the flight without any where sensors are lost.
+
+    Hand-over is where a flight begins.
+    """
+
+    def simulated(way: Rendezvous) -> VehicleRun:
+        hand_over = replace(vehicle.hand_over, port_distance_m=(way.start_m, 0.0, 0.0))
+        return simulate_rendezvous(replace(vehicle, hand_over=hand_over), way, seed=seed + k)
+
+    run, losing = simulated(flight), lost_flight(flight, k)
+    lost = run if losing == flight else simulated(losing)
+    usual = fly_fault(lost, VehicleFault.NOTHING, "", separation=False)
+    flown: dict[Case, Flown] = {}
+    for fault, name in cases(vehicle):
+        if k % ONE_IN[fault] == 0:
+            way = lost if fault == VehicleFault.LOST else run
+            flown[fault, name] = fly_fault(way, fault, name, seed + k, separation=fault not in NOTHING_FALSE)
+    return k, flown, usual
+
+
 def measure_faults(
     vehicle: Vehicle,
     *,
@@ -244,27 +308,28 @@ def measure_faults(
     seed: int = 7,
     progress: Callable[[int], None] | None = None,
     flight: Rendezvous = FLIGHT,
+    fly_all: Callable[[Callable[[int], Runs], Iterable[int]], Iterable[Runs]] = map,
 ) -> VehicleFaultsReport:
     """Fly a vehicle with each fault of each sensor in turn, and without: alarms, false ones, silence, losses.
 
-    Hand-over is where the flight begins. progress: called with 1 a flight.
+    progress: called with the number of cases, once a run; fly_all: how runs are flown, one after the other if left out.
     """
-    hand_over = replace(vehicle.hand_over, port_distance_m=(flight.start_m, 0.0, 0.0))
-    near = replace(vehicle, hand_over=hand_over)
-    flown: dict[tuple[VehicleFault, str], list[Flown]] = {case: [] for case in cases(vehicle)}
-    for k in range(runs):
-        run = simulate_rendezvous(near, flight, seed=seed + k)
-        for (fault, name), found in flown.items():
-            if k % ONE_IN[fault] == 0:
-                found.append(fly_fault(run, fault, name, seed + k))
-            if progress is not None:
-                progress(1)
-    usual = flown[VehicleFault.NOTHING, ""]
-    rows = tuple(_row(fault, name, found, usual) for (fault, name), found in flown.items())
-    return VehicleFaultsReport(vehicle.name, runs, seed, rows)
+    done = list[Runs]()
+    for flown in fly_all(partial(fly_run, vehicle, flight, seed), range(runs)):
+        done.append(flown)
+        if progress is not None:
+            progress(len(cases(vehicle)))
+    done.sort(key=lambda flown: flown[0])
+    rows = [
+        _row(*case, [(by_case[case], usual) for _, by_case, usual in done if case in by_case])
+        for case in cases(vehicle)
+    ]
+    return VehicleFaultsReport(vehicle.name, runs, seed, tuple(rows))
 
 
-def _row(fault: VehicleFault, name: str, flown: list[Flown], usual: list[Flown]) -> FaultRow:
+def _row(fault: VehicleFault, name: str, pairs: list[tuple[Flown, Flown]]) -> FaultRow:
+    """Of flights with a fault, each beside one without."""
+    flown = [one for one, _ in pairs]
     told, lost = [one for one in flown if one.named], fault == VehicleFault.LOST
     silent, inside = sum(one.silent for one in flown), sum(one.inside for one in flown)
     low, high = wilson_bounds(silent, len(flown))
@@ -285,5 +350,6 @@ def _row(fault: VehicleFault, name: str, flown: list[Flown], usual: list[Flown])
         inside=inside if lost else -1,
         inside_low=inside_low,
         inside_high=inside_high,
-        back_s=max(map(back_after_s, flown, usual)) if lost else math.nan,
+        back_s=max(back_after_s(*pair) for pair in pairs) if lost else math.nan,
+        later=max(worse_later(*pair) for pair in pairs) if lost else math.nan,
     )

@@ -3,6 +3,7 @@
 import math
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ from relnav.cli.printing import OutputPath, say
 if TYPE_CHECKING:
     from relnav.accuracy.claims import ClaimsReport
 
+DIED = "a process that flew runs died, as where memory is short; on one processor all is flown in one process"
 DRAWN = ("relnav.mission:Model", "relnav.spacecraft:Vehicle")
 """Missions of which there is a picture."""
 
@@ -112,7 +114,11 @@ def _faults(mission: Any, runs: int | None, seed: int, json_path: Path | None, p
     cases: Sequence[object]
     measure: Callable[..., Any]
     if isinstance(mission, Vehicle):
-        cases, usual, measure = vehicle_faults.cases(mission), vehicle_faults.RUNS, vehicle_faults.measure_faults
+        from relnav.files.workers import in_processes, processors
+
+        fly_all = partial(in_processes, count=processors(), needs=mission, advice=DIED)
+        cases, usual = vehicle_faults.cases(mission), vehicle_faults.RUNS
+        measure = partial(vehicle_faults.measure_faults, fly_all=fly_all)
     elif isinstance(mission, Model) and mission.tolerances is not None:
         cases, usual, measure = faults.cases(), faults.RUNS, faults.measure_faults
     elif isinstance(mission, VisionMission) and mission.tolerances is not None:

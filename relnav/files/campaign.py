@@ -1,19 +1,8 @@
 """Campaigns: many approaches of a scenario, flown, filtered and summed up; on threads here, or on a cluster."""
 
-import gc
 import os
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
-    wait,
-)
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -21,19 +10,21 @@ from relnav.accuracy.campaign_plan import Batch, Plan, fly_batch
 from relnav.accuracy.campaign_summary import CampaignSummary, summarise
 from relnav.accuracy.run_kinds import kind_of
 from relnav.arrays import whole
-from relnav.errors import InputError
 from relnav.files.campaign_folder import Runs, missing, open_folder, table_of, write_batch, write_failed
 from relnav.files.models import load_model, load_published
 from relnav.files.parquet import require_pyarrow
 from relnav.files.paths import path_of
 from relnav.files.scenarios import load_scenario
 from relnav.files.tables import write_json
+from relnav.files.workers import in_processes, on_threads, processors
 from relnav.simulation.dispersions import Scenario
 from relnav.simulation.vehicle_dispersions import VehicleScenario
 
 SUMMARY, ERRORS_PICTURE, FINAL_PICTURE = "summary.json", "errors_by_range", "final_errors"
-QUEUED = 4
-"""Batches handed out ahead, for each worker."""
+DIED = (
+    "a process of the campaign died; call it again to go on, with --cluster local if it dies again: that names the "
+    'run. A program needs if __name__ == "__main__": around its call, or workers=1'
+)
 
 Progress = Callable[[int], None]
 T = TypeVar("T")
@@ -152,11 +143,6 @@ def finish(plan: Plan, folder: Path, *, pictures: str | None = "png") -> Campaig
     return summary
 
 
-def processors() -> int:
-    """Processors that this program may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def _in_memory(plan: Plan, workers: int | None, progress: Progress | None) -> Any:
     pyarrow = require_pyarrow()
     batches: dict[int, Batch] = {}
@@ -178,8 +164,6 @@ def _write(plan: Plan, folder: str, start: int) -> int:
 def _side_by_side(plan: Plan, fly: Callable[[int], T], starts: Iterable[int], workers: int | None) -> Iterator[T]:
     """What becomes of the batches that start with these, as they are flown: on threads, or in processes.
 
-    Compiled loops let other threads run. Where little of a run is compiled only processes fly side by side.
-
     Raises
     ------
     InputError
@@ -187,37 +171,5 @@ def _side_by_side(plan: Plan, fly: Callable[[int], T], starts: Iterable[int], wo
     """
     count = workers or processors()
     if plan.kind.threads:
-        yield from _pooled(ThreadPoolExecutor(count), fly, starts, count)
-    elif count == 1:
-        yield from map(fly, starts)
-    else:
-        pool = ProcessPoolExecutor(count, get_context("spawn"), _begin, (plan,))
-        try:
-            yield from _pooled(pool, fly, starts, count)
-        except BrokenExecutor as error:
-            raise InputError(
-                "a process of the campaign died; call it again to go on, with --cluster local if it dies again: that "
-                'names the run. A program needs if __name__ == "__main__": around its call, or workers=1'
-            ) from error
-
-
-def _begin(_plan: Plan) -> None:
-    """Of a process, which has imported by now what the plan needs: garbage is not looked for in that every run anew."""
-    gc.freeze()
-
-
-def _pooled(pool: Executor, fly: Callable[[int], T], starts: Iterable[int], count: int) -> Iterator[T]:
-    """The same in a pool, which is then closed."""
-    left, running = iter(starts), set[Future[T]]()
-    with pool:
-        try:
-            while True:
-                while len(running) < QUEUED * count and (start := next(left, None)) is not None:
-                    running.add(pool.submit(fly, start))
-                if not running:
-                    return
-                done, running = wait(running, return_when=FIRST_COMPLETED)
-                for future in done:
-                    yield future.result()
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+        return on_threads(fly, starts, count)
+    return in_processes(fly, starts, count, plan, DIED)

@@ -29,8 +29,8 @@ from relnav.spacecraft import POINTS, RESERVED, STAR, Vehicle
 from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.navigator import LONGEST_PREDICTION_S, VehicleNavigator
 from relnav.vehicle.orbit_frame import OrbitFrame
+from relnav.vehicle.replay import check_gap
 from relnav.vehicle.smoothing import VehicleSmoother
-from relnav.vehicle.timeline import check_gap
 
 FAR_FROM_HELD_DEG = 30.0
 """No chaser on its way to a port turns so far away from the attitude of its file."""

@@ -123,6 +123,7 @@ class MarkerLogFilter(PoseNavigator):
         if self._keep:
             epochs, apart = np.zeros(len(events), EPOCH), self._room(len(events))
             for k, one in enumerate(events):
+                assert one.state is not None  # none of them is thinned
                 read_epoch(one.state, epochs[k : k + 1], apart[k : k + 1])
                 epochs[k]["row"] = one.event.row
             self._past.append((epochs, apart))

@@ -29,15 +29,15 @@ from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.flying_sensor import Flown, FlyingSensor
 from relnav.vehicle.gyro import FASTEST_RAD_S, GyroSamples
 from relnav.vehicle.health import Fare
-from relnav.vehicle.layout import GYRO_BIAS, TARGET_RATE, layout_of
+from relnav.vehicle.layout import TARGET_RATE, layout_of
 from relnav.vehicle.monitor import Sums, all_estimated
 from relnav.vehicle.motion import VehicleMotion
 from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.points import LEAST_LIGHTS, PointSensor
 from relnav.vehicle.port import port_state
+from relnav.vehicle.replay import Event
 from relnav.vehicle.separation import hide
 from relnav.vehicle.state import Estimates, start_state
-from relnav.vehicle.timeline import Event
 from relnav.vehicle.update import Outcome, Updater
 
 MOST = {GYRO: FASTEST_RAD_S, THRUST: 1e4}
@@ -67,7 +67,7 @@ class Tracked(NamedTuple):
 
 
 class VehicleFilters:
-    """The filter that is told, the one that watches it, and those without each sensor in turn.
+    """The filter that is told, the one that watches it, and those without each sensor and the gyro in turn.
 
     Attributes
     ----------
@@ -107,14 +107,13 @@ class VehicleFilters:
                 raise ValueError(f"sensors: the name '{name}' is taken in {vehicle.name}; call it something else")
         self.vehicle, self.layout = vehicle, layout_of(vehicle, {name: own.lasting for name, own in more.items()})
         self.frame = OrbitFrame(vehicle.orbit)
-        self.motion = VehicleMotion(vehicle, self.frame)
         layouts = [self.layout, all_estimated(self.layout)] if monitor else [self.layout]
         if separation and vehicle.seeks_attitude:
             raise ValueError(
                 "separation: the target's attitude has to be known at hand-over, so that no filter rests on a sensor "
                 f"that it does not take; hand_over.target_attitude_sigma is above {degrees(FORESEEN_RAD):.3g} deg"
             )
-        self._watched, names = len(layouts), [*vehicle.sensor, *more] if separation else []
+        self._watched, names = len(layouts), [GYRO, *vehicle.sensor, *more] if separation else []
         self._without = {name: len(layouts) + k for k, name in enumerate(names)}
         layouts += [self.layout] * len(names)
         self.sensors: dict[str, PointSensor | StarTracker | SunSensor | Flown]
@@ -124,6 +123,7 @@ class VehicleFilters:
         rows = max(sensor.most_rows for sensor in self.sensors.values())
         turning = -vehicle.orbit.mean_motion_rad_s * vehicle.chaser.dcm_chaser_from_lvlh[:, 1]  # held in its orbit
         self.samples = GyroSamples(turning)
+        self.motion = VehicleMotion(vehicle, self.frame, len(layouts), turning, self._without.get(GYRO, -1))
         self._updater = Updater(layouts, vehicle.filter.gate_probability, rows)
         self.places = {name: k for k, name in enumerate([*RESERVED, *self.sensors])}
         motion = np.concatenate([place, speed])
@@ -158,16 +158,13 @@ class VehicleFilters:
 
     def apply(self, tracked: Tracked, event: Event) -> tuple[Tracked, Outcome | None]:
         """The estimates after an event; the outcome of one that the filter had to believe."""
-        after, outcome = self._after(tracked, event)
+        after, outcome = self.again(tracked, event)
         if outcome is not None and self.on_outcome is not None:
             self.on_outcome(event, outcome)
         return after, outcome
 
-    def again(self, tracked: Tracked, event: Event) -> Tracked:
-        """The estimates after an event of which the outcome was told."""
-        return self._after(tracked, event)[0]
-
-    def _after(self, tracked: Tracked, event: Event) -> tuple[Tracked, Outcome | None]:
+    def again(self, tracked: Tracked, event: Event) -> tuple[Tracked, Outcome | None]:
+        """The same of an event of which the outcome was told."""
         source, fares, search, at = event.source, tracked.fares, tracked.search, tracked.estimates
         if search is None:
             at, outcomes = self._through(at, event)
@@ -263,8 +260,6 @@ class VehicleFilters:
         at = self.motion.settled(tracked.estimates, self.samples, t_s)
         state, rate = at.of(0), self.motion.chaser_rate(at, self.samples)
         port, _ = port_state(self.vehicle, self.frame, state, rate)
-        alone = {name: at.of(f) for name, f in self._without.items()}
-        turning = rate + state.values[GYRO_BIAS]
         return VehicleEstimate(
             t_s=t_s,
             port=port,
@@ -284,8 +279,8 @@ class VehicleFilters:
             explanations=1 if tracked.search is None else len(tracked.search.hypotheses),
             restarts=tracked.restarts,
             without={
-                name: port_state(self.vehicle, self.frame, other, turning - other.values[GYRO_BIAS])[0]
-                for name, other in alone.items()
+                name: port_state(self.vehicle, self.frame, at.of(f), self.motion.chaser_rate(at, self.samples, f))[0]
+                for name, f in self._without.items()
             },
         )
 

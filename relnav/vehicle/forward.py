@@ -7,7 +7,7 @@ from operator import attrgetter
 from relnav.arrays import Matrix
 from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.filters import VehicleFilters
-from relnav.vehicle.timeline import Event
+from relnav.vehicle.replay import Event
 
 
 def estimates_at(

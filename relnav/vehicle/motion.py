@@ -4,6 +4,7 @@ A lost gyro: the last rate is held and walks, as the bias' walk; when samples re
 with what it walked since, and without its correlations.
 """
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -53,11 +54,16 @@ class VehicleMotion:
         Called with every `Step` of a single filter.
     """
 
-    def __init__(self, vehicle: Vehicle, frame: OrbitFrame) -> None:
+    def __init__(self, vehicle: Vehicle, frame: OrbitFrame, filters: int, held: Vector, without: int = -1) -> None:
+        """Constants; held: the chaser's rate (3,) rad/s where there is no gyro; without: the filter that has none."""
         gyro, motion = vehicle.gyro, vehicle.motion
         self.frame = frame
         self.on_step: Callable[[Step], None] | None = None
-        self._bias_walk, self._lost_walk = gyro.bias_walk_rad_s_sqrt_s**2, gyro.lost_rate_walk_rad_s_sqrt_s**2
+        self._bias_walk, lost_walk = gyro.bias_walk_rad_s_sqrt_s**2, gyro.lost_rate_walk_rad_s_sqrt_s**2
+        self._walks, self._lost_walks = np.full(filters, self._bias_walk), np.full(filters, lost_walk)
+        self._held, self._without = np.array([[-math.inf, *held]]), without
+        if without >= 0:
+            self._walks[without] = lost_walk
         self._holds_s = gyro.lost_after_periods / gyro.rate_hz
         self._constants, self._scratch = np.zeros((), CONSTANTS)[()], np.zeros((), SCRATCH)[()]
         for name, value in {
@@ -72,9 +78,10 @@ class VehicleMotion:
         }.items():
             self._constants[name] = value
 
-    def chaser_rate(self, at: Estimates, samples: GyroSamples) -> Vector:
-        """Inertial rate (3,) rad/s of the chaser as the first filter has it, its axes."""
-        rate: Vector = samples.rate_at(at.t_s) - at.values[0, GYRO_BIAS]
+    def chaser_rate(self, at: Estimates, samples: GyroSamples, filter_: int = 0) -> Vector:
+        """Inertial rate (3,) rad/s of the chaser as one of the filters has it, its axes."""
+        told = self._held[0, 1:] if filter_ == self._without else samples.rate_at(at.t_s)
+        rate: Vector = told - at.values[filter_, GYRO_BIAS]
         return rate
 
     def settled(self, at: Estimates, samples: GyroSamples, t_s: float) -> Estimates:
@@ -108,10 +115,10 @@ class VehicleMotion:
 
     def _find_gyro(self, at: Estimates, lost: Lost, samples: GyroSamples) -> Estimates:
         new, silent_s = at.copied(), samples.silent_before(at.t_s)
-        for values, covariance, bias, variance in zip(
-            new.values, new.covariance, lost.bias, lost.variance, strict=True
-        ):
-            values[GYRO_BIAS] = bias
+        for f, (bias, variance) in enumerate(zip(lost.bias, lost.variance, strict=True)):
+            if f == self._without:
+                continue
+            new.values[f, GYRO_BIAS], covariance = bias, new.covariance[f]
             covariance[GYRO_BIAS, :] = covariance[:, GYRO_BIAS] = 0.0
             covariance[GYRO_BIAS, GYRO_BIAS] = np.diag(variance + self._bias_walk * silent_s)
         F, Q = np.eye(MOVING, DRIVING), np.zeros((MOVING, MOVING))
@@ -137,7 +144,9 @@ class VehicleMotion:
             samples.array,
             samples.count,
             command,
-            self._bias_walk if lost is None else self._lost_walk,
+            self._walks if lost is None else self._lost_walks,
+            self._held,
+            self._without,
             values,
             target,
             chaser,

@@ -10,7 +10,7 @@ from relnav.spacecraft import GYRO, Vehicle
 from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.filters import Tracked, VehicleFilters, three
 from relnav.vehicle.flying_sensor import FlyingSensor
-from relnav.vehicle.timeline import ACCEPTED, REJECTED, REPLAYED, TOO_OLD, Event, Observed, Timeline
+from relnav.vehicle.replay import ACCEPTED, REJECTED, REPLAYED, TOO_OLD, Event, Observed, Replay
 from relnav.vehicle.update import Outcome
 
 LONGEST_PREDICTION_S = 60.0
@@ -51,8 +51,8 @@ class VehicleNavigator:
         monitor : bool
             Whether a second filter watches the first (`relnav.vehicle.monitor`), for a third more computing.
         separation : bool
-            Whether a filter without each sensor in turn is flown beside, for a protection level with one of them at
-            fault (`relnav.vehicle.separation`), for four times the computing with five sensors.
+            Whether a filter without each sensor and without the gyro is flown beside, for a protection level with one
+            of them at fault (`relnav.vehicle.separation`), for four times the computing with five sensors.
 
         Raises
         ------
@@ -64,9 +64,9 @@ class VehicleNavigator:
             vehicle, t_s, position_m, velocity_m_s, sensors, monitor=monitor, separation=separation
         )
         self.vehicle, self.layout = vehicle, self._filters.layout
-        self._timeline: Timeline[Tracked, Outcome | None]
+        self._timeline: Replay[Tracked, Outcome | None]
         start, window_s = self._filters.start, vehicle.filter.replay_window_s
-        self._timeline = Timeline(start, start.estimates.t_s, window_s, self._filters.apply, self._filters.again)
+        self._timeline = Replay(start, start.estimates.t_s, window_s, self._filters.apply, self._filters.again)
 
     @property
     def on_outcome(self) -> Callable[[Event, Outcome], None] | None:

@@ -1,4 +1,4 @@
-"""Protection with one sensor at fault: a filter without each sensor in turn, beside the one that is told.
+"""Protection with one sensor or the gyro at fault: a filter without each in turn, beside the one that is told.
 
 A fault of a sensor, whatever it is and since whenever, is not in the filter that never took it. With d the estimate
 less that of the filter without sensor s, and sigma_s of the latter, the error along an axis is at most
@@ -8,7 +8,8 @@ less that of the filter without sensor s, and sigma_s of the latter, the error a
 so that max(k_0 sigma_0, max over s of |d_s| + k_s sigma_s) bounds it (solution separation, Brown and McBurney 1988,
 Self-contained GPS integrity check using maximum solution separation; Brenner 1996, Integrated GPS/inertial fault
 detection availability; with the separation as it is instead of its threshold). The probability is shared equally among
-"nothing is at fault" and each sensor. Two sensors at fault at once, the gyro and the thrusters are not covered.
+"nothing is at fault" and each sensor, the gyro among them: the filter without it holds the chaser's rate, which walks
+as while a gyro is lost. Two sensors at fault at once, and thrusters, are not covered.
 """
 
 from collections.abc import Mapping, Sequence

@@ -204,7 +204,9 @@ def settle_into(
     samples: Matrix,
     count: int,
     command: Vector,
-    bias_walk: float,
+    walks: Vector,
+    held: Matrix,
+    without: int,
     values: Matrix,
     dcm_lvlh_from_target: Stack,
     dcm_inertial_from_chaser: Stack,
@@ -213,8 +215,9 @@ def settle_into(
 ) -> bool:
     """Carry k estimates from t to end, s: values (k, n) and attitudes (k, 3, 3) in place, P (k, n, n) into after.
 
-    samples, count: of the gyro, as `GyroSamples`; command (3,) m/s^2, chaser axes; bias_walk: the square of what the
-    gyro's bias gains in a second. False for a step so long that nothing is known after it.
+    samples, count: of the gyro, as `GyroSamples`; command (3,) m/s^2, chaser axes; walks (k,): the square of what the
+    gyro's bias gains in a second. without: the estimate that has no gyro, and holds the sample of held (1, 4) instead,
+    -1 if there is none. False for a step so long that nothing is known after it.
     """
     dt, before = end - t, scratch["before"]
     _shared(constants, scratch, t, dt)
@@ -223,12 +226,15 @@ def settle_into(
         for i in range(3):
             for c in range(3):
                 before[i, c] = now[i, c]
-        _turn_through(samples, count, t, end, values[f, _BIAS : _BIAS + 3], now, scratch)
+        if f == without:
+            _turn_through(held, 1, t, end, values[f, _BIAS : _BIAS + 3], now, scratch)
+        else:
+            _turn_through(samples, count, t, end, values[f, _BIAS : _BIAS + 3], now, scratch)
         _push(scratch, now, command, values[f])
         if not _move(constants, scratch, t, dt, f > 0, values[f], dcm_lvlh_from_target[f]):
             return False
         _write_transition(scratch, dt, command, now, before)
-        _write_noise(scratch, dt, constants["angle_walk"], bias_walk)
+        _write_noise(scratch, dt, constants["angle_walk"], walks[f])
         F, Q, product, places = scratch["F"], scratch["Q"], scratch["product"], scratch["places"]
         carry_into(P[f], F, Q, after[f], product, places, scratch["weights"], scratch["counts"])
     return True

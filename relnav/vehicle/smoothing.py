@@ -37,8 +37,8 @@ from relnav.vehicle.gyro import Sample
 from relnav.vehicle.health import Fare
 from relnav.vehicle.layout import CHASER_ATTITUDE, MOVING, TARGET_ATTITUDE
 from relnav.vehicle.motion import Step
+from relnav.vehicle.replay import Event, check_gap
 from relnav.vehicle.state import Estimates
-from relnav.vehicle.timeline import Event, check_gap
 
 CHUNK = 256
 """Events between two kept states: 12 MB of steps while the way back goes through them."""

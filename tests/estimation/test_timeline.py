@@ -41,3 +41,34 @@ def test_what_is_forgotten_is_the_new_start():
     assert [one.event for one in line.forget(3.0)] == ["a", "b"]
     assert (line.start, line.start_s, line.times) == ("ab", 2.0, [3.0, 3.0])
     assert line.insert(2.5, "x", add) == "<abx>"
+
+
+def test_states_that_are_not_kept_are_made_again():
+    line, done = Timeline("", 0.0), []
+
+    def again(state, event):
+        done.append(event)
+        return add(state, event)
+
+    for k, event in enumerate("abcdef"):
+        line.insert(0.5 * k, event, add)
+    line.thin(2.0, 1.0)
+    assert [one.state for one in line.passed] == ["a", None, "abc", None, "abcde", "abcdef"]
+    assert line.state_before(4, again) == "abcd"
+    assert line.state_before(6, again) == "abcdef"
+    assert done == ["d"]
+    line.thin(2.0, 1.0)
+    assert line.insert(0.5, "x", add, at=2) == "<abx>"
+    assert [one.state for one in line.passed] == ["a", "ab", "abx", "abxc", "abxcd", "abxcde", "abxcdef"]
+    line.redo(5, lambda state, event: add(state, event.upper()))
+    assert line.passed[-1].state == "abxcdEF"
+
+
+def test_the_start_is_a_state_that_is_kept():
+    line = Timeline("", 0.0)
+    for k, event in enumerate("abcd"):
+        line.insert(0.5 * k, event, add)
+    line.thin(1.5, 1.0)
+    assert [one.event for one in line.forget(0.9)] == ["a"]  # "ab" is not kept
+    assert (line.start, line.start_s, line.times) == ("a", 0.0, [0.5, 1.0, 1.5])
+    assert line.state_before(3, add) == "abcd"

@@ -16,7 +16,6 @@ from relnav.accuracy.rendezvous import true_port
 from relnav.accuracy.run_figures import RunStatus
 from relnav.accuracy.sensitivities import sum_up
 from relnav.accuracy.sensitivity_design import NOISE, Design
-from relnav.files import campaign as campaigns
 from relnav.files.campaign_page import read_campaign
 from relnav.files.sensitivities import sensitivities
 from relnav.simulation.dispersed_vehicle import fly_vehicle_run
@@ -142,7 +141,7 @@ def test_a_process_that_dies_is_told(vehicle, closing, monkeypatch):
     def broken(*_):
         raise BrokenExecutor
 
-    monkeypatch.setattr(campaigns, "_pooled", broken)
+    monkeypatch.setattr("relnav.files.workers._pooled", broken)
     with pytest.raises(relnav.InputError, match="a process of the campaign died; call it again to go on"):
         relnav.campaign(vehicle, 8, 3, dispersions=closing, workers=2)
 

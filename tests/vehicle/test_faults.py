@@ -115,6 +115,42 @@ def test_a_glint_in_the_first_image_does_no_harm(run, name):
     assert flown.one_fault < 1.0
 
 
+@pytest.fixture
+def two_cases(monkeypatch):
+    """Of all that can go wrong, only these."""
+    chosen = [(VehicleFault.NOTHING, ""), (VehicleFault.LOST, "star")]
+    monkeypatch.setattr(vehicle_faults, "cases", lambda _: chosen)
+
+
+@pytest.mark.usefixtures("two_cases")
+def test_the_report_is_that_of_its_flights(slow):
+    """Whatever the order in which runs come back; the second is lost from 30 m."""
+    told = []
+
+    def backward(fly, numbers):
+        return map(fly, reversed(numbers))
+
+    report = vehicle_faults.measure_faults(slow, runs=2, seed=72, flight=FLIGHT, fly_all=backward, progress=told.append)
+    flown = [vehicle_faults.fly_run(slow, FLIGHT, 72, k) for k in (0, 1)]
+    assert told == [2, 2]
+    healthy, lost = report.rows
+    assert (healthy.runs, healthy.sensor, healthy.inside) == (2, "", -1)
+    assert healthy.one_fault == max(one["nothing", ""].one_fault for _, one, _ in flown) > 0.0
+    assert (lost.runs, lost.fault, lost.sensor, lost.inside) == (2, "lost for 60 s", "star", 2)
+    assert lost.error == max(one["lost for 60 s", "star"].error for _, one, _ in flown)
+    assert lost.back_s == max(back_after_s(one["lost for 60 s", "star"], usual) for _, one, usual in flown)
+    assert 1.0 <= lost.later < 1.25
+
+
+def test_losses_are_flown_from_three_distances():
+    usual = vehicle_faults.FLIGHT
+    first, far, near, again = (vehicle_faults.lost_flight(usual, k) for k in range(4))
+    assert first == again == usual
+    assert (near.start_m, near.final_m) == (7.6, usual.final_m)
+    assert far.start_m == 30.0
+    assert (far.start_m - far.final_m) / far.fast_m_s == pytest.approx(BEGINS_S + LASTS_S + 30.0)
+
+
 def test_how_long_it_takes_to_be_back():
     def flown(*sigmas):
         seconds = {round(BEGINS_S + LASTS_S) + k: np.array([1.0, sigma]) for k, sigma in enumerate(sigmas)}
@@ -122,11 +158,20 @@ def test_how_long_it_takes_to_be_back():
 
     usual = flown(1.0, 1.0, 1.0, 1.0)
     assert back_after_s(usual, usual) == 0.0
-    assert back_after_s(flown(2.0, 1.3, 1.2, 1.0), usual) == 2.0
-    assert back_after_s(flown(1.0, 1.0, 1.0, 1.3), usual) == 4.0
+    assert back_after_s(flown(2.0, 1.42, 1.41, 1.0), usual) == 2.0
+    assert back_after_s(flown(1.0, 1.0, 1.0, 1.5), usual) == 4.0
 
 
-GOOD = FaultRow("lost for 60 s", "psd", 200, 0, 0, 0, 0.0, 0.02, math.nan, 0.4, 0.3, 199, 0.97, 0.999, 4.0)
+def test_how_much_is_missing_later():
+    first = round(BEGINS_S + LASTS_S)
+    usual, lost = (
+        vehicle_faults.Flown(math.nan, "", 0.0, False, 0.0, True, {first + k: np.array([1.0, s]) for k, s in sigmas})
+        for sigmas in ([(0, 2.0), (10, 2.0), (11, 2.0)], [(0, 8.0), (10, 2.2), (11, 2.6)])
+    )
+    assert vehicle_faults.worse_later(lost, usual) == 1.3
+
+
+GOOD = FaultRow("lost for 60 s", "psd", 200, 0, 0, 0, 0.0, 0.02, math.nan, 0.4, 0.3, 199, 0.97, 0.999, 4.0, 1.2)
 
 
 @pytest.mark.parametrize(

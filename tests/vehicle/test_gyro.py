@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from relnav.vehicle import gyro
 from relnav.vehicle.gyro import GyroSamples, found_at, lost_at
 from relnav.vehicle.navigator import VehicleNavigator
-from relnav.vehicle.timeline import Observed
+from relnav.vehicle.replay import Observed
 
 BEFORE_ANY = np.array([0.0, 0.1, 0.0])
 

@@ -15,7 +15,7 @@ from relnav.simulation.vehicle_faults import bent, ramp_of
 from relnav.simulation.vehicle_sensors import simulate_rendezvous
 from relnav.vehicle.layout import layout_of
 from relnav.vehicle.navigator import VehicleNavigator
-from relnav.vehicle.timeline import Observed
+from relnav.vehicle.replay import Observed
 
 RUNS = 10
 FLIGHT = Rendezvous(start_m=5.5, final_m=2.5, fast_m_s=0.1, slow_m_s=0.1)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from relnav.vehicle.filters import VehicleFilters
 from relnav.vehicle.forward import estimates_at
 from relnav.vehicle.navigator import VehicleNavigator
-from relnav.vehicle.timeline import SPARSE_S, Event, Observed, Timeline
+from relnav.vehicle.replay import SPARSE_S, Event, Observed, Replay
 
 
 def numbers_of(estimate):
@@ -122,7 +122,7 @@ class Toy:
 
     def __init__(self) -> None:
         self.done, self.again = 0, 0
-        self.line = Timeline[tuple[float, ...], None]((), 0.0, 100.0, self._do, self._do_again)
+        self.line = Replay[tuple[float, ...], None]((), 0.0, 100.0, self._do, self._do_again)
 
     def _do(self, state, event):
         self.done += 1
@@ -130,7 +130,7 @@ class Toy:
 
     def _do_again(self, state, event):
         self.again += 1
-        return (*state, event.value[0])
+        return (*state, event.value[0]), None
 
 
 def toy_event(t_s, value):
@@ -143,11 +143,12 @@ def test_a_timeline_is_a_fold_over_sorted_events(times, data):
     """Whether states between were kept or not, at its end and wherever it is looked at."""
     events = [toy_event(0.05 * t, k) for k, t in enumerate(times)]
     wanted = sorted(events, key=lambda event: event.key)
-    timeline = Toy().line
+    timeline, inserted = Toy().line, []
     for event in data.draw(st.permutations(events)):
         timeline.insert(event)
+        inserted.append(event)
         asked = 0.05 * data.draw(st.integers(0, 40))
-        before = [one.value[0] for one in wanted if one.t_s <= asked and one in timeline._events]
+        before = [one.value[0] for one in wanted if one.t_s <= asked and one in inserted]
         assert asked > timeline.newest_s or timeline.before(asked) == tuple(before)
     assert timeline.newest == tuple(event.value[0] for event in wanted)
 
@@ -156,7 +157,7 @@ def test_states_are_kept_as_far_back_as_it_was_gone():
     toy = Toy()
     for k in range(400):
         toy.line.insert(toy_event(0.01 * k, k))
-    assert sum(state is not None for state in toy.line._after) <= 3.99 / SPARSE_S + 2.0
+    assert sum(one.state is not None for one in toy.line._line.passed) <= 3.99 / SPARSE_S + 2.0
     assert toy.line.before(3.6) == tuple(map(float, range(361)))
     assert 0 < toy.again <= SPARSE_S / 0.01
     toy.again = 0

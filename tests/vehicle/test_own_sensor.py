@@ -14,8 +14,8 @@ from relnav.vehicle.layout import LastingError
 from relnav.vehicle.navigator import VehicleNavigator
 from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.port import port_state
+from relnav.vehicle.replay import Observed
 from relnav.vehicle.rows import Rows
-from relnav.vehicle.timeline import Observed
 
 NOISE_M, BIAS_M, BIAS_SIGMA_M = 0.001, 0.017, 0.02
 

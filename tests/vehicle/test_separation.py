@@ -14,7 +14,7 @@ from relnav.vehicle.port import PortState
 from relnav.vehicle.separation import protection_level_m
 
 FLIGHT = Rendezvous(start_m=5.5, final_m=2.5, fast_m_s=0.1, slow_m_s=0.1)
-SENSORS = ("camera", "psd", "star", "sun_aps", "sun_birefringent")
+SENSORS = ("gyro", "camera", "psd", "star", "sun_aps", "sun_birefringent")
 
 
 @pytest.fixture(scope="module")
@@ -60,14 +60,15 @@ def test_the_told_estimate_and_the_alarms_are_the_same(slow, run):
     assert tuple(other.without) == SENSORS
 
 
-def test_a_filter_without_a_sensor_is_one_that_never_saw_it(slow, run):
+@pytest.mark.parametrize("name", ["gyro", "psd"])
+def test_a_filter_without_a_sensor_is_one_that_never_saw_it(slow, run, name):
     never, beside = VehicleNavigator(slow, monitor=False), VehicleNavigator(slow, separation=True)
     for seen in sorted(run.observations, key=lambda observation: observation.t_s)[:400]:
         beside.observe(seen.sensor, seen.t_s, seen.value)
-        if seen.sensor != "psd":
+        if seen.sensor != name:
             never.observe(seen.sensor, seen.t_s, seen.value)
     t_s = beside.newest_s
-    one, other = never.state(t_s).port, beside.state(t_s).without["psd"]
+    one, other = never.state(t_s).port, beside.state(t_s).without[name]
     np.testing.assert_allclose(other.position_m, one.position_m, rtol=0.0, atol=1e-6)
     np.testing.assert_allclose(other.rate_rad_s, one.rate_rad_s, rtol=0.0, atol=1e-8)
     np.testing.assert_allclose(other.sigma, one.sigma, rtol=1e-4)

@@ -1,20 +1,18 @@
-"""Events in the order in which they happened, whatever the order in which they came.
+"""The observations of a vehicle's last seconds, in an order that is their own, and what becomes of one that comes late.
 
-An event stands where (time, place of its source in the vehicle file, content) puts it; when it came says nothing. One
-that comes late is inserted, and everything after it is done again from the state before it, so that the answer is that
-of the same events in order, bit for bit. States never change, so going back costs nothing.
-
-Of the states older than it was gone back so far, the first in every SPARSE_S is kept, and the others are made again
-when they are asked for: so few stay that the processor's cache holds them.
+An event stands where (time, place of its source in the vehicle file, content) puts it; when it came says nothing. Of
+the states older than it was gone back so far, the first in every SPARSE_S is kept: so few stay that the processor's
+cache holds them.
 """
 
 import bisect
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from enum import IntEnum
 from typing import Generic, NamedTuple, TypeVar
 
 from relnav.arrays import Matrix, Vector
+from relnav.estimation.timeline import Timeline
 
 State = TypeVar("State")
 Result = TypeVar("Result")
@@ -64,8 +62,14 @@ class Event(NamedTuple):
         return self.t_s, self.place, self.value.tobytes(), self.noise.tobytes()
 
 
-class Timeline(Generic[State, Result]):
-    """The events of the last seconds, and states after them."""
+class Replay(Generic[State, Result]):
+    """The events of the last seconds, and states after them.
+
+    Attributes
+    ----------
+    newest_s : float
+        Time of the last observation; of the start before the first.
+    """
 
     def __init__(
         self,
@@ -73,16 +77,14 @@ class Timeline(Generic[State, Result]):
         start_s: float,
         window_s: float,
         apply: Callable[[State, Event], tuple[State, Result]],
-        again: Callable[[State, Event], State],
+        again: Callable[[State, Event], tuple[State, Result]],
     ) -> None:
         """Begin; apply: what an event makes of a state; again: the same, of a state that was not kept."""
         if not abs(start_s) <= LATEST_S:
             raise ValueError(f"t_s of the start is a time in seconds, at most {LATEST_S:g} in size; got {start_s!r}")
-        self._base, self._start_s, self._window_s, self._apply, self._again = start, start_s, window_s, apply, again
-        self._events: list[Event] = []
-        self._times: list[float] = []
-        self._after: list[State | None] = []
-        self._thinned, self._back_s = 0, 0.0
+        self._start_s, self._window_s, self._apply, self._again = start_s, window_s, apply, again
+        self._line = Timeline[State, Event, Result](start, start_s)
+        self._back_s = 0.0
         self.newest_s = start_s
 
     def insert(self, event: Event) -> tuple[Observed, Result | None]:
@@ -93,22 +95,23 @@ class Timeline(Generic[State, Result]):
         ValueError
             For a time that is no number, or so far ahead that it is a mistake.
         """
-        t_s, newest = event.t_s, self.newest_s
+        t_s, newest, line = event.t_s, self.newest_s, self._line
         if self.is_too_old(event.source, t_s):
             return TOO_OLD, None
         self._back_s = max(self._back_s, newest - t_s)
-        at = count = len(self._times)
-        if count and t_s <= self._times[-1]:
-            at = bisect.bisect_left(self._times, t_s)
-            while at < count and self._times[at] == t_s and self._events[at].key < event.key:
+        times, passed = line.times, line.passed
+        at = count = len(times)
+        if count and t_s <= times[-1]:
+            at = bisect.bisect_left(times, t_s)
+            while at < count and times[at] == t_s and passed[at].event.key < event.key:
                 at += 1
-            if at < count and self._events[at].key == event.key:
+            if at < count and passed[at].event.key == event.key:
                 return REJECTED, None
-        result = self._do(at, [event, *self._events[at:]])
-        self._events.insert(at, event)
-        self._times.insert(at, t_s)
+        line.state_before(at, self._again)
+        result = line.insert(t_s, event, self._apply, at)
         self.newest_s = max(newest, t_s)
-        self._thin()
+        line.thin(self.newest_s - self._back_s, SPARSE_S)
+        line.forget(self.newest_s - self._window_s)
         return REPLAYED if at < count or t_s < newest else ACCEPTED, result
 
     def is_too_old(self, source: str, t_s: float) -> bool:
@@ -130,19 +133,22 @@ class Timeline(Generic[State, Result]):
 
     def changed(self, t_s: float) -> bool:
         """Do events from t_s on again, because what moves states has changed since; whether t_s is in the past."""
-        at, newest = bisect.bisect_left(self._times, t_s), self.newest_s
-        again = at < len(self._times)
+        line, newest = self._line, self.newest_s
+        at = bisect.bisect_left(line.times, t_s)
+        again = at < len(line.times)
         if again:
-            self._do(at, self._events[at:])
+            line.state_before(at, self._again)
+            line.redo(at, self._apply)
         self._back_s, self.newest_s = max(self._back_s, newest - t_s), max(newest, t_s)
         return again or t_s < newest
 
     def forward(self, along: Callable[[State, float], State]) -> State:
         """Bring the state before all events along to the oldest time that can still change, and return it."""
-        oldest = max(self._start_s, self.newest_s - self._window_s)
-        count = bisect.bisect_left(self._times, oldest)
-        self._forget(count, along(self._before(count), oldest))
-        return self._base
+        oldest, line = self._oldest_s, self._line
+        line.state_before(bisect.bisect_left(line.times, oldest), self._again)
+        line.forget(oldest)
+        line.start = along(line.start, oldest)
+        return line.start
 
     def before(self, t_s: float) -> State:
         """The state after the last event not later than t_s.
@@ -152,60 +158,20 @@ class Timeline(Generic[State, Result]):
         ValueError
             For a time before the replay window.
         """
-        oldest = max(self._start_s, self.newest_s - self._window_s)
-        if not t_s >= oldest:
-            raise ValueError(f"t_s is {oldest:g} s or later, within the replay window; got {t_s!r}")
+        if not t_s >= self._oldest_s:
+            raise ValueError(f"t_s is {self._oldest_s:g} s or later, within the replay window; got {t_s!r}")
         self._back_s = max(self._back_s, self.newest_s - t_s)
-        return self._before(bisect.bisect_right(self._times, t_s))
+        return self._line.state_before(bisect.bisect_right(self._line.times, t_s), self._again)
 
     @property
     def newest(self) -> State:
         """The state after the last event."""
-        return self._before(len(self._times))
+        return self._line.state_before(len(self._line.times), self._again)
 
-    def _before(self, at: int) -> State:
-        """The state before place `at`, made again from the last one that was kept."""
-        state, first = self._base, at
-        while first:
-            kept = self._after[first - 1]
-            if kept is not None:
-                state = kept
-                break
-            first -= 1
-        for k in range(first, at):
-            self._after[k] = state = self._again(state, self._events[k])
-        self._thinned = min(self._thinned, first)
-        return state
-
-    def _do(self, at: int, events: Sequence[Event]) -> Result:
-        """Do events from place `at` on, one after the other; the result of the first."""
-        state, first = self._apply(self._before(at), events[0])
-        after: list[State | None] = [state]
-        for event in events[1:]:
-            state, _ = self._apply(state, event)
-            after.append(state)
-        self._after[at:], self._thinned = after, min(self._thinned, at)
-        return first
-
-    def _thin(self) -> None:
-        """Drop states that need not be kept, and events before the window: nothing can be inserted before them."""
-        times, after, k = self._times, self._after, self._thinned
-        while k < len(times) - 1 and times[k + 1] <= self.newest_s - self._back_s:
-            if k and times[k] // SPARSE_S == times[k - 1] // SPARSE_S:
-                after[k] = None
-            k += 1
-        self._thinned, count = k, bisect.bisect_left(times, self.newest_s - self._window_s)
-        while count:
-            kept = after[count - 1]
-            if kept is not None:
-                self._forget(count, kept)
-                break
-            count -= 1
-
-    def _forget(self, count: int, base: State) -> None:
-        """Drop the first events, after which the state is base."""
-        self._base, self._thinned = base, max(0, self._thinned - count)
-        del self._events[:count], self._times[:count], self._after[:count]
+    @property
+    def _oldest_s(self) -> float:
+        """The oldest time that can still change."""
+        return max(self._start_s, self.newest_s - self._window_s)
 
 
 def check_gap(source: str, t_s: float, newest_s: float) -> None:
