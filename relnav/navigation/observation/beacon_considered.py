@@ -58,7 +58,7 @@ def shared_errors(m: Memory) -> tuple[int, int]:
 
 @kernel
 def look_at_errors(m: Memory, x: Vector, sensitivities: Matrix, spots: Matrix) -> None:
-    """Write `turns` and `by_error` of coordinates linearised at x, less what the estimate has taken up of shared errors.
+    """Write `turns` and `by_error` of coordinates linearised at x, less what the estimate has of errors that all share.
 
     sensitivities (m, 6) as predicted.
     """
