@@ -60,6 +60,11 @@ class Timeline(Generic[State, Happening, Result]):
         self.times.insert(at, t_s)
         return self.passed[at].result
 
+    def append(self, t_s: float, event: Happening, state: State, result: Result) -> None:
+        """Take an event in that is not earlier than all others, and is done already."""
+        self.times.append(t_s)
+        self.passed.append(Passed(event, state, result))
+
     def replace(self, at: int, event: Happening, apply: Apply[State, Happening, Result]) -> Result:
         """Put another event in the place of event number `at`, of the same time; its result."""
         self._redo(at, [event, *(one.event for one in self.passed[at + 1 :])], apply)

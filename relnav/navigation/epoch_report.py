@@ -8,17 +8,17 @@ import math
 
 import numpy as np
 
-from relnav.arrays import LARGEST, Matrix, Record, Vector
+from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import entry, kernel
 from relnav.dynamics.error_state import MOTION, factor_size
 from relnav.estimation.rows import copy_track
-from relnav.geometry.rotation import are_a_rotation
 from relnav.navigation.docking_view import VIEW_ROWS, view_epoch
 from relnav.navigation.memory import Memory, views
 from relnav.navigation.observation.beacon_considered import add_considered
 from relnav.navigation.observation.beacon_geometry import attitude_changed
 from relnav.navigation.smoothing import pack_factors
 from relnav.navigation.step import step, wrong_use
+from relnav.navigation.told import are_credible, is_an_attitude
 
 ACCELERATION, DELTA_V, ATTITUDE, SPOT_SIGMA, ATTITUDE_NOISE, ATTITUDE_SIGMA = 1, 2, 4, 8, 16, 32
 """Bits of `told`."""
@@ -54,15 +54,6 @@ def new_report(beacons: int) -> tuple[Vector, Vector]:
 
 
 @kernel
-def _are_credible(values: Vector) -> bool:
-    """Whether three numbers are finite, and none beyond LARGEST."""
-    credible: bool = values.shape[0] == 3
-    for j in range(3):
-        credible = credible and bool(abs(values[j]) <= LARGEST)
-    return credible
-
-
-@kernel
 def _can_be_taken(
     m: Memory,
     told: int,
@@ -74,21 +65,16 @@ def _can_be_taken(
     attitude_sigma: float,
 ) -> bool:
     """Whether what is told has the shapes and values that `Navigator.step` asks for."""
-    if told & ACCELERATION and not _are_credible(acceleration):
+    if told & ACCELERATION and not are_credible(acceleration):
         return False
-    if told & DELTA_V and not _are_credible(delta_v):
+    if told & DELTA_V and not are_credible(delta_v):
         return False
     if told & ATTITUDE_NOISE and not 0.0 <= attitude_noise < math.inf:
         return False
     if told & ATTITUDE_SIGMA and not 0.0 <= attitude_sigma < math.inf:
         return False
-    if told & ATTITUDE:
-        if dcm.shape[0] != 3 or dcm.shape[1] != 3:
-            return False
-        if not are_a_rotation(
-            dcm[0, 0], dcm[0, 1], dcm[0, 2], dcm[1, 0], dcm[1, 1], dcm[1, 2], dcm[2, 0], dcm[2, 1], dcm[2, 2]
-        ):
-            return False
+    if told & ATTITUDE and not is_an_attitude(dcm):
+        return False
     if told & SPOT_SIGMA:
         if spot_sigma.shape[0] != m.beacons.shape[0] or spot_sigma.shape[1] != 2:
             return False

@@ -8,6 +8,7 @@ from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import entry, kernel
 from relnav.dynamics.error_state import MOTION, POSE
 from relnav.estimation.considered import join_considered
+from relnav.estimation.factored import compose_into
 from relnav.estimation.rows import copy_rows
 from relnav.navigation.pose_memory import PoseMemory, pose_views
 
@@ -190,12 +191,21 @@ def read_epoch(block: Vector, out: Record, apart: Stack) -> None:
     write_epoch(pose_views(block), out[0], apart[0])
 
 
-JOINED = np.zeros((1, 0, POSE))
-"""No room for what is considered: it goes into the factors."""
+_SQUARES = np.dtype([("ld", _F, (POSE, POSE)), ("p", _F, (POSE, POSE))])
 
 
-def unpacked(factor: Matrix) -> Stack:
-    """Factors (n, 12, 12) of packed ones (n, 78)."""
-    out = np.zeros((len(factor), POSE, POSE))
-    out[:, LOWER[0], LOWER[1]] = factor
+@entry
+def _compose(packed: Matrix, work: Record, covariances: Stack) -> None:
+    """Write covariances (n, 12, 12) of packed factors (n, 78); work: `_SQUARES`."""
+    ld, p = work["ld"], work["p"]
+    for e in range(packed.shape[0]):
+        unpack_pose(packed[e], ld)
+        compose_into(ld, p)
+        copy_rows(p, covariances[e])
+
+
+def covariances_of(packed: Matrix) -> Stack:
+    """Covariances (n, 12, 12) of packed factors (n, 78)."""
+    out = np.empty((len(packed), POSE, POSE))
+    _compose(np.ascontiguousarray(packed), np.zeros((), _SQUARES)[()], out)
     return out

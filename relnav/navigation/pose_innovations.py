@@ -20,12 +20,12 @@ from relnav.dynamics.error_state import MOTION, POSE
 from relnav.estimation.rows import pair_covariance
 from relnav.mission import VisionMission
 from relnav.navigation.observation.marker_rows import aim_camera, observe_markers
+from relnav.navigation.pose_call import NO_COVARIANCES
 from relnav.navigation.pose_epoch import EPOCH, unpack_pose
 from relnav.navigation.pose_memory import PoseMemory, new_pose_memory, pose_views
 from relnav.navigation.pose_propagation import advance_pose, carry_sensitivities
 from relnav.navigation.pose_record import PoseSolution
 from relnav.navigation.propagation import prepare_step
-from relnav.navigation.relative_pose import NO_COVARIANCES
 from relnav.navigation.status import PARTIAL, REJECTED, UPDATED
 
 

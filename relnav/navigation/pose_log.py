@@ -12,12 +12,14 @@ from relnav.estimation.timeline import Passed, Timeline
 from relnav.geometry.rotation import dcm_from_quaternion, dcm_from_quaternion_into
 from relnav.mission import VisionMission
 from relnav.navigation.arguments import controls, quaternions
+from relnav.navigation.pose_call import NO_COVARIANCES, Event
 from relnav.navigation.pose_epoch import EPOCH, read_epoch, write_epoch
 from relnav.navigation.pose_filter import NOTHING, pose_step
 from relnav.navigation.pose_memory import pose_views
 from relnav.navigation.pose_record import PoseSolution
+from relnav.navigation.pose_roots import look_for_roots
 from relnav.navigation.pose_smoothing import PoseSmoother
-from relnav.navigation.relative_pose import NO_COVARIANCES, Event, Outcome, PoseNavigator, look_for_roots
+from relnav.navigation.relative_pose import Outcome, PoseNavigator
 
 CHUNK = 4096
 
@@ -93,7 +95,8 @@ class MarkerLogFilter(PoseNavigator):
             if at < len(t):
                 m = self._named
                 a, v, chaser_now = m.motion["acceleration"], m.motion["delta_v"], m.camera["chaser"]
-                event = Event(float(t[at]), a, v, spots[at], NO_COVARIANCES, chaser_now)
+                stated = self.mission.chaser.attitude_noise_rad, self.mission.chaser.attitude_sigma_rad
+                event = Event(float(t[at]), a, v, chaser_now, *stated, spots[at])
                 look_for_roots(m, self.mission, event, int(m.result["wants"]))
                 read_epoch(self.memory, epochs[at : at + 1], apart[at : at + 1])
             done = at + 1
@@ -119,7 +122,7 @@ class MarkerLogFilter(PoseNavigator):
                 dcm_chaser_from_lvlh=dcm_from_quaternion(quaternion[k]) if len(quaternion) else None,
             ).epoch
 
-    def _passed(self, events: list[Passed[Vector, Event, Outcome]]) -> None:
+    def _passed(self, events: list[Passed[Vector, Event, Outcome | None]]) -> None:
         if self._keep:
             epochs, apart = np.zeros(len(events), EPOCH), self._room(len(events))
             for k, one in enumerate(events):

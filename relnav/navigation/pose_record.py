@@ -7,14 +7,17 @@ from typing import Any
 import numpy as np
 
 from relnav.arrays import Codes, Flags, Matrix, Record, Stack, Vector
+from relnav.dynamics.error_state import MOTION, POSE
 from relnav.estimation.consistency import Consistency, nis_consistency
-from relnav.estimation.factored import compose
 from relnav.mission import VisionMission
 from relnav.navigation.docking_port import DockingState, docking_states
-from relnav.navigation.pose_epoch import unpacked
+from relnav.navigation.pose_epoch import EPOCH, covariances_of
 from relnav.navigation.presented import Presented
+from relnav.navigation.record import real_at, whole_at
 from relnav.navigation.status import Alarm, EpochStatus
 
+_FLOAT = np.dtype(np.float64)
+_AT = {name: place for name, (_, place, *_) in EPOCH.fields.items()}  # type: ignore[union-attr]  # it has fields
 _PARTIAL, _REJECTED = int(EpochStatus.PARTIAL), int(EpochStatus.REJECTED)
 
 
@@ -29,41 +32,40 @@ class PoseRecord:
     Attributes are worked out when asked for, and read-only.
     """
 
-    def __init__(
-        self, epoch: Record, accepted: Flags, mission: VisionMission, chaser: Matrix, chaser_rate: Vector | None
-    ) -> None:
-        """Take an epoch (`pose_epoch.EPOCH`), which spots were used, and the chaser's attitude and rate at it."""
-        self.epoch, self._mission, self._chaser, self._chaser_rate = epoch, mission, chaser, chaser_rate
-        self._accepted = _frozen(accepted)
+    def __init__(self, memory: bytes, mission: VisionMission, chaser: Matrix, chaser_rate: Vector | None) -> None:
+        """Take what `pose_call.new_report` holds, and the chaser's attitude and rate at it."""
+        self._memory, self._mission, self._chaser, self._chaser_rate = memory, mission, chaser, chaser_rate
+
+    @property
+    def epoch(self) -> Record:
+        """All of it as one record, `pose_epoch.EPOCH`."""
+        epoch: Record = np.frombuffer(self._memory, EPOCH, 1)[0]
+        return epoch
 
     @property
     def t_s(self) -> float:
         """Time of the epoch."""
-        return float(self.epoch["t"])
+        return real_at(self._memory, _AT["t"])[0]
 
     @property
     def state(self) -> Vector:
         """Chaser's centre of mass from the target's, m and m/s, `lvlh_ccsds`, (6,); NaN with the rest while WAITING."""
-        motion: Vector = _frozen(self.epoch["motion"].copy())
-        return motion
+        return np.ndarray((MOTION,), _FLOAT, self._memory, _AT["motion"])
 
     @property
     def dcm_lvlh_from_target(self) -> Matrix:
         """Attitude of the target, (3, 3)."""
-        dcm: Matrix = _frozen(self.epoch["dcm"].copy())
-        return dcm
+        return np.ndarray((3, 3), _FLOAT, self._memory, _AT["dcm"])
 
     @property
     def rate_rad_s(self) -> Vector:
         """Inertial rate of the target, target axes, (3,)."""
-        rate: Vector = _frozen(self.epoch["rate"].copy())
-        return rate
+        return np.ndarray((3,), _FLOAT, self._memory, _AT["rate"])
 
-    @cached_property
+    @property
     def covariance(self) -> Matrix:
         """Of (position, velocity, theta, rate), (12, 12), the true attitude being dcm exp([theta x]), target axes."""
-        covariance: Matrix = _frozen(compose(unpacked(self.epoch["factor"][None])[0]))
-        return covariance
+        return np.ndarray((POSE, POSE), _FLOAT, self._memory, EPOCH.itemsize)
 
     @cached_property
     def docking(self) -> DockingState | None:
@@ -80,7 +82,7 @@ class PoseRecord:
             self._chaser[None],
             np.array([self.t_s]),
             rate,
-            self.epoch["by_chaser"][None],
+            np.ndarray((1, 3, POSE), _FLOAT, self._memory, _AT["by_chaser"]),
         )
         return DockingState(*(_frozen(values[0]) for values in vars(whole).values()))
 
@@ -90,38 +92,39 @@ class PoseRecord:
 
         Spots off the image, or of a marker that should be behind the camera, are refused without.
         """
-        return float(self.epoch["nis"])
+        return real_at(self._memory, _AT["nis"])[0]
 
     @property
     def dof(self) -> int:
         """Degrees of freedom of `nis`."""
-        return int(self.epoch["dof"])
+        return whole_at(self._memory, _AT["dof"])[0]
 
     @property
     def accepted(self) -> Flags:
         """Which markers' spots were used, (n,)."""
-        accepted: Flags = self._accepted
-        return accepted
+        flags: Flags = np.frombuffer(self._memory, _FLOAT, offset=EPOCH.itemsize + 8 * POSE * POSE) > 0.0
+        flags.setflags(write=False)
+        return flags
 
     @property
     def status(self) -> EpochStatus:
         """What became of the epoch."""
-        return EpochStatus(int(self.epoch["status"]))
+        return EpochStatus(whole_at(self._memory, _AT["status"])[0])
 
     @property
     def alarm(self) -> Alarm:
         """What monitors say, or an image shows: unless it is NONE (0) do not use the state."""
-        return Alarm(int(self.epoch["alarm"]))
+        return Alarm(whole_at(self._memory, _AT["alarm"])[0])
 
     @property
     def too_late(self) -> bool:
         """The image was older than the window and was not used."""
-        return bool(self.epoch["too_late"])
+        return whole_at(self._memory, _AT["too_late"])[0] > 0
 
     @property
     def hypotheses(self) -> int:
         """How many poses are still possible: beyond one, the state is that of the most credible alone."""
-        return int(self.epoch["hypotheses"])
+        return whole_at(self._memory, _AT["hypotheses"])[0]
 
     @property
     def ambiguity(self) -> float:
@@ -129,7 +132,7 @@ class PoseRecord:
 
         Below 18.4 (odds of ten thousand, as in `PoseMeasurement`) do not use the attitude.
         """
-        return float(self.epoch["ambiguity"])
+        return real_at(self._memory, _AT["ambiguity"])[0]
 
     @property
     def observable(self) -> bool:
@@ -137,7 +140,7 @@ class PoseRecord:
 
         A turn about it is then hardly seen, and the covariance may be too small.
         """
-        return bool(self.epoch["observable"])
+        return whole_at(self._memory, _AT["observable"])[0] > 0
 
     def __repr__(self) -> str:
         """One line for the console."""
@@ -208,7 +211,7 @@ class PoseSolution(Presented):
     @cached_property
     def covariance(self) -> Stack:
         """Of (position, velocity, theta, rate), as in `PoseRecord`, (n, 12, 12)."""
-        return compose(unpacked(self.epochs["factor"]))
+        return covariances_of(self.epochs["factor"])
 
     @cached_property
     def docking(self) -> DockingState:

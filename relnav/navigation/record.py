@@ -28,8 +28,9 @@ _AT = {name: place for name, (_, place, *_) in REPORT.fields.items()}  # type: i
 _T, _NIS, _STATE, _COVARIANCE = _AT["t"], _AT["nis"], _AT["state"], _AT["covariance"]
 _RANGE, _AZIMUTH, _ELEVATION = (_AT["docking"] + 8 * k for k in range(3))
 _SIGMA_RANGE, _SIGMA_AZIMUTH, _SIGMA_ELEVATION = (_AT["docking_sigma"] + 8 * k for k in range(3))
-_real: Callable[[bytes, int], tuple[float]] = Struct("d").unpack_from
-_whole: Callable[[bytes, int], tuple[int]] = Struct("q").unpack_from
+real_at: Callable[[bytes, int], tuple[float]] = Struct("d").unpack_from
+whole_at: Callable[[bytes, int], tuple[int]] = Struct("q").unpack_from
+"""Of a record's bytes, the number at a place."""
 
 
 class FilterRecord:
@@ -47,12 +48,12 @@ class FilterRecord:
     @property
     def t_s(self) -> float:
         """Time of the epoch, the log's own clock."""
-        return _real(self._memory, _T)[0]
+        return real_at(self._memory, _T)[0]
 
     @property
     def has_state(self) -> bool:
         """Whether the filter has started."""
-        return _whole(self._memory, _AT["has_state"])[0] > 0
+        return whole_at(self._memory, _AT["has_state"])[0] > 0
 
     @property
     def state(self) -> Vector:
@@ -67,17 +68,17 @@ class FilterRecord:
     @property
     def range_m(self) -> float:
         """Distance of the camera from O."""
-        return _real(self._memory, _RANGE)[0]
+        return real_at(self._memory, _RANGE)[0]
 
     @property
     def azimuth_rad(self) -> float:
         """Azimuth of the camera in the docking frame, atan2(y, x)."""
-        return _real(self._memory, _AZIMUTH)[0]
+        return real_at(self._memory, _AZIMUTH)[0]
 
     @property
     def elevation_rad(self) -> float:
         """Elevation of the camera in the docking frame, atan2(-z, hypot(x, y))."""
-        return _real(self._memory, _ELEVATION)[0]
+        return real_at(self._memory, _ELEVATION)[0]
 
     @property
     def docking_covariance(self) -> Matrix:
@@ -87,17 +88,17 @@ class FilterRecord:
     @property
     def sigma_range_m(self) -> float:
         """1-sigma of the range."""
-        return _real(self._memory, _SIGMA_RANGE)[0]
+        return real_at(self._memory, _SIGMA_RANGE)[0]
 
     @property
     def sigma_azimuth_rad(self) -> float:
         """1-sigma of the azimuth."""
-        return _real(self._memory, _SIGMA_AZIMUTH)[0]
+        return real_at(self._memory, _SIGMA_AZIMUTH)[0]
 
     @property
     def sigma_elevation_rad(self) -> float:
         """1-sigma of the elevation."""
-        return _real(self._memory, _SIGMA_ELEVATION)[0]
+        return real_at(self._memory, _SIGMA_ELEVATION)[0]
 
     @property
     def innovation(self) -> Vector:
@@ -110,37 +111,37 @@ class FilterRecord:
     @property
     def nis(self) -> float:
         """Normalised innovation squared (NIS) of everything that was seen, before the gate; NaN if nothing was."""
-        return _real(self._memory, _NIS)[0]
+        return real_at(self._memory, _NIS)[0]
 
     @property
     def dof(self) -> int:
         """Degrees of freedom of `nis`."""
-        return _whole(self._memory, _AT["dof"])[0]
+        return whole_at(self._memory, _AT["dof"])[0]
 
     @property
     def status(self) -> EpochStatus:
         """What became of the epoch."""
-        return EpochStatus(_whole(self._memory, _AT["status"])[0])
+        return EpochStatus(whole_at(self._memory, _AT["status"])[0])
 
     @property
     def measurement_status(self) -> Status:
         """Why the image could not be used, if it could not."""
-        return Status(_whole(self._memory, _AT["reason"])[0])
+        return Status(whole_at(self._memory, _AT["reason"])[0])
 
     @property
     def alarm(self) -> Alarm:
         """What the monitors say: unless it is NONE (0) do not use the state."""
-        return Alarm(_whole(self._memory, _AT["alarm"])[0])
+        return Alarm(whole_at(self._memory, _AT["alarm"])[0])
 
     @property
     def rejected_streak(self) -> int:
         """Consecutive epochs, up to this one, with at least half of what was seen rejected."""
-        return _whole(self._memory, _AT["rejected"])[0]
+        return whole_at(self._memory, _AT["rejected"])[0]
 
     @property
     def accepted(self) -> bool:
         """Whether everything that was seen was used."""
-        return _whole(self._memory, _AT["status"])[0] in (UPDATED, STARTED)
+        return whole_at(self._memory, _AT["status"])[0] in (UPDATED, STARTED)
 
     def __repr__(self) -> str:
         """One line for the console."""

@@ -5,7 +5,7 @@ came after replayed. The answer is, bit for bit, that of the same events in orde
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
 
@@ -25,18 +25,27 @@ from relnav.mission import VisionMission
 from relnav.navigation.arguments import not_negative, refuse_another_version, refuse_unknown_engine, start_values
 from relnav.navigation.blocks import marker_layout
 from relnav.navigation.memory import fill, orbit_values
-from relnav.navigation.observation.marker_poses import add_uncovered, open_trial, roots, state_of, view_at
-from relnav.navigation.pose_epoch import EPOCH, JOINED, read_epoch
-from relnav.navigation.pose_filter import NEW_ROOTS, NOTHING, pose_step
+from relnav.navigation.observation.marker_poses import state_of
+from relnav.navigation.pose_call import (
+    NO_COVARIANCES,
+    NO_SPOTS,
+    NOTHING_APART,
+    REFUSED,
+    Event,
+    describe_pose,
+    navigate_pose,
+    new_report,
+    views_of_report,
+)
+from relnav.navigation.pose_epoch import covariances_of
+from relnav.navigation.pose_filter import NOTHING
 from relnav.navigation.pose_memory import PoseMemory, new_pose_memory, pose_views, watch_markers_anew
-from relnav.navigation.pose_propagation import is_wide
 from relnav.navigation.pose_record import PoseRecord
+from relnav.navigation.pose_roots import look_for_roots, mission_as_told
 from relnav.navigation.pose_state import PoseState
 from relnav.navigation.reference import for_markers
-from relnav.navigation.status import OUT_OF_VIEW, EpochStatus
+from relnav.navigation.status import EpochStatus
 from relnav.sensors.three_marker.camera import usable_covariance
-
-NO_SPOTS, NO_COVARIANCES = np.empty((0, 2)), np.empty((0, 2, 2))
 
 
 @dataclass(frozen=True)
@@ -53,35 +62,6 @@ class Hypothesis:
 
     state: PoseState
     score: float
-
-
-@dataclass(frozen=True)
-class Event:
-    """What happens at one time: the control over the interval that ends there, and what was seen there.
-
-    Attributes
-    ----------
-    t_s : float
-    acceleration_m_s2, delta_v_m_s : (3,)
-        `lvlh_ccsds`.
-    spots_px : (n, 2), or (0, 2): none
-    covariance_px2 : (n, 2, 2), or (0, 2, 2): the camera's noise
-    dcm_chaser_from_lvlh : (3, 3)
-    row : bool
-        An epoch of the log, not the exposure of a late image.
-    attitude_noise_rad, attitude_sigma_rad : float, optional
-        1-sigma of what is new in the chaser's attitude, and of what lasts in its error; the model's if None.
-    """
-
-    t_s: float
-    acceleration_m_s2: Vector
-    delta_v_m_s: Vector
-    spots_px: Matrix
-    covariance_px2: Stack
-    dcm_chaser_from_lvlh: Matrix
-    row: bool = True
-    attitude_noise_rad: float | None = None
-    attitude_sigma_rad: float | None = None
 
 
 class PoseNavigator:
@@ -119,8 +99,12 @@ class PoseNavigator:
         self._reference = for_markers(engine, mission)
         self.memory = new_pose_memory(mission)
         self._named = pose_views(self.memory)
-        self._held, self._nothing = mission.dcm_chaser_from_lvlh, np.zeros(3)
-        self._timeline: Timeline[Vector, Event, Outcome] = Timeline(self.memory.copy(), math.nan)
+        self._held, self._nothing, self._report = (
+            mission.dcm_chaser_from_lvlh,
+            np.zeros(3),
+            new_report(len(mission.markers.positions_m)),
+        )
+        self._timeline: Timeline[Vector, Event, Outcome | None] = Timeline(self.memory.copy(), math.nan)
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything but the views, which are of this memory, and by which version it is laid out."""
@@ -244,86 +228,111 @@ class PoseNavigator:
             raise ValueError(f"image_t_s must be finite and not after t_s = {t_s!r}; got {image_t_s!r}")
         if self._reference is not None and spots_px is not None and exposed < t_s:
             raise UsageError('engine="filterpy" takes no late images: leave image_t_s out, or use engine="compiled"')
-        event = self._event(t_s, acceleration_m_s2, delta_v_m_s, dcm_chaser_from_lvlh)
-        if attitude_noise_rad is not None:
-            event = replace(event, attitude_noise_rad=not_negative("attitude_noise_rad", attitude_noise_rad))
-        if attitude_sigma_rad is not None:
-            event = replace(event, attitude_sigma_rad=not_negative("attitude_sigma_rad", attitude_sigma_rad))
-        image = self._with_image(event, spots_px, spot_covariance_px2)
+        chaser = self.mission.chaser
+        event = Event(
+            t_s,
+            self._nothing if acceleration_m_s2 is None else _own("acceleration_m_s2", acceleration_m_s2, (3,)),
+            self._nothing if delta_v_m_s is None else _own("delta_v_m_s", delta_v_m_s, (3,)),
+            self._held if dcm_chaser_from_lvlh is None else _own("dcm_chaser_from_lvlh", dcm_chaser_from_lvlh, (3, 3)),
+            _or_stated("attitude_noise_rad", attitude_noise_rad, chaser.attitude_noise_rad),
+            _or_stated("attitude_sigma_rad", attitude_sigma_rad, chaser.attitude_sigma_rad),
+        )
+        spots, covariance = self._image(spots_px, spot_covariance_px2)
         rate = None if chaser_rate_rad_s is None else _vector("chaser_rate_rad_s", chaser_rate_rad_s)
-        oldest, too_late = t_s - self.mission.filter.longest_delay_s, False
-        if len(image.spots_px) == 0 or exposed == t_s:
-            outcome = self._timeline.insert(t_s, image, self._take)
-        else:
-            self._timeline.insert(t_s, event, self._take)
-            too_late = exposed < oldest or exposed < self._timeline.start_s  # False for NaN: nothing was forgotten
-            outcome = nothing_used(len(image.spots_px)) if too_late else self._insert(replace(image, t_s=exposed))
+        if len(spots) == 0 or exposed == t_s:
+            return self._in_order(event._replace(spots_px=spots, covariance_px2=covariance), rate, t_s - exposed)
+        oldest = t_s - self.mission.filter.longest_delay_s
+        self._timeline.insert(t_s, event, self._take)
+        too_late = exposed < oldest or exposed < self._timeline.start_s  # False for NaN: nothing was forgotten
+        image = event._replace(t_s=exposed, spots_px=spots, covariance_px2=covariance)
+        outcome = nothing_used(len(spots)) if too_late else self._insert(image)
         self._passed(self._timeline.forget(oldest))
-        return self._record(event, outcome, rate, t_s - exposed, too_late=too_late)
+        return self._record_after_late(event, outcome, rate, t_s - exposed, too_late=too_late)
 
-    def _event(
-        self, t_s: float, acceleration: ArrayLike | None, delta_v: ArrayLike | None, dcm: ArrayLike | None
-    ) -> Event:
-        attitude = self._held if dcm is None else np.array(numbers("dcm_chaser_from_lvlh", dcm))
-        if dcm is not None and not is_rotation(attitude):
-            raise ValueError("dcm_chaser_from_lvlh is a rotation matrix (3, 3)")
-        push = self._nothing if acceleration is None else _vector("acceleration_m_s2", acceleration)
-        impulse = self._nothing if delta_v is None else _vector("delta_v_m_s", delta_v)
-        return Event(t_s, push, impulse, NO_SPOTS, NO_COVARIANCES, attitude)
-
-    def _with_image(self, event: Event, spots_px: ArrayLike | None, covariance: ArrayLike | None) -> Event:
+    def _image(self, spots_px: ArrayLike | None, covariance: ArrayLike | None) -> tuple[Matrix, Stack]:
+        """Spots and covariances of an `Event`."""
         if spots_px is None:
-            return event
-        count, spots = len(self.mission.markers.positions_m), np.array(numbers("spots_px", spots_px))
+            return NO_SPOTS, NO_COVARIANCES
+        count = len(self.mission.markers.positions_m)
+        spots = np.array(numbers("spots_px", spots_px), order="C")
         if spots.shape != (count, 2):
             raise ValueError(f"spots_px has shape ({count}, 2), one row a marker; got {spots.shape}")
         if covariance is None:
-            return replace(event, spots_px=spots)
-        own = np.array(numbers("spot_covariance_px2", covariance))
+            return spots, NO_COVARIANCES
+        own = np.array(numbers("spot_covariance_px2", covariance), order="C")
         if own.shape != (count, 2, 2):
             raise ValueError(f"spot_covariance_px2 has shape ({count}, 2, 2), one a marker; got {own.shape}")
         spots[~usable_covariance(own)] = np.nan
-        return replace(event, spots_px=spots, covariance_px2=own)
+        return spots, own
+
+    def _in_order(self, event: Event, rate: Vector | None, delay_s: float) -> PoseRecord:
+        """Take an event in that is not before any other: the memory is the state before it."""
+        if self._reference is not None:
+            before, outcome = self._take(self.memory, event)
+            self._timeline.append(event.t_s, event, before, outcome)
+            self._timeline.forget(event.t_s)
+            return self._record_after_late(event, outcome, rate, delay_s, too_late=False)
+        self._navigate(event)
+        self._timeline.append(event.t_s, event, self.memory.copy(), None)
+        self._passed(self._timeline.forget(event.t_s - self.mission.filter.longest_delay_s))
+        return self._record(event, rate, delay_s)
+
+    def _navigate(self, event: Event) -> None:
+        """The compiled step, and what it wants of the closed form; the epoch is written."""
+        wants = navigate_pose(self.memory, *event[:-1], self._report, NOTHING_APART)
+        if wants == REFUSED:
+            _vector("acceleration_m_s2", event.acceleration_m_s2)
+            _vector("delta_v_m_s", event.delta_v_m_s)
+            raise ValueError("dcm_chaser_from_lvlh is a rotation matrix (3, 3)")
+        if wants != NOTHING:
+            look_for_roots(self._named, self.mission, event, wants)
+            describe_pose(self.memory, self._report, NOTHING_APART)
 
     def _take(self, before: Vector, event: Event) -> "tuple[Vector, Outcome]":
-        """Take an event into the filter as it was: the compiled step, and what it wants of the closed form."""
-        chaser = _told(self.mission, event).chaser
+        """Take an event into the filter as it was."""
         if self._reference is not None:
-            errors = chaser.attitude_noise_rad, chaser.attitude_sigma_rad
+            errors = event.attitude_noise_rad, event.attitude_sigma_rad
             image = event.dcm_chaser_from_lvlh, *errors, event.spots_px, event.covariance_px2
             done = self._reference.take(event.t_s, *image, event.acceleration_m_s2, event.delta_v_m_s)
             return before, Outcome(EpochStatus(done.status), done.accepted, done.nis, done.dof, done.alarm)
-        m = self._named
         self.memory[:] = before
-        m.motion["acceleration"], m.motion["delta_v"] = event.acceleration_m_s2, event.delta_v_m_s
-        m.camera["attitude_noise"], m.lasting["attitude"] = chaser.attitude_noise_rad, chaser.attitude_sigma_rad
-        wants = pose_step(self.memory, event.t_s, event.dcm_chaser_from_lvlh, event.spots_px, event.covariance_px2)
-        if wants != NOTHING:
-            look_for_roots(m, self.mission, event, wants)
-        return self.memory.copy(), outcome_of(m)
+        self._navigate(event)
+        return self.memory.copy(), outcome_of(self._named)
 
     def _insert(self, image: Event) -> "Outcome":
         """Take a late image in; the acceleration is that held over the interval that it divides."""
         following = self._timeline.following(image.t_s)
         push = self._nothing if following is None else following.acceleration_m_s2
-        late = replace(image, acceleration_m_s2=push, delta_v_m_s=self._nothing, row=False)
-        return self._timeline.insert(image.t_s, late, self._take)
+        late = image._replace(acceleration_m_s2=push, delta_v_m_s=self._nothing, row=False)
+        outcome = self._timeline.insert(image.t_s, late, self._take)
+        assert outcome is not None
+        return outcome
 
-    def _passed(self, events: list[Passed[Vector, Event, "Outcome"]]) -> None:
+    def _passed(self, events: "list[Passed[Vector, Event, Outcome | None]]") -> None:
         """Events that no late image can come before any more: for those who keep them."""
 
-    def _record(
+    def _record(self, event: Event, rate: Vector | None, delay_s: float) -> PoseRecord:
+        """What the report says."""
+        mission, dcm = self.mission, event.dcm_chaser_from_lvlh
+        own = event.attitude_noise_rad, event.attitude_sigma_rad
+        if own != (mission.chaser.attitude_noise_rad, mission.chaser.attitude_sigma_rad):
+            mission = mission_as_told(mission, event)
+        if delay_s > 0.0 and rate is not None:
+            relative = rate - lvlh_rate(dcm.T, frame_rate(orbit_values(mission.orbit), event.t_s))
+            dcm = turned(dcm.T, delay_s * relative).T
+        return PoseRecord(self._report.tobytes(), mission, dcm, rate)
+
+    def _record_after_late(
         self, event: Event, outcome: "Outcome", rate: Vector | None, delay_s: float, *, too_late: bool
     ) -> PoseRecord:
-        epoch, dcm = np.zeros(1, EPOCH), event.dcm_chaser_from_lvlh
+        """The state of now, with what became of the late image."""
+        one, covariance, accepted = views_of_report(self._report)
         if self._reference is None:
-            read_epoch(self.memory, epoch, JOINED)
+            describe_pose(self.memory, self._report, NOTHING_APART)
         else:
-            self._reference.write_epoch(epoch[0])
-        one = epoch[0]
-        if delay_s > 0.0 and rate is not None:
-            relative = rate - lvlh_rate(dcm.T, frame_rate(orbit_values(self.mission.orbit), event.t_s))
-            dcm = turned(dcm.T, delay_s * relative).T
+            self._report[:] = 0.0
+            self._reference.write_epoch(one)
+            covariance[:] = covariances_of(one["factor"][None])[0]
         status, running, one["alarm"] = outcome.status, one["hypotheses"] > 0, outcome.alarm | int(one["alarm"])
         if too_late or not running:
             status = EpochStatus.PREDICTED if running else EpochStatus.WAITING
@@ -331,7 +340,8 @@ class PoseNavigator:
             status = EpochStatus.STARTED
         one["nis"], one["dof"] = outcome.nis, outcome.dof
         one["status"], one["too_late"], one["used"] = int(status), too_late, np.count_nonzero(outcome.accepted)
-        return PoseRecord(one, outcome.accepted, _told(self.mission, event), dcm, rate)
+        accepted[:] = outcome.accepted
+        return self._record(event, rate, delay_s)
 
 
 @dataclass(frozen=True)
@@ -357,39 +367,16 @@ def outcome_of(m: PoseMemory) -> Outcome:
     return Outcome(status, m.accepted > 0.0, float(result["nis"]), int(result["dof"]), alarm)
 
 
-def look_for_roots(m: PoseMemory, mission: VisionMission, event: Event, wants: int) -> None:
-    """Open a trial on the poses that explain an image, or take up those that no hypothesis covers."""
-    mission, running = _told(mission, event), m.clock["running"] > 0
-    keeps = running and (wants == NEW_ROOTS or is_wide(m.bank[0]))
-    effects = m.bank_sensitivities[0]
-    believed = (state_of(m.bank[0], np.zeros((0, POSE))), effects.copy()) if keeps else None
-    own = event.covariance_px2 if len(event.covariance_px2) else None
-    spots = np.where(np.isfinite(event.spots_px).all(axis=1, keepdims=True), event.spots_px, np.nan)
-    mount, chaser = mission.camera.dcm_cam_from_chaser, event.dcm_chaser_from_lvlh
-    near = [mount @ chaser @ mission.target.dcm_target_from_lvlh.T]
-    if running:
-        near.append(mount @ chaser @ m.bank[0]["dcm"])
-    elapsed, rate_sigma = event.t_s - float(m.clock["begun"]), mission.filter.initial_rate_sigma_rad_s
-    view = view_at(mission.view, elapsed, rate_sigma)
-    # the poses of a trial begin as equals: of these the view as it is stated decides
-    model = replace(mission, view=view) if wants == NEW_ROOTS else mission
-    found, used, contradicted = roots(spots, own, chaser, model, believed, near, view.attitude_sigma_rad)
-    if wants == NEW_ROOTS:
-        add_uncovered(m, found)
-    elif found:
-        open_trial(m, found, used)
-    elif contradicted:
-        m.result["alarm"] |= OUT_OF_VIEW
+def _or_stated(name: str, told: float | None, stated: float) -> float:
+    return stated if told is None else not_negative(name, told)
 
 
-def _told(mission: VisionMission, event: Event) -> VisionMission:
-    """The mission with what an event says of the chaser's attitude."""
-    noise, sigma, chaser = event.attitude_noise_rad, event.attitude_sigma_rad, mission.chaser
-    if noise is None and sigma is None:
-        return mission
-    noise = chaser.attitude_noise_rad if noise is None else noise
-    sigma = chaser.attitude_sigma_rad if sigma is None else sigma
-    return replace(mission, chaser=replace(chaser, attitude_noise_rad=noise, attitude_sigma_rad=sigma))
+def _own(name: str, value: ArrayLike, shape: tuple[int, ...]) -> Matrix:
+    """A copy of a caller's array, in one piece; its numbers are looked at where they are taken."""
+    array = np.array(numbers(name, value), order="C")
+    if array.shape != shape:
+        raise ValueError(f"{name} has shape {shape}; got {array.shape}")
+    return array
 
 
 def _vector(name: str, value: ArrayLike) -> Vector:

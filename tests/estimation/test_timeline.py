@@ -22,6 +22,13 @@ def test_a_late_one_stands_where_it_belongs():
     assert Timeline("", 0.5).last_s == 0.5
 
 
+def test_one_that_is_done_already_stands_last():
+    line, _ = filled()
+    line.append(3.0, "e", "abcde", "<abcde>")
+    assert line.insert(2.5, "x", add) == "<abx>"
+    assert line.passed[-1] == ("e", "abxcde", "<abxcde>")
+
+
 def test_found_by_its_very_time():
     line, _ = filled()
     assert [line.number(t) for t in (0.5, 1.0, 1.5, 2.0, 3.0, 4.0)] == [None, 0, None, 1, 2, None]

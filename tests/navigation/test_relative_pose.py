@@ -261,6 +261,13 @@ def test_wrong_use(mission, flight):
         nav.step(2.0, dcm_chaser_from_lvlh=np.ones((3, 3)))
     with pytest.raises(ValueError, match="acceleration_m_s2 has three finite components"):
         nav.step(2.0, acceleration_m_s2=[np.nan, 0.0, 0.0])
+    with pytest.raises(ValueError, match=r"delta_v_m_s has shape \(3,\); got \(2,\)"):
+        nav.step(2.0, delta_v_m_s=[1.0, 0.0])
+    before = nav.memory.copy()
+    for said in ({"delta_v_m_s": [0.0, np.inf, 0.0]}, {"dcm_chaser_from_lvlh": 1.1 * np.eye(3)}):
+        with pytest.raises(ValueError, match=r"three finite components|rotation matrix"):
+            nav.step(2.0, flight.spots_px[0], **said)
+    assert nav.memory.tobytes() == before.tobytes()
     assert nav.step(2.0).t_s == 2.0
 
 
