@@ -16,6 +16,7 @@ from relnav.codegen.kernel import kernel
 from relnav.sensors.dual_field.blind_order import (
     CHECKED_SPOTS,
     CLOSER,
+    CLOSEST,
     FAR,
     NARROW,
     NEAR,
@@ -77,6 +78,10 @@ LEAST_SPOTS = 6
 WIDEST_RAD = math.radians(60.0)
 """Spots farther from the axis, were the focal length as given, are not used: lenses that show them are no pinholes."""
 
+SKY_STEP = 1.25
+"""Fields alike within a step of size, and of number of stars, share a sky: making one takes longer than solving the
+frame. Pairs of stars that a frame does not ask for are passed over, so that a wider step costs little but memory."""
+
 NARROWEST = 1e-3
 """Height or width, rad, below which spots are taken to cover no field."""
 
@@ -129,6 +134,7 @@ def try_scaled_pair(
     contrast: float,
     shear: float,
     known: float,
+    faintest: float,
     best_A: Matrix,
     best_match: Codes,
     match: Codes,
@@ -138,8 +144,8 @@ def try_scaled_pair(
     """The best candidate of one pair of spots: the logarithm of its false alarm probability; writes attitude and match.
 
     info (2,): attitudes tried so far (counted on), scale of the best. `contrast` bounds the difference of the two
-    differences of magnitude, `shear` is as `SHEAR`. Two stars not fainter than `known` are passed over. Rows of frame.W
-    are scratch.
+    differences of magnitude, `shear` is as `SHEAR`. Two stars not fainter than `known`, and pairs with one fainter than
+    `faintest`, are passed over. Rows of frame.W are scratch.
     """
     n = frame.sigma2.shape[0]
     A, out, spots, stars = work[10:13], work[13], work[15:18], work[21:24]
@@ -154,8 +160,8 @@ def try_scaled_pair(
     fainter = frame.magnitude[j] - frame.magnitude[i]
     for pair in range(first, last):
         magnitude, other = sky.stars[sky.pairs[pair, 0], 3], sky.stars[sky.pairs[pair, 1], 3]
-        step = other - magnitude
-        if max(magnitude, other) <= known or min(abs(step - fainter), abs(step + fainter)) > contrast:
+        step, fainter_star = other - magnitude, max(magnitude, other)
+        if not known < fainter_star <= faintest or min(abs(step - fainter), abs(step + fainter)) > contrast:
             continue
         if sky.cosines[pair] > asked_to:  # they ascend
             angle = math.acos(sky.cosines[pair])
@@ -226,11 +232,20 @@ class Blind:
         return plane_points(self.spots_px, self.focal_px, self.principal_px, self.distortion)
 
 
-def faintest_in_field(catalogue: StarCatalogue, points: Matrix, stars: float) -> float:
-    """Down to which magnitude a field as large as the spots (n, 2) cover has so many stars."""
+def faintest_in_field(catalogue: StarCatalogue, count: float) -> float:
+    """Down to which magnitude the sky has so many stars."""
+    return float(catalogue.hp_mag[min(len(catalogue), int(count)) - 1])
+
+
+def fields_in_sky(points: Matrix) -> float:
+    """How many fields as large as the spots (n, 2) cover make the whole sky."""
     spread = np.ptp(points, axis=0)
-    count = int(stars * 4.0 * math.pi / max(float(spread[0] * spread[1]), 1e-4))
-    return float(catalogue.hp_mag[min(len(catalogue), count) - 1])
+    return 4.0 * math.pi / max(float(spread[0] * spread[1]), 1e-4)
+
+
+def rounded_up(value: float, below: float = 1.0) -> float:
+    """The least power of `SKY_STEP` that is not less than a positive value, or not less than it by a factor `below`."""
+    return float(SKY_STEP ** math.ceil(math.log(below * value, SKY_STEP)))
 
 
 def sky_for(
@@ -239,16 +254,21 @@ def sky_for(
     points: Matrix,
     velocity_km_s: tuple[float, float, float] | None,
     stars_in_field: float = STARS_IN_FIELD,
+    farthest: float = FAR,
 ) -> Sky:
-    """The sky for a field as large as the spots (n, 2) on the plane z = 1 cover: as deep as they are many."""
-    radius = math.atan(edge(points))
+    """The sky for a field as large as the spots (n, 2) on the plane z = 1 cover: as deep as they are many.
+
+    Pairs of stars up to `farthest` of pairs of spots, as `FAR`. Sizes and numbers are rounded by `SKY_STEP`.
+    """
+    size, fields = rounded_up(edge(points)), fields_in_sky(points)
+    stars = max(2.0 * STARS_IN_FIELD, 1.5 * len(points))
     return prepare_sky(
         catalogue,
         epoch_jyear,
-        faintest_in_field(catalogue, points, max(2.0 * STARS_IN_FIELD, 1.5 * len(points))),
-        faintest_in_field(catalogue, points, stars_in_field),
-        round(0.1 * radius, 3),
-        round(min(1.3 * radius, 1.5), 3),
+        faintest_in_field(catalogue, rounded_up(fields * stars, 1.0 / math.sqrt(SKY_STEP))),
+        faintest_in_field(catalogue, rounded_up(fields * stars_in_field)),
+        CLOSEST * (1.0 - FOCAL_RANGE) * math.atan(size / SKY_STEP),
+        min((1.0 + FOCAL_RANGE) * farthest * size, 1.3 * math.atan(size), 1.5),
         velocity_km_s,
     )
 
@@ -290,9 +310,10 @@ def solve_blind(
         return no_solution(StarStatus.NO_MATCH, reason, n)
 
     def sky(stars_in_field: float) -> Sky:
-        return sky_for(catalogue, epoch_jyear, points, blind.velocity_km_s, stars_in_field)
+        reach = FAR if stars_in_field == few else then
+        return sky_for(catalogue, epoch_jyear, points, blind.velocity_km_s, stars_in_field, reach)
 
-    radius = edge(points)
+    radius, fields = edge(points), fields_in_sky(points)
     first, then = (FAR, FAR) if radius > WIDE else (NEAR, NEAR if radius > NARROW else CLOSER)
     as_given, few = np.arange(n), FEW_STARS_IN_FIELD
     ways = [
@@ -308,20 +329,20 @@ def solve_blind(
         ways.append(Way(as_given, MOST_SHEAR, few, FAR))
     for way, chosen in list(zip(ways, new_pairs(points, ways), strict=True))[searches]:
         order, stars = way.order, way.stars_in_field
-        known = -math.inf
+        known, faintest = -math.inf, faintest_in_field(catalogue, fields * stars)
         if stars == STARS_IN_FIELD:  # with fewer stars the same was tried of the brighter ones
-            known = faintest_in_field(catalogue, points, FEW_STARS_IN_FIELD)
-        fit, tried = _search(
-            blind.of(order), points[order], sky(stars), log10_pfa, chosen, shear=way.shear, tried=tried, known=known
-        )
+            known = faintest_in_field(catalogue, fields * few)
+        limits = log10_pfa, way.shear, known, faintest
+        fit, tried = _search(blind.of(order), points[order], sky(stars), chosen, *limits, tried)
         if fit is not None:
             return fit.in_order(order).solution(sky(stars), tried)
     reason = f"no attitude with a focal length within {FOCAL_RANGE:.0%} of {blind.focal_px:g} px explains the spots"
     if searches == FIRST_SEARCH:
         return no_solution(StarStatus.NO_MATCH, reason, n, tried=tried)
     mirrored = replace(blind, spots_px=blind.spots_px * (1.0, -1.0), lens_known=False)
-    chosen = pair_order(mirrored.points, NEAR)[:MIRRORED_PAIRS]
-    if _search(mirrored, mirrored.points, sky(STARS_IN_FIELD), log10_pfa, chosen)[0] is not None:
+    chosen = pair_order(mirrored.points, then)[:MIRRORED_PAIRS]
+    limits = log10_pfa, SHEAR, -math.inf, faintest_in_field(catalogue, fields * STARS_IN_FIELD)
+    if _search(mirrored, mirrored.points, sky(STARS_IN_FIELD), chosen, *limits)[0] is not None:
         reason += "; mirrored it does: x_px must count to the right and y_px down, as on the detector seen from behind"
     return no_solution(StarStatus.NO_MATCH, reason, n, tried=tried)
 
@@ -330,12 +351,12 @@ def _search(
     blind: Blind,
     points: Matrix,
     sky: Sky,
-    log10_pfa: float,
     pairs: Pairs,
-    *,
-    shear: float = SHEAR,
+    log10_pfa: float,
+    shear: float,
+    known: float,
+    faintest: float,
     tried: int = 0,
-    known: float = -math.inf,
 ) -> tuple[CameraFit | None, int]:
     """The first fit that is believed, and how many attitudes were tried, with those `tried` before."""
     checked = np.ascontiguousarray(points[:CHECKED_SPOTS])
@@ -351,7 +372,7 @@ def _search(
     A, work, info = np.empty((3, 3)), np.empty((WORK_ROWS, 3)), np.array([float(tried), 0.0])
     for i, j in pairs:
         chance = try_scaled_pair(
-            frame, sky.arrays, checked, i, j, contrast, shear, known, A, best_match, match, work, info
+            frame, sky.arrays, checked, i, j, contrast, shear, known, faintest, A, best_match, match, work, info
         )
         if chance > math.log(1e-3):
             continue
