@@ -8,6 +8,7 @@ stars that should be in the frame are.
 
 import math
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
@@ -327,7 +328,7 @@ def solve_blind(
         ways.append(Way(as_given, SHEAR, few, FAR))
     if radius > WIDE_LENS:
         ways.append(Way(as_given, MOST_SHEAR, few, FAR))
-    for way, chosen in list(zip(ways, new_pairs(points, ways), strict=True))[searches]:
+    for way, chosen in islice(zip(ways, new_pairs(points, ways), strict=True), searches.start, searches.stop):
         order, stars = way.order, way.stars_in_field
         known, faintest = -math.inf, faintest_in_field(catalogue, fields * stars)
         if stars == STARS_IN_FIELD:  # with fewer stars the same was tried of the brighter ones
@@ -378,7 +379,7 @@ def _search(
             continue
         fit = fit_camera(
             blind.spots_px,
-            sky.arrays.stars,
+            sky,
             best_match[:, 0],
             dcm=A.copy(),
             focal_px=blind.focal_px / info[1],

@@ -4,6 +4,7 @@ A frame that cannot be solved costs all that is tried, so that nothing is tried 
 """
 
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -78,21 +79,19 @@ def pair_order(points: Matrix, farthest: float) -> Pairs:
     return sorted((pair for pair in apart if CLOSEST * radius < apart[pair] < most[pair[1]]), key=apart.__getitem__)
 
 
-def new_pairs(points: Matrix, ways: list[Way]) -> list[Pairs]:
+def new_pairs(points: Matrix, ways: list[Way]) -> Iterator[Pairs]:
     """For each way through the spots its pairs; in a field that is not wide without those that one before tried alike.
 
     Tried again a right pair has another chance, as other spots are asked first: where that costs little it is given.
     """
     share = math.inf if edge(points) > WIDE and len(points) > FEW_SPOTS else ALIKE
     tried: list[tuple[list[float], set[int], set[frozenset[int]]]] = []
-    found = []
     for order, *way, farthest in ways:
         checked, pairs = set(order[:CHECKED_SPOTS].tolist()), pair_order(points[order], farthest)
         alike = [old for how, spots, old in tried if how == way and len(spots & checked) >= share * len(checked)]
         names = [frozenset((int(order[i]), int(order[j]))) for i, j in pairs]
-        found.append([pair for pair, name in zip(pairs, names, strict=True) if not any(name in old for old in alike)])
         tried.append((way, checked, set(names)))
-    return found
+        yield [pair for pair, name in zip(pairs, names, strict=True) if not any(name in old for old in alike)]
 
 
 def spread_order(points: Matrix) -> Codes:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from relnav.arrays import Codes, Matrix, Vector
+from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.pinhole import central_projection
 from relnav.sensors.dual_field.matching import turn
@@ -28,6 +28,14 @@ DEPTHS = 8
 GROWTHS, GROWTH = 4, 4.0
 """How often stars are looked for farther from the spots, and how many times as far, once a fit has settled: it may
 have settled on the middle of the field alone."""
+
+SETTLED = 1e-3
+"""A fit that moves by fewer sigmas is done with its matches; with all once they stay and the noise changes by less,
+relative."""
+
+MARGIN_RAD = 0.1
+"""Stars so far beyond a frame's edge are looked at: a fit starts within 5 % of the focal length, and distortion that
+moves a ray as far as this is not believed."""
 
 LEAST_BRIGHT_SEEN = 0.4
 """Share of the bright stars that should be in the frame that must be among the spots."""
@@ -124,32 +132,41 @@ class _Camera:
         principal = self.principal_px + self.focal_px * step[3:]
         return replace(self, focal_px=focal, principal_px=principal, distortion=self.distortion + step[1:3])
 
-    def improve(self, star: Codes, stars: Matrix, free: int) -> Matrix:
-        """One Gauss-Newton step over the matches; the covariance (8, 8) of all unknowns, zero for those kept.
+    def by_lens(self, spots_px: Matrix, w: Matrix) -> Stack:
+        """Minus the derivative (n, 3, 5) of rays w by the unknowns of `moved`: a ray moves away from its prediction."""
+        (k1, k2), d = self.distortion, (spots_px - self.principal_px) / self.focal_px
+        r2 = np.sum(d * d, axis=1)[:, None]
+        scale, bend = 1.0 + r2 * (k1 + k2 * r2), 2.0 * (k1 + 2.0 * k2 * r2)
+        point = np.zeros((len(d), 3, 5))  # on the plane z = 1
+        point[:, :2, 0], point[:, :2, 1], point[:, :2, 2] = d * (scale + bend * r2), -d * r2, -d * r2 * r2
+        point[:, :2, 3:] = bend[:, :, None] * d[:, :, None] * d[:, None, :] + scale[:, :, None] * np.eye(2)
+        out: Stack = (point - w[:, :, None] * np.einsum("ij,ijk->ik", w, point)[:, None, :]) * w[:, 2:, None]
+        return out
+
+    def improve(self, star: Codes, stars: Matrix, free: int) -> tuple[Matrix, float]:
+        """One Gauss-Newton step over the matches: covariance (8, 8), zero for what is kept, and its length in sigmas.
 
         Unknowns: three rotations, log focal length, k1, k2, the first `free` of them; and the principal point.
         """
         used = star >= 0
         w, q = self.rays(self.spots_px[used]), stars[star[used], :3] @ self.dcm.T
         fitted = np.flatnonzero([*(np.arange(6) < free), *[not self.principal_known] * 2])
-        J = np.zeros((len(w), 3, 8))
-        J[:, :, :3] = cross_matrix(q)  # w = q - d x q
-        for column, step in enumerate(np.diag([1e-6, 1e-4, 1e-3, 1e-6, 1e-6])):
-            changed = self.moved(step).rays(self.spots_px[used])
-            J[:, :, 3 + column] = (w - changed) / step.max()  # the ray moves the other way than its prediction
+        J = np.empty((len(w), 3, 8))
+        J[:, :, :3], J[:, :, 3:] = cross_matrix(q), self.by_lens(self.spots_px[used], w)  # w = q - d x q
         flat, r = J.reshape(-1, 8)[:, fitted], (w - q).ravel()
         prior = np.zeros(8)
         prior[6:] = 1.0 / (AXIS_OFFSET * self.reach / self.focal_px) ** 2
         normal, gradient = flat.T @ flat / self.variance, flat.T @ r / self.variance
         normal[np.diag_indices(len(fitted))] += prior[fitted]
         at = np.concatenate([np.zeros(6), self.principal_px / self.focal_px])
-        inverse, d, covariance = np.linalg.pinv(normal, hermitian=True), np.zeros(8), np.zeros((8, 8))
-        d[fitted] = inverse @ (gradient - prior[fitted] * at[fitted])
+        inverse, d, covariance = _inverse(normal), np.zeros(8), np.zeros((8, 8))
+        downhill = gradient - prior[fitted] * at[fitted]
+        d[fitted] = inverse @ downhill
         covariance[np.ix_(fitted, fitted)] = inverse
         turn(self.dcm, *(float(angle) for angle in d[:3]))
         after = self.moved(d[3:])
         self.focal_px, self.principal_px, self.distortion = after.focal_px, after.principal_px, after.distortion
-        return covariance
+        return covariance, math.sqrt(max(0.0, float(d[fitted] @ downhill)))
 
     def about_centre(self, covariance: Matrix) -> tuple[Matrix, Matrix]:
         """Attitude (3, 3) and covariance (3, 3) of the axes whose z looks through the image's centre.
@@ -167,30 +184,46 @@ class _Camera:
         return dcm, T @ covariance @ T.T
 
 
-def _match(w: Matrix, dcm: Matrix, stars: Matrix, tolerance_rad: float) -> tuple[Codes, Vector]:
-    """Nearest star of each ray within the tolerance, each star once; -1 and NaN for none."""
-    from scipy.spatial import cKDTree
+def _inverse(normal: Matrix) -> Matrix:
+    """Of a symmetric matrix (n, n) that may be singular; without an eigenvalue problem where it is not."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(normal), 1e-300))
+    try:
+        return np.linalg.inv(normal * scale * scale[:, None]) * scale * scale[:, None]
+    except np.linalg.LinAlgError:
+        return np.linalg.pinv(normal, hermitian=True)
 
-    centre = w.mean(axis=0) @ dcm
-    centre /= np.linalg.norm(centre)
-    reach = np.min(w @ dcm @ centre)
-    near = np.flatnonzero(stars[:, :3] @ centre > math.cos(math.acos(min(1.0, max(-1.0, reach))) + 0.02))
-    star, residual = np.full(len(w), -1, dtype=np.int64), np.full(len(w), np.nan)
-    if len(near) == 0:
+
+class _Stars:
+    """The sky's stars (m, 4), magnitudes (m,), ascending, and which are about a frame: found once for all fits."""
+
+    def __init__(self, sky: Sky, w: Matrix, dcm: Matrix) -> None:
+        """About rays (n, 3) seen under an attitude."""
+        from scipy.spatial import cKDTree
+
+        self.arrays, self.magnitudes = sky.arrays.stars, sky.magnitudes
+        centre = w.mean(axis=0) @ dcm
+        centre /= np.linalg.norm(centre)
+        reach = math.acos(min(1.0, max(-1.0, float(np.min(w @ dcm @ centre)))))
+        self.near = np.flatnonzero(self.arrays[:, :3] @ centre > math.cos(min(reach + MARGIN_RAD, math.pi)))
+        self._tree = cKDTree(self.arrays[self.near, :3]) if len(self.near) else None
+
+    def match(self, w: Matrix, dcm: Matrix, tolerance_rad: float) -> tuple[Codes, Vector]:
+        """Nearest star of each ray (n, 3) within the tolerance, each star once; -1 and NaN for none."""
+        star, residual = np.full(len(w), -1, dtype=np.int64), np.full(len(w), np.nan)
+        if self._tree is None:
+            return star, residual
+        found, index = self._tree.query(w @ dcm, distance_upper_bound=tolerance_rad)
+        k = np.flatnonzero(np.isfinite(found))
+        k = k[np.argsort(found[k], kind="stable")]
+        _, first = np.unique(index[k], return_index=True)
+        k = k[first]
+        star[k], residual[k] = self.near[index[k]], found[k]
         return star, residual
-    distance, index = cKDTree(stars[near, :3]).query(w @ dcm, distance_upper_bound=tolerance_rad)
-    taken: set[int] = set()
-    found, which = np.atleast_1d(distance), near[np.minimum(np.atleast_1d(index), len(near) - 1)]
-    for k in np.argsort(found):
-        if np.isfinite(found[k]) and int(which[k]) not in taken:
-            taken.add(int(which[k]))
-            star[k], residual[k] = which[k], found[k]
-    return star, residual
 
 
 def fit_camera(
     spots_px: Matrix,
-    stars: Matrix,
+    sky: Sky,
     first_match: Codes,
     *,
     dcm: Matrix,
@@ -206,8 +239,8 @@ def fit_camera(
     ----------
     spots_px : (n, 2)
         All spots, brightest first.
-    stars : (m, 4)
-        Directions and magnitudes of the sky.
+    sky : Sky
+        Its stars.
     first_match : (k,)
         Stars of the first k spots, -1 none.
     dcm, focal_px, principal_px, distortion, lens_known
@@ -226,11 +259,14 @@ def fit_camera(
     )
     star = np.full(len(spots_px), -1, dtype=np.int64)
     star[: len(first_match)] = first_match
+    stars = _Stars(sky, camera.rays(), dcm)
     found = _settle(camera, star, stars, focal_px)
     for _ in range(GROWTHS):
         if found is None:
             return None
-        wider = _match(found.camera.rays(), found.camera.dcm, stars, GROWTH * found.tolerance)[0]
+        wider = stars.match(found.camera.rays(), found.camera.dcm, GROWTH * found.tolerance)[0]
+        if np.array_equal(wider, found.star):
+            break
         grown = _settle(replace(found.camera, dcm=found.camera.dcm.copy()), wider, stars, focal_px)
         if grown is None or not grown.log_false_alarm(stars, tried) < found.log_false_alarm(stars, tried):
             break
@@ -248,12 +284,12 @@ class _Settled:
     free: int
     tolerance: float
 
-    def log_false_alarm(self, stars: Matrix, tried: float) -> float:
+    def log_false_alarm(self, stars: _Stars, tried: float) -> float:
         """Logarithm of a bound on the number of fits as good by chance."""
-        return _log_false_alarm(self.star, stars[:, 3], self.tolerance, self.free, tried)
+        return _log_false_alarm(self.star, stars, self.tolerance, self.free, tried)
 
 
-def _settle(camera: _Camera, star: Codes, stars: Matrix, focal_px: float) -> _Settled | None:
+def _settle(camera: _Camera, star: Codes, stars: _Stars, focal_px: float) -> _Settled | None:
     """Fit and match by turns, the tolerance that of what the fit leaves and never growing; None if it falls apart."""
     residual, free, tolerance = np.full(len(star), np.nan), 4, math.inf
     wide = float(np.max(np.hypot(*(camera.spots_px - camera.principal_px).T))) / focal_px > 0.25
@@ -261,20 +297,25 @@ def _settle(camera: _Camera, star: Codes, stars: Matrix, focal_px: float) -> _Se
         count = int(np.sum(star >= 0))
         if count < LEAST_MATCHES:
             return None
+        before, freed, variance = star, free, camera.variance
         free = 4 if camera.principal_known or count < 9 or passes == 0 else 6 if wide and count >= 14 else 5
         for _ in range(3):
-            camera.improve(star, stars, free)
+            if camera.improve(star, stars.arrays, free)[1] < SETTLED:
+                break
         if not (0.5 < camera.focal_px / focal_px < 2.0 and np.all(np.abs(camera.distortion) < 5.0)):
             return None
-        d = camera.rays()[star >= 0] - stars[star[star >= 0], :3] @ camera.dcm.T
+        d = camera.rays()[star >= 0] - stars.arrays[star[star >= 0], :3] @ camera.dcm.T
         spread = 1.4826 * float(np.median(np.linalg.norm(d, axis=1))) / 1.1774  # per axis, robust
         camera.variance = max(spread, LEAST_NOISE_PX / focal_px) ** 2
         tolerance = min(tolerance, max(5.0 * spread, 0.5 / focal_px))
-        star, residual = _match(camera.rays(), camera.dcm, stars, tolerance)
+        star, residual = stars.match(camera.rays(), camera.dcm, tolerance)
+        same = passes > 0 and free == freed and np.array_equal(star, before)
+        if same and abs(camera.variance / variance - 1.0) < SETTLED:
+            break
     return _Settled(camera, star, residual, free, tolerance)
 
 
-def _judge(found: _Settled, stars: Matrix, tried: float) -> CameraFit | None:
+def _judge(found: _Settled, stars: _Stars, tried: float) -> CameraFit | None:
     """The fit with its false alarm probability; None if the bright stars that should be there are not."""
     camera, star, residual, free = found.camera, found.star, found.residual, found.free
     count = int(np.sum(star >= 0))
@@ -285,7 +326,7 @@ def _judge(found: _Settled, stars: Matrix, tried: float) -> CameraFit | None:
     square = float(np.nansum(residual**2)) / (dof - 2)  # mean of the variance's posterior
     floor = (LEAST_NOISE_PX / camera.focal_px) ** 2
     camera.variance = max(square, floor)
-    covariance = camera.improve(star, stars, free)
+    covariance, _ = camera.improve(star, stars.arrays, free)
     dcm, covariance = camera.about_centre(covariance)
     return CameraFit(
         dcm=dcm,
@@ -299,7 +340,7 @@ def _judge(found: _Settled, stars: Matrix, tried: float) -> CameraFit | None:
     )
 
 
-def _log_false_alarm(star: Codes, magnitude: Vector, tolerance: float, free: int, tried: float) -> float:
+def _log_false_alarm(star: Codes, stars: _Stars, tolerance: float, free: int, tried: float) -> float:
     """Logarithm of a bound on the expected number of fits as good by chance, brightness counted.
 
     Of the first m spots c have a star among the s brightest of the sky. Thrown at random over it, c given spots fall so
@@ -310,11 +351,12 @@ def _log_false_alarm(star: Codes, magnitude: Vector, tolerance: float, free: int
     from scipy.special import gammaln
 
     n, matched = len(star), star >= 0
-    rank = np.where(matched, np.searchsorted(np.sort(magnitude), magnitude[star], side="right"), len(magnitude) + 1)
+    total = len(stars.magnitudes)
+    rank = np.where(matched, np.searchsorted(stars.magnitudes, stars.arrays[star, 3], side="right"), total + 1)
     shares = 0.5 ** (0.5 * np.arange(max(1, round(2.0 * math.log2(n / LEAST_MATCHES)) + 1)))
     first, least = np.maximum(np.round(n * shares), LEAST_MATCHES), math.inf
     for halvings in range(DEPTHS):
-        bright = len(magnitude) / 2.0**halvings
+        bright = total / 2.0**halvings
         c = np.cumsum(rank <= bright)[first.astype(np.int64) - 1]
         choices = gammaln(first + 1.0) - gammaln(c + 1.0) - gammaln(first - c + 1.0)
         log = choices + (c - 0.5 * free) * math.log(min(1.0, 0.25 * CLUSTERING * bright * tolerance**2))
@@ -322,15 +364,16 @@ def _log_false_alarm(star: Codes, magnitude: Vector, tolerance: float, free: int
     return math.log(tried * len(first) * DEPTHS) + least
 
 
-def _bright_stars_are_there(camera: _Camera, stars: Matrix, star: Codes) -> bool:
+def _bright_stars_are_there(camera: _Camera, stars: _Stars, star: Codes) -> bool:
     """Whether enough of the stars brighter than the median match, where matches lie about, are matched.
 
     Within the convex hull of the matched spots: of a sky partly hidden by a roof the rest shows no star.
     """
     from scipy.spatial import Delaunay, QhullError
 
-    used = star[star >= 0]
-    bright = stars[stars[:, 3] <= np.median(stars[used, 3])]
+    used, near = stars.arrays[star[star >= 0], 3], stars.arrays[stars.near]
+    least = float(np.median(used))
+    bright = near[near[:, 3] <= least]
     v = bright[:, :3] @ camera.dcm.T
     v = v[v[:, 2] > 0.1]
     p, corners = central_projection(v), central_projection(camera.rays()[star >= 0])
@@ -338,4 +381,4 @@ def _bright_stars_are_there(camera: _Camera, stars: Matrix, star: Codes) -> bool
         inside = Delaunay(corners).find_simplex(p) >= 0
     except QhullError:  # all on one line
         return False
-    return int(np.sum(stars[used, 3] <= np.median(stars[used, 3]))) >= LEAST_BRIGHT_SEEN * int(np.sum(inside))
+    return int(np.sum(used <= least)) >= LEAST_BRIGHT_SEEN * int(np.sum(inside))

@@ -71,11 +71,14 @@ class Sky:
         Hipparcos numbers, in the order of `arrays.stars`.
     pairs : PairTable
         Pairs of the brighter stars within the field's width.
+    magnitudes : (n,)
+        Of all stars, ascending.
     """
 
     arrays: SkyArrays
     hip: NDArray[np.int32]
     pairs: PairTable
+    magnitudes: Vector
 
     def __len__(self) -> int:
         return len(self.hip)
@@ -94,11 +97,12 @@ def build_sky(
     table = build_pair_table(stars[bright, :3], low_rad, high_rad)
     pairs = PairTable(table.cos, bright.astype(np.int32)[table.stars], table.k, table.line)
     steps = BRIGHTEST_MAG + MAG_STEP * np.arange(math.ceil((float(magnitude.max()) - BRIGHTEST_MAG) / MAG_STEP) + 2)
-    brighter = np.searchsorted(np.sort(magnitude), steps, side="right").astype(np.float64)
+    ascending = np.sort(magnitude)
+    brighter = np.searchsorted(ascending, steps, side="right").astype(np.float64)
     near = np.zeros(NEAR_BITS // 8, dtype=np.uint8)
     mark_near(stars, near)
     arrays = SkyArrays(stars, cells, near, brighter, pairs.cos, pairs.stars, pairs.k, pairs.line)
-    return Sky(arrays, np.ascontiguousarray(hip[order]), pairs)
+    return Sky(arrays, np.ascontiguousarray(hip[order]), pairs, ascending)
 
 
 @kernel
