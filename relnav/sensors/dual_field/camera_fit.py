@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from relnav.arrays import Codes, Matrix, Stack, Vector
-from relnav.geometry.linear_algebra import cross_matrix
+from relnav.arrays import Codes, Matrix, Vector
 from relnav.geometry.pinhole import central_projection
+from relnav.sensors.dual_field.camera_normal import UNKNOWNS, normal_equations
 from relnav.sensors.dual_field.matching import turn
 from relnav.sensors.dual_field.optics import plane_points, rays
 from relnav.sensors.dual_field.sky import Sky
@@ -132,37 +132,25 @@ class _Camera:
         principal = self.principal_px + self.focal_px * step[3:]
         return replace(self, focal_px=focal, principal_px=principal, distortion=self.distortion + step[1:3])
 
-    def by_lens(self, spots_px: Matrix, w: Matrix) -> Stack:
-        """Minus the derivative (n, 3, 5) of rays w by the unknowns of `moved`: a ray moves away from its prediction."""
-        (k1, k2), d = self.distortion, (spots_px - self.principal_px) / self.focal_px
-        r2 = np.sum(d * d, axis=1)[:, None]
-        scale, bend = 1.0 + r2 * (k1 + k2 * r2), 2.0 * (k1 + 2.0 * k2 * r2)
-        point = np.zeros((len(d), 3, 5))  # on the plane z = 1
-        point[:, :2, 0], point[:, :2, 1], point[:, :2, 2] = d * (scale + bend * r2), -d * r2, -d * r2 * r2
-        point[:, :2, 3:] = bend[:, :, None] * d[:, :, None] * d[:, None, :] + scale[:, :, None] * np.eye(2)
-        out: Stack = (point - w[:, :, None] * np.einsum("ij,ijk->ik", w, point)[:, None, :]) * w[:, 2:, None]
-        return out
-
     def improve(self, star: Codes, stars: Matrix, free: int) -> tuple[Matrix, float]:
         """One Gauss-Newton step over the matches: covariance (8, 8), zero for what is kept, and its length in sigmas.
 
         Unknowns: three rotations, log focal length, k1, k2, the first `free` of them; and the principal point.
         """
-        used = star >= 0
-        w, q = self.rays(self.spots_px[used]), stars[star[used], :3] @ self.dcm.T
         fitted = np.flatnonzero([*(np.arange(6) < free), *[not self.principal_known] * 2])
-        J = np.empty((len(w), 3, 8))
-        J[:, :, :3], J[:, :, 3:] = cross_matrix(q), self.by_lens(self.spots_px[used], w)  # w = q - d x q
-        flat, r = J.reshape(-1, 8)[:, fitted], (w - q).ravel()
-        prior = np.zeros(8)
+        J, normal, gradient = np.empty((3, UNKNOWNS)), np.empty((UNKNOWNS, UNKNOWNS)), np.empty(UNKNOWNS)
+        lens = np.array([self.focal_px, *self.principal_px, *self.distortion])
+        normal_equations(self.spots_px, star, stars, self.dcm, lens, J, normal, gradient)
+        prior = np.zeros(UNKNOWNS)
         prior[6:] = 1.0 / (AXIS_OFFSET * self.reach / self.focal_px) ** 2
-        normal, gradient = flat.T @ flat / self.variance, flat.T @ r / self.variance
+        chosen = fitted[:, None], fitted
+        normal, gradient = normal[chosen] / self.variance, gradient[fitted] / self.variance
         normal[np.diag_indices(len(fitted))] += prior[fitted]
         at = np.concatenate([np.zeros(6), self.principal_px / self.focal_px])
-        inverse, d, covariance = _inverse(normal), np.zeros(8), np.zeros((8, 8))
+        inverse, d, covariance = _inverse(normal), np.zeros(UNKNOWNS), np.zeros((UNKNOWNS, UNKNOWNS))
         downhill = gradient - prior[fitted] * at[fitted]
         d[fitted] = inverse @ downhill
-        covariance[np.ix_(fitted, fitted)] = inverse
+        covariance[chosen] = inverse
         turn(self.dcm, *(float(angle) for angle in d[:3]))
         after = self.moved(d[3:])
         self.focal_px, self.principal_px, self.distortion = after.focal_px, after.principal_px, after.distortion
@@ -188,9 +176,10 @@ def _inverse(normal: Matrix) -> Matrix:
     """Of a symmetric matrix (n, n) that may be singular; without an eigenvalue problem where it is not."""
     scale = 1.0 / np.sqrt(np.maximum(np.diagonal(normal), 1e-300))
     try:
-        return np.linalg.inv(normal * scale * scale[:, None]) * scale * scale[:, None]
+        inverse: Matrix = np.linalg.inv(normal * scale * scale[:, None]) * scale * scale[:, None]
     except np.linalg.LinAlgError:
-        return np.linalg.pinv(normal, hermitian=True)
+        inverse = np.linalg.pinv(normal, hermitian=True)
+    return inverse
 
 
 class _Stars:
@@ -212,7 +201,7 @@ class _Stars:
         star, residual = np.full(len(w), -1, dtype=np.int64), np.full(len(w), np.nan)
         if self._tree is None:
             return star, residual
-        found, index = self._tree.query(w @ dcm, distance_upper_bound=tolerance_rad)
+        found, index = (np.asarray(part) for part in self._tree.query(w @ dcm, distance_upper_bound=tolerance_rad))
         k = np.flatnonzero(np.isfinite(found))
         k = k[np.argsort(found[k], kind="stable")]
         _, first = np.unique(index[k], return_index=True)
