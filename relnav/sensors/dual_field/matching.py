@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from relnav.arrays import Codes, Matrix, Vector
 from relnav.codegen.kernel import kernel
-from relnav.sensors.dual_field.sky import SkyArrays, nearest_star
+from relnav.sensors.dual_field.sky import SkyArrays, nearest_star, none_near
 
 LOOSEST_CHORD2 = 9e-6
 """No spot is looked for farther than 3 mrad from where a pair predicts it."""
@@ -167,6 +167,8 @@ def match_loosely(
             t2 = loose_chord2(W, f * n + k, sigma2[k], m0, m1, m2, stretch2)
             if f != field:
                 t2 = min(LOOSEST_CHORD2, t2 + 16.0 * slip_variance(frame))
+            if none_near(sky.near, x, y, z, t2):
+                continue
             star = nearest_star(stars, cells, x, y, z, t2, magnitude[f * n + k], frame.gate)
             if star >= 0:
                 match[k, 0], match[k, 1] = star, f
