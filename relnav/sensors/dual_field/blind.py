@@ -233,20 +233,24 @@ class Blind:
         return plane_points(self.spots_px, self.focal_px, self.principal_px, self.distortion)
 
 
-def faintest_in_field(catalogue: StarCatalogue, count: float) -> float:
+def faintest_of(catalogue: StarCatalogue, count: float) -> float:
     """Down to which magnitude the sky has so many stars."""
     return float(catalogue.hp_mag[min(len(catalogue), int(count)) - 1])
 
 
 def fields_in_sky(points: Matrix) -> float:
     """How many fields as large as the spots (n, 2) cover make the whole sky."""
-    spread = np.ptp(points, axis=0)
-    return 4.0 * math.pi / max(float(spread[0] * spread[1]), 1e-4)
+    return 4.0 * math.pi / max(float(np.prod(np.ptp(points, axis=0))), 1e-4)
 
 
-def rounded_up(value: float, below: float = 1.0) -> float:
-    """The least power of `SKY_STEP` that is not less than a positive value, or not less than it by a factor `below`."""
-    return float(SKY_STEP ** math.ceil(math.log(below * value, SKY_STEP)))
+def stars_for(points: Matrix) -> float:
+    """Stars of the whole sky that a frame of spots (n, 2) is matched to: more in its field than it has spots."""
+    return fields_in_sky(points) * max(2.0 * STARS_IN_FIELD, 1.5 * len(points))
+
+
+def rounded_up(value: float) -> float:
+    """The least power of `SKY_STEP` that is not less than a positive value."""
+    return float(SKY_STEP ** math.ceil(math.log(value, SKY_STEP)))
 
 
 def sky_for(
@@ -261,13 +265,12 @@ def sky_for(
 
     Pairs of stars up to `farthest` of pairs of spots, as `FAR`. Sizes and numbers are rounded by `SKY_STEP`.
     """
-    size, fields = rounded_up(edge(points)), fields_in_sky(points)
-    stars = max(2.0 * STARS_IN_FIELD, 1.5 * len(points))
+    size = rounded_up(edge(points))
     return prepare_sky(
         catalogue,
         epoch_jyear,
-        faintest_in_field(catalogue, rounded_up(fields * stars, 1.0 / math.sqrt(SKY_STEP))),
-        faintest_in_field(catalogue, rounded_up(fields * stars_in_field)),
+        faintest_of(catalogue, rounded_up(stars_for(points))),
+        faintest_of(catalogue, rounded_up(fields_in_sky(points) * stars_in_field)),
         CLOSEST * (1.0 - FOCAL_RANGE) * math.atan(size / SKY_STEP),
         min((1.0 + FOCAL_RANGE) * farthest * size, 1.3 * math.atan(size), 1.5),
         velocity_km_s,
@@ -311,10 +314,10 @@ def solve_blind(
         return no_solution(StarStatus.NO_MATCH, reason, n)
 
     def sky(stars_in_field: float) -> Sky:
-        reach = FAR if stars_in_field == few else then
-        return sky_for(catalogue, epoch_jyear, points, blind.velocity_km_s, stars_in_field, reach)
+        farthest = FAR if stars_in_field == few else then
+        return sky_for(catalogue, epoch_jyear, points, blind.velocity_km_s, stars_in_field, farthest)
 
-    radius, fields = edge(points), fields_in_sky(points)
+    radius, fields, depth = edge(points), fields_in_sky(points), faintest_of(catalogue, stars_for(points))
     first, then = (FAR, FAR) if radius > WIDE else (NEAR, NEAR if radius > NARROW else CLOSER)
     as_given, few = np.arange(n), FEW_STARS_IN_FIELD
     ways = [
@@ -324,16 +327,14 @@ def solve_blind(
         *(Way(half, SHEAR, few, then) for half in half_orders(points)),
         Way(as_given, SHEAR, STARS_IN_FIELD, then),
     ]
-    if radius > NARROW:
-        ways.append(Way(as_given, SHEAR, few, FAR))
-    if radius > WIDE_LENS:
-        ways.append(Way(as_given, MOST_SHEAR, few, FAR))
+    ways += [Way(as_given, SHEAR, few, FAR)] * (radius > NARROW)
+    ways += [Way(as_given, MOST_SHEAR, few, FAR)] * (radius > WIDE_LENS)
     for way, chosen in islice(zip(ways, new_pairs(points, ways), strict=True), searches.start, searches.stop):
         order, stars = way.order, way.stars_in_field
-        known, faintest = -math.inf, faintest_in_field(catalogue, fields * stars)
+        known, faintest = -math.inf, faintest_of(catalogue, fields * stars)
         if stars == STARS_IN_FIELD:  # with fewer stars the same was tried of the brighter ones
-            known = faintest_in_field(catalogue, fields * few)
-        limits = log10_pfa, way.shear, known, faintest
+            known = faintest_of(catalogue, fields * few)
+        limits = log10_pfa, depth, way.shear, known, faintest
         fit, tried = _search(blind.of(order), points[order], sky(stars), chosen, *limits, tried)
         if fit is not None:
             return fit.in_order(order).solution(sky(stars), tried)
@@ -342,7 +343,7 @@ def solve_blind(
         return no_solution(StarStatus.NO_MATCH, reason, n, tried=tried)
     mirrored = replace(blind, spots_px=blind.spots_px * (1.0, -1.0), lens_known=False)
     chosen = pair_order(mirrored.points, then)[:MIRRORED_PAIRS]
-    limits = log10_pfa, SHEAR, -math.inf, faintest_in_field(catalogue, fields * STARS_IN_FIELD)
+    limits = log10_pfa, depth, SHEAR, -math.inf, faintest_of(catalogue, fields * STARS_IN_FIELD)
     if _search(mirrored, mirrored.points, sky(STARS_IN_FIELD), chosen, *limits)[0] is not None:
         reason += "; mirrored it does: x_px must count to the right and y_px down, as on the detector seen from behind"
     return no_solution(StarStatus.NO_MATCH, reason, n, tried=tried)
@@ -354,6 +355,7 @@ def _search(
     sky: Sky,
     pairs: Pairs,
     log10_pfa: float,
+    depth: float,
     shear: float,
     known: float,
     faintest: float,
@@ -387,6 +389,7 @@ def _search(
             distortion=blind.distortion,
             lens_known=blind.lens_known,
             tried=float(info[0]),
+            faintest=depth,
         )
         if (
             fit is not None

@@ -178,22 +178,24 @@ def _inverse(normal: Matrix) -> Matrix:
     try:
         inverse: Matrix = np.linalg.inv(normal * scale * scale[:, None]) * scale * scale[:, None]
     except np.linalg.LinAlgError:
-        inverse = np.linalg.pinv(normal, hermitian=True)
+        inverse = np.asarray(np.linalg.pinv(normal, hermitian=True), dtype=np.float64)
     return inverse
 
 
 class _Stars:
     """The sky's stars (m, 4), magnitudes (m,), ascending, and which are about a frame: found once for all fits."""
 
-    def __init__(self, sky: Sky, w: Matrix, dcm: Matrix) -> None:
-        """About rays (n, 3) seen under an attitude."""
+    def __init__(self, sky: Sky, faintest: float, w: Matrix, dcm: Matrix) -> None:
+        """Down to a magnitude, about rays (n, 3) seen under an attitude."""
         from scipy.spatial import cKDTree
 
-        self.arrays, self.magnitudes = sky.arrays.stars, sky.magnitudes
+        self.arrays = sky.arrays.stars
+        self.magnitudes = sky.magnitudes[: np.searchsorted(sky.magnitudes, faintest, side="right")]
         centre = w.mean(axis=0) @ dcm
         centre /= np.linalg.norm(centre)
         reach = math.acos(min(1.0, max(-1.0, float(np.min(w @ dcm @ centre)))))
-        self.near = np.flatnonzero(self.arrays[:, :3] @ centre > math.cos(min(reach + MARGIN_RAD, math.pi)))
+        near = np.flatnonzero(self.arrays[:, :3] @ centre > math.cos(min(reach + MARGIN_RAD, math.pi)))
+        self.near = near[self.arrays[near, 3] <= faintest]
         self._tree = cKDTree(self.arrays[self.near, :3]) if len(self.near) else None
 
     def match(self, w: Matrix, dcm: Matrix, tolerance_rad: float) -> tuple[Codes, Vector]:
@@ -221,6 +223,7 @@ def fit_camera(
     distortion: tuple[float, float],
     lens_known: bool,
     tried: float,
+    faintest: float,
 ) -> CameraFit | None:
     """Fit and judge, from the first matches of the brightest spots; None if it comes to nothing.
 
@@ -236,6 +239,8 @@ def fit_camera(
         Where the fit starts, and whether the last two are those of the camera.
     tried : float
         Attitudes tried so far.
+    faintest : float
+        Down to which magnitude stars are looked at, whatever the sky holds.
     """
     camera = _Camera(
         spots_px,
@@ -248,7 +253,7 @@ def fit_camera(
     )
     star = np.full(len(spots_px), -1, dtype=np.int64)
     star[: len(first_match)] = first_match
-    stars = _Stars(sky, camera.rays(), dcm)
+    stars = _Stars(sky, faintest, camera.rays(), dcm)
     found = _settle(camera, star, stars, focal_px)
     for _ in range(GROWTHS):
         if found is None:
