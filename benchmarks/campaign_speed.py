@@ -1,6 +1,7 @@
 """How fast a campaign is: run-epochs with truth, noise, faults, filter and NEES, beside a filterpy loop's filter alone.
 
     python benchmarks/campaign_speed.py --out campaign_speed.json
+    python benchmarks/campaign_speed.py --parts                      what an epoch is made of, one thread
 
 One thread and as many as there are processors, in one process, in turn with the filterpy user of `speed.py`, whose
 answers are checked there, and who only filters spots that are at hand. Processor time of a thread for one thread, wall
@@ -14,13 +15,18 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import numpy as np
 from speed import Problem
 
 import relnav
 from relnav.accuracy.campaign_plan import Plan, fly_batch
+from relnav.accuracy.run_score import RunScorer
 from relnav.files.workers import processors
+from relnav.simulation.dispersed import fly_run
 from relnav.simulation.dispersions import Images, Scenario, Spread, Thrust
-from relnav.simulation.trajectory import Approach
+from relnav.simulation.run_draws import disturbed
+from relnav.simulation.streams import Draws
+from relnav.simulation.trajectory import Approach, fly_disturbed
 
 RUNS = 24
 """Of a round, for each thread."""
@@ -36,12 +42,38 @@ SCENARIOS = {
 }
 
 
+def parts(model, scenario, method, rounds):
+    """Processor time of truth, images, filter and figures of a run, us an epoch: the least of the rounds each."""
+    scorer, times = RunScorer(model, scenario, method, 1), []
+    for run in range(rounds * RUNS):
+        clock = [time.thread_time()]
+        fly_disturbed(model, *disturbed(model, scenario, Draws(1, run), {}))
+        clock.append(time.thread_time())
+        flight = fly_run(model, scenario, 1, run)
+        clock.append(time.thread_time())
+        epochs = scorer._filtered(flight)
+        clock.append(time.thread_time())
+        scorer._scored(flight, epochs)
+        clock.append(time.thread_time())
+        times.append(np.diff(clock) / len(flight.log.t_s) * 1e6)
+    truth, flown, *rest = np.min(times, axis=0)
+    return truth, flown - truth, *rest
+
+
 def main() -> None:
     """Measure, print, write JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--parts", action="store_true")
     options = parser.parse_args()
+    if options.parts:
+        print(f"{'us a run-epoch, the least':<44}{'truth':>8}{'images':>8}{'filter':>8}{'figures':>8}")
+        for name, scenario in SCENARIOS.items():
+            for method in ("spots", "fix"):
+                each = parts(relnav.load_model("three_beacon_psd"), scenario, method, options.rounds)
+                print(f"{f'{name}, {method}':<44}" + "".join(f"{value:8.2f}" for value in each))
+        return
     model, (peer_epochs, peer) = relnav.load_model("three_beacon_psd"), Problem().peers()["filterpy user"]
     threads = processors()
     plans = {

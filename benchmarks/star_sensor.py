@@ -107,9 +107,11 @@ def patent(count, seed):
 def blind(count, seed):
     """Frames of cameras of many kinds, solved with a focal length that is up to 3 % wrong."""
     figures = fly_blind(relnav.load_model("ground_camera").catalogue, count, seed)
+    refusal = figures["refusal_s_median"], figures["refusal_s_most"]
     return figures, [
         Bar("wrong attitudes of unknown cameras", f"{figures['wrong']} of {count}", "0", figures["wrong"] == 0),
         Bar("true frames solved", f"{figures['solved']} of {figures['true_frames']}"),
+        Bar("to refuse a frame, processor s, median and most", f"{refusal[0]:.2f}, {refusal[1]:.2f}"),
     ]
 
 

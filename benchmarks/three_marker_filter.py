@@ -1,6 +1,7 @@
 """The pose filter over many flights: accuracy near the target, honesty, few markers, late images, flat patterns.
 
     python benchmarks/three_marker_filter.py --runs 20
+    python benchmarks/three_marker_filter.py --speed          how long an epoch takes
 
 Every figure is printed beside its bound; exit code 1 if one is missed. The tests fly a fraction of this.
 """
@@ -19,6 +20,7 @@ from relnav.accuracy.target_attitude import attitude_trials
 from relnav.navigation.attitude.target_attitude import METHODS
 from relnav.navigation.observation.marker_poses import Root, state_of, write_root
 from relnav.navigation.pose_filter import pose_step
+from relnav.navigation.pose_log import MarkerLogFilter
 from relnav.navigation.pose_memory import new_pose_memory, pose_views
 from relnav.navigation.pose_state import PoseState, sensitivities_from_pose, state_from_pose
 from relnav.navigation.relative_pose import PoseNavigator
@@ -162,14 +164,38 @@ def attitude_cost(mission):
     return steps[1] / steps[0]
 
 
+def speed(mission, seed, rounds=20):
+    """Print processor time of an epoch of a log in memory, us: of its quickest 50 epochs, and of all.
+
+    The least is that of one hypothesis and no look for others, compiled code alone; the mean has both.
+    """
+    approach = dataclasses.replace(NEAR, duration_s=300.0, start_m=(12.8, 0.25, -0.15), speed_m_s=0.05)
+    flight = simulate_flight(mission, approach, seed=seed)
+    t, spots, count, piece = flight.t_s, flight.spots_px, len(flight.t_s), 50
+    control, times = np.hstack([flight.acceleration_m_s2, np.zeros((count, 3))]), []
+    for _ in range(rounds):
+        log = MarkerLogFilter(mission)
+        for first in range(0, count, piece):
+            part = slice(first, first + piece)
+            began = time.thread_time()
+            epochs = log.forward(t[part], spots[part], control[part], np.empty((0, 4)))
+            times.append((time.thread_time() - began) / len(epochs) * 1e6)
+    each = np.array(times).reshape(rounds, -1).min(axis=0)
+    print(f"an epoch, us: least {each.min():.1f}, median of pieces {np.median(each):.1f}, mean {each.mean():.1f}")
+
+
 def main() -> int:
     """Fly, print, judge."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--flat-runs", type=int, default=50)
     parser.add_argument("--seed", type=int, default=1000)
+    parser.add_argument("--speed", action="store_true")
     options = parser.parse_args()
     runs, seed, mission = options.runs, options.seed, relnav.load_model("three_marker_vision")
+    if options.speed:
+        speed(mission, seed)
+        return 0
     figures = Figures()
     errors = flown(mission, NEAR, MarkerFaults(), runs, seed)
     near = errors.where((errors.t_s > 20.0) & (errors.range_m < 7.0))

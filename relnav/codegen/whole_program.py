@@ -87,6 +87,10 @@ class _Caller(_Whole):
             self.outside.append(library)
 
 
+def _nothing() -> None:
+    """What is there already is not loaded again."""
+
+
 class _Target:
     """numba's processor target with another class of libraries, and with our calls from Python if asked for."""
 
@@ -97,7 +101,12 @@ class _Target:
         if library is _Unfinished:
             generator.set_env = lambda _name, _env: None  # it does not run by itself
         self.typing_context = _TYPING
-        self.target_context = numbas.subtarget(_internal_codegen=generator, typing_context=_TYPING)
+        numbas.refresh()
+        self.target_context = numbas.subtarget(
+            _internal_codegen=generator,
+            typing_context=_TYPING,
+            load_additional_registries=_nothing,  # just done; numba would look at all of them at every call
+        )
         if own_calls:
             self.target_context.create_cpython_wrapper = partial(write_python_call, self.target_context)
         self.options = cpu_target.options

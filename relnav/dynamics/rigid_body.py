@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from relnav.arrays import Matrix, Vector
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import kernel, straight_line
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
 
 LARGEST_TURN_RAD = 0.05
@@ -25,6 +25,9 @@ a thousand has by then lost the attitude, and so have the orbit and the torques 
 INERTIA, INVERSE, MEAN_MOTION, TORQUE = 0, 3, 6, 7
 """Rows of a body (8, 3): its inertia and the inverse, three rows each; (mean motion, 0, 0); the torque on it."""
 BODY_ROWS = 8
+
+_RATES_PATTERN = ("0***00", "*0*0*0", "**000*", "******", "******", "******")
+"""Of F: theta' = -w x theta + dw."""
 
 
 @kernel
@@ -113,30 +116,39 @@ def error_rates_into(
 
 
 @kernel
-def _product(a: Matrix, b: Matrix, scale: float, out: Matrix) -> None:
-    """Write a b scale (6, 6) into out, which is neither."""
+def _product(a: Matrix, b: Matrix, out: Matrix) -> None:
+    """Write a b (6, 6) into out, which is neither."""
     for i in range(6):
         for j in range(6):
             total = 0.0
             for k in range(6):
                 total += a[i, k] * b[k, j]
-            out[i, j] = total * scale
+            out[i, j] = total
+
+
+@straight_line(half=_RATES_PATTERN, step=(6, 6))
+def exponential_into(half: Matrix, step: Matrix) -> None:
+    """Write exp(half) to third order into step (6, 6); half as `error_rates_into` writes it, times a time."""
+    square, cube = np.zeros((6, 6)), np.zeros((6, 6))
+    for i in range(6):
+        for j in range(6):
+            for k in range(6):
+                square[i, j] += half[i, k] * half[k, j]
+    for i in range(6):
+        for j in range(6):
+            for k in range(6):
+                cube[i, j] += half[i, k] * square[k, j]
+    for i in range(6):
+        for j in range(6):
+            step[i, j] = (1.0 if i == j else 0.0) + (half[i, j] + (0.5 * square[i, j] + cube[i, j] / 6.0))
 
 
 @kernel
-def _carry_errors(half: Matrix, h: float, density: float, phi: Matrix, noise: Matrix, work: Matrix) -> None:
-    """Advance phi and noise (6, 6), in place, by exp(half), to third order, and white acceleration over h.
-
-    work (18, 6) scratch.
-    """
-    step, one, other = work[0:6], work[6:12], work[12:18]
-    _product(half, half, 0.5, one)
-    _product(half, one, 1.0 / 3.0, other)
-    for i in range(6):
-        for j in range(6):
-            step[i, j] = (1.0 if i == j else 0.0) + half[i, j] + one[i, j] + other[i, j]
-    _product(step, phi, 1.0, one)
-    _product(step, noise, 1.0, other)
+def _carry_errors(step: Matrix, phi: Matrix, noise: Matrix, work: Matrix) -> None:
+    """Advance phi and noise (6, 6), in place, by a transition; work (12, 6) scratch."""
+    one, other = work[0:6], work[6:12]
+    _product(step, phi, one)
+    _product(step, noise, other)
     for i in range(6):
         for j in range(6):
             phi[i, j] = one[i, j]
@@ -146,11 +158,6 @@ def _carry_errors(half: Matrix, h: float, density: float, phi: Matrix, noise: Ma
             for k in range(6):
                 total += other[i, k] * step[j, k]
             noise[i, j] = total
-    for i in range(3):
-        noise[i, i] += density * h * h * h / 3.0
-        noise[3 + i, 3 + i] += density * h
-        noise[i, 3 + i] += 0.5 * density * h * h
-        noise[3 + i, i] += 0.5 * density * h * h
 
 
 @kernel
@@ -168,10 +175,16 @@ def turn_body_with_errors(
     noise: Matrix,
     work: Matrix,
 ) -> None:
-    """Advance dcm, rate, the transition phi and the noise (6, 6), in place, by count steps h; work (50, 6) scratch."""
+    """Advance dcm and rate, in place, by count steps h, and write the transition phi and the noise (6, 6) over them.
+
+    density: of white angular acceleration; work (50, 6) scratch.
+    """
     before, after, columns, turning = work[0:6], work[6:12], work[12:18, 0:3], work[18:32, 0:3]
     error_rates_into(dcm, rate, inertia, inverse, n, before, columns)
-    for _ in range(count):
+    for i in range(6):
+        for j in range(6):
+            noise[i, j] = 0.0
+    for taken in range(count):
         turn_body(dcm, rate, inertia, inverse, n, tau, h, turning)
         error_rates_into(dcm, rate, inertia, inverse, n, after, columns)
         for i in range(6):
@@ -179,7 +192,16 @@ def turn_body_with_errors(
                 later = after[i, j]
                 after[i, j] = 0.5 * h * (before[i, j] + later)
                 before[i, j] = later
-        _carry_errors(after, h, density, phi, noise, work[32:50])
+        if taken == 0:  # most steps are one
+            exponential_into(after, phi)
+        else:
+            exponential_into(after, work[32:38])
+            _carry_errors(work[32:38], phi, noise, work[38:50])
+        for i in range(3):
+            noise[i, i] += density * h * h * h / 3.0
+            noise[3 + i, 3 + i] += density * h
+            noise[i, 3 + i] += 0.5 * density * h * h
+            noise[3 + i, i] += 0.5 * density * h * h
 
 
 @kernel
@@ -206,10 +228,6 @@ def propagate_into(
     count = step_count(rate, n, dt)
     if count == 0:
         return False
-    for i in range(6):
-        for j in range(6):
-            phi[i, j] = 1.0 if i == j else 0.0
-            q[i, j] = 0.0
     inertia, inverse = body[INERTIA : INERTIA + 3], body[INVERSE : INVERSE + 3]
     turn_body_with_errors(dcm, rate, inertia, inverse, n, body[TORQUE], dt / count, count, density, phi, q, work)
     return True

@@ -14,8 +14,9 @@ The innovation shows E e less what the estimate has taken up of it, (E - H S) e:
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, square, straight_line, vector
+from relnav.codegen.trace import Shape
 from relnav.estimation.factored import add_rank_one
-from relnav.estimation.rows import Observed
+from relnav.estimation.rows import Observed, row_pattern
 
 
 @kernel
@@ -27,17 +28,35 @@ def is_felt(row: Vector) -> bool:
     return size > 0.0
 
 
+def _rows(n: int) -> Shape:
+    """The rows of a group."""
+    return 3, n
+
+
+@straight_line(of=_rows, h=row_pattern, s=vector)
+def _shown(of: Matrix, h: Vector, s: Vector) -> float:  # noqa: ARG001  (tells the compiler how many errors there are)
+    """What a row h, one of the rows of a group, shows of an error of the state s (n,)."""
+    total: float = h[0] * s[0]
+    for j in range(1, s.shape[0]):
+        total += h[j] * s[j]
+    return total
+
+
+@straight_line(of=_rows, h=row_pattern, total=vector)
+def _add_row(of: Matrix, h: Vector, weight: float, total: Vector) -> None:  # noqa: ARG001  (as above)
+    """Add a row h, one of the rows of a group, times a weight to total (n,)."""
+    for j in range(total.shape[0]):
+        total[j] += h[j] * weight
+
+
 @kernel
 def subtract_taken(groups: Record, by_error: Matrix, sensitivities: Matrix, first: int, last: int) -> None:
     """Replace E (rows, m) of groups by E - H S, of the errors first to last - 1; row k of group g is row 2 g + k."""
     for g in range(groups.shape[0]):
+        gradient = groups[g]["gradient"]
         for k in range(groups[g]["rows"]):
-            h = groups[g]["gradient"][k]
             for c in range(first, last):
-                s, taken = sensitivities[c], 0.0
-                for j in range(s.shape[0]):
-                    taken += h[j] * s[j]
-                by_error[2 * g + k, c] -= taken
+                by_error[2 * g + k, c] -= _shown(gradient, gradient[k], sensitivities[c])
 
 
 @kernel
@@ -82,8 +101,9 @@ def update_sensitivities(ld: Matrix, seen: Observed, by_error: Matrix, news: Mat
         one = seen.independent[g] if correlated else seen.groups[g]
         if one["tested"] == 0:
             continue
+        gradient = one["gradient"]
         for k in range(one["rows"]):
-            i, h, variance = 2 * g + k, one["gradient"][k], one["variance"][k]
+            i, variance = 2 * g + k, one["variance"][k]
             if variance <= 0.0:
                 continue
             if correlated:
@@ -94,8 +114,7 @@ def update_sensitivities(ld: Matrix, seen: Observed, by_error: Matrix, news: Mat
             for c in range(news.shape[0]):
                 weight = by_error[i, c] / variance
                 if weight != 0.0:
-                    for j in range(news.shape[1]):
-                        news[c, j] += h[j] * weight
+                    _add_row(gradient, gradient[k], weight, news[c])
     for c in range(news.shape[0]):
         if is_felt(news[c]):
             add_covariance_times(ld, news[c], sensitivities[c])

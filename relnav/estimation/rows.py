@@ -17,12 +17,12 @@ from typing import NamedTuple
 import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
-from relnav.codegen.kernel import kernel, quotient, square, straight_line, vector
+from relnav.codegen.kernel import kernel, quotient, square, straight_line, variant, vector
 from relnav.codegen.trace import Shape
 from relnav.estimation.factored import innovation_variance, scalar_update
 
 
-def _seen(n: int) -> Shape:
+def row_pattern(n: int) -> Shape:
     """A row of an image: it sees positions and attitudes, every first half of six states, not their rates."""
     return "***000" * (n // 6)
 
@@ -80,7 +80,7 @@ def copy_track(source: Record, target: Record) -> None:
     copy_numbers(source["state"], source["ld"], target["state"], target["ld"])
 
 
-@straight_line(state=vector, ld=square, at=vector, h=_seen)
+@straight_line(state=vector, ld=square, at=vector, h=row_pattern)
 def take(state: Vector, ld: Matrix, at: Vector, h: Vector, variance: float, residual: float) -> tuple[float, float]:
     """Update a track with one row, linearised at `at`; returns its squared innovation and the innovation's variance."""
     e = residual
@@ -219,6 +219,10 @@ def _agreeing(track: Record, seen: Observed, gate: Vector, work: Record, passing
         if agreeing == 1 or (agreeing > 1 and passing > 2):
             return passing
     return 0
+
+
+own_variance = variant(innovation_variance, "own_variance", h1=row_pattern, h2=row_pattern)
+"""Of what the prior says of a row, given twice."""
 
 
 @straight_line(ld=square, h=_seen_twice, residual=(2,), variance=(2,))

@@ -4,10 +4,9 @@ import math
 
 import numpy as np
 
-from relnav.arrays import Matrix, Record, Stack
+from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import kernel, straight_line
-from relnav.codegen.trace import Shape
-from relnav.dynamics.error_state import MOTION, POSE, RATE, THETA
+from relnav.dynamics.error_state import MOTION, POSE, RATE, ROTATION, THETA
 from relnav.estimation.considered import update_sensitivities
 from relnav.estimation.factored import orthogonalise, spread
 from relnav.estimation.rows import Observed, copy_track, gate_groups, log_determinant, pair_covariance, sweep
@@ -21,19 +20,35 @@ LONE_SHARE = 0.001
 SETTLING_S = 10.0
 """After a pose was taken up beside others: what it learns of velocity and rate is not held against it."""
 
-_RESET: Shape = tuple(
-    "".join("*" if THETA <= i < RATE and THETA <= j < RATE else "1" if i == j else "0" for j in range(POSE))
-    for i in range(POSE)
-)
 
+@straight_line(ld=(POSE, POSE), half=(3,))
+def turn_errors(ld: Matrix, half: Vector) -> None:
+    """Replace the factors of P by those of G P G^T, G = I - [half x] for the attitude's errors, I for the others.
 
-@straight_line(ld=(POSE, POSE), turn=_RESET)
-def turn_errors(ld: Matrix, turn: Matrix) -> None:
-    """Replace the factors of P by those of G P G^T."""
-    n = ld.shape[0]
-    w, weights = np.zeros((n, n)), np.zeros(n)
-    spread(turn, ld, w, weights)
-    orthogonalise(w, weights, ld)
+    Of L, G mixes three rows alone. Their square is factored anew; what stands below in its columns goes along.
+    """
+    turn, attitude = np.zeros((3, 3)), ld[THETA:RATE]
+    turn[0, 1], turn[0, 2], turn[1, 2] = half[2], -half[1], half[0]
+    for i in range(3):
+        turn[i, i] = 1.0
+        for j in range(i):
+            turn[i, j] = -turn[j, i]
+    for k in range(THETA):
+        x, y, z = attitude[0, k], attitude[1, k], attitude[2, k]
+        for i in range(3):
+            attitude[i, k] = turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z
+    square, below = ld[THETA:RATE, THETA:RATE], ld[RATE:, THETA:RATE]
+    w, weights, turned = np.zeros((ROTATION, 3)), np.zeros(3), np.zeros((ROTATION, ROTATION))
+    spread(turn, square, w[:3], weights)
+    for i in range(3):
+        for k in range(3):
+            w[3 + i, k] = below[i, k]
+    orthogonalise(w, weights, turned)
+    for k in range(3):
+        for i in range(3):
+            below[i, k] = turned[3 + i, k]
+            if i >= k:
+                square[i, k] = turned[i, k]
 
 
 @kernel
@@ -43,7 +58,7 @@ def take_in(scratch: Record, track: Record, sensitivities: Matrix) -> None:
     P <- G P G^T and S <- G S, G = I - [theta x] / 2 (Markley and Crassidis 2014, ch. 6).
     """
     x, motion, rate, dcm = track["state"], track["motion"], track["rate"], track["dcm"]
-    turned, g = scratch["turned"], scratch["phi"]
+    turned, half = scratch["turned"], scratch["point"]
     for i in range(MOTION):
         motion[i] += x[i]
     turn_by_rotation_vector(dcm, x[THETA:RATE], turned)
@@ -51,12 +66,9 @@ def take_in(scratch: Record, track: Record, sensitivities: Matrix) -> None:
         rate[i] += x[RATE + i]
         for j in range(3):
             dcm[i, j] = turned[i, j]
-    for i in range(POSE):
-        for j in range(POSE):
-            g[i, j] = 1.0 if i == j else 0.0
     a, b, c = 0.5 * x[6], 0.5 * x[7], 0.5 * x[8]
-    g[6, 7], g[6, 8], g[7, 6], g[7, 8], g[8, 6], g[8, 7] = c, -b, -c, a, b, -a
-    turn_errors(track["ld"], g)
+    half[0], half[1], half[2] = a, b, c
+    turn_errors(track["ld"], half)
     for k in range(sensitivities.shape[0]):
         s = sensitivities[k]
         u, v, w = s[6], s[7], s[8]

@@ -13,7 +13,7 @@ from relnav.estimation.factored import innovation_variance
 from relnav.estimation.rows import copy_track, gate_groups, sweep
 from relnav.navigation.memory import Memory
 from relnav.navigation.observation.attitude_check import attitude_is_credible
-from relnav.navigation.observation.beacon_considered import add_considered_noise, consider, observed
+from relnav.navigation.observation.beacon_considered import add_considered_noise, consider, look_at_errors, observed
 from relnav.navigation.observation.beacon_geometry import locate, uses_coordinates
 from relnav.navigation.observation.beacon_monitors import gather_rows
 from relnav.navigation.observation.beacon_rows import observe, observe_again
@@ -136,5 +136,8 @@ def correct(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix, watc
         iterations += 1
     result["iterations"], result["used"] = iterations, passed
     copy_track(work, track)
-    consider(m, track["ld"], at, image, sensitivities, spots)
+    if sensitivities.shape[0] > 0:
+        if coordinates and iterations > 1:
+            look_at_errors(m, at, sensitivities, spots)
+        consider(m, track["ld"], at, image, sensitivities, spots)
     return UPDATED if passed == seen else PARTIAL

@@ -21,14 +21,17 @@ def _natural_acceleration(r: Vector, v: Vector, environment: Vector, ballistic: 
     r2 = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
     distance = math.sqrt(r2)
     gravity = -environment[MU] / (r2 * distance)
-    squash = 1.5 * environment[J2] * (EARTH_RADIUS_M / distance) ** 2
-    s = 5.0 * r[2] * r[2] / r2
-    a[0] = gravity * r[0] * (1.0 + squash * (1.0 - s))
-    a[1] = gravity * r[1] * (1.0 + squash * (1.0 - s))
-    a[2] = gravity * r[2] * (1.0 + squash * (3.0 - s))
-    drag = 0.5 * environment[DENSITY] * ballistic * math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    for i in range(3):
-        a[i] -= drag * v[i]
+    a[0], a[1], a[2] = gravity * r[0], gravity * r[1], gravity * r[2]
+    if environment[J2] != 0.0:
+        squash = 1.5 * environment[J2] * (EARTH_RADIUS_M / distance) ** 2
+        s = 5.0 * r[2] * r[2] / r2
+        a[0] *= 1.0 + squash * (1.0 - s)
+        a[1] *= 1.0 + squash * (1.0 - s)
+        a[2] *= 1.0 + squash * (3.0 - s)
+    if environment[DENSITY] != 0.0:
+        drag = 0.5 * environment[DENSITY] * ballistic * math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+        for i in range(3):
+            a[i] -= drag * v[i]
 
 
 @kernel

@@ -29,13 +29,16 @@ def test_an_error_is_felt_where_it_moves_anything(row, felt):
     assert considered.is_felt(np.array(row)) == felt
 
 
+@pytest.mark.parametrize("size", [6, 12])
 @pytest.mark.parametrize(("first", "last"), [(0, ERRORS), (1, 3), (2, 2)])
-def test_what_is_taken_up_is_subtracted(first, last):
+def test_what_is_taken_up_is_subtracted(first, last, size):
+    """Of errors of every filter: rows see the first half of each six."""
     rng = np.random.default_rng(1)
-    groups = np.zeros(3, group_type(N))
-    groups["rows"], groups["gradient"] = (2, 1, 2), rng.normal(size=(3, 3, N))
-    E, S = rng.normal(size=(6, ERRORS)), rng.normal(size=(ERRORS, N))
-    taken = groups["gradient"][:, :2].reshape(6, N) @ S.T
+    groups = np.zeros(3, group_type(size))
+    groups["rows"], groups["gradient"] = (2, 1, 2), rng.normal(size=(3, 3, size))
+    groups["gradient"][..., np.arange(size) % 6 > 2] = 0.0
+    E, S = rng.normal(size=(6, ERRORS)), rng.normal(size=(ERRORS, size))
+    taken = groups["gradient"][:, :2].reshape(6, size) @ S.T
     taken[3] = taken[:, :first] = taken[:, last:] = 0.0
     expected = E - taken
     considered.subtract_taken(groups, E, S, first, last)

@@ -57,6 +57,17 @@ def shared_errors(m: Memory) -> tuple[int, int]:
 
 
 @kernel
+def look_at_errors(m: Memory, x: Vector, sensitivities: Matrix, spots: Matrix) -> None:
+    """Write `turns` and `by_error` of coordinates linearised at x, less what the estimate has of errors that all share.
+
+    sensitivities (m, 6) as predicted.
+    """
+    errors_of_coordinates(m, x, spots)
+    first, last = shared_errors(m)
+    subtract_taken(m.groups, m.by_error, sensitivities, first, last)
+
+
+@kernel
 def add_considered_noise(m: Memory, x: Vector, sensitivities: Matrix, spots: Matrix) -> None:
     """Add considered errors, and the attitude's noise, to the variance of every coordinate in use.
 
@@ -65,9 +76,7 @@ def add_considered_noise(m: Memory, x: Vector, sensitivities: Matrix, spots: Mat
     count, noise = sensitivities.shape[0], m.sensor["attitude_noise"]
     if count == 0 and noise == 0.0:
         return
-    errors_of_coordinates(m, x, spots)
-    first, last = shared_errors(m)
-    subtract_taken(m.groups, m.by_error, sensitivities, first, last)
+    look_at_errors(m, x, sensitivities, spots)
     for i in range(2 * m.groups.shape[0]):
         variance, turn, row = m.groups[i // 2]["variance"], m.turns[i], m.by_error[i]
         if variance[i % 2] > 0.0:
@@ -95,15 +104,17 @@ def observed(m: Memory) -> Observed:
 
 @kernel
 def consider(m: Memory, ld: Matrix, at: Vector, image: Observed, sensitivities: Matrix, spots: Matrix) -> None:
-    """Take an image into sensitivities (m, 6), by the rows in use, linearised at `at`; ld: after it."""
-    count = sensitivities.shape[0]
-    if count == 0:
-        return
+    """Take an image into sensitivities (m, 6), m > 0, by the rows in use, linearised at `at`; ld: after it.
+
+    Of coordinates `look_at_errors` was there before.
+    """
+    count, first, last = sensitivities.shape[0], 0, 0
     if uses_coordinates(m.sensor):
-        errors_of_coordinates(m, at, spots)
+        first, last = shared_errors(m)
     else:
         errors_of_position(m, at, spots)
-    subtract_taken(image.groups, m.by_error, sensitivities, 0, count)
+    subtract_taken(image.groups, m.by_error, sensitivities, 0, first)
+    subtract_taken(image.groups, m.by_error, sensitivities, last, count)
     update_sensitivities(ld, image, m.by_error, m.news, sensitivities)
 
 
@@ -136,10 +147,13 @@ def start_sensitivities_of_fix(m: Memory, p: Vector, spots: Matrix, by_spots: Ma
 @kernel
 def start_sensitivities_of_planes(m: Memory, track: Record, spots: Matrix, sensitivities: Matrix) -> None:
     """Set sensitivities (m, 6) of a track that starts by least squares over coordinates."""
+    if sensitivities.shape[0] == 0:
+        return
     for j in range(sensitivities.shape[0]):
         for i in range(MOTION):
             sensitivities[j, i] = 0.0
     image = Observed(m.groups, m.nothing, m.nothing, m.groups[0:0])
+    look_at_errors(m, track["state"], sensitivities, spots)
     consider(m, track["ld"], track["state"], image, sensitivities, spots)
 
 

@@ -107,7 +107,8 @@ def errors_of_coordinates(m: Memory, x: Vector, spots: Matrix) -> None:
             for k in range(2):
                 h = gradient[k]
                 m.turns[2 * beacon + k, axis] = -(h[0] * moved[0] + h[1] * moved[1] + h[2] * moved[2])
-        place_in_field(m.sensor, spots[beacon], place)
+        if first < FIELD_ERRORS:
+            place_in_field(m.sensor, spots[beacon], place)
         lasting = m.beacons[beacon]["lasting_sigma"]
         for j in range(count):
             error, x_row, y_row = first + j, m.by_error[2 * beacon], m.by_error[2 * beacon + 1]
@@ -135,7 +136,8 @@ def errors_of_position(m: Memory, x: Vector, spots: Matrix) -> None:
     camera_position_dock(x, m.sensor["offset"], m.kept["dock"], p)
     regular = numbers_by_beacon(m, p, m.scratch["gradients"], by_beacon)
     for i in range(3):
-        place_in_field(m.sensor, spots[i], places[i])
+        if m.fixed["first_error"] < FIELD_ERRORS:
+            place_in_field(m.sensor, spots[i], places[i])
     for j in range(m.by_error.shape[1]):
         for r in range(3):
             m.by_error[r, j] = 0.0

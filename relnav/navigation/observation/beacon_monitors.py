@@ -13,7 +13,6 @@ from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
 from relnav.dynamics.error_state import MOTION
 from relnav.estimation.clock_monitor import doubt_clock, is_doubtful, weigh_jump
-from relnav.estimation.factored import innovation_variance
 from relnav.estimation.monitors import (
     AWAY_S,
     STUCK,
@@ -24,6 +23,7 @@ from relnav.estimation.monitors import (
 )
 from relnav.estimation.repeated_reading import LEAST_MOTION, repeats
 from relnav.estimation.returning import LONG_S, note_pair, returns_wrong
+from relnav.estimation.rows import own_variance
 from relnav.navigation.memory import Memory
 from relnav.navigation.observation.beacon_considered import shared_errors
 from relnav.navigation.observation.beacon_geometry import see_beacon, uses_coordinates
@@ -41,7 +41,7 @@ def _write_row(m: Memory, group: Record, k: int, residual: float, noise: float, 
         for j in range(MOTION):
             taken += h[j] * (x[j] - unseen[j])
     group["value"][k], group["noise"][k], group["lasting"][k], group["taken"][k] = residual, noise, lasting, taken
-    group["state"][k] = innovation_variance(m.track["ld"], h, h)
+    group["state"][k] = own_variance(m.track["ld"], h, h)
     group["motion"][k] = -(h[0] * x[3] + h[1] * x[4] + h[2] * x[5])
 
 

@@ -19,11 +19,13 @@ uncertain believes lines of sight that it has bent.
 
 import math
 
+import numpy as np
+
 from relnav.arrays import Matrix, Record, Stack, Vector
-from relnav.codegen.kernel import kernel
-from relnav.dynamics.error_state import RATE, THETA
+from relnav.codegen.kernel import kernel, straight_line
+from relnav.codegen.trace import Shape
+from relnav.dynamics.error_state import POSE, RATE, THETA
 from relnav.estimation.considered import add_lasting_noise, subtract_taken
-from relnav.estimation.factored import compose_into
 from relnav.geometry.distortion import distort_point
 from relnav.geometry.linear_algebra import cholesky, cross_into
 from relnav.navigation.blocks import CHASER_ATTITUDE, FOCAL_LENGTH, MOUNTING, PLACEMENT
@@ -157,6 +159,64 @@ def _write_lasting(
                 row[PLACEMENT + 3 * marker + j] = lasting["placement"] * q[axis, j]
 
 
+_SEES: Shape = "***000***000"
+"""Of the twelve errors, position and attitude; in P below they are numbers 0 to 5."""
+
+
+@straight_line(ld=(POSE, POSE), seen=(SEEN, SEEN))
+def _write_seen_covariance(ld: Matrix, seen: Matrix) -> None:
+    """Write P of position and attitude, of the factors L D L^T of all errors, into seen."""
+    errors = (0, 1, 2, THETA, THETA + 1, THETA + 2)
+    for a, i in enumerate(errors):
+        for b, j in enumerate(errors[: a + 1]):
+            total = ld[j, j] * (1.0 if i == j else ld[i, j])
+            for k in range(j):
+                total += ld[i, k] * ld[k, k] * ld[j, k]
+            seen[a, b] = total
+            seen[b, a] = total
+
+
+@straight_line(h=_SEES, g=(SEEN,), q=(3,), s=(3,), covariance=(SEEN, SEEN), bend=(SEEN * SEEN,))
+def _write_bend(h: Vector, g: Vector, q: Vector, s: Vector, covariance: Matrix, bend: Vector) -> float:
+    """Write B P of a row h, (6, 6) row by row, into bend; returns half of its trace.
+
+    g: d(depth) / depth of the row's marker at s; q: the row by the marker.
+    """
+    B, P = np.zeros((SEEN, SEEN)), covariance
+    errors = (0, 1, 2, THETA, THETA + 1, THETA + 2)
+    along, mean = q[0] * s[0] + q[1] * s[1] + q[2] * s[2], 0.0
+    for i in range(SEEN):
+        for j in range(i + 1):
+            B[i, j] = -(h[errors[i]] * g[j] + h[errors[j]] * g[i])
+            if j >= 3:
+                B[i, j] += 0.5 * (q[i - 3] * s[j - 3] + q[j - 3] * s[i - 3])
+                B[i, j] -= along if i == j else 0.0
+            B[j, i] = B[i, j]
+    for i in range(SEEN):
+        for j in range(SEEN):
+            total = B[i, 0] * P[0, j]
+            for k in range(1, SEEN):
+                total += B[i, k] * P[k, j]
+            bend[SEEN * i + j] = total
+        mean += 0.5 * bend[SEEN * i + i]
+    return mean
+
+
+@straight_line(a=(2, SEEN * SEEN), b=(2, SEEN * SEEN), noise=(2, 2))
+def _add_half_traces(a: Matrix, b: Matrix, noise: Matrix) -> None:
+    """Add half of tr(A B) of the matrices (6, 6), row by row, of the rows of two markers to the noise of these rows.
+
+    For all four at once each number is fetched once; in two strands each additions do not wait for one another.
+    """
+    for row in range(2):
+        for other in range(2):
+            strands = np.zeros(2)
+            for i in range(SEEN):
+                for j in range(SEEN):
+                    strands[j % 2] += a[row, SEEN * i + j] * b[other, SEEN * j + i]
+            noise[row, other] += 0.5 * (strands[0] + strands[1])
+
+
 @kernel
 def _add_second_order(
     scratch: Record,
@@ -170,39 +230,20 @@ def _add_second_order(
     ld: Matrix,
 ) -> None:
     """Shift the residuals of groups (k,) by the mean of the second order, and add its covariance to the noise."""
-    P, whole, B, count = scratch["seen_covariance"], scratch["noise"], scratch["six"], groups.shape[0]
-    compose_into(ld, whole)
-    for i in range(SEEN):
-        for j in range(SEEN):
-            P[i, j] = whole[i if i < 3 else i + 3, j if j < 3 else j + 3]
+    P, count = scratch["seen_covariance"], groups.shape[0]
+    _write_seen_covariance(ld, P)
     for row in range(2 * count):
-        g, h, q = nearer[row // 2], groups[row // 2]["gradient"][row % 2], by_marker[row]
+        group, k = groups[row // 2], row % 2
         s = points[int(which[row // 2])]
-        along = q[0] * s[0] + q[1] * s[1] + q[2] * s[2]
-        for i in range(SEEN):
-            for j in range(SEEN):
-                B[i, j] = -(h[i if i < 3 else i + 3] * g[j] + h[j if j < 3 else j + 3] * g[i])
-        for i in range(3):
-            for j in range(3):
-                B[3 + i, 3 + j] += 0.5 * (q[i] * s[j] + q[j] * s[i])
-            B[3 + i, 3 + i] -= along
-        mean = 0.0
-        for i in range(SEEN):
-            for j in range(SEEN):
-                total = 0.0
-                for k in range(SEEN):
-                    total += B[i, k] * P[k, j]
-                bends[row, SEEN * i + j] = total
-            mean += 0.5 * bends[row, SEEN * i + i]
-        groups[row // 2]["residual"][row % 2] -= mean
-    for row in range(2 * count):
-        for other in range(row + 1):
-            total = 0.0
-            for i in range(SEEN):
-                for j in range(SEEN):
-                    total += bends[row, SEEN * i + j] * bends[other, SEEN * j + i]
-            noise[row, other] += 0.5 * total
-            noise[other, row] = noise[row, other]
+        mean = _write_bend(group["gradient"][k], nearer[row // 2], by_marker[row], s, P, bends[row])
+        group["residual"][k] -= mean
+    for first in range(0, 2 * count, 2):
+        for second in range(0, first + 1, 2):
+            block = noise[first : first + 2, second : second + 2]
+            _add_half_traces(bends[first : first + 2], bends[second : second + 2], block)
+            for row in range(first, first + 2):
+                for other in range(second, second + 2):
+                    noise[other, row] = noise[row, other]
 
 
 @kernel

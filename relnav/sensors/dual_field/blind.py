@@ -13,6 +13,21 @@ import numpy as np
 
 from relnav.arrays import Codes, Matrix, Vector
 from relnav.codegen.kernel import kernel
+from relnav.sensors.dual_field.blind_order import (
+    CHECKED_SPOTS,
+    CLOSER,
+    FAR,
+    NARROW,
+    NEAR,
+    WIDE,
+    Pairs,
+    Way,
+    edge,
+    half_orders,
+    new_pairs,
+    pair_order,
+    spread_order,
+)
 from relnav.sensors.dual_field.camera_fit import CameraFit, fit_camera
 from relnav.sensors.dual_field.catalogue import StarCatalogue
 from relnav.sensors.dual_field.identify import make_frame
@@ -35,12 +50,6 @@ from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solu
 FOCAL_RANGE = 0.05
 """How far the focal length may be from the given one, relative."""
 
-CHECKED_SPOTS = 24
-"""The brightest spots that a candidate is checked against."""
-
-PAIR_SPOTS = 11
-"""The brightest spots that pairs are made of."""
-
 MIRRORED_PAIRS = 12
 """Pairs that are tried to tell a user whose frame is not solved that it is mirrored."""
 
@@ -51,13 +60,14 @@ of the attitudes."""
 SHEAR, LEAST_SHEAR, MOST_SHEAR = 0.01, 0.002, 0.03
 """Error of a spot relative to its distance from the pair, by distortion not known: any lens, a long one, a wide one."""
 
-WIDE = 0.4
+COARSENESS = 0.05
+"""Half the width of a step of scale, in shears: the questions of a pair of spots serve all pairs of stars in one step,
+with a tolerance that is wider by twice that."""
+
+WIDE_LENS = 0.4
 """Distance of the farthest spot from the axis, in focal lengths, of a wide lens."""
 
 ALL_SEARCHES, FIRST_SEARCH, OTHER_SEARCHES = slice(None), slice(1), slice(1, None)
-
-CELLS = 4
-"""Along each side of the field: where bright spots crowd (leaves, lamps) the brightest of every cell comes first."""
 
 LEAST_FOUND = 3
 """Spots that must find a star beside the pair before a candidate is looked at."""
@@ -96,6 +106,20 @@ def scale_rays(points: Matrix, scale: float, first: int, count: int, W: Matrix) 
 
 
 @kernel
+def ask_at_angle(
+    frame: Frame, points: Matrix, i: int, j: int, angle: float, stretch: float, work: Matrix, questions: Matrix
+) -> None:
+    """Prepare the questions of spots i and j, standing at `angle` from one another; `stretch` is as `SHEAR`."""
+    n = frame.sigma2.shape[0]
+    asked, ways, _ = extent(n, 1, LEAST_FOUND)
+    scale = scale_of_pair(points, i, j, angle)
+    scale_rays(points, scale, i, 1, frame.W)
+    scale_rays(points, scale, j, min(n, asked + 3), frame.W)  # those that are asked follow j
+    spot_triad(frame.W, i, j, work[15:18], work[8:10])
+    prepare_questions(frame, i, j, 0, work[15:18], asked, ways, stretch * stretch, questions)
+
+
+@kernel
 def try_scaled_pair(
     frame: Frame,
     sky: SkyArrays,
@@ -104,6 +128,7 @@ def try_scaled_pair(
     j: int,
     contrast: float,
     shear: float,
+    known: float,
     best_A: Matrix,
     best_match: Codes,
     match: Codes,
@@ -113,7 +138,8 @@ def try_scaled_pair(
     """The best candidate of one pair of spots: the logarithm of its false alarm probability; writes attitude and match.
 
     info (2,): attitudes tried so far (counted on), scale of the best. `contrast` bounds the difference of the two
-    differences of magnitude, `shear` is as `SHEAR`. Rows of frame.W are scratch.
+    differences of magnitude, `shear` is as `SHEAR`. Two stars not fainter than `known` are passed over. Rows of frame.W
+    are scratch.
     """
     n = frame.sigma2.shape[0]
     A, out, spots, stars = work[10:13], work[13], work[15:18], work[21:24]
@@ -124,17 +150,18 @@ def try_scaled_pair(
     angle = math.acos(min(1.0, cosine))
     low, high = math.cos(angle * (1.0 + FOCAL_RANGE)), math.cos(angle * (1.0 - FOCAL_RANGE))
     first, last = k_range(sky.cosines, sky.k, sky.line, low, high)
-    best = 0.0
+    half_step, asked_to, best = COARSENESS * shear, -2.0, 0.0
     fainter = frame.magnitude[j] - frame.magnitude[i]
     for pair in range(first, last):
-        step = sky.stars[sky.pairs[pair, 1], 3] - sky.stars[sky.pairs[pair, 0], 3]
-        if min(abs(step - fainter), abs(step + fainter)) > contrast:
+        magnitude, other = sky.stars[sky.pairs[pair, 0], 3], sky.stars[sky.pairs[pair, 1], 3]
+        step = other - magnitude
+        if max(magnitude, other) <= known or min(abs(step - fainter), abs(step + fainter)) > contrast:
             continue
-        scale = scale_of_pair(points, i, j, math.acos(sky.cosines[pair]))
-        scale_rays(points, scale, i, 1, frame.W)
-        scale_rays(points, scale, j, min(n, asked + 3), frame.W)  # those that are asked follow j
-        spot_triad(frame.W, i, j, spots, work[8:10])
-        prepare_questions(frame, i, j, 0, spots, asked, ways, shear * shear, questions)
+        if sky.cosines[pair] > asked_to:  # they ascend
+            angle = math.acos(sky.cosines[pair])
+            stretch = shear + 2.0 * half_step
+            ask_at_angle(frame, points, i, j, angle * (1.0 - half_step), stretch, work, questions)
+            asked_to = math.cos(angle * (1.0 - 2.0 * half_step))
         apart = star_triad(sky.stars, frame.beta, sky.pairs[pair, 0], sky.pairs[pair, 1], stars, work[4:8])
         for order in range(2):
             sign, a, c = 1.0 - 2.0 * order, sky.pairs[pair, order], sky.pairs[pair, 1 - order]
@@ -143,8 +170,10 @@ def try_scaled_pair(
             info[0] += 1.0
             if not (apart and promising(frame, sky, questions, asked, ways, least, stars, sign)):
                 continue
-            attitude_of_triads(spots, stars, sign, A)
+            scale = scale_of_pair(points, i, j, math.acos(sky.cosines[pair]))
             scale_rays(points, scale, 0, n, frame.W)
+            spot_triad(frame.W, i, j, spots, work[8:10])
+            attitude_of_triads(spots, stars, sign, A)
             found = match_loosely(frame, sky, i, j, 0, shear * shear, A, match, out)
             if found < LEAST_FOUND:
                 continue
@@ -197,6 +226,13 @@ class Blind:
         return plane_points(self.spots_px, self.focal_px, self.principal_px, self.distortion)
 
 
+def faintest_in_field(catalogue: StarCatalogue, points: Matrix, stars: float) -> float:
+    """Down to which magnitude a field as large as the spots (n, 2) cover has so many stars."""
+    spread = np.ptp(points, axis=0)
+    count = int(stars * 4.0 * math.pi / max(float(spread[0] * spread[1]), 1e-4))
+    return float(catalogue.hp_mag[min(len(catalogue), count) - 1])
+
+
 def sky_for(
     catalogue: StarCatalogue,
     epoch_jyear: float,
@@ -205,46 +241,16 @@ def sky_for(
     stars_in_field: float = STARS_IN_FIELD,
 ) -> Sky:
     """The sky for a field as large as the spots (n, 2) on the plane z = 1 cover: as deep as they are many."""
-    spread = np.ptp(points, axis=0)
-    radius = math.atan(float(np.max(np.hypot(points[:, 0], points[:, 1]))))
-    sky_over_field = 4.0 * math.pi / max(float(spread[0] * spread[1]), 1e-4)
-    pairs = min(len(catalogue), int(stars_in_field * sky_over_field))
-    stars = min(len(catalogue), int(max(2.0 * STARS_IN_FIELD, 1.5 * len(points)) * sky_over_field))
-    magnitude = catalogue.hp_mag
+    radius = math.atan(edge(points))
     return prepare_sky(
         catalogue,
         epoch_jyear,
-        float(magnitude[stars - 1]),
-        float(magnitude[pairs - 1]),
+        faintest_in_field(catalogue, points, max(2.0 * STARS_IN_FIELD, 1.5 * len(points))),
+        faintest_in_field(catalogue, points, stars_in_field),
         round(0.1 * radius, 3),
         round(min(1.3 * radius, 1.5), 3),
         velocity_km_s,
     )
-
-
-def pair_order(points: Matrix) -> list[tuple[int, int]]:
-    """Pairs of the brightest spots, neither too close nor too far apart, by their fainter one."""
-    radius = float(np.max(np.hypot(points[:, 0], points[:, 1])))
-    pairs = []
-    for j in range(1, min(PAIR_SPOTS, len(points))):
-        for i in range(j):
-            if 0.2 * radius < math.dist(points[i], points[j]) < 1.1 * radius:
-                pairs.append((i, j))
-    return pairs
-
-
-def spread_order(points: Matrix) -> Codes:
-    """Indices (n,) of spots, brightest first, so that the brightest of every cell of the field come first."""
-    low, span = points.min(axis=0), np.maximum(np.ptp(points, axis=0), 1e-12)
-    cell = np.minimum((points - low) / span * CELLS, CELLS - 1).astype(np.int64) @ np.array([1, CELLS])
-    place = np.array([np.sum(cell[:k] == cell[k]) for k in range(len(cell))])
-    return np.argsort(place, kind="stable")
-
-
-def half_orders(points: Matrix) -> list[Codes]:
-    """Indices (n,) of spots, four times: those of one half of the field first, as if the other half were a roof."""
-    at = points - 0.5 * (points.min(axis=0) + points.max(axis=0))
-    return [np.argsort(~(sign * at[:, axis] > 0.0), kind="stable") for axis in range(2) for sign in (1.0, -1.0)]
 
 
 def solve_blind(
@@ -282,29 +288,40 @@ def solve_blind(
     if float(np.min(np.ptp(points, axis=0))) < NARROWEST:
         reason = "the spots cover no field: all lie in one place or along one line"
         return no_solution(StarStatus.NO_MATCH, reason, n)
-    few, all_stars = (
-        sky_for(catalogue, epoch_jyear, points, blind.velocity_km_s, stars)
-        for stars in (FEW_STARS_IN_FIELD, STARS_IN_FIELD)
-    )
-    as_given, spread = np.arange(n), spread_order(points)
-    ways: list[tuple[Codes, float, Sky]] = [
-        (as_given, SHEAR, few),
-        (as_given, LEAST_SHEAR, few),
-        (spread, SHEAR, few),
-        *((half, SHEAR, few) for half in half_orders(points)),
-        (as_given, SHEAR, all_stars),
+
+    def sky(stars_in_field: float) -> Sky:
+        return sky_for(catalogue, epoch_jyear, points, blind.velocity_km_s, stars_in_field)
+
+    radius = edge(points)
+    first, then = (FAR, FAR) if radius > WIDE else (NEAR, NEAR if radius > NARROW else CLOSER)
+    as_given, few = np.arange(n), FEW_STARS_IN_FIELD
+    ways = [
+        Way(as_given, SHEAR, few, first),
+        Way(as_given, LEAST_SHEAR, few, FAR),  # a long lens hardly distorts, and far pairs are the surest
+        Way(spread_order(points), SHEAR, few, then),
+        *(Way(half, SHEAR, few, then) for half in half_orders(points)),
+        Way(as_given, SHEAR, STARS_IN_FIELD, then),
     ]
-    if float(np.max(np.hypot(points[:, 0], points[:, 1]))) > WIDE:
-        ways.append((as_given, MOST_SHEAR, few))
-    for order, shear, sky in ways[searches]:
-        fit, tried = _search(blind.of(order), points[order], sky, log10_pfa, shear=shear, tried=tried)
+    if radius > NARROW:
+        ways.append(Way(as_given, SHEAR, few, FAR))
+    if radius > WIDE_LENS:
+        ways.append(Way(as_given, MOST_SHEAR, few, FAR))
+    for way, chosen in list(zip(ways, new_pairs(points, ways), strict=True))[searches]:
+        order, stars = way.order, way.stars_in_field
+        known = -math.inf
+        if stars == STARS_IN_FIELD:  # with fewer stars the same was tried of the brighter ones
+            known = faintest_in_field(catalogue, points, FEW_STARS_IN_FIELD)
+        fit, tried = _search(
+            blind.of(order), points[order], sky(stars), log10_pfa, chosen, shear=way.shear, tried=tried, known=known
+        )
         if fit is not None:
-            return fit.in_order(order).solution(sky, tried)
+            return fit.in_order(order).solution(sky(stars), tried)
     reason = f"no attitude with a focal length within {FOCAL_RANGE:.0%} of {blind.focal_px:g} px explains the spots"
     if searches == FIRST_SEARCH:
         return no_solution(StarStatus.NO_MATCH, reason, n, tried=tried)
     mirrored = replace(blind, spots_px=blind.spots_px * (1.0, -1.0), lens_known=False)
-    if _search(mirrored, mirrored.points, all_stars, log10_pfa, MIRRORED_PAIRS)[0] is not None:
+    chosen = pair_order(mirrored.points, NEAR)[:MIRRORED_PAIRS]
+    if _search(mirrored, mirrored.points, sky(STARS_IN_FIELD), log10_pfa, chosen)[0] is not None:
         reason += "; mirrored it does: x_px must count to the right and y_px down, as on the detector seen from behind"
     return no_solution(StarStatus.NO_MATCH, reason, n, tried=tried)
 
@@ -314,10 +331,11 @@ def _search(
     points: Matrix,
     sky: Sky,
     log10_pfa: float,
-    most_pairs: int | None = None,
+    pairs: Pairs,
     *,
     shear: float = SHEAR,
     tried: int = 0,
+    known: float = -math.inf,
 ) -> tuple[CameraFit | None, int]:
     """The first fit that is believed, and how many attitudes were tried, with those `tried` before."""
     checked = np.ascontiguousarray(points[:CHECKED_SPOTS])
@@ -331,8 +349,10 @@ def _search(
     count_stars(frame, sky.arrays)
     match, best_match = np.zeros((m, 2), dtype=np.int64), np.zeros((m, 2), dtype=np.int64)
     A, work, info = np.empty((3, 3)), np.empty((WORK_ROWS, 3)), np.array([float(tried), 0.0])
-    for i, j in pair_order(checked)[:most_pairs]:
-        chance = try_scaled_pair(frame, sky.arrays, checked, i, j, contrast, shear, A, best_match, match, work, info)
+    for i, j in pairs:
+        chance = try_scaled_pair(
+            frame, sky.arrays, checked, i, j, contrast, shear, known, A, best_match, match, work, info
+        )
         if chance > math.log(1e-3):
             continue
         fit = fit_camera(
