@@ -92,7 +92,7 @@ Runs: TypeAlias = tuple[int, dict[Case, Flown], Flown]
 def fly_fault(run: VehicleRun, fault: VehicleFault, name: str, seed: int = 0, *, separation: bool = True) -> Flown:
     """A run with a fault of one sensor, until the first alarm; where nothing is wrong or a sensor lost, to its end.
 
-    separation: whether the level with one sensor at fault is looked at, for four times the computing.
+    separation: whether the level with one sensor at fault is looked at, for some three times the computing.
     """
     nav = VehicleNavigator(run.truth.vehicle, separation=separation)
     told = Flown(math.nan, "", 0.0, False, 0.0 if separation else math.nan, True, {})
