@@ -116,7 +116,7 @@ def _after_second(run: VehicleRun, told: Flown, now: VehicleEstimate, second: in
         point = checkpoint(run, now)
         off = float(nees(point.port_error[None], point.port_covariance[None])[0])
         told = told._replace(inside=bool(off <= gate_limits(WITHIN, 12)[-1]))
-    if told.named:
+    if told.named or now.ambiguous:  # what is ambiguous says itself that it is not to be used
         return told
     missed = np.abs(true_port(run, now.t_s)[0][:3] - now.port.position_m)
     error, one_fault = float((missed / now.port.protection_level_m()).max()), told.one_fault
