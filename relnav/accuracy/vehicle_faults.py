@@ -92,7 +92,7 @@ Runs: TypeAlias = tuple[int, dict[Case, Flown], Flown]
 def fly_fault(run: VehicleRun, fault: VehicleFault, name: str, seed: int = 0, *, separation: bool = True) -> Flown:
     """A run with a fault of one sensor, until the first alarm; where nothing is wrong or a sensor lost, to its end.
 
-    separation: whether the level with one sensor at fault is looked at, for four times the computing.
+    separation: whether the level with one sensor at fault is looked at, for some three times the computing.
     """
     nav = VehicleNavigator(run.truth.vehicle, separation=separation)
     told = Flown(math.nan, "", 0.0, False, 0.0 if separation else math.nan, True, {})
@@ -116,7 +116,7 @@ def _after_second(run: VehicleRun, told: Flown, now: VehicleEstimate, second: in
         point = checkpoint(run, now)
         off = float(nees(point.port_error[None], point.port_covariance[None])[0])
         told = told._replace(inside=bool(off <= gate_limits(WITHIN, 12)[-1]))
-    if told.named:
+    if told.named or now.ambiguous:  # what is ambiguous says itself that it is not to be used
         return told
     missed = np.abs(true_port(run, now.t_s)[0][:3] - now.port.position_m)
     error, one_fault = float((missed / now.port.protection_level_m()).max()), told.one_fault

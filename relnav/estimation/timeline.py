@@ -56,6 +56,10 @@ class Timeline(Generic[State, Happening, Result]):
         apply: done for it and again for every later event.
         """
         at = bisect_right(self.times, t_s) if at is None else at
+        if at == len(self.times):
+            state, result = apply(self.state_before(at, apply), event)
+            self.append(t_s, event, state, result)
+            return result
         self._redo(at, [event, *(one.event for one in self.passed[at:])], apply)
         self.times.insert(at, t_s)
         return self.passed[at].result

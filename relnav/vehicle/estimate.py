@@ -41,7 +41,8 @@ class VehicleEstimate:
         What flies.
     ambiguous : bool
         The target is looked for (`relnav.vehicle.acquisition`), at a start that does not know its attitude or after a
-        lock-out: the estimate, of the most credible explanation, is not to be used.
+        lock-out: the estimate, of the most credible explanation, is not to be used. Or no second image of lights has
+        agreed with the first yet (`relnav.vehicle.trial`).
     explanations : int
         Poses of the target that explain what was seen.
     restarts : int

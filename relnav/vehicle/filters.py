@@ -4,7 +4,7 @@ What they hold is constant but for the gyro's samples: the same estimates, sampl
 order of events is that of who asks (`navigator`, `smoother`).
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import degrees, inf, isfinite, isnan
 from typing import Any, NamedTuple
 
@@ -38,6 +38,7 @@ from relnav.vehicle.port import port_state
 from relnav.vehicle.replay import Event
 from relnav.vehicle.separation import hide
 from relnav.vehicle.state import Estimates, start_state
+from relnav.vehicle.trial import Taken, Trial, Verdict
 from relnav.vehicle.update import Outcome, Updater
 
 MOST = {GYRO: FASTEST_RAD_S, THRUST: 1e4}
@@ -50,18 +51,20 @@ NOT_USED = Outcome(0.0, 0, 0, 0)
 class Tracked(NamedTuple):
     """Estimates, how each sensor has fared until then, the search of which they are the best, if it is not over.
 
-    And how many searches there were after a lock-out.
+    And how many searches there were after a lock-out, and the trial of the first image, if it is not over.
     """
 
     estimates: Estimates
     fares: Mapping[str, Fare]
     search: Search | None = None
     restarts: int = 0
+    trial: Trial | None = None
 
     def moved(self, move: Callable[[Estimates], Estimates]) -> "Tracked":
         """The same with all estimates moved."""
         if self.search is None:
-            return self._replace(estimates=move(self.estimates))
+            trial = None if self.trial is None else self.trial._replace(blind=move(self.trial.blind))
+            return self._replace(estimates=move(self.estimates), trial=trial)
         search = self.search.moved(move)
         return self._replace(estimates=search.estimates, search=search)
 
@@ -128,8 +131,9 @@ class VehicleFilters:
         self.places = {name: k for k, name in enumerate([*RESERVED, *self.sensors])}
         motion = np.concatenate([place, speed])
         start = start_state(vehicle, self.layout, self.frame, number("t_s", t_s), motion, len(layouts))
-        search = Search(start) if vehicle.seeks_attitude else None
-        self.start = Tracked(start, dict.fromkeys(self.sensors, Fare(Sums(start.t_s))), search)
+        fares = dict.fromkeys(self.sensors, Fare(Sums(start.t_s)))
+        unsure = {"search": Search(start)} if vehicle.seeks_attitude else {"trial": Trial(start)}
+        self.start = Tracked(start, fares, **unsure)
         self.on_outcome: Callable[[Event, Outcome], None] | None = None
 
     def _sensor(self, name: str, filters: int) -> PointSensor | StarTracker | SunSensor:
@@ -165,22 +169,31 @@ class VehicleFilters:
 
     def again(self, tracked: Tracked, event: Event) -> tuple[Tracked, Outcome | None]:
         """The same of an event of which the outcome was told."""
-        source, fares, search, at = event.source, tracked.fares, tracked.search, tracked.estimates
+        source, fares, search, at, trial = event.source, tracked.fares, tracked.search, tracked.estimates, tracked.trial
         if search is None:
             at, outcomes = self._through(at, event)
+            if trial is not None:
+                trial, (at, outcomes) = self._tried(trial, event, (at, outcomes))
         else:
             search, outcomes = self._searched(search, event)
             at = search.estimates
             if search.is_over:
                 search = None
         if source == THRUST or not outcomes:
-            return Tracked(at, fares, search, tracked.restarts), None
+            return Tracked(at, fares, search, tracked.restarts, trial), None
         fares = {**fares, source: fares[source].after(event.t_s, outcomes[: self._watched])}
         if search is None and source in self._lights and self._is_locked_out(event, outcomes[0].groups, fares):
             search = self._anew(at, event)
             lights = {name: Fare(Sums(event.t_s), *fares[name][1:]) for name in self._lights}
             return Tracked(search.estimates, {**fares, **lights}, search, tracked.restarts + 1), outcomes[0]
-        return Tracked(at, fares, search, tracked.restarts), outcomes[0]
+        return Tracked(at, fares, search, tracked.restarts, trial), outcomes[0]
+
+    def _tried(self, trial: Trial, event: Event, taken: Taken) -> Verdict:
+        """What an event makes of a start of which no two images have agreed yet; taken: of its estimates."""
+        if event.source not in self._lights:
+            return Verdict(trial.passed(lambda at: self._through(at, event)), taken)
+        blind = self.motion.settled(trial.blind, self.samples, event.t_s)
+        return trial.seen(event, taken, blind, lambda at: self._through(at, event))
 
     def _is_locked_out(self, event: Event, lights: int, fares: Mapping[str, Fare]) -> bool:
         """Whether no image of lights has been believed for long, although this one shows enough of them."""
@@ -251,6 +264,18 @@ class VehicleFilters:
             f"attitudes of the target that explain what was seen: {left}; a flight has to show one to be smoothed"
         )
 
+    def after_trial(self, start: Tracked, events: Sequence[Event]) -> tuple[Tracked, list[Event]]:
+        """A start without a trial, and of these events, in order, those that its trial does not leave."""
+        tracked, left = start, list[Event]()
+        for event in events:
+            trial = tracked.trial
+            if trial is None:
+                break
+            tracked, _ = self.again(tracked, event)
+            if tracked.trial is not None and trial.image is not None and tracked.trial.image is not trial.image:
+                left.append(trial.image)
+        return start._replace(trial=None), [event for event in events if not any(event is one for one in left)]
+
     def settled(self, tracked: Tracked, t_s: float) -> Tracked:
         """The same at t_s, not before its own time."""
         return tracked.moved(lambda at: self.motion.settled(at, self.samples, t_s))
@@ -275,7 +300,7 @@ class VehicleFilters:
             gyro_lost=at.lost is not None,
             final_before_s=final_before_s,
             vehicle=self.vehicle,
-            ambiguous=tracked.search is not None,
+            ambiguous=tracked.search is not None or (tracked.trial is not None and tracked.trial.image is not None),
             explanations=1 if tracked.search is None else len(tracked.search.hypotheses),
             restarts=tracked.restarts,
             without={

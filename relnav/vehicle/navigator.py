@@ -52,7 +52,7 @@ class VehicleNavigator:
             Whether a second filter watches the first (`relnav.vehicle.monitor`), for a third more computing.
         separation : bool
             Whether a filter without each sensor and without the gyro is flown beside, for a protection level with one
-            of them at fault (`relnav.vehicle.separation`), for four times the computing with five sensors.
+            of them at fault (`relnav.vehicle.separation`), for some three times the computing with five sensors.
 
         Raises
         ------

@@ -107,11 +107,13 @@ class Replay(Generic[State, Result]):
                 at += 1
             if at < count and passed[at].event.key == event.key:
                 return REJECTED, None
-        line.state_before(at, self._again)
+        if at < count:
+            line.state_before(at, self._again)
         result = line.insert(t_s, event, self._apply, at)
-        self.newest_s = max(newest, t_s)
-        line.thin(self.newest_s - self._back_s, SPARSE_S)
-        line.forget(self.newest_s - self._window_s)
+        self.newest_s = newest = max(newest, t_s)
+        line.thin(newest - self._back_s, SPARSE_S)
+        if times[0] < newest - self._window_s:
+            line.forget(newest - self._window_s)
         return REPLAYED if at < count or t_s < newest else ACCEPTED, result
 
     def is_too_old(self, source: str, t_s: float) -> bool:

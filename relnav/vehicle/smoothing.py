@@ -137,10 +137,11 @@ class VehicleSmoother:
 
     def _backward(self, times: Sequence[float]) -> Iterator[VehicleEstimate]:
         """The last one first."""
-        events = self._in_order()
+        ordered = self._in_order()
+        start, events = self._watched.after_trial(self._watched.known_start(ordered), ordered)
         seen: list[tuple[float, Event | None]] = [(event.t_s, event) for event in events]
         items = sorted([*seen, *((t, None) for t in times)], key=lambda item: item[0])
-        pieces, told = self._forward(items, self._watched.known_start(events))
+        pieces, told = self._forward(items, start)
         later = self._alone.start.estimates
         for begin, end, before, last in reversed(pieces):
             while told and (searching := told[-1].searching) is not None:
