@@ -74,7 +74,7 @@ ALL_SEARCHES, FIRST_SEARCH, OTHER_SEARCHES = slice(None), slice(1), slice(1, Non
 LEAST_FOUND = 3
 """Spots that must find a star beside the pair before a candidate is looked at."""
 
-LEAST_SPOTS = 6
+LEAST_SPOTS, FAINT = 6, 30.0  # the latter is a magnitude beyond all
 
 WIDEST_RAD = math.radians(60.0)
 """Spots farther from the axis, were the focal length as given, are not used: lenses that show them are no pinholes."""
@@ -132,6 +132,7 @@ def try_scaled_pair(
     points: Matrix,
     i: int,
     j: int,
+    fainter: float,
     contrast: float,
     shear: float,
     known: float,
@@ -158,7 +159,6 @@ def try_scaled_pair(
     low, high = math.cos(angle * (1.0 + FOCAL_RANGE)), math.cos(angle * (1.0 - FOCAL_RANGE))
     first, last = k_range(sky.cosines, sky.k, sky.line, low, high)
     half_step, asked_to, best = COARSENESS * shear, -2.0, 0.0
-    fainter = frame.magnitude[j] - frame.magnitude[i]
     for pair in range(first, last):
         magnitude, other = sky.stars[sky.pairs[pair, 0], 3], sky.stars[sky.pairs[pair, 1], 3]
         step, fainter_star = other - magnitude, max(magnitude, other)
@@ -365,18 +365,15 @@ def _search(
     checked = np.ascontiguousarray(points[:CHECKED_SPOTS])
     m = len(checked)
     sigma = np.full(m, 0.5 / blind.focal_px)
-    frame = make_frame(rays(checked), sigma, None, math.inf, None, None)
-    contrast = math.inf
-    if blind.magnitude is not None:
-        frame = frame._replace(magnitude=np.ascontiguousarray(blind.magnitude[:m]))
-        contrast = 2.0
+    frame = make_frame(rays(checked), sigma, np.full(m, -FAINT), depth + FAINT, None, None)  # not fainter than depth
+    magnitude = np.zeros(m) if blind.magnitude is None else np.asarray(blind.magnitude[:m], dtype=np.float64)
+    limits = math.inf if blind.magnitude is None else 2.0, shear, known, faintest
     count_stars(frame, sky.arrays)
     match, best_match = np.zeros((m, 2), dtype=np.int64), np.zeros((m, 2), dtype=np.int64)
     A, work, info = np.empty((3, 3)), np.empty((WORK_ROWS, 3)), np.array([float(tried), 0.0])
     for i, j in pairs:
-        chance = try_scaled_pair(
-            frame, sky.arrays, checked, i, j, contrast, shear, known, faintest, A, best_match, match, work, info
-        )
+        fainter = magnitude[j] - magnitude[i]
+        chance = try_scaled_pair(frame, sky.arrays, checked, i, j, fainter, *limits, A, best_match, match, work, info)
         if chance > math.log(1e-3):
             continue
         fit = fit_camera(
