@@ -215,9 +215,7 @@ def _sigma(columns: Matrix) -> Vector:
 
 def _diagonal(covariance: Matrix) -> Vector:
     variances = np.diag(covariance)
-    if (variances < 0.0).any():  # NaN where no beacon is seen
-        raise OverflowError("a variance below zero: noise so small that its square is lost in rounding")
-    return np.asarray(np.sqrt(variances))
+    return np.asarray(np.sqrt(np.where(variances > 0.0, variances, np.nan)))  # rounding may leave one below zero
 
 
 def _table(budget: Budget) -> list[str]:

@@ -18,7 +18,8 @@ class SteadyState:
     Attributes
     ----------
     detectable : bool
-        False if some uncertain direction is never seen; the matrices are then NaN.
+        False if some uncertain direction is never seen, or the noise is so small beside the rest that it is lost in
+        rounding; the matrices are then NaN.
     prior, posterior : (6, 6)
         Covariance before and after each measurement.
     gain : (6, m)
@@ -67,4 +68,6 @@ def steady_state(phi: Matrix, q: Matrix, h: Matrix, r: Matrix) -> SteadyState:
     gain: Matrix = np.linalg.solve(phi, predictor)
     rest = np.eye(len(phi)) - gain @ h
     posterior = rest @ prior @ rest.T + gain @ r @ gain.T
+    if not (np.diagonal(prior).min() > 0.0 and np.diagonal(posterior).min() > 0.0):  # noise that is lost in rounding
+        return undetectable
     return SteadyState(True, np.asarray(prior), posterior, gain, values)

@@ -257,6 +257,15 @@ def test_a_longer_lens_buys_what_it_should(model):
     assert "(x 0.63)" in text
 
 
+@pytest.mark.parametrize("density", [1e-20, 1e-60, 1e-200])
+def test_noise_that_is_lost_in_rounding_is_no_error(density):
+    """Whether a filter settles is then the processor's; what one fix says does not depend on it."""
+    model = relnav.load_model("three_beacon_psd", changes={"acceleration_noise_density_m2_s3": density})
+    usual = budget_of(relnav.load_model("three_beacon_psd"), (5.0, 9.0))
+    for place, wanted in zip(budget_of(model, (5.0, 9.0)).places, usual.places, strict=True):
+        np.testing.assert_array_equal(place.total("single"), wanted.total("single"))
+
+
 def test_a_calibration_takes_the_place_of_the_distortion(model, budget):
     from relnav.sensors.three_beacon.calibration import Calibration
 

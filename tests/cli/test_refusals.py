@@ -63,7 +63,7 @@ REFUSED = {
     f"filter late.csv --follow --model {PSD} --quiet": (2, "of beacons --follow takes them as they come: leave the"),
     "budget aps_sun": (2, "aps_sun: no error budget is known for this kind of sensor"),
     "budget loose.toml": (2, "a budget needs the section [tolerances]"),
-    f"budget {PSD} --set acceleration_noise_density_m2_s3=1e-200": (2, "too large or too small for a budget: accel"),
+    f"budget {PSD} --set pulses.slot_s=1e60": (2, "too large or too small for a budget: pulses.slot_s=1e60"),
     "budget three_marker_vision --plot x.png": (2, "--plot draws budgets of three-beacon missions"),
     "calibrate fold sky.csv --model dual_field_star --velocity-km-s 0 0 0": (3, "none of 2 frames shows both fields"),
     "calibrate fold sky.csv --model dual_field_star --velocity-km-s 1e9 0 0": (2, "--velocity-km-s: velocity_km_s is"),
