@@ -36,12 +36,8 @@ LOST_FROM_M = (FLIGHT.start_m, 30.0, 7.6)
 RUNS = 10
 WITHIN, INSIDE_SHARE = 0.9973, 0.99
 """Probability of the ellipsoid of 3 sigma, and in how many runs the port has to be in it when a sensor returns."""
-BACK_S, BACK_SHARE = 10.0, math.sqrt(2.0)
-"""How long it may take then until no sigma of the port is more than this many times that of a flight without loss.
-
-With the square root of two half of what is usually known is known again. What a minute told of errors that last, a
-lens, or a velocity, takes about a minute to be learnt again, whatever the filter.
-"""
+BACK_S, BACK_SHARE = 10.0, 1.25
+"""How long it may take then until no sigma of the port is more than this many times that of a flight without loss."""
 RETURNS_S = round(BEGINS_S + LASTS_S)
 ONE_IN = dict.fromkeys(VehicleFault, 1) | {VehicleFault.LATE: 20}
 """Runs of which one is flown: late images end in the bits of images in time, for twenty times the computing."""
@@ -246,8 +242,8 @@ class VehicleFaultsReport:
             + " m in turn",
             "error / level: at the alarm, over the level without faults; one fault: until then, over that with one",
             "after: median, from its beginning; silent: the port off by more than its protection level, and no alarm",
-            "inside: within 3 sigma when the sensor returns; back: then, the longest until no sigma is above sqrt(2)",
-            f"times the usual one, s; later: the most times the usual one, from {BACK_S:g} s on",
+            "inside: within 3 sigma when the sensor returns; back: the longest until no sigma is a quarter",
+            f"larger than usual, s; later: the most times the usual one, from {BACK_S:g} s on",
         ]
         fault = None
         for row in self.rows:

@@ -132,8 +132,8 @@ class VehicleFilters:
         motion = np.concatenate([place, speed])
         start = start_state(vehicle, self.layout, self.frame, number("t_s", t_s), motion, len(layouts))
         fares = dict.fromkeys(self.sensors, Fare(Sums(start.t_s)))
-        unsure = {"search": Search(start)} if vehicle.seeks_attitude else {"trial": Trial(start)}
-        self.start = Tracked(start, fares, **unsure)
+        search = Search(start) if vehicle.seeks_attitude else None
+        self.start = Tracked(start, fares, search, trial=Trial(start) if search is None else None)
         self.on_outcome: Callable[[Event, Outcome], None] | None = None
 
     def _sensor(self, name: str, filters: int) -> PointSensor | StarTracker | SunSensor:

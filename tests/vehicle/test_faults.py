@@ -158,8 +158,8 @@ def test_how_long_it_takes_to_be_back():
 
     usual = flown(1.0, 1.0, 1.0, 1.0)
     assert back_after_s(usual, usual) == 0.0
-    assert back_after_s(flown(2.0, 1.42, 1.41, 1.0), usual) == 2.0
-    assert back_after_s(flown(1.0, 1.0, 1.0, 1.5), usual) == 4.0
+    assert back_after_s(flown(2.0, 1.3, 1.2, 1.0), usual) == 2.0
+    assert back_after_s(flown(1.0, 1.0, 1.0, 1.3), usual) == 4.0
 
 
 def test_how_much_is_missing_later():

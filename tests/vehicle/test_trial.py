@@ -110,3 +110,11 @@ def test_it_does_not_last_for_ever():
     assert count == MOST + 1
     assert left == taken(2)
     assert Trial("blind").seen("image", taken(0), "later", None).trial == Trial("later")
+
+
+def test_how_rarely_so_many_images_have_no_two_clean_ones_in_a_row():
+    """What is said of MOST, by the last image of a row without such two being clean or not."""
+    reflected, clean = 0.25, 0.75
+    for _ in range(MOST - 1):
+        reflected, clean = 0.25 * (reflected + clean), 0.75 * reflected
+    assert 40_000 < 1.0 / (reflected + clean) < 45_000
