@@ -85,10 +85,14 @@ def new_pairs(points: Matrix, ways: list[Way]) -> Iterator[Pairs]:
     Tried again a right pair has another chance, as other spots are asked first: where that costs little it is given.
     """
     share = math.inf if edge(points) > WIDE and len(points) > FEW_SPOTS else ALIKE
-    tried: list[tuple[list[float], set[int], set[frozenset[int]]]] = []
+    tried: list[tuple[list[float], list[int], set[frozenset[int]]]] = []
     for order, *way, farthest in ways:
-        checked, pairs = set(order[:CHECKED_SPOTS].tolist()), pair_order(points[order], farthest)
-        alike = [old for how, spots, old in tried if how == way and len(spots & checked) >= share * len(checked)]
+        checked, pairs = order[:CHECKED_SPOTS].tolist(), pair_order(points[order], farthest)
+        alike = [
+            old
+            for how, spots, old in tried
+            if how == way and (spots == checked or len({*spots} & {*checked}) >= share * len(checked))
+        ]
         names = [frozenset((int(order[i]), int(order[j]))) for i, j in pairs]
         tried.append((way, checked, set(names)))
         yield [pair for pair, name in zip(pairs, names, strict=True) if not any(name in old for old in alike)]
