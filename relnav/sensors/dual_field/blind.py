@@ -255,8 +255,9 @@ def levels_for(stars: Stars, size: float) -> Levels:
     """Where stars are, for the tolerances of fields of a size (`edge`)."""
     reach, places = SHEAR * size * np.array(REACHES), np.empty(8, dtype=np.int64)
     half = 0.5 / (1.05 * reach)
-    words = np.zeros((len(reach), WORDS), dtype=np.int64)
-    for near, cells, far in zip(words, half, reach, strict=True):
+    words = np.zeros((len(reach) + 1, WORDS), dtype=np.int64)
+    words[-1] = -1
+    for near, cells, far in zip(words[:-1], half, reach, strict=True):
         note_near(stars.arrays, cells, 1.05 * far, near, places)
     far = 1.05 * float(reach[-1])
     wide = min(100.0, 0.5 / far)

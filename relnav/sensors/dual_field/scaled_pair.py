@@ -15,7 +15,7 @@ from relnav.sensors.dual_field.evidence import log_choices
 from relnav.sensors.dual_field.matching import LOOSEST_CHORD2
 from relnav.sensors.dual_field.pair_table import Indices, k_range
 from relnav.sensors.dual_field.screening import FEW_SPOTS
-from relnav.sensors.dual_field.sky import SkyArrays, cell_of, nearest_star, touched
+from relnav.sensors.dual_field.sky import SkyArrays, cell_of, nearest_star, place_of, touched
 
 ALONG, ACROSS, APART, LOOSE2, TIGHT2, LOG_LOOSE, LOG_TIGHT, LEVEL, HALF, SPOT_NUMBERS = range(10)
 """Columns of a template (spots, SPOT_NUMBERS): coordinates in the frame of the pair, the squares of both tolerances and
@@ -35,14 +35,12 @@ TRIED, CHANCE, STAR_PAIR, SIGN, SHEAR, BEST_NUMBERS = range(6)
 in the table, 1 or -1 for its order, and the tolerance under which it is the best."""
 
 
-WORDS, THIRD = 1 << 16, 21
-"""Words of a table of bits, and bits of a third of a word: each cell has one in each third of one word."""
+WORDS = 1 << 16
+"""Words of a table of bits: each cell has three bits of one word, one of each 16 (a blocked Bloom filter, Putze,
+Sanders and Singler 2007)."""
 
 BESIDE = 0.3
 """How far beside the sphere, in reaches, a spot is looked up: a template is not normed."""
-
-MIXER = -7046029254386353131
-"""2^64 over the golden ratio (Knuth, The Art of Computer Programming, 6.4): spreads a cell's place over all bits."""
 
 
 class Spots(NamedTuple):
@@ -171,7 +169,7 @@ def write_template(
         along2 = max(0.0, template[row, ALONG]) ** 2 * m2
         template[row, LOOSE2] = tolerance2(spots, along2, m2, spots.shears[0])
         template[row, TIGHT2] = tolerance2(spots, along2, m2, spots.shears[1])
-        template[row, LEVEL], template[row, HALF] = -1.0, 0.0
+        template[row, LEVEL], template[row, HALF] = float(levels.reach.shape[0]), 0.0
         for level in range(levels.reach.shape[0]):
             if template[row, LOOSE2] <= levels.reach[level] ** 2:
                 template[row, LEVEL], template[row, HALF] = float(level), levels.half[level]
@@ -188,21 +186,14 @@ def write_chances(spots: Spots, count: int, template: Matrix) -> None:
 
 @kernel
 def word_and_bits(place: int) -> tuple[int, int, int, int]:
-    """Which word of a table a cell has, and which three of its bits: `place` as of `sky.cell_of`."""
-    h = place * MIXER
-    first, second, third = (h >> 32) & 0xFFFF, (h >> 16) & 0xFFFF, h & 0xFFFF
-    return (
-        (h >> 48) & (WORDS - 1),
-        first * THIRD >> 16,
-        THIRD + (second * THIRD >> 16),
-        2 * THIRD + (third * THIRD >> 16),
-    )
+    """Which word of a table a cell has, and which three of its bits: `place` as of `sky.place_of`."""
+    return (place >> 48) & (WORDS - 1), (place >> 44) & 15, 16 + ((place >> 40) & 15), 32 + ((place >> 36) & 15)
 
 
 @kernel
-def noted(words: Codes, half: float, x: float, y: float, z: float) -> int:
-    """1 where a star may be near the unit vector (x, y, z), else 0; `half` as many cells as along an axis."""
-    word, a, b, c = word_and_bits(cell_of(half, x, y, z))
+def noted(words: Codes, place: int) -> int:
+    """1 where a star may be near a cell, else 0; `place` as of `sky.place_of`."""
+    word, a, b, c = word_and_bits(place)
     bits = words[word]
     return (bits >> a) & (bits >> b) & (bits >> c) & 1
 
@@ -219,16 +210,17 @@ def note_near(stars: Matrix, half: float, reach: float, words: Codes, places: Co
 @kernel
 def marks(template: Matrix, row: int, levels: Levels, axes: Matrix) -> tuple[int, int]:
     """Whether a star may be where a spot should see it, for a pair of stars and for the same pair turned round."""
-    level, half = int(template[row, LEVEL]), template[row, HALF]
-    if level < 0:
-        return 1, 1
-    a, b, c = template[row, ALONG], template[row, ACROSS], template[row, APART]
-    x, y, z = a * axes[0, 0], a * axes[0, 1], a * axes[0, 2]
+    half, a, b, c = template[row, HALF], template[row, ALONG], template[row, ACROSS], template[row, APART]
+    a, b, c = half * a, half * b, half * c
+    x, y, z = half + a * axes[0, 0], half + a * axes[0, 1], half + a * axes[0, 2]
     u = b * axes[1, 0] + c * axes[2, 0]
     v = b * axes[1, 1] + c * axes[2, 1]
     w = b * axes[1, 2] + c * axes[2, 2]
-    near = levels.words[level]
-    return noted(near, half, x + u, y + v, z + w), noted(near, half, x - u, y - v, z - w)
+    near = levels.words[int(template[row, LEVEL])]
+    return (
+        noted(near, place_of(int(x + u), int(y + v), int(z + w))),
+        noted(near, place_of(int(x - u), int(y - v), int(z - w))),
+    )
 
 
 @kernel
@@ -244,13 +236,13 @@ def distance2(
     y = a * axes[0, 1] + b * axes[1, 1] + c * axes[2, 1]
     z = a * axes[0, 2] + b * axes[1, 2] + c * axes[2, 2]
     level, best2 = int(template[row, LEVEL]), 5.0
-    if level < 0:
+    if level == levels.reach.shape[0]:
         s = nearest_star(sky.stars, sky.cells, x, y, z, template[row, LOOSE2], -FAINT, spots.depth + FAINT)
         if s >= 0:
             best2 = (sky.stars[s, 0] - x) ** 2 + (sky.stars[s, 1] - y) ** 2 + (sky.stars[s, 2] - z) ** 2
         return float(best2)
-    if known or noted(levels.words[level], template[row, HALF], x, y, z) != 0:
-        place = cell_of(levels.wide, x, y, z) & (levels.begin.shape[0] - 2)
+    if known or noted(levels.words[level], cell_of(template[row, HALF], x, y, z)) != 0:
+        place = (cell_of(levels.wide, x, y, z) >> 40) & (levels.begin.shape[0] - 2)
         for item in range(levels.begin[place], levels.begin[place + 1]):
             v = sky.stars[levels.star[item]]
             d2 = (v[0] - x) ** 2 + (v[1] - y) ** 2 + (v[2] - z) ** 2
@@ -363,12 +355,15 @@ def try_scaled_pair(
             scale, whole = scale_of_pair(points, i, j, angle), False
             frame_of_pair(spots, i, j, scale, own)
             write_template(spots, levels, scale, own, order, 0, asked, template)
-        best[TRIED] += 2.0 * (straight + crossed)
+        best[TRIED] += straight + crossed
         frame_of_directions(a[0], a[1], a[2], c[0], c[1], c[2], axes)
         hits, turned, where, there = 0, 0, 0, 0
-        for row in range(asked):
-            if row == first_asked and max(hits, turned) == 0:
-                break
+        for row in range(first_asked):
+            one, other = marks(template, row, levels, axes)
+            hits, turned, where, there = hits + one, turned + other, where | (one << row), there | (other << row)
+        if max(hits, turned) + asked - first_asked < least or hits + turned == 0:
+            continue
+        for row in range(first_asked, asked):
             one, other = marks(template, row, levels, axes)
             hits, turned, where, there = hits + one, turned + other, where | (one << row), there | (other << row)
             if max(hits, turned) + asked - row <= least:
@@ -449,7 +444,7 @@ def count_touched(stars: Matrix, half: float, reach: float, count: Indices, plac
     """Add up in count (b + 1,), from its second entry on, how many stars are within reach of each bucket's cells."""
     for s in range(stars.shape[0]):
         for k in range(touched(stars[s], half, reach, BESIDE * reach, places)):
-            count[1 + (places[k] & (count.shape[0] - 2))] += 1
+            count[1 + ((places[k] >> 40) & (count.shape[0] - 2))] += 1
 
 
 @kernel
@@ -457,6 +452,6 @@ def fill_touched(stars: Matrix, half: float, reach: float, begin: Indices, out: 
     """Write those stars, bucket after bucket, from begin (b,) on, which is moved."""
     for s in range(stars.shape[0]):
         for k in range(touched(stars[s], half, reach, BESIDE * reach, places)):
-            bucket = places[k] & (begin.shape[0] - 1)
+            bucket = (places[k] >> 40) & (begin.shape[0] - 1)
             out[begin[bucket]] = s
             begin[bucket] += 1

@@ -123,9 +123,9 @@ def build_sky(stars: Stars, *, pair_count: int, low_rad: float, high_rad: float)
 
 
 @kernel
-def hashed(index: int, axis: int) -> int:
-    """One axis' share of the place of a cell in a table of bits: the hash of Teschner et al. (2003), section 3."""
-    return index * (73856093 if axis == 0 else 19349663 if axis == 1 else 83492791)
+def place_of(ix: int, iy: int, iz: int) -> int:
+    """Where a cell stands in a hashed table: its upper bits are spread best (odd parts of 2^63 by Knuth's ratio)."""
+    return ix * 5700357409661599241 + iy * 3520550193487498313 + iz * 2174302926172906853
 
 
 @kernel
@@ -148,7 +148,6 @@ def touched(star: Vector, half: float, reach: float, beside: float, places: Code
             y_apart2 = x_apart2 + max(0.0, y_low - star[1], star[1] - y_low - width) ** 2
             y_least2 = x_least2 + max(0.0, y_low, -y_low - width) ** 2
             y_most2 = x_most2 + max(y_low + width, -y_low) ** 2
-            xy = hashed(x, 0) ^ hashed(y, 1)
             for k in range(2):
                 z = int((star[2] + (reach if k else -reach) + 1.0) * half)
                 z_low = z * width - 1.0
@@ -156,7 +155,7 @@ def touched(star: Vector, half: float, reach: float, beside: float, places: Code
                 least2 = y_least2 + max(0.0, z_low, -z_low - width) ** 2
                 most2 = y_most2 + max(z_low + width, -z_low) ** 2
                 if apart2 <= reach * reach and least2 <= outer and most2 >= inner:
-                    places[count] = xy ^ hashed(z, 2)
+                    places[count] = place_of(x, y, z)
                     count += 1
     return count
 
@@ -166,19 +165,20 @@ def mark_near(stars: Matrix, near: Bits, half: float, reach: float, places: Code
     """Set the bits of all cells, 2 `half` along each axis, that have a point within reach of a star; places (8,)."""
     for s in range(stars.shape[0]):
         for k in range(touched(stars[s], half, reach, reach, places)):
-            near[(places[k] & (8 * near.shape[0] - 1)) >> 3] |= 1 << (places[k] & 7)
+            place = (places[k] >> 40) & (8 * near.shape[0] - 1)
+            near[place >> 3] |= 1 << (place & 7)
 
 
 @kernel
 def cell_of(half: float, x: float, y: float, z: float) -> int:
     """The place of the cell of the unit vector (x, y, z), before it is cut to a table."""
-    return hashed(int((x + 1.0) * half), 0) ^ hashed(int((y + 1.0) * half), 1) ^ hashed(int((z + 1.0) * half), 2)
+    return place_of(int(x * half + half), int(y * half + half), int(z * half + half))
 
 
 @kernel
 def marked(near: Bits, half: float, x: float, y: float, z: float) -> int:
     """The bit of the cell of the unit vector (x, y, z); `half` as many cells as there are along each axis."""
-    place = cell_of(half, x, y, z) & (8 * near.shape[0] - 1)
+    place = (cell_of(half, x, y, z) >> 40) & (8 * near.shape[0] - 1)
     return (near[place >> 3] >> (place & 7)) & 1
 
 
