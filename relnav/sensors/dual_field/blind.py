@@ -8,7 +8,6 @@ stars that should be in the frame are.
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from itertools import islice
 
 import numpy as np
@@ -33,21 +32,11 @@ from relnav.sensors.dual_field.blind_order import (
 from relnav.sensors.dual_field.camera_fit import CameraFit, fit_camera
 from relnav.sensors.dual_field.catalogue import StarCatalogue
 from relnav.sensors.dual_field.optics import plane_points
-from relnav.sensors.dual_field.scaled_pair import (
-    BEST_NUMBERS,
-    SPOT_NUMBERS,
-    TRIED,
-    WORDS,
-    Levels,
-    count_touched,
-    fill_touched,
-    note_near,
-    Spots,
-    read_best,
-    try_pairs,
-)
+from relnav.sensors.dual_field.scaled_pair import TRIED, new_work, read_best, try_pairs
 from relnav.sensors.dual_field.search import CLUSTERING
-from relnav.sensors.dual_field.sky import Sky, Stars, prepare_sky, prepare_stars
+from relnav.sensors.dual_field.sky import Sky, prepare_sky, prepare_stars
+from relnav.sensors.dual_field.spot_template import Spots
+from relnav.sensors.dual_field.star_levels import Levels, levels_for
 from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solution
 
 FOCAL_RANGE = 0.05
@@ -69,8 +58,6 @@ times the square a template is off that is written for its middle."""
 
 REACHES = (0.5, 0.8, 1.25, 2.0, 3.2)
 """Tolerances up to which there are tables of bits, in `SHEAR` times the field's size."""
-
-BUCKETS = 1 << 17
 
 MAG_CONTRAST = 2.0
 """By how much the difference of a pair of spots' magnitudes may differ from that of their stars."""
@@ -221,7 +208,8 @@ def solve_blind(
     first, then = (FAR, FAR) if radius > WIDE else (NEAR, NEAR if radius > NARROW else CLOSER)
     as_given, few = np.arange(n), FEW_STARS_IN_FIELD
     deepest = faintest_of(catalogue, rounded_up(stars_for(points)))
-    levels = levels_for(prepare_stars(catalogue, epoch_jyear, deepest, blind.velocity_km_s), rounded_up(radius))
+    reaches = tuple(SHEAR * rounded_up(radius) * reach for reach in REACHES)
+    levels = levels_for(prepare_stars(catalogue, epoch_jyear, deepest, blind.velocity_km_s), reaches)
     ways = [
         Way(as_given, SHEAR, few, first),
         Way(as_given, SHEAR, few, FAR),
@@ -248,25 +236,6 @@ def solve_blind(
     if _search(mirrored, mirrored.points, sky(STARS_IN_FIELD), levels, chosen, *limits)[0] is not None:
         reason += "; mirrored it does: x_px must count to the right and y_px down, as on the detector seen from behind"
     return no_solution(StarStatus.NO_MATCH, reason, n, tried=tried)
-
-
-@lru_cache(maxsize=8)
-def levels_for(stars: Stars, size: float) -> Levels:
-    """Where stars are, for the tolerances of fields of a size (`edge`)."""
-    reach, places = SHEAR * size * np.array(REACHES), np.empty(8, dtype=np.int64)
-    half = 0.5 / (1.05 * reach)
-    words = np.zeros((len(reach) + 1, WORDS), dtype=np.int64)
-    words[-1] = -1
-    for near, cells, far in zip(words[:-1], half, reach, strict=True):
-        note_near(stars.arrays, cells, 1.05 * far, near, places)
-    far = 1.05 * float(reach[-1])
-    wide = min(100.0, 0.5 / far)
-    begin = np.zeros(BUCKETS + 1, dtype=np.int32)
-    count_touched(stars.arrays, wide, far, begin, places)
-    begin = np.cumsum(begin, dtype=np.int32)
-    star = np.empty(int(begin[-1]), dtype=np.int32)
-    fill_touched(stars.arrays, wide, far, begin[:-1].copy(), star, places)
-    return Levels(words, reach, half, begin, star, wide)
 
 
 def _search(
@@ -299,14 +268,14 @@ def _search(
         math.inf if blind.magnitude is None else MAG_CONTRAST,
     )
     number = 0
-    star, order, best = np.empty(m, dtype=np.int64), np.empty(m, dtype=np.int64), np.zeros(BEST_NUMBERS)
-    A, work, table = np.empty((3, 3)), np.empty((m + 9, SPOT_NUMBERS)), np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    work, table = new_work(m), np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    star, A, best = np.empty(m, dtype=np.int64), np.empty((3, 3)), work.best
     best[TRIED] = tried
     while True:
-        number = try_pairs(spots, sky.arrays, levels, table, number, LOG_PROMISING, order, work, best)
+        number = try_pairs(spots, sky.arrays, levels, table, number, LOG_PROMISING, work)
         if number == len(table):
             return None, int(best[TRIED])
-        scale = read_best(spots, sky.arrays, *pairs[number], work, best, A, star)
+        scale = read_best(spots, sky.arrays, *pairs[number], work, A, star)
         number += 1
         fit = fit_camera(
             blind.spots_px,
