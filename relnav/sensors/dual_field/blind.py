@@ -35,9 +35,9 @@ from relnav.sensors.dual_field.optics import plane_points
 from relnav.sensors.dual_field.scaled_pair import TRIED, new_work, read_best, try_pairs
 from relnav.sensors.dual_field.search import CLUSTERING
 from relnav.sensors.dual_field.sky import Sky, prepare_sky, prepare_stars
+from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solution
 from relnav.sensors.dual_field.spot_template import Spots
 from relnav.sensors.dual_field.star_levels import Levels, levels_for
-from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solution
 
 FOCAL_RANGE = 0.05
 """How far the focal length may be from the given one, relative."""

@@ -65,7 +65,7 @@ def build_pair_table(directions: Matrix, low_rad: float, high_rad: float) -> Pai
     order = np.argsort(place, kind="stable")
     begin = np.concatenate([[0], np.cumsum(np.bincount(place, minlength=across**3))])
     v = np.ascontiguousarray(directions[order])
-    expected = max(1, int(0.25 * len(v) ** 2 * (high - low)))
+    expected = max(1, int(0.06 * len(v) ** 2 * (high - low)))
     line, k = np.array([low, max((high - low) / expected, 1e-15)]), np.zeros(expected + 1, dtype=np.int32)
     walk_pairs(v, begin, across, low, high, line, k, NO_COSINES, NO_PAIRS)
     k = np.concatenate([[0], np.cumsum(k[:-1])]).astype(np.int32)
@@ -96,6 +96,7 @@ def walk_pairs(
     them instead, each to its place in `at`, which is moved.
     """
     last, write = at.shape[0] - 2 if cosines.shape[0] == 0 else at.shape[0] - 1, cosines.shape[0] > 0
+    scale = 1.0 / line[1]
     for cell in range(across * across * across):
         x, y, z = cell // (across * across), cell // across % across, cell % across
         for a in range(begin[cell], begin[cell + 1]):
@@ -108,7 +109,7 @@ def walk_pairs(
                 for b in range(a + 1 if near == 13 else begin[other], begin[other + 1]):
                     cosine = a0 * v[b, 0] + a1 * v[b, 1] + a2 * v[b, 2]
                     if low <= cosine <= high:
-                        bucket = min(int((cosine - line[0]) / line[1]), last)
+                        bucket = min(int((cosine - line[0]) * scale), last)
                         if write:
                             cosines[at[bucket]], pairs[at[bucket], 0], pairs[at[bucket], 1] = cosine, a, b
                         at[bucket] += 1

@@ -46,7 +46,9 @@ LEAST_FOUND = 3
 """Spots that must find a star beside the pair before a candidate is looked at."""
 
 ASKED, ASKED_AGAIN, LEAST_AGAIN = 3, 7, 2
-"""Of more than `FEW_SPOTS` one of the first spots must find a star, then so many of a few more, before all are asked."""
+"""Of more than `FEW_SPOTS` spots the three nearest to the pair are asked first, as distortion moves them least: one
+must find a star, then two of seven, before all are asked. Of 430 narrow frames, 180 of them half hidden, those solved
+are the same as where one of three others was enough, while a hundredth instead of a tenth of attitudes is left."""
 
 FAINT = 30.0
 """A magnitude beyond all."""
@@ -92,13 +94,13 @@ class Work(NamedTuple):
 
 def new_work(spots: int) -> Work:
     """Scratch for so many spots."""
-    block = [np.empty(BLOCK, dtype=np.int64) for _ in range(3)]
+    pair, allowed, found = np.empty((3, BLOCK), dtype=np.int64)
     order, template, own = np.empty(spots, dtype=np.int64), np.empty((spots, SPOT_NUMBERS)), np.empty((6, 3))
-    return Work(order, template, own, *block, np.empty((BLOCK, 3, 3)), np.zeros(BEST_NUMBERS))
+    return Work(order, template, own, pair, allowed, found, np.empty((BLOCK, 3, 3)), np.zeros(BEST_NUMBERS))
 
 
 class Asked(NamedTuple):
-    """How many spots are asked first, and then in all, how many of those must find a star, and how many of all spots."""
+    """How many spots are asked first, and then, how many of those must find a star, and how many of all spots."""
 
     first: int
     then: int
@@ -209,9 +211,7 @@ def judge(
 
 
 @kernel
-def try_block(
-    asked: Asked, count: int, scale: float, spots: Spots, sky: SkyArrays, levels: Levels, work: Work
-) -> None:
+def try_block(asked: Asked, count: int, scale: float, spots: Spots, sky: SkyArrays, levels: Levels, work: Work) -> None:
     """Try the first `count` pairs of stars of a block, whose template the first spots have; sets `best`."""
     n, template, found, frames, best = spots.points.shape[0] - 2, work.template, work.found, work.frames, work.best
     for k in range(count):
@@ -282,9 +282,7 @@ def try_scaled_pair(spots: Spots, sky: SkyArrays, levels: Levels, i: int, j: int
 
 
 @kernel
-def try_pairs(
-    spots: Spots, sky: SkyArrays, levels: Levels, pairs: Codes, start: int, enough: float, work: Work
-) -> int:
+def try_pairs(spots: Spots, sky: SkyArrays, levels: Levels, pairs: Codes, start: int, enough: float, work: Work) -> int:
     """Try pairs of spots (p, 2) from `start` on until one has a chance below `enough`: which, or p; sets `best`."""
     for number in range(start, pairs.shape[0]):
         work.best[CHANCE] = enough
@@ -295,9 +293,7 @@ def try_pairs(
 
 
 @kernel
-def read_best(
-    spots: Spots, sky: SkyArrays, i: int, j: int, work: Work, A: Matrix, star: Codes
-) -> float:
+def read_best(spots: Spots, sky: SkyArrays, i: int, j: int, work: Work, A: Matrix, star: Codes) -> float:
     """Write the attitude (3, 3) of the best and each spot's star (m,), -1 for none; returns its scale."""
     pair, sign, shear = int(work.best[BEST_PAIR]), work.best[SIGN], work.best[SHEAR]
     p, q = sky.pairs[pair, 0], sky.pairs[pair, 1]
@@ -305,10 +301,13 @@ def read_best(
     scale = scale_of_pair(spots.points, i, j, math.acos(sky.cosines[pair]))
     frame_of_pair(spots, i, j, scale, seen)
     frame_of_directions(v[0], v[1], v[2], w[0], w[1], w[2], true)
-    for r in range(3):
-        for k in range(3):
-            turned = seen[4, r] * true[1, k] + seen[5, r] * true[2, k]
-            A[r, k] = seen[3, r] * true[0, k] + sign * turned
+    for axis in range(3):  # normed here, as their lengths agree to the accuracy of the scale alone
+        own2 = seen[axis, 0] ** 2 + seen[axis, 1] ** 2 + seen[axis, 2] ** 2
+        weight = 1.0 / math.sqrt(own2 * (true[axis, 0] ** 2 + true[axis, 1] ** 2 + true[axis, 2] ** 2))
+        for r in range(3):
+            for k in range(3):
+                before = 0.0 if axis == 0 else A[r, k]
+                A[r, k] = before + (weight if axis == 0 else sign * weight) * seen[axis, r] * true[axis, k]
     m2 = seen[0, 0] ** 2 + seen[0, 1] ** 2 + seen[0, 2] ** 2
     for k in range(spots.points.shape[0]):
         x, y = scale * spots.points[k, 0], scale * spots.points[k, 1]

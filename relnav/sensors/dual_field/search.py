@@ -135,7 +135,7 @@ def try_stars(
 ) -> bool:
     """Whether the attitude of spots i, j as stars a, c leads to one that chance does not explain; sets all outputs."""
     n, out, v = frame.sigma2.shape[0], work[13], work[14]
-    if match_loosely(frame, sky, i, j, field, 0.0, A, match, out) < settings[LEAST_MATCHES] - 2:
+    if match_loosely(frame, sky, i, j, field, A, match, out) < settings[LEAST_MATCHES] - 2:
         return False
     for k in range(n):  # what lies in the other field is predicted too loosely to start from
         if match[k, 1] != field:
@@ -191,7 +191,7 @@ def search_pairs(
             for field in range(frame.fields):
                 triad = spots[3 * field : 3 * field + 3]
                 spot_triad(W, field * n + i, field * n + j, triad, work[8:10])
-                prepare_questions(frame, i, j, field, triad, asked, ways, 0.0, questions[field])
+                prepare_questions(frame, i, j, field, triad, asked, ways, questions[field])
             mi, mj = frame.magnitude[i], frame.magnitude[j]
             fainter = frame.magnitude[n + i] - mi if frame.fields == 2 else 0.0
             low, high = min(0.0, fainter) - gate, max(0.0, fainter) + gate

@@ -86,7 +86,7 @@ class Sky:
 
 @dataclass(frozen=True, eq=False)
 class Stars:
-    """Stars of a sky, sorted by cell: `arrays`, `cells`, `near` and `brighter` as of `SkyArrays`, the rest as of `Sky`."""
+    """Stars of a sky sorted by cell, as `SkyArrays` and `Sky` have them; `arrays` is `SkyArrays.stars`."""
 
     arrays: Matrix
     cells: Indices
@@ -179,7 +179,7 @@ def cell_of(half: float, x: float, y: float, z: float) -> int:
 def marked(near: Bits, half: float, x: float, y: float, z: float) -> int:
     """The bit of the cell of the unit vector (x, y, z); `half` as many cells as there are along each axis."""
     place = (cell_of(half, x, y, z) >> 40) & (8 * near.shape[0] - 1)
-    return (near[place >> 3] >> (place & 7)) & 1
+    return int((near[place >> 3] >> (place & 7)) & 1)
 
 
 @kernel

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from relnav.arrays import Codes, Matrix, Vector
 from relnav.codegen.kernel import kernel
-from relnav.sensors.dual_field.matching import LOOSEST_CHORD2
+from relnav.sensors.dual_field.matching import spread_chord2
 from relnav.sensors.dual_field.star_levels import Levels
 
 ALONG, ACROSS, APART, LOOSE2, TIGHT2, LOG_LOOSE, LOG_TIGHT, LEVEL, HALF, SPOT_NUMBERS = range(10)
@@ -97,12 +97,12 @@ def frame_of_directions(x: float, y: float, z: float, u: float, v: float, w: flo
 
 @kernel
 def tolerance2(spots: Spots, along2: float, m2: float, shear: float) -> float:
-    """Square of the tolerance for a spot, as `matching.loose_chord2`.
+    """Square of the tolerance for a spot: that of its noise and of its share of an unknown distortion.
 
     `along2` is that of its product with the unit vector to the pair's middle, `m2` that of the sum of the pair.
     """
     d2 = max(0.0, 1.0 - along2)
-    return float(min(LOOSEST_CHORD2, 16.0 * spots.sigma2 * (1.5 + 2.0 * d2 / (4.0 - m2))) + shear * shear * d2)
+    return spread_chord2(spots.sigma2, d2, m2) + shear * shear * d2
 
 
 @kernel

@@ -77,7 +77,7 @@ def noted(words: Codes, place: int) -> int:
     """1 where a star may be near a cell, else 0; `place` as of `sky.place_of`."""
     word, a, b, c = word_and_bits(place)
     bits = words[word]
-    return (bits >> a) & (bits >> b) & (bits >> c) & 1
+    return int((bits >> a) & (bits >> b) & (bits >> c) & 1)
 
 
 @kernel
