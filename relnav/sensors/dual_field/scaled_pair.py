@@ -45,9 +45,9 @@ Frames = NDArray[np.float64]
 LEAST_FOUND = 3
 """Spots that must find a star beside the pair before a candidate is looked at."""
 
-ASKED, ASKED_AGAIN, LEAST_AGAIN = 3, 7, 2
+ASKED, ASKED_AGAIN, LEAST_AGAIN = 3, 10, 2
 """Of more than `FEW_SPOTS` spots the three nearest to the pair are asked first, as distortion moves them least: one
-must find a star, then two of seven, before all are asked. Of 430 narrow frames, 180 of them half hidden, those solved
+must find a star, then two of ten, before all are asked. Of 430 narrow frames, 180 of them half hidden, those solved
 are the same as where one of three others was enough, while a hundredth instead of a tenth of attitudes is left."""
 
 FAINT = 30.0
