@@ -57,6 +57,9 @@ class Frame(NamedTuple):
 @kernel
 def aberrate_into(x: float, y: float, z: float, b: Vector, sign: float, out: Vector) -> None:
     """Write the direction (3,) that an observer moving with sign * b (3,) sees for the unit vector (x, y, z)."""
+    if b[0] == 0.0 and b[1] == 0.0 and b[2] == 0.0:
+        out[0], out[1], out[2] = x, y, z
+        return
     ub = sign * (x * b[0] + y * b[1] + z * b[2])
     inverse_g = math.sqrt(1.0 - b[0] * b[0] - b[1] * b[1] - b[2] * b[2])
     f = sign * (1.0 + ub / (1.0 + inverse_g))
