@@ -124,8 +124,12 @@ def build_sky(stars: Stars, *, pair_count: int, low_rad: float, high_rad: float)
 
 @kernel
 def place_of(ix: int, iy: int, iz: int) -> int:
-    """Where a cell stands in a hashed table: its upper bits are spread best (odd parts of 2^63 by Knuth's ratio)."""
-    return ix * 5700357409661599241 + iy * 3520550193487498313 + iz * 2174302926172906853
+    """Where a cell stands in a hashed table, 63 bits of which the upper ones are spread best.
+
+    The factors are the odd ones at 2^63 over g, g^2 and g^3, g^4 = g + 1, which keep cells of a small box far apart
+    (Roberts 2018; of Knuth's golden ratio two powers add up to the third, and whole rows of cells fall together).
+    """
+    return (ix * 7555532853418227329 + iy * 6189284837581903361 + iz * 5070092016526739179) & 0x7FFFFFFFFFFFFFFF
 
 
 @kernel

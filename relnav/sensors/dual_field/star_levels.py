@@ -15,8 +15,9 @@ from relnav.sensors.dual_field.pair_table import Indices
 from relnav.sensors.dual_field.sky import Stars, cell_of, touched
 
 WORDS, BUCKETS = 1 << 16, 1 << 17
-"""Words of a table, half a megabyte, and lists of stars. A cell has three bits of one word, one of each sixteen (a
-blocked Bloom filter: Putze, Sanders and Singler 2007), so that what chance sets is one in a hundred."""
+"""Words of a table, half a megabyte, and lists of stars, named by the upper bits of `sky.place_of`. A cell has three
+bits of one word, one of each sixteen (a blocked Bloom filter: Putze, Sanders and Singler 2007), so that chance sets
+those of one cell in a hundred."""
 
 PADDED, BESIDE = 1.05, 0.3
 """A table is made for tolerances wider by this, and for directions beside the sphere by so many of them: what is looked
@@ -69,7 +70,7 @@ def levels_for(stars: Stars, reach_rad: tuple[float, ...]) -> Levels:
 @kernel
 def word_and_bits(place: int) -> tuple[int, int, int, int]:
     """Which word of a table a cell has, and which three of its bits: `place` as of `sky.place_of`."""
-    return (place >> 48) & (WORDS - 1), (place >> 44) & 15, 16 + ((place >> 40) & 15), 32 + ((place >> 36) & 15)
+    return place >> 47, (place >> 43) & 15, 16 + ((place >> 39) & 15), 32 + ((place >> 35) & 15)
 
 
 @kernel
@@ -83,7 +84,7 @@ def noted(words: Codes, place: int) -> int:
 @kernel
 def bucket_of(place: int) -> int:
     """Which list of stars a cell has."""
-    return (place >> 44) & (BUCKETS - 1)
+    return place >> 46
 
 
 @kernel
