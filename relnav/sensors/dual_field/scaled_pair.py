@@ -161,6 +161,19 @@ def distance2(
 
 
 @kernel
+def seen(rows: int, bits: int, spots: Spots, sky: SkyArrays, levels: Levels, template: Matrix, axes: Matrix) -> int:
+    """Of the bits that `ask` has set for the first rows those whose spot has a star within the wider tolerance."""
+    kept = 0
+    for row in range(rows):
+        for way in range(2):
+            bit = 1 << (row + TURNED * way)
+            if bits & bit != 0:
+                d2 = distance2(template, row, True, spots, sky, levels, axes, 1.0 - 2.0 * way)
+                kept |= bit if d2 < template[row, LOOSE2] else 0
+    return kept
+
+
+@kernel
 def least_matches(template: Matrix, spots: int, best: Vector) -> int:
     """How many of the spots must find a star, were all as close as the tighter tolerance, to be better than `best`."""
     surest = 0.0
@@ -220,8 +233,10 @@ def try_block(asked: Asked, count: int, scale: float, spots: Spots, sky: SkyArra
         ask(template, row, levels, frames, 0, count, found)
     whole = False
     for k in range(count):
-        axes = frames[k]
-        if found[k] & work.allowed[k] == 0:
+        axes, found[k] = frames[k], found[k] & work.allowed[k]
+        if found[k] != 0 and asked.first < asked.then:
+            found[k] = seen(asked.first, found[k], spots, sky, levels, template, axes)
+        if found[k] == 0:
             continue
         for row in range(asked.first, asked.then):
             ask(template, row, levels, frames, k, k + 1, found)
