@@ -34,7 +34,7 @@ DRAWN = ("relnav.mission:Model", "relnav.spacecraft:Vehicle")
 @click.option(
     "--faults",
     is_flag=True,
-    help="Faults that last, of beacons, markers or a vehicle: how often the estimate is silently wrong.",
+    help="Persistent faults of beacons, markers or a vehicle: how often the estimate is silently wrong.",
 )
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
