@@ -64,8 +64,8 @@ def table(rows: list[tuple[str, float]], load: float, cpu_s: float) -> str:
     until = [sum(clock for _, clock in rows[: k + 1]) for k in range(len(rows))]
     lines = [
         "Printed by `python benchmarks/first_hour.py`, which runs these blocks word for word in a fresh checkout and",
-        f"an empty environment: Python {platform.python_version()}, {os.cpu_count()} processors, load {load:.1f} at the",
-        "start (mean of a minute).",
+        f"an empty environment: Python {platform.python_version()}, {os.cpu_count()} processors, load {load:.1f}",
+        "at the start (mean of a minute).",
         "",
         "| block | duration, s | since the start, s |",
         "| --- | ---: | ---: |",
