@@ -1,5 +1,6 @@
 """The machine code of `python_members`, written and finished by llvmlite alone."""
 
+from collections.abc import Callable
 from typing import Any
 
 from llvmlite import binding, ir
@@ -21,8 +22,8 @@ def finish(symbol: str, form: str, counts: tuple[int, ...]) -> tuple[list[str], 
     store.start_llvm()
     module = ir.Module(symbol)
     module.triple = binding.get_process_triple()
-    function = ir.Function(module, _CALL if form == "method" else _PAIR, symbol)
-    {"method": _write_method, "real": _write_real, "array": _write_array}[form](Writer(module, function), *counts)
+    kind, write = _FORMS[form]
+    write(Writer(module, ir.Function(module, kind, symbol)), *counts)
     needs = [name for name in module.globals if name != symbol]
     machine = binding.Target.from_triple(module.triple).create_target_machine(opt=2, codemodel="jitdefault", jit=True)
     finished = binding.parse_assembly(str(module))
@@ -47,7 +48,8 @@ def _write_method(w: Writer, before: int, keywords: int, after: int) -> None:
     for k in range(after):
         b.store(w.item(own, first + before + keywords + k), b.gep(handed, [WORD(told_at + 1 + keywords + k)]))
     b.store(WORD(0), told)
-    _take_keywords(w, [w.item(own, first + before + k) for k in range(keywords)], b.gep(handed, [WORD(told_at + 1)]), told)
+    known = [w.item(own, first + before + k) for k in range(keywords)]
+    _take_keywords(w, known, b.gep(handed, [WORD(told_at + 1)]), told)
     number = w.python("PyLong_FromLongLong", OBJECT, b.load(told))
     b.store(number, b.gep(handed, [WORD(told_at)]))
     all_of_them = WORD(before + 3 + keywords + after)
@@ -169,3 +171,10 @@ def _return_if_null(w: Writer, one: Any) -> None:
     """An error of Python's goes to the caller."""
     with w.builder.if_then(w.builder.not_(w.is_given(one)), likely=False):
         w.builder.ret(OBJECT(None))
+
+
+_FORMS: dict[str, tuple[Any, Callable[..., None]]] = {
+    "method": (_CALL, _write_method),
+    "real": (_PAIR, _write_real),
+    "array": (_PAIR, _write_array),
+}

@@ -83,7 +83,7 @@ def read_by_machine_code(record: type) -> None:
     places: dict[str, tuple[int, tuple[int, ...]]] = vars(record)["PLACES"]
     for name, (place, shape) in places.items():
         in_python = vars(record)[name]
-        own = MEMORY, in_python.fget, place
+        own: tuple[Any, ...] = MEMORY, in_python.fget, place
         if shape:
             own = *own, place + 8 * math.prod(shape), np.empty(shape), _array_functions()
         getter = store.python_function(name, array if shape else real, own, store.ONE_ARGUMENT)

@@ -14,10 +14,9 @@ import math
 import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
-from relnav.codegen.kernel import kernel, straight_line, variant
-from relnav.dynamics.clohessy_wiltshire import PHI_PATTERN, transition_into
-from relnav.dynamics.yamanaka_ankersen import PHI_PATTERN as ECCENTRIC_PATTERN
-from relnav.dynamics.yamanaka_ankersen import anomaly_step, from_anomalies_into
+from relnav.codegen.kernel import kernel, straight_line
+from relnav.dynamics.clohessy_wiltshire import transition_into
+from relnav.dynamics.yamanaka_ankersen import PHI_PATTERN, anomaly_step, from_anomalies_into
 
 LARGEST_TURN_RAD = 0.25
 """Of the target in one piece of the integral; three points do up to SMALL_TURN_RAD."""
@@ -38,7 +37,7 @@ NODES = 6
 """Matrices of scratch: Phi at each point, and one more."""
 
 
-@straight_line(phi=PHI_PATTERN, a=(3, 3), q=(6, 6))
+@straight_line(phi=PHI_PATTERN, a=(3, 3), q=(6, 6))  # of its last three columns, on a circular orbit the same
 def _add_node(phi: Matrix, a: Matrix, weight: float, q: Matrix) -> None:
     """Add B A B^T times a weight to the lower triangle of q, B the last three columns of phi."""
     ba = np.zeros((6, 3))
@@ -48,9 +47,6 @@ def _add_node(phi: Matrix, a: Matrix, weight: float, q: Matrix) -> None:
     for i in range(6):
         for j in range(i + 1):
             q[i, j] += ba[i, 0] * phi[j, 3] + ba[i, 1] * phi[j, 4] + ba[i, 2] * phi[j, 5]
-
-
-_add_eccentric_node = variant(_add_node, "_add_eccentric_node", phi=ECCENTRIC_PATTERN)
 
 
 @kernel
@@ -134,7 +130,7 @@ def eccentric_acceleration_into(
             S, V, W, sin0, cos0 = anomaly_step(e, sin1, cos1, -n * left)
             from_anomalies_into(n, e, sin0, cos0, -S, V, -W, phi)
             weight = (_WEIGHTS_3[node] if short else _WEIGHTS_5[node]) * h
-            _add_eccentric_node(phi, a, weight, q)
+            _add_node(phi, a, weight, q)
             for i in range(6):
                 push = phi[i, 3] * acceleration[0] + phi[i, 4] * acceleration[1] + phi[i, 5] * acceleration[2]
                 effect[i] += weight * push

@@ -1,14 +1,12 @@
 """From a log file to a track file in bounded memory: the log is streamed, however long it is.
 
-Smoothing runs three times over the log. The first pass filters, keeps the log's numbers in a temporary file and the
-filter as it stands before each chunk. The second goes backward, chunk by chunk (filtered again from where it stood),
-and keeps what stands after each chunk. With that the third smooths every chunk by itself, in order, and writes it.
-The chunks run on the same kernels as a log in memory: the bits are the same.
+Smoothing passes three times over the log: it is filtered into a temporary file, smoothed there from the last chunk to
+the first, and read from it in order. The chunks run on the same kernels as a log in memory: the bits are the same.
 """
 
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -224,9 +222,12 @@ class _Run:
     def _forward(self, chunk: _Chunk, *, smooth: bool) -> Epochs:
         epochs = self.filter.room(len(chunk.t), smooth=smooth)
         self.filter.forward(chunk.t, chunk.spots, chunk.control, chunk.quaternion, epochs, chunk.sigma)
+        self._count(chunk)
+        return epochs
+
+    def _count(self, chunk: _Chunk) -> None:
         if self.progress is not None:
             self.progress(len(chunk.t))
-        return epochs
 
     def _solution(self, chunk: _Chunk, epochs: Epochs, *, smoothed: bool) -> Solution:
         return self.filter.solution(chunk.t, chunk.quaternion, epochs, smoothed=smoothed)
@@ -238,29 +239,24 @@ class _Run:
 
     def smoothed(self) -> Iterator[Solution]:
         """The log's epochs, smoothed, chunk after chunk."""
-        before: list[Vector] = []
         with Spool() as spool:
             for chunk in self._chunks():
-                before.append(self.filter.block.copy())
-                spool.append(*vars(chunk).values())
-                epochs = self._forward(chunk, smooth=True)
-            restarts = self.filter.restarts
-            after = [self.filter.nothing_later() for _ in before]
-            for k in range(len(before) - 1, 0, -1):
-                chunk = _Chunk(*spool[k])
-                if k < len(before) - 1:
-                    self.filter.block[:] = before[k]
-                    epochs = self._forward(chunk, smooth=True)
-                after[k - 1][:] = after[k]
-                self.filter.backward(chunk.t, chunk.control, epochs, after[k - 1])
-            for k, start in enumerate(before):
-                chunk = _Chunk(*spool[k])
-                if len(before) > 1:
-                    self.filter.block[:] = start
-                    epochs = self._forward(chunk, smooth=True)
-                self.filter.backward(chunk.t, chunk.control, epochs, after[k])
+                spool.append(*vars(chunk).values(), *vars(self._forward(chunk, smooth=True)).values())
+            later = self.filter.nothing_later()
+            for k in reversed(range(len(spool))):
+                chunk, epochs = _kept(spool, k)
+                self.filter.backward(chunk.t, chunk.control, epochs, later)
+                spool.replace(k, *vars(chunk).values(), *vars(epochs).values())
+                self._count(chunk)
+            for k in range(len(spool)):
+                chunk, epochs = _kept(spool, k)
                 yield self._solution(chunk, epochs, smoothed=True)
-            assert self.filter.restarts == restarts
+                self._count(chunk)
+
+
+def _kept(spool: Spool, k: int) -> tuple[_Chunk, Epochs]:
+    arrays, of_log = spool[k], len(fields(_Chunk))
+    return _Chunk(*arrays[:of_log]), Epochs(*arrays[of_log:])
 
 
 def _chunk(piece: Log) -> _Chunk:
