@@ -6,7 +6,7 @@ the first, and read from it in order. The chunks run on the same kernels as a lo
 
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from relnav.accuracy.run_summary import RunSummary
 from relnav.arrays import Matrix, Stack, Vector
+from relnav.dynamics.error_state import MOTION
 from relnav.dynamics.in_frame import Turning
 from relnav.errors import UsageError
 from relnav.files.attitude_reading import ROWS_TRIED, reading_that_starts
@@ -222,41 +223,40 @@ class _Run:
     def _forward(self, chunk: _Chunk, *, smooth: bool) -> Epochs:
         epochs = self.filter.room(len(chunk.t), smooth=smooth)
         self.filter.forward(chunk.t, chunk.spots, chunk.control, chunk.quaternion, epochs, chunk.sigma)
-        self._count(chunk)
+        self._count(chunk.t)
         return epochs
 
-    def _count(self, chunk: _Chunk) -> None:
+    def _count(self, t: Vector) -> None:
         if self.progress is not None:
-            self.progress(len(chunk.t))
-
-    def _solution(self, chunk: _Chunk, epochs: Epochs, *, smoothed: bool) -> Solution:
-        return self.filter.solution(chunk.t, chunk.quaternion, epochs, smoothed=smoothed)
+            self.progress(len(t))
 
     def filtered(self) -> Iterator[Solution]:
         """The log's epochs, filtered, chunk after chunk."""
         for chunk in self._chunks():
-            yield self._solution(chunk, self._forward(chunk, smooth=False), smoothed=False)
+            epochs = self._forward(chunk, smooth=False)
+            yield self.filter.solution(chunk.t, chunk.quaternion, epochs, smoothed=False)
 
     def smoothed(self) -> Iterator[Solution]:
         """The log's epochs, smoothed, chunk after chunk."""
         with Spool() as spool:
             for chunk in self._chunks():
-                spool.append(*vars(chunk).values(), *vars(self._forward(chunk, smooth=True)).values())
+                epochs = self._forward(chunk, smooth=True)
+                state, factor, innovation, nis, codes, considered = vars(epochs).values()
+                spool.append(
+                    state, factor, innovation, nis, codes, chunk.t, chunk.quaternion, chunk.control, considered
+                )
             later = self.filter.nothing_later()
             for k in reversed(range(len(spool))):
-                chunk, epochs = _kept(spool, k)
-                self.filter.backward(chunk.t, chunk.control, epochs, later)
-                spool.replace(k, *vars(chunk).values(), *vars(epochs).values())
-                self._count(chunk)
+                *of_epochs, t, _, control, considered = spool[k]
+                epochs = Epochs(*of_epochs, considered)
+                self.filter.backward(t, control, epochs, later)
+                spool.replace(k, epochs.state, epochs.factor)
+                self._count(t)
             for k in range(len(spool)):
-                chunk, epochs = _kept(spool, k)
-                yield self._solution(chunk, epochs, smoothed=True)
-                self._count(chunk)
-
-
-def _kept(spool: Spool, k: int) -> tuple[_Chunk, Epochs]:
-    arrays, of_log = spool[k], len(fields(_Chunk))
-    return _Chunk(*arrays[:of_log]), Epochs(*arrays[of_log:])
+                *of_epochs, t, quaternion = spool.first(k, 7)
+                epochs = Epochs(*of_epochs, np.empty((len(t), 0, MOTION)))  # what is considered is in the factors now
+                yield self.filter.solution(t, quaternion, epochs, smoothed=True)
+                self._count(t)
 
 
 def _chunk(piece: Log) -> _Chunk:

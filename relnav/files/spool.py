@@ -31,7 +31,7 @@ class Spool:
         self._write(arrays)
 
     def replace(self, k: int, *arrays: Any) -> None:
-        """Write other arrays of the same sizes over a group."""
+        """Write other arrays of the same sizes over the first ones of a group."""
         self._file.seek(self._entries[k][0])
         self._write(arrays)
 
@@ -45,9 +45,13 @@ class Spool:
             raise OSError(error.errno, error.strerror, where) from error
 
     def __getitem__(self, k: int) -> list[Any]:
+        return self.first(k, len(self._entries[k][1]))
+
+    def first(self, k: int, count: int) -> list[Any]:
+        """The first arrays of a group."""
         start, entries = self._entries[k]
         self._file.seek(start)
-        arrays = [np.empty(shape, dtype=kind) for shape, kind in entries]
+        arrays = [np.empty(shape, dtype=kind) for shape, kind in entries[:count]]
         for array in arrays:
             if array.size:
                 self._file.readinto(array.view(np.uint8).data)
