@@ -238,23 +238,22 @@ class _Run:
 
     def smoothed(self) -> Iterator[Solution]:
         """The log's epochs, smoothed, chunk after chunk."""
-        with Spool() as spool:
+        with Spool() as spool, Spool() as inputs:
             for chunk in self._chunks():
-                epochs = self._forward(chunk, smooth=True)
-                state, factor, innovation, nis, codes, considered = vars(epochs).values()
-                spool.append(
-                    state, factor, innovation, nis, codes, chunk.t, chunk.quaternion, chunk.control, considered
-                )
+                one = self._forward(chunk, smooth=True)
+                spool.append(one.state, one.factor, one.innovation, one.nis, one.codes, chunk.t, chunk.quaternion)
+                inputs.append(chunk.control, one.considered)
             later = self.filter.nothing_later()
             for k in reversed(range(len(spool))):
-                *of_epochs, t, _, control, considered = spool[k]
-                epochs = Epochs(*of_epochs, considered)
-                self.filter.backward(t, control, epochs, later)
-                spool.replace(k, epochs.state, epochs.factor)
+                state, factor, innovation, nis, codes, t, _ = spool[k]
+                control, considered = inputs[k]
+                self.filter.backward(t, control, Epochs(state, factor, innovation, nis, codes, considered), later)
+                spool.replace(k, state, factor)
                 self._count(t)
             for k in range(len(spool)):
-                *of_epochs, t, quaternion = spool.first(k, 7)
-                epochs = Epochs(*of_epochs, np.empty((len(t), 0, MOTION)))  # what is considered is in the factors now
+                state, factor, innovation, nis, codes, t, quaternion = spool[k]
+                joined = np.empty((len(t), 0, MOTION))  # what is considered is in the factors now
+                epochs = Epochs(state, factor, innovation, nis, codes, joined)
                 yield self.filter.solution(t, quaternion, epochs, smoothed=True)
                 self._count(t)
 

@@ -45,13 +45,9 @@ class Spool:
             raise OSError(error.errno, error.strerror, where) from error
 
     def __getitem__(self, k: int) -> list[Any]:
-        return self.first(k, len(self._entries[k][1]))
-
-    def first(self, k: int, count: int) -> list[Any]:
-        """The first arrays of a group."""
         start, entries = self._entries[k]
         self._file.seek(start)
-        arrays = [np.empty(shape, dtype=kind) for shape, kind in entries[:count]]
+        arrays = [np.empty(shape, dtype=kind) for shape, kind in entries]
         for array in arrays:
             if array.size:
                 self._file.readinto(array.view(np.uint8).data)
