@@ -27,9 +27,19 @@ QUICK = (
     "tests/files/test_units.py",
 )
 TRIED = """
+import numpy as np
 import relnav
-navigator = relnav.Navigator(relnav.load_model("three_beacon_psd"))
-navigator.step(0.0, [[-1.5e-3, 0.0], [1.5e-3, 0.0], [0.0, 0.0]])
+model, push = relnav.load_model("three_beacon_psd"), np.array([1e-5, 0.0, -1e-5])
+navigator, in_python = relnav.Navigator(model), relnav.Navigator(model)
+for k in range(200):
+    spots = np.array([[-1.5e-3, 1e-7 * k], [1.5e-3, 0.0], [0.0, 0.0]])
+    record = navigator.step(0.1 * k, spots, acceleration_m_s2=push)
+    same = relnav.Navigator.step(in_python, 0.1 * k, spots.tolist(), acceleration_m_s2=push.tolist())
+    assert record.range_m == same.range_m or k == 0
+assert record.has_state and np.array_equal(record.covariance, same.covariance), "a call is not its lines of Python"
+state = record.state
+del record, same, navigator, in_python
+assert state[0] > 0.0 and not state.flags.writeable
 """
 INSTALLED = (
     TRIED
