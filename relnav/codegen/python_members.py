@@ -54,9 +54,22 @@ def method_of(
     address = _address("method", len(before), len(names), len(after))
     if address is None:
         return None
-    own = method, entry, record, MEMORY, kept, *before, *names, *after
+    own = _Own((method, entry, record, MEMORY, kept, *before, *names, *after))
     doc = _shown(method.__func__)  # type: ignore[attr-defined]  # bound methods have it
     return store.python_function(method.__name__, address, own, store.FASTCALL | store.KEYWORDS, doc)
+
+
+class _Own(tuple[Any, ...]):
+    """What such a method holds; pickled, it is the object whose method it is."""
+
+    __slots__ = ()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _same, (self[0].__self__,)
+
+
+def _same(one: Any) -> Any:
+    return one
 
 
 @cache

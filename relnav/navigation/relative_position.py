@@ -113,7 +113,7 @@ class Navigator:
             self.step,
             self._navigate,
             before=(self._block,),
-            keywords=("acceleration_m_s2", "delta_v_m_s", "dcm_cam_from_lvlh", "spot_sigma_m"),
+            keywords=("acceleration_m_s2", "delta_v_m_s", "dcm_cam_from_lvlh", "spot_sigma_m"),  # as the bits of `told`
             after=(0.0, 0.0, self._report),
             kept=self._kept,
             record=FilterRecord,

@@ -3,6 +3,7 @@
 import copy
 import gc
 import inspect
+import pickle
 import struct
 import sys
 import tracemalloc
@@ -109,6 +110,14 @@ def test_copies_step_for_themselves(model):
     other = copy.deepcopy(navigator)
     navigator.step(0.0, SPOTS)
     assert other.step(0.0, SPOTS).t_s == 0.0
+
+
+def test_a_step_that_is_pickled_brings_its_navigator(model):
+    navigator, _ = started(model)
+    step = pickle.loads(pickle.dumps(navigator.step))
+    assert step(0.3, SPOTS)._memory == navigator.step(0.3, SPOTS)._memory
+    with pytest.raises(ValueError, match="after the last step"):
+        step(0.3, SPOTS)
 
 
 def test_a_class_of_ones_own_keeps_its_step(model):
