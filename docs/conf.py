@@ -20,6 +20,7 @@ root_doc = "index"
 myst_enable_extensions = ["dollarmath", "deflist"]
 myst_heading_anchors = 3
 
+highlight_language = "none"  # what a program prints is no Python; code names its language
 default_role = "code"  # a name between single backticks in a docstring
 autodoc_typehints = "none"  # types, shapes and units stand in the docstrings
 autodoc_member_order = "bysource"
