@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Vector, number, numbers, of_floats, one_piece
+from relnav.arrays import LARGEST, Matrix, Vector, number, numbers, of_floats, one_piece
 from relnav.codegen.kernel import plain, ready
 from relnav.codegen.python_members import method_of, read_by_machine_code
 from relnav.dynamics.error_state import MOTION
@@ -331,10 +331,10 @@ class Navigator:
             raise ValueError("dcm_cam_from_lvlh must be a rotation matrix (orthonormal, determinant +1)")
         sigma = NO_MATRIX if spot_sigma is None else numbers("spot_sigma_m", spot_sigma)
         if spot_sigma is not None and (
-            sigma.shape != (self._beacons, 2) or np.any(sigma <= 0.0) or np.any(np.isinf(sigma))
+            sigma.shape != (self._beacons, 2) or np.any(sigma <= 0.0) or np.any(sigma > LARGEST)
         ):
             raise ValueError(
-                f"spot_sigma_m has shape ({self._beacons}, 2), above zero and finite; got {sigma.tolist()}"
+                f"spot_sigma_m has shape ({self._beacons}, 2), above zero, up to {LARGEST:g}; got {sigma.tolist()}"
             )
         return tuple(np.ascontiguousarray(value) for value in (a, v, c, sigma))
 

@@ -86,6 +86,8 @@ UNUSUAL = {
     "an empty array": ((1.0, SPOTS), {"delta_v_m_s": np.empty(0)}),
     "no rotation": ((1.0, SPOTS), {"dcm_cam_from_lvlh": np.ones((3, 3))}),
     "a negative sigma": ((1.0, SPOTS), {"spot_sigma_m": -np.ones((3, 2))}),
+    "a sigma whose square is infinite": ((1.0, SPOTS), {"spot_sigma_m": np.full((3, 2), 1e155)}),
+    "an attitude's": ((1.0, SPOTS), {"attitude_noise_rad": 1e155}),
 }
 
 
