@@ -64,14 +64,14 @@ def table(rows: list[tuple[str, float]], load: float, cpu_s: float) -> str:
     until = [sum(clock for _, clock in rows[: k + 1]) for k in range(len(rows))]
     lines = [
         "Printed by `python benchmarks/first_hour.py`, which runs these blocks word for word in a fresh checkout and",
-        f"an empty environment: Python {platform.python_version()}, {os.cpu_count()} processors, which had {load:.1f}",
-        "processes to run when it began (mean of a minute).",
+        f"an empty environment: Python {platform.python_version()}, {os.cpu_count()} processors, load {load:.1f}",
+        "at the start (mean of a minute).",
         "",
-        "| block | by the clock, s | since the start, s |",
+        "| block | duration, s | since the start, s |",
         "| --- | ---: | ---: |",
         *(f"| {name} | {clock:.0f} | {at:.0f} |" for (name, clock), at in zip(rows, until, strict=True)),
         "",
-        f"Processor time in all: {cpu_s:.0f} s. Reading and editing are not in it.",
+        f"Total processor time: {cpu_s:.0f} s. Reading and editing are not included.",
     ]
     return "\n".join(lines) + "\n"
 

@@ -4,6 +4,7 @@ Looks for python3.11 to python3.14 on the path, under pyenv, and through uv wher
 
     python benchmarks/python_versions.py [--only 3.12] [--json FILE] [TESTS ...]
     python benchmarks/python_versions.py --prebuilt [--only 3.12]   # the wheel with compiled code, and its first call
+    python benchmarks/python_versions.py --file dist/relnav-0.1.0-py3-none-any.whl   # what is to be published, alone
 """
 
 import argparse
@@ -26,21 +27,37 @@ QUICK = (
     "tests/files/test_units.py",
 )
 TRIED = """
+import numpy as np
 import relnav
-navigator = relnav.Navigator(relnav.load_model("three_beacon_psd"))
-navigator.step(0.0, [[-1.5e-3, 0.0], [1.5e-3, 0.0], [0.0, 0.0]])
+model, push = relnav.load_model("three_beacon_psd"), np.array([1e-5, 0.0, -1e-5])
+navigator, in_python = relnav.Navigator(model), relnav.Navigator(model)
+for k in range(200):
+    spots = np.array([[-1.5e-3, 1e-7 * k], [1.5e-3, 0.0], [0.0, 0.0]])
+    record = navigator.step(0.1 * k, spots, acceleration_m_s2=push)
+    same = relnav.Navigator.step(in_python, 0.1 * k, spots.tolist(), acceleration_m_s2=push.tolist())
+    assert record.range_m == same.range_m or k == 0
+assert record.has_state and np.array_equal(record.covariance, same.covariance), "a call is not its lines of Python"
+state = record.state
+del record, same, navigator, in_python
+assert state[0] > 0.0 and not state.flags.writeable
 """
-FIRST_CALL = (
+INSTALLED = (
     TRIED
     + """
 import sys
-import time
 assert not relnav.__file__.startswith(sys.argv[1]), "the checkout is called, not what was installed"
+print(f"a call answered by {relnav.__file__.rpartition('/lib/')[2]}")
+"""
+)
+"""To be run where the package's source is not, as is the next."""
+FIRST_CALL = (
+    INSTALLED
+    + """
+import time
 assert "numba" not in sys.modules, "numba was needed: the wheel's code does not fit"
 print(f"first estimate of beacons after {time.process_time():.2f} s of processor time, without numba")
 """
 )
-"""To be run where the package's source is not."""
 
 
 def interpreter(version: str) -> str | None:
@@ -57,30 +74,43 @@ def interpreter(version: str) -> str | None:
     return None
 
 
-def tried(version: str, tests: list[str], *, prebuilt: bool = False) -> dict[str, object]:
+def steps_of(python: str, tests: list[str], file: Path | None, prebuilt: bool) -> dict[str, list[str]]:
+    """What is done in an environment, by name."""
+    installation = [python, "-m", "pip", "install", "-q"]
+    if file is not None:
+        log = str(ROOT / "examples" / "basilisk_approach" / "vbar_log.csv")
+        return {
+            "installation": [*installation, str(file.resolve())],
+            "first call": [python, "-c", INSTALLED, str(ROOT)],
+            "command": [python, "-m", "relnav", "filter", log, "--model", "three_beacon_psd", "--out", "track.csv"],
+            "compiled call": [python, "-c", INSTALLED, str(ROOT)],
+        }
+    steps = {"installation": [*installation, str(ROOT), *NEEDED]}
+    if prebuilt:
+        return steps | {"first call": [python, "-c", FIRST_CALL, str(ROOT)]}
+    return steps | {
+        "first call": [python, "-c", TRIED],
+        "compiled call": [python, "-c", TRIED],
+        "tests": [python, "-m", "pytest", "-q", "-p", "no:xdist", "-o", "addopts=--import-mode=importlib", *tests],
+    }
+
+
+def tried(version: str, tests: list[str], *, file: Path | None = None, prebuilt: bool = False) -> dict[str, object]:
     """Install and test; what came of it."""
     place, begin = interpreter(version), time.monotonic()
     if place is None:
         return {"python": version, "outcome": "not on this machine"}
     with tempfile.TemporaryDirectory() as folder:
         python = str(Path(folder) / "bin" / "python")
-        steps = {
-            "environment": [place, "-m", "venv", folder],
-            "installation": [python, "-m", "pip", "install", "-q", str(ROOT), *NEEDED],
-        }
-        checks = {
-            "first call": [python, "-c", TRIED],
-            "compiled call": [python, "-c", TRIED],
-            "tests": [python, "-m", "pytest", "-q", "-p", "no:xdist", "-o", "addopts=--import-mode=importlib", *tests],
-        }
-        steps |= {"first call": [python, "-c", FIRST_CALL, str(ROOT)]} if prebuilt else checks
+        steps = {"environment": [place, "-m", "venv", folder]} | steps_of(python, tests, file, prebuilt)
+        elsewhere = prebuilt or file is not None
         said = ""
         for name, command in steps.items():
             compiles = prebuilt or name == "compiled call"
             ways = {"RELNAV_PREBUILD": str(int(prebuilt)), "RELNAV_JIT": str(int(compiles)), "NUMBA_CACHE_DIR": folder}
             environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"} | ways
             done = subprocess.run(
-                command, cwd=folder if prebuilt else ROOT, env=environment, capture_output=True, text=True, check=False
+                command, cwd=folder if elsewhere else ROOT, env=environment, capture_output=True, text=True, check=False
             )
             said = (done.stdout.strip() or done.stderr.strip()).splitlines()[-1:] or [""]
             if done.returncode != 0:
@@ -95,11 +125,12 @@ def main() -> None:
     parser.add_argument("tests", nargs="*", default=list(QUICK))
     parser.add_argument("--only", action="append", choices=VERSIONS)
     parser.add_argument("--prebuilt", action="store_true", help="With compiled code in the wheel, and its first call.")
+    parser.add_argument("--file", type=Path, help="An sdist or a wheel, installed instead of the checkout.")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     found = []
     for version in options.only or VERSIONS:
-        found.append(tried(version, options.tests, prebuilt=options.prebuilt))
+        found.append(tried(version, options.tests, file=options.file, prebuilt=options.prebuilt))
         print(json.dumps(found[-1]), flush=True)
     if options.json:
         options.json.write_text(json.dumps(found, indent=2) + "\n")

@@ -98,9 +98,9 @@ def page(runs: dict[str, list[dict[str, Any]]]) -> str:
         f"Written by `python benchmarks/reliability.py` from `docs/reliability.json`. {total(fuzzed, 'cases')} hostile "
         f"files and {total(called, 'cases')} hostile calls, {total(ended, 'runs')} interrupted runs, "
         f"{total(runs['mutation'], 'tried')} mutants; **{len(faults)} faults** that these found are open. "
-        "What was tried, how often and when stands in each table; by default the command tries "
-        "more: 1,000 cases a target, 200 runs a command, 100 mutants a package. A target in which a "
-        "fault was found was run anew after it was mended, the others were not.",
+        "Each table states what was tried, how often and when. By default the command tries "
+        "more: 1,000 cases per target, 200 runs per command, 100 mutants per package. A target in which a "
+        "fault was found was run again after the fault was corrected, the others were not.",
         "",
         FUZZED,
     ]
@@ -147,12 +147,11 @@ def survivor(one: dict[str, Any]) -> str:
 
 FUZZED = """## Hostile files
 
-`python benchmarks/fuzzing.py --cases N`: good files with names, cells, lines, keys, types, numbers and bytes exchanged
-(by hypothesis; `fuzzing_bytes.py` beside it exchanges them). `--inputs 1000000` tries a million over all targets, by
-seeds, in children. The table adds up what was tried by hypothesis and by seeds, in several runs of either
-(`reliability.py --sum`).
-`fuzzing_coverage.py` tries the same by the lines that are reached, where `atheris` is installed; none of its files are
-counted here. The test suite runs a part of them, and every file that once broke something (`tests/files/found/`,
+`python benchmarks/fuzzing.py --cases N` reads valid files in which names, cells, lines, keys, types, numbers and bytes
+were exchanged by hypothesis (`fuzzing_bytes.py` exchanges the bytes). `--inputs 1000000` tries a million files over all
+targets, generated from seeds, in child processes. The table is the sum of several runs of both kinds (`reliability.py
+--sum`). `fuzzing_coverage.py` is guided by coverage, if `atheris` is installed; none of its files are counted here. The
+test suite runs a part of them, and every file that once caused a fault (`tests/files/found/`,
 `tests/files/test_fuzzing.py`). A fault is any of these:
 
 - an exception that is not documented, or a warning;
@@ -160,20 +159,20 @@ counted here. The test suite runs a part of them, and every file that once broke
 - 5 s of processor time for one file, a minute of waiting, or 1 GiB of memory;
 - a number of a track that is not finite, or a covariance that is not positive definite.
 
-| target | files | read | refused in a sentence | faults | memory so far, MiB | tried on |
+| target | files | read | rejected with a message | faults | memory so far, MiB | tried on |
 | --- | ---: | ---: | ---: | ---: | ---: | --- |"""
 CALLED = """## Hostile calls
 
-`python benchmarks/fuzzing_calls.py --cases N`: every public call with numbers, shapes, types, times and masks
-exchanged, in sequences where an object remembers. The test suite runs some of them, and holds that every public name
-is called or named with the reason why not (`tests/navigation/test_fuzzed_calls.py`). A fault is any of these:
+`python benchmarks/fuzzing_calls.py --cases N` makes every public call with exchanged numbers, shapes, types, times and
+masks, in sequences if the object has a state. The test suite runs some of them, and requires that every public name is
+called, or listed with the reason why not (`tests/navigation/test_fuzzed_calls.py`). A fault is any of these:
 
-- an error that is no ValueError with a printable sentence, or a warning;
+- an error that is not a ValueError with a printable message, or a warning;
 - 5 s of processor time;
-- an argument that was changed, an object that a refused call changed, or a record that changed later;
+- an argument that was changed, an object that a rejected call changed, or a record that changed later;
 - a value that is not finite, or a covariance that is not positive definite.
 
-| call | made | given | refused in a sentence | no value, with its status | faults | tried on |
+| call | made | value returned | rejected with a message | no value, with its status | faults | tried on |
 | --- | ---: | ---: | ---: | ---: | ---: | --- |"""
 ENDED = """## Interrupted runs
 
@@ -182,38 +181,38 @@ evenly over its run (plain Python). Codes: 130 and 143 are relnav's own; -2, -15
 starting. A fault is any of these:
 
 - an output that is neither the old file nor the new one byte by byte;
-- of `campaign`, which goes on where it was stopped: a file that is not as in a run that nobody ended, or a folder
-  that is not, byte by byte, after the same command has been run again;
-- new and old outputs of one command side by side after SIGINT or SIGTERM;
-- anything hidden that is left behind, but for one folder after SIGKILL, which the next run has to remove.
+- for `campaign`, which can be resumed: a file that differs from that of an uninterrupted run, or a folder
+  that differs, byte by byte, after the same command has been run again;
+- new and old outputs of one command together after SIGINT or SIGTERM;
+- hidden files that remain, except for one folder after SIGKILL, which the next run has to remove.
 
 | command | runs | had finished | folder left by SIGKILL | exit codes | faults | tried on |
 | --- | ---: | ---: | ---: | --- | ---: | --- |"""
 MUTATED = """## Mutants of the formulas
 
 `python benchmarks/mutation.py --sample N`: one operator, comparison, number or function of a formula is exchanged, and
-the tests that name its module have to fail, in plain Python and within some ten seconds of processor time. They have
-to pass unchanged first. Of what a package or a module holds a random sample is tried. Survivors that change no answer
-are judged in `benchmarks/mutation_judged.toml`, with the reason; a share is of the others. Where one survives that
-changes an answer a test is written, which a later sample shows.
+the tests that name its module have to fail, in plain Python and within some ten seconds of processor time. They have to
+pass unchanged first. A random sample of the mutants of a package or a module is tried. Survivors that change no result
+are judged in `benchmarks/mutation_judged.toml`, with the reason; shares are those of the others. For a survivor that
+changes a result a test is written, which a later sample shows.
 
 | package or module | possible | tried | killed | judged harmless | survive | killed of the others | tried on |
 | --- | ---: | ---: | ---: | ---: | ---: | ---: | --- |"""
-PYTHONS = """## Pythons
+PYTHONS = """## Python versions
 
-`python benchmarks/python_versions.py`: installed into a fresh environment each, a call in plain Python, one that is
-compiled, and a quick part of the tests; the wheel brings no compiled code here
-(`RELNAV_PREBUILD=0`). 3.12.1 and 3.13.0 were pyenv's, 3.14.8 was Debian testing's.
+`python benchmarks/python_versions.py` installs into a fresh environment of each version, makes a call in plain Python
+and a compiled one, and runs a quick part of the tests. The wheel has no compiled code here (`RELNAV_PREBUILD=0`).
+3.12.1 and 3.13.0 were those of pyenv, 3.14.8 that of Debian testing.
 
-| Python | what came | tried on |
+| Python | result | tried on |
 | --- | --- | --- |"""
-VULNERABLE = """Known vulnerabilities of what is installed are asked for by `pip-audit` in the checks
-(`tests/architecture/test_known_vulnerabilities.py`); where the index has no record of them the test is skipped and says
-so.
+VULNERABLE = """`pip-audit` in the checks searches the dependencies for known vulnerabilities
+(`tests/architecture/test_known_vulnerabilities.py`). If the index has no record of them the test is skipped, with that
+reason.
 """
 LIMITS = """## Limits
 
-| what | is refused beyond | why |
+| quantity | largest value accepted | reason |
 | --- | --- | --- |
 | a line | 1,000,000 characters | a row of cells is shorter; endless input ends here |
 | columns of a table | 2,000 | |
@@ -224,11 +223,11 @@ LIMITS = """## Limits
 | a model or calibration | 200,000 characters, 12 levels | |
 | times, accelerations, impulses of a log | 1e11 s, 1e4 m/s^2, 1e5 m/s | a slip of unit, as nanoseconds under t_s |
 
-A log comes from a file, a named pipe, `<(...)`, `/dev/stdin` or `-`; a pipe is read once, as it comes. Outputs may be
-pipes or `-`: they are given the whole file at the end. What `relnav` prints beside a file on standard output goes to
-standard error. A killed run leaves at most one folder `.NAME.relnav-part` beside its output.
+A log is read from a file, a named pipe, `<(...)`, `/dev/stdin` or `-`; a pipe is read once, as data arrive. Outputs may
+be pipes or `-`: they receive the whole file at the end. If a file is written to standard output, the messages of
+`relnav` go to standard error. A killed run leaves at most one folder `.NAME.relnav-part` beside its output.
 
-Not covered: commands that are in no table, an output on a file system without renaming, and files changed by others
+Not covered are commands that are in no table, an output on a file system without renaming, and files that others change
 while they are read. Nor are signals that arrive before Python has started; nothing is written by then.
 """
 

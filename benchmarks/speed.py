@@ -303,7 +303,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=15)
     parser.add_argument("--short", action="store_true", help="what stays in memory alone, no files")
     parser.add_argument("--epochs", type=int, default=10_000_000, help="of the streamed log; 0 leaves it out")
-    parser.add_argument("--long", action="store_true", help="stream 1e8 epochs (40 GB of disk)")
+    parser.add_argument("--long", action="store_true", help="stream 1e8 epochs (75 GB of disk)")
     parser.add_argument("--folder", type=Path, help="where the large files go for a while")
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()

@@ -20,6 +20,7 @@ root_doc = "index"
 myst_enable_extensions = ["dollarmath", "deflist"]
 myst_heading_anchors = 3
 
+highlight_language = "none"  # what a program prints is no Python; code names its language
 default_role = "code"  # a name between single backticks in a docstring
 autodoc_typehints = "none"  # types, shapes and units stand in the docstrings
 autodoc_member_order = "bysource"
@@ -30,6 +31,7 @@ nitpick_ignore_regex = [("py:.*", r"(numpy|scipy|pyarrow|matplotlib|pandas|xarra
 html_theme = "furo"
 html_title = f"relnav {release}"
 html_theme_options = {"light_css_variables": {"code-font-size": "var(--font-size--small--3)"}}
-html_static_path: list[str] = []
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
 html_copy_source = False
 html_show_sourcelink = False

@@ -30,7 +30,7 @@ Record: TypeAlias = Any
 """One record of a structured type, or an array of them: fields by name (`record["state"]`)."""
 
 LARGEST = 1e30
-"""Of a state, a covariance or a control that is handed over, SI: more is a mistake, and its powers would overflow."""
+"""Of a state, a covariance, a control or a sigma that is handed over, SI: more is a mistake, and powers overflow."""
 
 _FLOAT = np.dtype(np.float64)
 _REAL_KINDS = "biuf"

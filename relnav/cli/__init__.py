@@ -24,12 +24,12 @@ from typing import Any
 import click
 
 COMMANDS = {
-    "budget": ("relnav.cli.budget", "Say what accuracy a design will reach, and what limits it."),
-    "accuracy": ("relnav.cli.accuracy", "Measure what a sensor system reaches, beside what its paper claims."),
+    "budget": ("relnav.cli.budget", "Error budget of a design: the accuracy that it reaches, and what limits it."),
+    "accuracy": ("relnav.cli.accuracy", "Measure the accuracy of a sensor system, and compare it with its paper."),
     "campaign": ("relnav.cli.campaign", "Fly many approaches of a scenario: distributions and consistency."),
     "calibrate": ("relnav.cli.calibrate", "Calibrate a sensor from its bench measurements."),
     "filter": ("relnav.cli.filter", "Filter a log of spots into a track with covariance."),
-    "report": ("relnav.cli.report", "Show a run or an accuracy report on one page of its own."),
+    "report": ("relnav.cli.report", "Write a report page of a run, a campaign or an accuracy report."),
     "simulate": ("relnav.cli.simulate", "Simulate an approach: a log of spots and its truth."),
     "models": ("relnav.cli.models", "List the shipped models, or show one with its sources."),
     "stars": ("relnav.cli.stars", "Star frames: inertial attitude from the spots of one image."),

@@ -34,16 +34,16 @@ DRAWN = ("relnav.mission:Model", "relnav.spacecraft:Vehicle")
 @click.option(
     "--faults",
     is_flag=True,
-    help="Faults that last, of beacons, markers or a vehicle: how often the estimate is silently wrong.",
+    help="Persistent faults of beacons, markers or a vehicle: how often the estimate is silently wrong.",
 )
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
     model: str, runs: int | None, seed: int, json_path: Path | None, plot: Path | None, faults: bool, quiet: bool
 ) -> int:
-    """Measure MODEL against truth and against its paper: single shots, filters and smoothers of a mission.
+    """Compare MODEL with simulated truth and with its paper: single images, filters and smoothers of a mission.
 
     Truth is integrated on two-body orbits with the white acceleration that the filter assumes. Exit code 0: every row
-    came out as the model's published.toml expects; 1: some did not, or there is no published.toml to compare with.
+    is as the model's published.toml expects; 1: some are not, or there is no published.toml to compare with.
     """
     from relnav.accuracy.claims import ClaimsReport
     from relnav.cli import NOT_MET

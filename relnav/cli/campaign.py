@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 @click.option(
     "--sensitivities",
     is_flag=True,
-    help="Instead, what the error at the end comes from: RUNS, a power of two, for each cause.",
+    help="Sensitivity analysis of the final error instead; RUNS, a power of two, is flown for each cause.",
 )
 @click.option("--no-pictures", is_flag=True, help="Draw nothing.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
@@ -75,9 +75,9 @@ def command(
 
     MODEL: a three_beacon or three_marker mission, or a vehicle.
 
-    The folder holds campaign.json (what is flown), runs/ (Parquet, a row a run), summary.json, pictures, and
-    failed.parquet if runs failed. A campaign that was stopped goes on where it was. The figures do not depend on
-    workers, cluster or interruptions. docs/campaign.md walks through it.
+    The folder holds campaign.json (what is flown), runs/ (Parquet, one row per run), summary.json, pictures, and
+    failed.parquet if runs failed. The same command resumes a campaign that was stopped. The results do not depend on
+    workers, cluster or interruptions. See docs/campaign.md.
     """
     from relnav.cli.settings import model_and_scenario
     from relnav.errors import InputError, UsageError

@@ -40,16 +40,16 @@ _input, _filter_options, _output, _picture = map(OptionsOf, ("Input", "Filter", 
     "-f",
     "--follow",
     is_flag=True,
-    help="LOG (CSV) is still being written, or - comes through a pipe: each estimate is written as soon as its row has "
-    "come, until the input ends or Ctrl-C. A line that is no row is reported and left out.",
+    help="LOG (CSV) is still being written, or - is a pipe: each estimate is written as soon as its row has arrived, "
+    "until the input ends or Ctrl-C. An invalid row is reported and skipped.",
 )
 @_filter_options(
     "--method",
     type=click.Choice(["fix", "spots"]),
     show_default="fix",
     help="Measurement model: range, azimuth and elevation of the closed form, which need three spots and not the "
-    "camera's attitude (images that contradict a stated one are refused); or the spots: ten times finer angles, but an "
-    "error of the attitude goes straight into them.",
+    "camera's attitude (images that contradict a stated one are rejected); or the spots: ten times more accurate "
+    "angles, but with the full error of the attitude.",
 )
 @_filter_options(
     "--projection",
@@ -63,7 +63,9 @@ _input, _filter_options, _output, _picture = map(OptionsOf, ("Input", "Filter", 
     show_default=True,
     help="relnav's filter, or the same one written a second time on filterpy: a hundred times slower, for comparison.",
 )
-@_filter_options("--smooth", is_flag=True, help="Run backward too: every state then rests on all measurements.")
+@_filter_options(
+    "--smooth", is_flag=True, help="Add a backward pass: every state is then estimated from all measurements."
+)
 @_output(
     "--out",
     type=OutputPath(),
@@ -81,8 +83,8 @@ _input, _filter_options, _output, _picture = map(OptionsOf, ("Input", "Filter", 
     type=click.Choice(["lvlh_ccsds", "rsw", "dock", "eci_relative", "eci"]),
     default="lvlh_ccsds",
     show_default=True,
-    help="Frame of the track's states, attitudes and covariances; rsw is RTN, RIC, Hill. A vehicle's track, port from "
-    "port in target axes, gets centre of mass and target's attitude in it beside.",
+    help="Frame of the track's states, attitudes and covariances; rsw is RTN, RIC, Hill. A vehicle's track, the "
+    "relative state of the ports in target axes, then also has centre of mass and target's attitude in this frame.",
 )
 @_output(
     "--orbit-deg",
@@ -120,18 +122,19 @@ def command(
     plot: Path | None,
     corridor_deg: float,
 ) -> int:
-    """Filter the spots of LOG (CSV or Parquet, one row an epoch) into range, azimuth, elevation and a relative state.
+    """Filter the spots of LOG (CSV or Parquet, one row per epoch) into range, azimuth, elevation and a relative state.
 
     LOG may be a pipe, - is standard input (CSV); it may be a ROS bag whose messages name spots.
 
     Columns of LOG: t_s; spot_a_x_um, spot_a_y_um, spot_b_..., spot_c_... (any length unit; empty = not seen);
     optionally accel_{x,y,z}_m_s2, delta_v_{x,y,z}_m_s (lvlh_ccsds), q_cam_from_lvlh_{x,y,z,w}, image_t_s (middle of the
-    exposure, where images come late and the model has a longest_delay_s). A raw log of a detector
-    (CSV, one row a slot) has t_s, beacon (a, b, c or dark), and adc_{x1,x2,y1,y2} or current_{x1,x2,y1,y2}_na instead
-    of spots; with --method spots every spot then enters the filter at its own time, else images do, joined at C's
-    time. Of a marker model: spot_a_x_px, spot_a_y_px, ... and
-    q_chaser_from_lvlh_{x,y,z,w}, image_t_s; the track then holds attitude and rate, and port from port. Of a vehicle:
-    t_s, sensor, v0, v1, ..., one row an observation in any order; the track holds port from port every second.
+    exposure, if images may be late and the model has a longest_delay_s). A raw log of a detector
+    (CSV, one row per slot) has t_s, beacon (a, b, c or dark), and adc_{x1,x2,y1,y2} or current_{x1,x2,y1,y2}_na instead
+    of spots; with --method spots every spot is processed at its own time, otherwise images are, joined at C's
+    time. For a marker model: spot_a_x_px, spot_a_y_px, ... and
+    q_chaser_from_lvlh_{x,y,z,w}, image_t_s; the track then holds attitude and rate, and the relative state of the
+    ports. For a vehicle: t_s, sensor, v0, v1, ..., one row per observation in any order; the track holds the relative
+    state of the ports every second.
 
     With --follow the track is .csv or .jsonl, on standard output unless --out names another place.
 

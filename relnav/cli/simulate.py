@@ -85,12 +85,12 @@ def command(
 ) -> None:
     """Simulate an approach of MODEL: two-body truth under closed-loop guidance, imaged with noise and faults.
 
-    Of a vehicle: from its hand-over to --final-range (1 m), seen by all its sensors; it takes --seed and --truth. Of a
-    star sensor that turns, or a sun sensor under a moving sun, a log of its spots; with --out a picture (.png, .tif,
-    .fits), one exposure.
+    For a vehicle: from its hand-over to --final-range (1 m), with all its sensors; of the other options --seed and
+    --truth apply. For a rotating star sensor, or a sun sensor with a moving sun, a log of its spots; if --out is a
+    picture (.png, .tif, .fits), one exposure.
 
-    With --scenario, or a --set of one of its keys, it is the run of a campaign: same seed, same run, same log. The
-    options of approach and faults then have no effect, the scenario says all of it (docs/campaign.md).
+    With --scenario, or a --set of one of its keys, it is a run of a campaign: same seed, same run, same log. The
+    options of approach and faults then have no effect, as the scenario states them (docs/campaign.md).
     """
     from relnav.cli.settings import model_and_scenario
     from relnav.cli.simulators import Options, simulated_run

@@ -207,6 +207,7 @@ def _lines(figures: dict[str, Any], name: str) -> list[str]:
             lines.append(f"{sensor}: never used")
         else:
             lines.append(f"{sensor}: last used at {health['last_used_s']:.2f} s, NIS/n {health['nis_per_dof']:.2f}")
+    lines.append("NIS/n is a mean over some ten observations; constant errors move it from 1, a fault raises an alarm")
     if figures["ambiguous"]:
         lines.append(
             f"the target was looked for in {figures['ambiguous']} of {figures['estimates']} estimates, at the start or "

@@ -37,7 +37,7 @@ def finish(name: str, compiled: Any, arguments: tuple[Any, ...]) -> tuple[store.
     library, symbol = result.library, result.fndesc.llvm_cpython_wrapper_name
     objects, needs = objects_of(library)
     code = store.Code(name, store.kinds_of(arguments), symbol, needs, objects)
-    return code, store.python_function(name, library.get_pointer_to_function(symbol))
+    return code, store.entry_function(name, library.get_pointer_to_function(symbol))
 
 
 def _writable(kind: Any) -> Any:

@@ -24,12 +24,23 @@ R = TypeVar("R")
 
 _SWITCHED_ON = os.environ.get("RELNAV_JIT", "1") != "0"
 _LOG = logging.getLogger("relnav")
+OBJECT_HEADER = 16
+"""Bytes in front of every object of CPython, as finished code knows them (`cpython`): builds without the interpreter's
+lock, and for debugging, have more."""
 
 
 @cache
 def _compiler() -> Any | None:
-    """The module that compiles, or None when it is switched off or numba cannot be imported."""
+    """The module that compiles, or None when it is switched off, or cannot be used here."""
     if not _SWITCHED_ON:
+        return None
+    if object.__basicsize__ != OBJECT_HEADER:
+        warnings.warn(
+            "this Python is built without the interpreter's lock or for debugging, and lays out its objects in another "
+            "way than compiled code knows: relnav runs as plain Python, about a hundred times slower",
+            RuntimeWarning,
+            stacklevel=3,
+        )
         return None
     try:
         from relnav.codegen import compiler

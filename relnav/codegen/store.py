@@ -26,7 +26,7 @@ WITHOUT_KERNELS = ("cli", "files")
 """The two uppermost rooms: what is changed there does not compile anything anew."""
 
 _HELD: list[Any] = []
-"""Loaded code, and Python's descriptions of it: both must outlive every call."""
+"""Loaded code: it must outlive every call."""
 
 
 class Code(NamedTuple):
@@ -171,9 +171,15 @@ def kept(name: str) -> list[Code]:
 
 def load(code: Code) -> Callable[..., Any] | None:
     """The function, from a file's code; None if something that it calls is not to be had in this process."""
+    address = address_of(code)
+    return None if address is None else entry_function(code.name, address)
+
+
+def address_of(code: Code) -> int | None:
+    """Where code stands once it is loaded; None if something that it calls is not to be had in this process."""
     from llvmlite import binding
 
-    _start_llvm()
+    start_llvm()
     target = binding.Target.from_triple(binding.get_process_triple())
     engine = binding.create_mcjit_compiler(
         binding.parse_assembly(""), target.create_target_machine(codemodel="jitdefault", jit=True)
@@ -184,22 +190,26 @@ def load(code: Code) -> Callable[..., Any] | None:
         engine.add_object_file(binding.ObjectFileRef.from_data(one))
     engine.finalize_object()
     _HELD.append(engine)
-    return python_function(code.name, engine.get_function_address(code.symbol))
+    return int(engine.get_function_address(code.symbol))
 
 
 @cache
-def _start_llvm() -> None:
+def start_llvm() -> None:
+    """Make llvmlite ready for this processor."""
     from llvmlite import binding
 
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
 
 
-def python_function(name: str, address: int) -> Callable[..., Any]:
-    """Machine code of `python_call` as a function of Python."""
-    import ctypes
+ONE_ARGUMENT, FASTCALL, KEYWORDS = 0x0008, 0x0080, 0x0002
+"""How CPython calls a function (METH_O, METH_FASTCALL, METH_KEYWORDS)."""
 
-    import numpy as np
+
+@cache
+def _definition(name: str, address: int, flags: int, doc: str | None) -> Any:
+    """CPython's PyMethodDef; it must outlive the functions made of it, and is made once."""
+    import ctypes
 
     class Definition(ctypes.Structure):
         _fields_ = (
@@ -209,14 +219,27 @@ def python_function(name: str, address: int) -> Callable[..., Any]:
             ("doc", ctypes.c_char_p),
         )
 
-    fastcall = 0x0080
-    definition = Definition(name.rpartition(".")[2].encode(), address, fastcall, None)
+    return Definition(name.encode(), address, flags, None if doc is None else doc.encode())
+
+
+def python_function(
+    name: str, address: int, own: tuple[Any, ...], flags: int = FASTCALL, doc: str | None = None
+) -> Callable[..., Any]:
+    """Machine code that follows CPython's convention as a function of Python; own: its first argument."""
+    import ctypes
+
     make = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)(
         ("PyCFunction_NewEx", ctypes.pythonapi)
     )
-    _HELD.append(definition)
-    function: Callable[..., Any] = make(ctypes.addressof(definition), (np.ndarray, np.void), None)
+    function: Callable[..., Any] = make(ctypes.addressof(_definition(name, address, flags, doc)), own, None)
     return function
+
+
+def entry_function(name: str, address: int) -> Callable[..., Any]:
+    """Machine code of `python_call` as a function of Python: its own are the classes that it knows."""
+    import numpy as np
+
+    return python_function(name.rpartition(".")[2], address, (np.ndarray, np.void))
 
 
 def at_hand(*names: str) -> bool:

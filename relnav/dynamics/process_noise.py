@@ -13,10 +13,10 @@ import math
 
 import numpy as np
 
-from relnav.arrays import Matrix, Vector
-from relnav.codegen.kernel import kernel
+from relnav.arrays import Matrix, Stack, Vector
+from relnav.codegen.kernel import kernel, straight_line
 from relnav.dynamics.clohessy_wiltshire import transition_into
-from relnav.dynamics.yamanaka_ankersen import anomaly_step, from_anomalies_into
+from relnav.dynamics.yamanaka_ankersen import PHI_PATTERN, anomaly_step, from_anomalies_into
 
 LARGEST_TURN_RAD = 0.25
 """Of the target in one piece of the integral; three points do up to SMALL_TURN_RAD."""
@@ -33,11 +33,14 @@ def _gauss_legendre(points: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 _NODES_3, _WEIGHTS_3 = _gauss_legendre(3)
 _NODES_5, _WEIGHTS_5 = _gauss_legendre(5)
+NODES = 6
+"""Matrices of scratch: Phi at each point, and one more."""
 
 
-@kernel
-def _add_node(phi: Matrix, a: Matrix, weight: float, q: Matrix, ba: Matrix) -> None:
-    """Add B A B^T times a weight to the lower triangle of q, B the last three columns of phi; ba (6, 6) scratch."""
+@straight_line(phi=PHI_PATTERN, a=(3, 3), q=(6, 6))  # of its last three columns, on a circular orbit the same
+def _add_node(phi: Matrix, a: Matrix, weight: float, q: Matrix) -> None:
+    """Add B A B^T times a weight to the lower triangle of q, B the last three columns of phi."""
+    ba = np.zeros((6, 3))
     for i in range(6):
         for k in range(3):
             ba[i, k] = (phi[i, 3] * a[0, k] + phi[i, 4] * a[1, k] + phi[i, 5] * a[2, k]) * weight
@@ -47,32 +50,35 @@ def _add_node(phi: Matrix, a: Matrix, weight: float, q: Matrix, ba: Matrix) -> N
 
 
 @kernel
-def _quadrature(n: float, h: float, a: Matrix, q: Matrix, phi: Matrix, ba: Matrix) -> None:
-    for i in range(6):
-        for j in range(6):
-            q[i, j] = 0.0
-    short = abs(n * h) < SMALL_TURN_RAD
-    for node in range(3 if short else 5):
-        transition_into(n, (_NODES_3[node] if short else _NODES_5[node]) * h, phi)  # B = its last three columns
-        weight = (_WEIGHTS_3[node] if short else _WEIGHTS_5[node]) * h
-        _add_node(phi, a, weight, q, ba)
+def _mirror(q: Matrix) -> None:
     for i in range(6):
         for j in range(i):
             q[j, i] = q[i, j]
 
 
 @kernel
-def acceleration_noise_into(n: float, dt: float, a: Matrix, q: Matrix, phi: Matrix, work: Matrix) -> None:
+def acceleration_noise_into(
+    n: float, dt: float, a: Matrix, q: Matrix, nodes: Stack, work: Matrix, again: bool = False
+) -> None:
     """Write Q(dt) (6, 6) into q for mean motion n rad/s, dt >= 0 s and density a (3, 3) m^2/s^3.
 
-    phi and work (6, 6) are scratch.
+    work (6, 6) is scratch, and so is nodes (NODES, 6, 6); again: it holds what a call with these n and dt has left.
     """
     doublings = 0
     h = dt
     while abs(n * h) > LARGEST_TURN_RAD:
         h *= 0.5
         doublings += 1
-    _quadrature(n, h, a, q, phi, work)
+    short = abs(n * h) < SMALL_TURN_RAD
+    for i in range(6):
+        for j in range(6):
+            q[i, j] = 0.0
+    for node in range(3 if short else 5):
+        if not again:
+            transition_into(n, (_NODES_3[node] if short else _NODES_5[node]) * h, nodes[node])
+        _add_node(nodes[node], a, (_WEIGHTS_3[node] if short else _WEIGHTS_5[node]) * h, q)
+    _mirror(q)
+    phi = nodes[NODES - 1]
     for _ in range(doublings):
         transition_into(n, h, phi)
         for i in range(6):
@@ -84,9 +90,7 @@ def acceleration_noise_into(n: float, dt: float, a: Matrix, q: Matrix, phi: Matr
             for j in range(i + 1):
                 for k in range(6):
                     q[i, j] += work[i, k] * phi[j, k]
-        for i in range(6):
-            for j in range(i):
-                q[j, i] = q[i, j]
+        _mirror(q)
         h *= 2.0
 
 
@@ -102,12 +106,11 @@ def eccentric_acceleration_into(
     q: Matrix,
     effect: Vector,
     phi: Matrix,
-    work: Matrix,
 ) -> bool:
     """Write Q(dt) (6, 6) into q and what a constant acceleration (3,) m/s^2 adds to the state (6,) into effect.
 
     About a target of mean motion n rad/s and eccentricity e, whose true anomaly at the END of the step has this sine
-    and cosine; dt >= 0 s, density a (3, 3) m^2/s^3; phi and work (6, 6) are scratch. False, and nothing written, for a
+    and cosine; dt >= 0 s, density a (3, 3) m^2/s^3; phi (6, 6) is scratch. False, and nothing written, for a
     step of more than MOST_PIECES.
     """
     root = math.sqrt(1.0 - e * e)
@@ -127,13 +130,11 @@ def eccentric_acceleration_into(
             S, V, W, sin0, cos0 = anomaly_step(e, sin1, cos1, -n * left)
             from_anomalies_into(n, e, sin0, cos0, -S, V, -W, phi)
             weight = (_WEIGHTS_3[node] if short else _WEIGHTS_5[node]) * h
-            _add_node(phi, a, weight, q, work)
+            _add_node(phi, a, weight, q)
             for i in range(6):
                 push = phi[i, 3] * acceleration[0] + phi[i, 4] * acceleration[1] + phi[i, 5] * acceleration[2]
                 effect[i] += weight * push
-    for i in range(6):
-        for j in range(i):
-            q[j, i] = q[i, j]
+    _mirror(q)
     return True
 
 
@@ -175,5 +176,5 @@ def acceleration_noise(mean_motion_rad_s: float, dt_s: float, density_m2_s3: flo
     density = np.asarray(density_m2_s3, dtype=np.float64)
     a = np.ascontiguousarray(density if density.ndim == 2 else float(density) * np.eye(3))
     q = np.empty((6, 6))
-    acceleration_noise_into(mean_motion_rad_s, dt_s, a, q, np.empty((6, 6)), np.empty((6, 6)))
+    acceleration_noise_into(mean_motion_rad_s, dt_s, a, q, np.empty((NODES, 6, 6)), np.empty((6, 6)))
     return q

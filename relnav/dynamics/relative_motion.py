@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix, Stack, Vector
 from relnav.codegen.kernel import entry, kernel
 from relnav.dynamics import clohessy_wiltshire as circular
 from relnav.dynamics.process_noise import acceleration_noise_into, eccentric_acceleration_into
@@ -87,25 +87,30 @@ def propagate_into(
     phi: Matrix,
     q: Matrix,
     effect: Vector,
+    nodes: Stack,
     work: Matrix,
+    again: bool = False,
 ) -> bool:
     """Write Phi and Q (6, 6) over a step dt >= 0 s from t s on the log's clock, and the effect (6,) of an acceleration.
 
     acceleration (3,) m/s^2 is constant over the step, density (3, 3) m^2/s^3 that of white acceleration noise, both in
-    `lvlh_ccsds`. work: (6, 6) scratch, none of the other arrays. False, and nothing of use written, for a step so long
-    that nothing is known of the position after it (LONGEST_STEP_RAD, `process_noise.MOST_PIECES`) or that is no number.
+    `lvlh_ccsds`. work (6, 6) and nodes (NODES, 6, 6) are scratch, none of the other arrays; again: nodes and phi hold
+    what a call for this orbit, a circular one, and this dt has left. False, and nothing of use written, for a step so
+    long that nothing is known of the position after it (LONGEST_STEP_RAD, `process_noise.MOST_PIECES`) or that is no
+    number.
     """
     n, e = orbit[0], orbit[1]
     if not abs(n * dt) < LONGEST_STEP_RAD:
         return False
     if e == 0.0:
-        acceleration_noise_into(n, dt, density, q, phi, work)
-        _circular_transition(n, dt, phi)
+        acceleration_noise_into(n, dt, density, q, nodes, work, again)
+        if not again:
+            _circular_transition(n, dt, phi)
         _circular_effect(n, dt, acceleration, effect)
         return True
     sin0, cos0 = true_anomaly_at(orbit, t)
     S, V, W, sin1, cos1 = anomaly_step(e, sin0, cos0, n * dt)
-    if not eccentric_acceleration_into(n, e, sin1, cos1, dt, acceleration, density, q, effect, phi, work):
+    if not eccentric_acceleration_into(n, e, sin1, cos1, dt, acceleration, density, q, effect, nodes[0]):
         return False
     from_anomalies_into(n, e, sin0, cos0, S, V, W, phi)
     return True

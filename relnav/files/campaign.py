@@ -10,9 +10,16 @@ from relnav.accuracy.campaign_plan import Batch, Plan, fly_batch
 from relnav.accuracy.campaign_summary import CampaignSummary, summarise
 from relnav.accuracy.run_kinds import kind_of
 from relnav.arrays import whole
-from relnav.files.campaign_folder import Runs, missing, open_folder, table_of, write_batch, write_failed
+from relnav.files.campaign_folder import (
+    Runs,
+    missing,
+    open_folder,
+    pyarrow_for_campaigns,
+    table_of,
+    write_batch,
+    write_failed,
+)
 from relnav.files.models import load_model, load_published
-from relnav.files.parquet import require_pyarrow
 from relnav.files.paths import path_of
 from relnav.files.scenarios import load_scenario
 from relnav.files.tables import write_json
@@ -144,7 +151,7 @@ def finish(plan: Plan, folder: Path, *, pictures: str | None = "png") -> Campaig
 
 
 def _in_memory(plan: Plan, workers: int | None, progress: Progress | None) -> Any:
-    pyarrow = require_pyarrow()
+    pyarrow = pyarrow_for_campaigns()
     batches: dict[int, Batch] = {}
     for batch in _side_by_side(plan, partial(_fly, plan), plan.starts, workers):
         batches[int(batch.run[0])] = batch

@@ -24,6 +24,11 @@ from relnav.files.wording import shown
 DESCRIPTION, RUNS, FAILED = "campaign.json", "runs", "failed.parquet"
 
 
+def pyarrow_for_campaigns() -> Any:
+    """The pyarrow package; UsageError with the line that installs it, for which a campaign has no other way."""
+    return require_pyarrow("the runs of a campaign are a table of pyarrow", "")
+
+
 def description(plan: Plan) -> dict[str, Any]:
     """What a campaign flies, as plain values: the same content gives the same figures."""
     model = {key: value for key, value in plain(plan.model).items() if key not in ("provenance", "path", "title")}
@@ -61,7 +66,7 @@ def open_folder(folder: Path, plan: Plan) -> None:
     UsageError
         If it holds another campaign, with the first difference; or is no folder.
     """
-    require_pyarrow()
+    pyarrow_for_campaigns()
     if folder.exists() and not folder.is_dir():
         raise UsageError(f"{folder}: is a file; a campaign needs a folder of its own")
     file, own = folder / DESCRIPTION, description(plan)

@@ -1,9 +1,7 @@
 """From a log file to a track file in bounded memory: the log is streamed, however long it is.
 
-Smoothing runs three times over the log. The first pass filters, keeps the log's numbers in a temporary file and the
-filter as it stands before each chunk. The second goes backward, chunk by chunk (filtered again from where it stood),
-and keeps what stands after each chunk. With that the third smooths every chunk by itself, in order, and writes it.
-The chunks run on the same kernels as a log in memory: the bits are the same.
+Smoothing passes three times over the log: it is filtered into a temporary file, smoothed there from the last chunk to
+the first, and read from it in order. The chunks run on the same kernels as a log in memory: the bits are the same.
 """
 
 import os
@@ -16,6 +14,7 @@ import numpy as np
 
 from relnav.accuracy.run_summary import RunSummary
 from relnav.arrays import Matrix, Stack, Vector
+from relnav.dynamics.error_state import MOTION
 from relnav.dynamics.in_frame import Turning
 from relnav.errors import UsageError
 from relnav.files.attitude_reading import ROWS_TRIED, reading_that_starts
@@ -224,43 +223,39 @@ class _Run:
     def _forward(self, chunk: _Chunk, *, smooth: bool) -> Epochs:
         epochs = self.filter.room(len(chunk.t), smooth=smooth)
         self.filter.forward(chunk.t, chunk.spots, chunk.control, chunk.quaternion, epochs, chunk.sigma)
-        if self.progress is not None:
-            self.progress(len(chunk.t))
+        self._count(chunk.t)
         return epochs
 
-    def _solution(self, chunk: _Chunk, epochs: Epochs, *, smoothed: bool) -> Solution:
-        return self.filter.solution(chunk.t, chunk.quaternion, epochs, smoothed=smoothed)
+    def _count(self, t: Vector) -> None:
+        if self.progress is not None:
+            self.progress(len(t))
 
     def filtered(self) -> Iterator[Solution]:
         """The log's epochs, filtered, chunk after chunk."""
         for chunk in self._chunks():
-            yield self._solution(chunk, self._forward(chunk, smooth=False), smoothed=False)
+            epochs = self._forward(chunk, smooth=False)
+            yield self.filter.solution(chunk.t, chunk.quaternion, epochs, smoothed=False)
 
     def smoothed(self) -> Iterator[Solution]:
         """The log's epochs, smoothed, chunk after chunk."""
-        before: list[Vector] = []
-        with Spool() as spool:
+        with Spool() as spool, Spool() as inputs:
             for chunk in self._chunks():
-                before.append(self.filter.block.copy())
-                spool.append(*vars(chunk).values())
-                epochs = self._forward(chunk, smooth=True)
-            restarts = self.filter.restarts
-            after = [self.filter.nothing_later() for _ in before]
-            for k in range(len(before) - 1, 0, -1):
-                chunk = _Chunk(*spool[k])
-                if k < len(before) - 1:
-                    self.filter.block[:] = before[k]
-                    epochs = self._forward(chunk, smooth=True)
-                after[k - 1][:] = after[k]
-                self.filter.backward(chunk.t, chunk.control, epochs, after[k - 1])
-            for k, start in enumerate(before):
-                chunk = _Chunk(*spool[k])
-                if len(before) > 1:
-                    self.filter.block[:] = start
-                    epochs = self._forward(chunk, smooth=True)
-                self.filter.backward(chunk.t, chunk.control, epochs, after[k])
-                yield self._solution(chunk, epochs, smoothed=True)
-            assert self.filter.restarts == restarts
+                one = self._forward(chunk, smooth=True)
+                spool.append(one.state, one.factor, one.innovation, one.nis, one.codes, chunk.t, chunk.quaternion)
+                inputs.append(chunk.control, one.considered)
+            later = self.filter.nothing_later()
+            for k in reversed(range(len(spool))):
+                state, factor, innovation, nis, codes, t, _ = spool[k]
+                control, considered = inputs[k]
+                self.filter.backward(t, control, Epochs(state, factor, innovation, nis, codes, considered), later)
+                spool.replace(k, state, factor)
+                self._count(t)
+            for k in range(len(spool)):
+                state, factor, innovation, nis, codes, t, quaternion = spool[k]
+                joined = np.empty((len(t), 0, MOTION))  # what is considered is in the factors now
+                epochs = Epochs(state, factor, innovation, nis, codes, joined)
+                yield self.filter.solution(t, quaternion, epochs, smoothed=True)
+                self._count(t)
 
 
 def _chunk(piece: Log) -> _Chunk:

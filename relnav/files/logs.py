@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from relnav.arrays import Matrix, Stack, Vector
+from relnav.arrays import LARGEST, Matrix, Stack, Vector
 from relnav.errors import LogError
 from relnav.files.compiled_text import BlockReader
 from relnav.files.log_columns import (
@@ -319,11 +319,11 @@ def _check_cells(values: Matrix, lines: Vector, path: Path, columns: Columns) ->
     """Column by column: name the first cell that cannot be."""
     for position, base in enumerate(columns.index):
         if base.startswith("sigma_"):
-            wrong = np.flatnonzero((values[:, position] <= 0.0) | np.isinf(values[:, position]))
+            wrong = np.flatnonzero((values[:, position] <= 0.0) | (values[:, position] > LARGEST))
             if wrong.size:
                 name = columns.names[columns.index[base]]
                 raise LogError(
-                    f"{path}:{int(lines[wrong[0]])}: column '{name}': a sigma above 0, and finite, is expected"
+                    f"{path}:{int(lines[wrong[0]])}: column '{name}': a sigma above 0, up to {LARGEST:g}, is expected"
                 )
         if base in columns.layout.may_be_missing:
             continue
@@ -347,7 +347,7 @@ def _check_values(
 ) -> None:
     required, most, sigmas = limits
     told = values[:, sigmas] if sigmas else None
-    wrong = told is not None and ((told <= 0.0) | np.isinf(told)).any()
+    wrong = told is not None and ((told <= 0.0) | (told > LARGEST)).any()
     if wrong or not (np.abs(values[:, required]) <= most).all():
         _check_cells(values, lines, path, columns)
     t = values[:, order["t"]]

@@ -19,9 +19,9 @@ BATCH_ROWS = 65_536
 BOMB_BYTES, BOMB_RATIO = 100_000_000, 200
 
 
-def require_pyarrow() -> Any:
-    """The pyarrow package; UsageError with the line that installs it."""
-    return require("pyarrow", "parquet", "Parquet files need pyarrow", ", or use .csv")
+def require_pyarrow(need: str = "Parquet files need pyarrow", instead: str = ", or use .csv") -> Any:
+    """The pyarrow package; UsageError with the line that installs it, and what else would do."""
+    return require("pyarrow", "parquet", need, instead)
 
 
 def open_parquet(path: Path, words: str | None = None) -> tuple[Any, list[str], dict[str, str]]:

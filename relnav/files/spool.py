@@ -31,7 +31,7 @@ class Spool:
         self._write(arrays)
 
     def replace(self, k: int, *arrays: Any) -> None:
-        """Write other arrays of the same sizes over a group."""
+        """Write other arrays of the same sizes over the first ones of a group."""
         self._file.seek(self._entries[k][0])
         self._write(arrays)
 

@@ -94,10 +94,10 @@ def quaternions(name: str, n: int, given: Matrix | None) -> Matrix:
 
 
 def not_negative(name: str, value: float) -> float:
-    """A finite number that is zero or more; ValueError names it otherwise."""
+    """A number from zero to LARGEST; ValueError names it otherwise."""
     out = number(name, value)
-    if not 0.0 <= out < math.inf:
-        raise ValueError(f"{name} is zero or more, and finite; got {value!r}")
+    if not 0.0 <= out <= LARGEST:
+        raise ValueError(f"{name} is zero or more, up to {LARGEST:g}; got {value!r}")
     return out
 
 

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from relnav.arrays import Matrix, Record, Vector
+from relnav.arrays import LARGEST, Matrix, Record, Vector
 from relnav.codegen.kernel import entry, kernel
 from relnav.dynamics.error_state import MOTION, factor_size
 from relnav.estimation.rows import copy_track
@@ -69,9 +69,9 @@ def _can_be_taken(
         return False
     if told & DELTA_V and not are_credible(delta_v):
         return False
-    if told & ATTITUDE_NOISE and not 0.0 <= attitude_noise < math.inf:
+    if told & ATTITUDE_NOISE and not 0.0 <= attitude_noise <= LARGEST:
         return False
-    if told & ATTITUDE_SIGMA and not 0.0 <= attitude_sigma < math.inf:
+    if told & ATTITUDE_SIGMA and not 0.0 <= attitude_sigma <= LARGEST:
         return False
     if told & ATTITUDE and not is_an_attitude(dcm):
         return False
@@ -80,7 +80,7 @@ def _can_be_taken(
             return False
         for i in range(spot_sigma.shape[0]):
             for k in range(2):
-                if spot_sigma[i, k] <= 0.0 or spot_sigma[i, k] == math.inf:
+                if spot_sigma[i, k] <= 0.0 or spot_sigma[i, k] > LARGEST:
                     return False
     return True
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from relnav.arrays import Codes, Matrix, Stack, Vector, one_piece
+from relnav.arrays import LARGEST, Codes, Matrix, Stack, Vector, one_piece
 from relnav.codegen.kernel import entry, kernel, long_entry
 from relnav.dynamics.error_state import MOTION, factor_size
 from relnav.estimation.rows import copy_track
@@ -283,10 +283,11 @@ def filter_epochs(
         spot_sigma_m = one_piece("spot_sigma_m", spot_sigma_m)
         if spot_sigma_m.shape != spots.shape:
             raise ValueError(f"spot_sigma_m has shape {spots.shape}; got {spot_sigma_m.shape}")
-        wrong = (spot_sigma_m <= 0.0) | np.isinf(spot_sigma_m)
+        wrong = (spot_sigma_m <= 0.0) | (spot_sigma_m > LARGEST)
         if wrong.any():
             row = int(np.argwhere(wrong)[0, 0])
-            raise ValueError(f"spot_sigma_m is above zero and finite; got {spot_sigma_m[row].tolist()} at epoch {row}")
+            told = spot_sigma_m[row].tolist()
+            raise ValueError(f"spot_sigma_m is above zero, up to {LARGEST:g}; got {told} at epoch {row}")
     control = controls(n, acceleration_m_s2, delta_v_m_s)
     quaternion = quaternions("q_cam_from_lvlh", n, q_cam_from_lvlh)
     log = LogFilter(model, method, projection=projection, engine=engine)

@@ -8,6 +8,7 @@ import numpy as np
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.memory_layout import Layout
 from relnav.dynamics.error_state import MOTION
+from relnav.dynamics.process_noise import NODES
 from relnav.dynamics.relative_motion import orbit_vector
 from relnav.estimation.gating import gate_limits
 from relnav.estimation.monitors import WATCH, watched_type
@@ -70,6 +71,7 @@ STEP = np.dtype(
         ("phi", _F, (MOTION, MOTION)),
         ("noise", _F, (MOTION, MOTION)),  # factors of Q
         ("effect", _F, MOTION),
+        ("nodes", _F, (NODES, MOTION, MOTION)),  # of the integral that Q is; the same for the same step
     ]
 )
 PRIOR = np.dtype([("place", _F, 3), ("range2", _F), ("variance", _F)])

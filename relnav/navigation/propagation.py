@@ -34,8 +34,9 @@ def prepare_step(step: Record, motion: Record, scratch: Record, t: float, dt: fl
     held, orbit, a, v = step["acceleration"], motion["orbit"], motion["acceleration"], motion["delta_v"]
     dt = snapped(dt)
     impulse = v[0] != 0.0 or v[1] != 0.0 or v[2] != 0.0
-    same = step["dt"] == dt and held[0] == a[0] and held[1] == a[1] and held[2] == a[2]
-    if same and step["impulse"] == 0 and not impulse and depends_on_dt_alone(orbit):
+    as_long = step["dt"] == dt and depends_on_dt_alone(orbit)
+    as_pushed = held[0] == a[0] and held[1] == a[1] and held[2] == a[2]
+    if as_long and as_pushed and step["impulse"] == 0 and not impulse:
         return False
     step["dt"], held[0], held[1], held[2] = dt, a[0], a[1], a[2]
     step["impulse"] = 1 if impulse else 0
@@ -48,7 +49,7 @@ def prepare_step(step: Record, motion: Record, scratch: Record, t: float, dt: fl
             densities[i, j] = density if i == j else 0.0
     root = math.sqrt(motion["control_correlation_time"])
     add_execution_error(a, along * root, across * root, densities)
-    if not propagate_into(orbit, t, dt, a, densities, step["phi"], q, effect, scratch["six"]):
+    if not propagate_into(orbit, t, dt, a, densities, step["phi"], q, effect, step["nodes"], scratch["six"], as_long):
         noise[0, 0] = math.nan
         return True
     add_execution_error(v, along, across, q[VELOCITY:MOTION, VELOCITY:MOTION])

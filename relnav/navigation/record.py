@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import degrees
 from struct import Struct
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -26,6 +26,7 @@ DIAGONAL = np.flatnonzero(np.equal(*UPPER))
 _FLOAT = np.dtype(np.float64)
 _AT = {name: place for name, (_, place, *_) in REPORT.fields.items()}  # type: ignore[union-attr]  # it has fields
 _T, _NIS, _STATE, _COVARIANCE = _AT["t"], _AT["nis"], _AT["state"], _AT["covariance"]
+_JOINT = _AT["docking_covariance"]
 _RANGE, _AZIMUTH, _ELEVATION = (_AT["docking"] + 8 * k for k in range(3))
 _SIGMA_RANGE, _SIGMA_AZIMUTH, _SIGMA_ELEVATION = (_AT["docking_sigma"] + 8 * k for k in range(3))
 real_at: Callable[[bytes, int], tuple[float]] = Struct("d").unpack_from
@@ -40,6 +41,20 @@ class FilterRecord:
     """
 
     __slots__ = ("_memory",)
+    PLACES: ClassVar = {
+        "t_s": (_T, ()),
+        "state": (_STATE, (MOTION,)),
+        "covariance": (_COVARIANCE, (MOTION, MOTION)),
+        "range_m": (_RANGE, ()),
+        "azimuth_rad": (_AZIMUTH, ()),
+        "elevation_rad": (_ELEVATION, ()),
+        "docking_covariance": (_JOINT, (3, 3)),
+        "sigma_range_m": (_SIGMA_RANGE, ()),
+        "sigma_azimuth_rad": (_SIGMA_AZIMUTH, ()),
+        "sigma_elevation_rad": (_SIGMA_ELEVATION, ()),
+        "nis": (_NIS, ()),
+    }
+    """What properties read, for `codegen.python_members`: where it is, and its shape."""
 
     def __init__(self, memory: bytes) -> None:
         """Take what `epoch_report.REPORT` names, and the innovations behind it."""
@@ -83,7 +98,7 @@ class FilterRecord:
     @property
     def docking_covariance(self) -> Matrix:
         """Covariance of (range m, azimuth rad, elevation rad), (3, 3)."""
-        return np.ndarray((3, 3), _FLOAT, self._memory, _AT["docking_covariance"])
+        return np.ndarray((3, 3), _FLOAT, self._memory, _JOINT)
 
     @property
     def sigma_range_m(self) -> float:

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Vector, number, numbers, of_floats, one_piece
+from relnav.arrays import LARGEST, Matrix, Vector, number, numbers, of_floats, one_piece
 from relnav.codegen.kernel import plain, ready
+from relnav.codegen.python_members import method_of, read_by_machine_code
 from relnav.dynamics.error_state import MOTION
 from relnav.geometry.rotation import is_rotation
 from relnav.mission import Model
@@ -100,8 +101,25 @@ class Navigator:
             self._late = LateImages(self._block, beacons, self._navigate, self._report, self._kept, delay)
             self._at_once = False
         self._projection, self._engine = projection, engine
+        if self._at_once and type(self).step is Navigator.step:
+            self._step_by_machine_code()
         self.model = model
         self.method = method
+
+    def _step_by_machine_code(self) -> None:
+        """Let `step` be one call from Python where nothing unusual is given, and records be read in one."""
+        read_by_machine_code(FilterRecord)
+        by_call = method_of(
+            self.step,
+            self._navigate,
+            before=(self._block,),
+            keywords=("acceleration_m_s2", "delta_v_m_s", "dcm_cam_from_lvlh", "spot_sigma_m"),  # as the bits of `told`
+            after=(0.0, 0.0, self._report),
+            kept=self._kept,
+            record=FilterRecord,
+        )
+        if by_call is not None:
+            self.step = by_call  # type: ignore[method-assign]  # the same method
 
     def start(self, t_s: float, state: ArrayLike, covariance: ArrayLike) -> None:
         """Begin from a state that is known otherwise: handed over by relative GPS, say, or by another filter.
@@ -313,10 +331,10 @@ class Navigator:
             raise ValueError("dcm_cam_from_lvlh must be a rotation matrix (orthonormal, determinant +1)")
         sigma = NO_MATRIX if spot_sigma is None else numbers("spot_sigma_m", spot_sigma)
         if spot_sigma is not None and (
-            sigma.shape != (self._beacons, 2) or np.any(sigma <= 0.0) or np.any(np.isinf(sigma))
+            sigma.shape != (self._beacons, 2) or np.any(sigma <= 0.0) or np.any(sigma > LARGEST)
         ):
             raise ValueError(
-                f"spot_sigma_m has shape ({self._beacons}, 2), above zero and finite; got {sigma.tolist()}"
+                f"spot_sigma_m has shape ({self._beacons}, 2), above zero, up to {LARGEST:g}; got {sigma.tolist()}"
             )
         return tuple(np.ascontiguousarray(value) for value in (a, v, c, sigma))
 

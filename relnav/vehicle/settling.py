@@ -15,6 +15,7 @@ from relnav.codegen.kernel import entry, kernel
 from relnav.dynamics import gauss_markov, relative_motion, rigid_body
 from relnav.dynamics.clohessy_wiltshire import acceleration_effect_into
 from relnav.dynamics.error_state import MOTION, ROTATION
+from relnav.dynamics.process_noise import NODES
 from relnav.dynamics.rigid_body import BODY_ROWS, MEAN_MOTION
 from relnav.estimation.schmidt import carry_into, clear
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
@@ -56,6 +57,7 @@ SCRATCH = np.dtype(
         ("q", _F, (MOTION, MOTION)),
         ("effect", _F, MOTION),
         ("work", _F, (MOTION, MOTION)),
+        ("nodes", _F, (NODES, MOTION, MOTION)),
         ("turn", _F, (ROTATION, ROTATION)),
         ("spread", _F, (ROTATION, ROTATION)),
         ("steps", _F, (50, ROTATION)),
@@ -179,7 +181,9 @@ def _move(constants: Record, scratch: Record, t: float, dt: float, again: bool, 
     orbit, a, density = constants["orbit"], scratch["acceleration"], constants["density"]
     if again and relative_motion.depends_on_dt_alone(orbit):
         acceleration_effect_into(orbit[relative_motion.MEAN_MOTION], dt, a, effect)
-    elif not relative_motion.propagate_into(orbit, t, dt, a, density, phi, q, effect, scratch["work"]):
+    elif not relative_motion.propagate_into(
+        orbit, t, dt, a, density, phi, q, effect, scratch["nodes"], scratch["work"]
+    ):
         return False
     turn, spread, rate = scratch["turn"], scratch["spread"], values[_RATE : _RATE + 3]
     body, torque_density = constants["body"], constants["torque_density"]

@@ -163,3 +163,13 @@ def test_without_numba_it_is_plain_python_with_a_warning(python, toy):
     assert (result, compiled) == (7.0, False)
     assert len(warned) == 1
     assert "numba cannot be imported (Numba needs NumPy 2.3 or less)" in warned[0]
+
+
+def test_on_a_python_with_other_objects_it_is_plain_python_with_a_warning(python, toy):
+    """As built without the interpreter's lock: compiled calls would look where nothing is."""
+    source = toy / "codegen" / "kernel.py"
+    source.write_text(source.read_text().replace("OBJECT_HEADER = 16", "OBJECT_HEADER = 32"))
+    result, compiled, _, warned = call(python, toy)
+    assert (result, compiled) == (7.0, False)
+    assert len(warned) == 1
+    assert "lays out its objects in another way" in warned[0]

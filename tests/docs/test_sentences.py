@@ -91,7 +91,8 @@ def documented():
     for name, value in [*found.items()]:
         if isinstance(value, type):
             found |= {f"{name}.{inner}": own for inner, own in vars(value).items() if not inner.startswith("_")}
-    texts = ((name, inspect.getdoc(value) or "") for name, value in found.items())
+    own = {name: value for name, value in found.items() if inspect.getdoc(value) != inspect.getdoc(type(value))}
+    texts = ((name, inspect.getdoc(value) or "") for name, value in own.items())  # not what Python says of a dict
     return [(name, text) for name, text in texts if re.search(r"\.\s|\.$", text)]
 
 

@@ -94,6 +94,8 @@ def test_notebooks_are_offered(site):
 def test_formulas_are_mathml_and_nothing_comes_from_elsewhere(site):
     page = (site / "theory" / "three_beacon.html").read_text(encoding="utf-8")
     assert page.count("<math ") > 15
+    assert re.search(r'<mo lspace="[^"]+" rspace="[^"]+">sin</mo>', page)  # not as a product of variables
+    assert re.findall(r'class="eqno">([^<]+)<', page)[:3] == ["(1) to (3)", "(4) to (6)", "(7), (8)"]
     for path in site.rglob("*.html"):
         loaded = re.findall(r'<(?:script|img|link)[^>]+(?:src|href)="(https?:[^"]*)"', path.read_text(encoding="utf-8"))
         assert loaded == [], path

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from relnav.dynamics import clohessy_wiltshire, process_noise
+from relnav.dynamics.process_noise import NODES
 from relnav.dynamics.relative_motion import (
     depends_on_dt_alone,
     frame_rate,
@@ -27,7 +28,9 @@ FULL = np.array([[4.0, 1.0, -0.5], [1.0, 2.0, 0.3], [-0.5, 0.3, 1.0]]) * 1e-9
 
 def step(orbit, t, dt, acceleration=ACCELERATION, density=FULL):
     phi, q, effect = np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
-    assert propagate_into(orbit, t, dt, acceleration, density, phi, q, effect, np.empty((6, 6)))
+    assert propagate_into(
+        orbit, t, dt, acceleration, density, phi, q, effect, np.empty((NODES, 6, 6)), np.empty((6, 6))
+    )
     return phi, q, effect
 
 
@@ -191,8 +194,10 @@ def test_the_targets_place_and_the_turn_of_the_frame(e: float, theta: float, t: 
 
 @pytest.mark.parametrize(("e", "dt"), [(0.0, 1e16), (0.0, math.nan), (0.1, 1e8), (0.7, 1e6), (0.1, math.inf)])
 def test_steps_beyond_all_knowledge(e: float, dt: float) -> None:
-    rows = [np.empty((6, 6)) for _ in range(3)]
-    assert not propagate_into(orbit_vector(N, e), 0.0, dt, np.zeros(3), FULL, rows[0], rows[1], np.empty(6), rows[2])
+    rows, nodes = [np.empty((6, 6)) for _ in range(3)], np.empty((NODES, 6, 6))
+    assert not propagate_into(
+        orbit_vector(N, e), 0.0, dt, np.zeros(3), FULL, rows[0], rows[1], np.empty(6), nodes, rows[2]
+    )
 
 
 @pytest.mark.parametrize(("n", "e", "theta"), [(0.0, 0.1, 0.0), (N, 1.0, 0.0), (N, math.nan, 0.0), (N, 0.1, math.inf)])

@@ -45,6 +45,14 @@ def contents(folder):
     return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
+@pytest.mark.parametrize("out", [None, "folder"])
+def test_without_pyarrow_it_names_the_extra_before_anything_flies(model, out, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(relnav.UsageError, match=r"^the runs of a campaign .* pip install 'relnav\[parquet\]'$"):
+        relnav.campaign(model, 10**9, 3, dispersions=TINY, out=out and tmp_path / out)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_what_a_campaign_leaves(whole, model):
     assert sorted(path.name for path in whole.iterdir()) == [
         "campaign.json",

@@ -18,6 +18,18 @@ def test_what_is_kept_comes_back():
         np.testing.assert_array_equal(spool[1][0], np.arange(4))
 
 
+def test_the_first_arrays_of_a_group_are_written_alone():
+    with Spool() as spool:
+        for k in range(3):
+            spool.append(np.full((2, 3), float(k)), np.empty((0, 4)), np.arange(k, k + 5))
+        spool.replace(1, np.full((2, 3), 7.0))
+        first, nothing, rest = spool[1]
+        np.testing.assert_array_equal(first, np.full((2, 3), 7.0))
+        assert nothing.shape == (0, 4)
+        np.testing.assert_array_equal(rest, np.arange(1, 6))
+        np.testing.assert_array_equal(spool[2][0], np.full((2, 3), 2.0))
+
+
 def test_a_full_folder_of_temporary_files_is_named(monkeypatch, tmp_path):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with Spool() as spool:

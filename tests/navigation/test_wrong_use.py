@@ -128,6 +128,8 @@ REFUSED = {
     "complex spots": lambda n: n.step(0.5, IMAGE + 0.0j, dcm_cam_from_lvlh=np.eye(3)),
     "a date": lambda n: n.step(np.datetime64("2026-01-01"), IMAGE, delta_v_m_s=[1e-3, 0.0, 0.0]),
     "an infinite sigma": lambda n: n.step(0.5, IMAGE, spot_sigma_m=np.full((3, 2), np.inf)),
+    "a sigma whose square is infinite": lambda n: n.step(0.5, IMAGE, spot_sigma_m=np.full((3, 2), 1e155)),
+    "such a sigma of the attitude": lambda n: n.step(0.5, IMAGE, attitude_noise_rad=1e155),
     "no rotation": lambda n: n.step(0.5, IMAGE, spot_sigma_m=np.full((3, 2), 1e-8), dcm_cam_from_lvlh=np.ones((3, 3))),
     "a number beyond all floats": lambda n: n.step(10**400, IMAGE),
 }
@@ -140,7 +142,7 @@ def test_a_refused_call_leaves_the_filter_as_it_was(vbar, call, engine):
     for k in range(5):
         asked.step(0.1 * k, IMAGE)
         other.step(0.1 * k, IMAGE)
-    with pytest.raises(ValueError, match=r"t_s|spot|dcm"):
+    with pytest.raises(ValueError, match=r"t_s|spot|dcm|attitude"):
         REFUSED[call](asked)
     after, never = asked.step(0.5, IMAGE), other.step(0.5, IMAGE)
     assert np.array_equal(after.state, never.state)

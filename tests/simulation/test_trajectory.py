@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from relnav.dynamics.clohessy_wiltshire import propagate
+from relnav.dynamics.process_noise import NODES
 from relnav.dynamics.relative_motion import orbit_vector, propagate_into
 from relnav.mission import Camera, Docking, Orbit, ProcessNoise
 from relnav.simulation.trajectory import Approach, fly
@@ -53,7 +54,9 @@ def misses(model, approach, orbit) -> np.ndarray:
     out, phi, q, effect = np.empty(len(t) - 1), np.empty((6, 6)), np.empty((6, 6)), np.empty(6)
     for k in range(1, len(t)):
         dt = t[k] - t[k - 1]
-        assert propagate_into(orbit, t[k - 1], dt, command[k], np.zeros((3, 3)), phi, q, effect, np.empty((6, 6)))
+        assert propagate_into(
+            orbit, t[k - 1], dt, command[k], np.zeros((3, 3)), phi, q, effect, np.empty((NODES, 6, 6)), np.empty((6, 6))
+        )
         out[k - 1] = np.linalg.norm((phi @ states[k - 1] + effect - states[k])[3:])
     return out
 

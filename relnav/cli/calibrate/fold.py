@@ -37,8 +37,8 @@ def command(
 ) -> None:
     """Fit the mirror's normal from FRAMES of the sky, a CSV of spots t_s, x_px, y_px and flux or magnitude.
 
-    Nothing is assumed of the mirror. Each field of a frame is identified by itself, then the normal is fitted over all
-    frames at once; a frame that contradicts the others is left out and named.
+    No prior of the mirror is needed. Each field of a frame is identified by itself, then the normal is fitted over all
+    frames at once; a frame that contradicts the others is excluded and listed.
     """
     from relnav.errors import InputError, UsageError
     from relnav.files.atomic import Outputs, check_distinct, check_folder
