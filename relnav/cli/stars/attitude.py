@@ -63,8 +63,8 @@ def command(
 ) -> None:
     """Solve FRAMES, a CSV of spots t_s, x_px, y_px and flux or magnitude, and write q_cam_from_lvlh at their times.
 
-    Without --orbit it is q_cam_from_icrs. Unsolved frames are left out. With --log and --joined the attitude goes into
-    every row of a navigation log, which `relnav filter` then reads.
+    Without --orbit it is q_cam_from_icrs. Frames that are not solved are left out. With --log and --joined the attitude
+    is added to every row of a navigation log, which `relnav filter` then reads.
     """
     import numpy as np
 
