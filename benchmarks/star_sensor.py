@@ -107,11 +107,16 @@ def patent(count, seed):
 def blind(count, seed):
     """Frames of cameras of many kinds, solved with a focal length that is up to 3 % wrong."""
     figures = fly_blind(relnav.load_model("ground_camera").catalogue, count, seed)
-    refusal = figures["refusal_s_median"], figures["refusal_s_most"]
+    refusal, again = (
+        f"{figures[name + '_median']:.2f}, {figures[name + '_most']:.2f}" for name in ("refusal_s", "refusal_again_s")
+    )
+    late = f"{figures['refused_late']} of {figures['refusals']}"
     return figures, [
         Bar("wrong attitudes of unknown cameras", f"{figures['wrong']} of {count}", "0", figures["wrong"] == 0),
         Bar("true frames solved", f"{figures['solved']} of {figures['true_frames']}"),
-        Bar("to refuse a frame, processor s, median and most", f"{refusal[0]:.2f}, {refusal[1]:.2f}"),
+        Bar("to refuse a frame, processor s, median and most", refusal),
+        Bar("the same where its sky is at hand", again),
+        Bar("refused after more than 0.3 s", late),
         Bar("to solve a frame whose sky is at hand, processor ms, median", f"{1e3 * figures['again_s_median']:.1f}"),
     ]
 

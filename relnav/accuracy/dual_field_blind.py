@@ -18,6 +18,8 @@ FOCAL_ERROR = 0.03
 WRONG_PX, HIDDEN_WRONG_PX = 3.0, 15.0
 LEAST_IN_SIGHT = 14
 EPOCH_JYEAR = 2020.0
+REFUSAL_GOAL_S = 0.3
+"""Processor time within which a frame that cannot be solved should be refused."""
 
 
 def fly_blind(catalogue: StarCatalogue, count: int, seed: int) -> dict[str, float]:
@@ -27,12 +29,13 @@ def fly_blind(catalogue: StarCatalogue, count: int, seed: int) -> dict[str, floa
     0 to 8 false spots, up to 30 % of stars missing, magnitudes off by up to 0.6. Half of the frames are true ones; the
     others are false spots alone, mirrored, or have two quarters of the image swapped in x and y. "wrong" counts
     attitudes more than 3 px off at the image's centre, and every attitude of false spots or of a mirrored frame.
-    Processor time of what was refused, median and most, stands beside it, and that of solving a true frame once more.
+    Processor time of what was refused stands beside it (median, most, how many took more than `REFUSAL_GOAL_S`), and
+    that of solving a true frame, or of refusing one, once more.
     """
     rng = np.random.default_rng(seed)
     directions, magnitude = catalogue.directions(EPOCH_JYEAR), np.asarray(catalogue.hp_mag, dtype=np.float64)
     result: dict[str, float] = {"frames": 0, "true_frames": 0, "solved": 0, "refused": 0, "wrong": 0}
-    refusals_s, again_s = [0.0], [0.0]
+    refusals_s, again_s, refused_again_s = [0.0], [0.0], [0.0]
     while result["frames"] < count:
         kind = str(rng.choice(KINDS))
         spots, mag, focal, at_centre, _ = _frame(rng, directions, magnitude, kind)
@@ -46,6 +49,7 @@ def fly_blind(catalogue: StarCatalogue, count: int, seed: int) -> dict[str, floa
         if not solution.ok:
             result["refused"] += kind == "true"
             refusals_s.append(time.process_time() - began)
+            refused_again_s.append(_time_of(blind, catalogue))
             continue
         off_px = focal * float(np.linalg.norm(solution.dcm_cam_from_icrs[2] - at_centre))
         close = off_px < WRONG_PX and abs(solution.focal_length_px / focal - 1.0) < 0.02
@@ -53,12 +57,22 @@ def fly_blind(catalogue: StarCatalogue, count: int, seed: int) -> dict[str, floa
             result["wrong"] += 1
         elif kind == "true":
             result["solved"] += 1
-            began = time.process_time()
-            solve_blind(blind, catalogue, EPOCH_JYEAR)
-            again_s.append(time.process_time() - began)
+            again_s.append(_time_of(blind, catalogue))
     result["again_s_median"] = float(np.median(again_s))
     result |= {"refusal_s_median": float(np.median(refusals_s)), "refusal_s_most": max(refusals_s)}
+    result |= {"refusals": len(refusals_s) - 1, "refused_late": int(np.sum(np.array(refusals_s) > REFUSAL_GOAL_S))}
+    result |= {
+        "refusal_again_s_median": float(np.median(refused_again_s)),
+        "refusal_again_s_most": max(refused_again_s),
+    }
     return result
+
+
+def _time_of(blind: Blind, catalogue: StarCatalogue) -> float:
+    """Processor time of one frame."""
+    began = time.process_time()
+    solve_blind(blind, catalogue, EPOCH_JYEAR)
+    return time.process_time() - began
 
 
 def _frame(

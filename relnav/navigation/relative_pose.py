@@ -319,7 +319,7 @@ class PoseNavigator:
             mission = mission_as_told(mission, event)
         if delay_s > 0.0 and rate is not None:
             relative = rate - lvlh_rate(dcm.T, frame_rate(orbit_values(mission.orbit), event.t_s))
-            dcm = turned(dcm.T, delay_s * relative).T
+            dcm = turned(dcm.T, min(delay_s, LARGEST) * relative).T
         return PoseRecord(self._report.tobytes(), mission, dcm, rate)
 
     def _record_after_late(

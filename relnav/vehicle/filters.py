@@ -197,7 +197,7 @@ class VehicleFilters:
 
     def _is_locked_out(self, event: Event, lights: int, fares: Mapping[str, Fare]) -> bool:
         """Whether no image of lights has been believed for long, although this one shows enough of them."""
-        if self._without or lights < LEAST_LIGHTS or fares[event.source].doubted < LOST_IMAGES:
+        if lights < LEAST_LIGHTS or fares[event.source].doubted < LOST_IMAGES:
             return False
         agreed_s = max(-inf if isnan(fares[name].agreed_s) else fares[name].agreed_s for name in self._lights)
         return event.t_s - agreed_s >= self.vehicle.filter.restart_after_s

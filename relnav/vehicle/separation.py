@@ -9,7 +9,9 @@ so that max(k_0 sigma_0, max over s of |d_s| + k_s sigma_s) bounds it (solution 
 Self-contained GPS integrity check using maximum solution separation; Brenner 1996, Integrated GPS/inertial fault
 detection availability; with the separation as it is instead of its threshold). The probability is shared equally among
 "nothing is at fault" and each sensor, the gyro among them: the filter without it holds the chaser's rate, which walks
-as while a gyro is lost. Two sensors at fault at once, and thrusters, are not covered.
+as while a gyro is lost. Two sensors at fault at once, and thrusters, are not covered. After a lock-out an image opens
+the search in all filters, also in that without its sensor; but about its pose they know so little (`acquisition`) that
+the images of others alone say where the target is. Which of several poses it was has been decided by all.
 """
 
 from collections.abc import Mapping, Sequence

@@ -330,7 +330,7 @@ def test_a_star_camera_is_turned_to_the_truth():
     rays = np.column_stack([rng.uniform(-0.2, 0.2, (30, 2)), np.ones(30)])
     stars = rays / np.linalg.norm(rays, axis=1, keepdims=True) @ true
     spots, variance = project(stars @ true.T, 4000.0), (0.1 / 4000.0) ** 2
-    camera = _Camera(spots, np.zeros(2), True, estimated.copy(), 4000.0, np.zeros(2), variance)
+    camera = _Camera(spots, True, estimated.copy(), np.array([4000.0, 0.0, 0.0, 0.0, 0.0]), variance)
     camera.improve(np.arange(30), stars, 4)
     assert np.linalg.norm(error_of(camera.dcm, true)) < 0.02 * np.linalg.norm(THETA)
 

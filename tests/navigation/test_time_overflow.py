@@ -4,7 +4,10 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
+
+import relnav
 
 CODE = """
 import numpy as np
@@ -36,3 +39,12 @@ def test_a_step_that_is_no_number(call, second):
         pytest.fail("hangs: the time step overflows to infinity")
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith(("refused: ", "survived"))
+
+
+def test_an_image_older_than_all_sense_is_too_late():
+    navigator = relnav.PoseNavigator(relnav.load_model("three_marker_vision"))
+    image = np.array([[469.3, 553.7], [553.7, 553.7], [511.5, 511.5]])
+    for t in (0.1, 0.2):
+        navigator.step(t, image)
+    record = navigator.step(1e300, image, image_t_s=0.15, chaser_rate_rad_s=[1e9, 0.0, 0.0])
+    assert record.too_late

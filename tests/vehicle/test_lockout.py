@@ -9,6 +9,7 @@ import pytest
 from relnav.accuracy.rendezvous import true_port
 from relnav.accuracy.vehicle_lockout import LockOut, fly_lockout
 from relnav.simulation.rendezvous import Rendezvous
+from relnav.simulation.vehicle_faults import bent, ramp_of
 from relnav.simulation.vehicle_sensors import simulate_rendezvous
 from relnav.vehicle.acquisition import LOST_IMAGES
 from relnav.vehicle.health import Fare
@@ -143,11 +144,27 @@ def test_not_before_its_time(run):
         assert least_s <= nav.newest_s - 6.0 + 0.5 < most_s + 0.5
 
 
-def test_with_separation_it_stays(run):
-    """An image that opens a search would be known to the filter that is to know nothing of its sensor."""
-    now = fed(start(run, separation=True), [one for one in run.observations if one.t_s < 8.0]).state()
-    assert max(now.sensors[name].refused for name in ("camera", "psd")) > LOST_IMAGES
-    assert now.restarts == 0
+@pytest.mark.parametrize("name", ["psd", "camera"])
+@pytest.mark.parametrize("begins_s", [0.0, 12.0])
+def test_with_separation_one_sensor_may_be_at_fault_too(run, name, begins_s):
+    """An image opens the search in the filter without its sensor too, but so wide that nothing rests on it.
+
+    Off for good: by 2 sigma of what it tells alone from the start, by 20 once the search is over. (By five from the
+    start the two sensors contradict one another, and the search goes on, and says so.)
+    """
+    vehicle, second, usable, shares = run.truth.vehicle, 1.0, [], []
+    nav, off = start(run, separation=True), ramp_of(vehicle, name) * (0.4 if begins_s == 0.0 else 4.0)
+    for one in (seen for seen in run.observations if seen.t_s < 24.0):
+        nav.observe(one.sensor, one.t_s, bent(vehicle, one, name, off if one.t_s >= begins_s else 0.0))
+        if one.t_s >= second:
+            second, now = second + 1.0, nav.state()
+            if now.restarts and not now.ambiguous:
+                usable.append(now)
+                shares.append((off_m(run, now) / now.protection_level_m()).max())
+    assert nav.state().restarts == 1
+    assert len(usable) >= 5
+    assert max(shares) < 1.0
+    assert set(usable[-1].without) == {"gyro", *vehicle.sensor}
 
 
 def test_the_parts_are_smoothed_apart(run):

@@ -10,13 +10,14 @@ from typing import NamedTuple
 import numpy as np
 
 from relnav.arrays import Codes, Matrix
-from relnav.sensors.dual_field.screening import FEW_SPOTS
 
 CHECKED_SPOTS = 24
 """The brightest spots that a candidate is checked against."""
 
-PAIR_SPOTS, FAR_SPOTS = 14, 11
-"""The brightest spots that pairs are made of, those up to `NEAR` and those farther apart."""
+PAIR_SPOTS, FAR_SPOTS, FEW_FAR_SPOTS = 14, 11, 8
+"""The brightest spots that pairs are made of: those up to `NEAR`, those farther apart, and these in a field that is not
+wide. Of 790 frames of narrow fields, 240 of them half hidden, 11 far spots solved none that 8 did not, in 1.6 times
+the time."""
 
 CLOSEST, NEAR, FAR = 0.1, 0.7, 1.1
 """Distance of the spots of a pair, relative to that of the farthest spot from the axis. Of 121 frames, half of them
@@ -35,7 +36,7 @@ CELLS = 4
 
 ALIKE = 0.75
 """A pair of spots that was tried in another order of the spots is hardly asked anything new where this share of the
-spots that it is checked against is the same; nothing at all of `FEW_SPOTS`, as all of them are asked."""
+spots that it is checked against is the same; nothing at all where all are."""
 
 Pairs = list[tuple[int, int]]
 """Of spots, by their places in a frame."""
@@ -74,17 +75,18 @@ def pair_order(points: Matrix, farthest: float) -> Pairs:
     """
     points = points[:CHECKED_SPOTS]
     radius = edge(points)
+    far_spots = FAR_SPOTS if radius > WIDE else FEW_FAR_SPOTS
     apart = {(i, j): math.dist(points[i], points[j]) for j in range(min(PAIR_SPOTS, len(points))) for i in range(j)}
-    most = [min(farthest, NEAR if j >= FAR_SPOTS else FAR) * radius for j in range(PAIR_SPOTS)]
+    most = [min(farthest, NEAR if j >= far_spots else FAR) * radius for j in range(PAIR_SPOTS)]
     return sorted((pair for pair in apart if CLOSEST * radius < apart[pair] < most[pair[1]]), key=apart.__getitem__)
 
 
 def new_pairs(points: Matrix, ways: list[Way]) -> Iterator[Pairs]:
     """For each way through the spots its pairs; in a field that is not wide without those that one before tried alike.
 
-    Tried again a right pair has another chance, as other spots are asked first: where that costs little it is given.
+    Tried again against other spots a right pair has another chance: where that costs little it is given.
     """
-    share = math.inf if edge(points) > WIDE and len(points) > FEW_SPOTS else ALIKE
+    share = 1.0 if edge(points) > WIDE else ALIKE
     tried: list[tuple[list[float], set[int], set[frozenset[int]]]] = []
     for order, *way, farthest in ways:
         checked, pairs = set(order[:CHECKED_SPOTS].tolist()), pair_order(points[order], farthest)

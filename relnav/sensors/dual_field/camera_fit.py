@@ -7,7 +7,7 @@ import numpy as np
 
 from relnav.arrays import Codes, Matrix, Vector
 from relnav.geometry.pinhole import central_projection
-from relnav.sensors.dual_field.camera_normal import UNKNOWNS, normal_equations
+from relnav.sensors.dual_field.camera_normal import CX, CY, FOCAL, K1, K2, STEP_ROWS, UNKNOWNS, step_camera
 from relnav.sensors.dual_field.matching import turn
 from relnav.sensors.dual_field.optics import plane_points, rays
 from relnav.sensors.dual_field.sky import Sky
@@ -103,58 +103,43 @@ class _Camera:
     """
 
     spots_px: Matrix
-    principal_px: Vector
     principal_known: bool
     dcm: Matrix
-    focal_px: float
-    distortion: Vector
+    lens: Vector
+    """As of `camera_normal`: focal length, principal point, k1, k2."""
     variance: float
     """Of each coordinate of a ray, rad^2."""
 
     def rays(self, spots_px: Matrix | None = None) -> Matrix:
         spots = self.spots_px if spots_px is None else spots_px
-        return rays(plane_points(spots, self.focal_px, self.principal_px, self.distortion))
+        f, x, y, k1, k2 = self.lens.tolist()
+        return rays(plane_points(spots, f, (x, y), (k1, k2)))
 
     @property
-    def lens(self) -> StarLens:
+    def focal_px(self) -> float:
+        """Focal length."""
+        return float(self.lens[FOCAL])
+
+    def copy(self) -> "_Camera":
+        """To be fitted on its own."""
+        return replace(self, dcm=self.dcm.copy(), lens=self.lens.copy())
+
+    @property
+    def told(self) -> StarLens:
         """As the solution tells it."""
-        (x, y), (k1, k2) = self.principal_px.tolist(), self.distortion.tolist()
-        return StarLens(self.focal_px, (x, y), (k1, k2), self.dcm.copy())
+        f, x, y, k1, k2 = self.lens.tolist()
+        return StarLens(f, (x, y), (k1, k2), self.dcm.copy())
 
-    @property
-    def reach(self) -> float:
-        """Distance of the farthest spot from the image's centre, px."""
-        return float(np.max(np.hypot(*self.spots_px.T)))
-
-    def moved(self, step: Vector) -> "_Camera":
-        """With log focal length, k1, k2 and principal point (in focal lengths) changed by step (5,)."""
-        focal = self.focal_px * math.exp(float(np.clip(step[0], -0.1, 0.1)))
-        principal = self.principal_px + self.focal_px * step[3:]
-        return replace(self, focal_px=focal, principal_px=principal, distortion=self.distortion + step[1:3])
-
-    def improve(self, star: Codes, stars: Matrix, free: int) -> tuple[Matrix, float]:
-        """One Gauss-Newton step over the matches: covariance (8, 8), zero for what is kept, and its length in sigmas.
+    def improve(self, star: Codes, stars: Matrix, free: int, steps: int = 1) -> Matrix:
+        """Gauss-Newton steps over the matches until one is `SETTLED`: the covariance (8, 8), zero for what is kept.
 
         Unknowns: three rotations, log focal length, k1, k2, the first `free` of them; and the principal point.
         """
-        fitted = np.flatnonzero([*(np.arange(6) < free), *[not self.principal_known] * 2])
-        J, normal, gradient = np.empty((3, UNKNOWNS)), np.empty((UNKNOWNS, UNKNOWNS)), np.empty(UNKNOWNS)
-        lens = np.array([self.focal_px, *self.principal_px, *self.distortion])
-        normal_equations(self.spots_px, star, stars, self.dcm, lens, J, normal, gradient)
-        prior = np.zeros(UNKNOWNS)
-        prior[6:] = 1.0 / (AXIS_OFFSET * self.reach / self.focal_px) ** 2
-        chosen = fitted[:, None], fitted
-        normal, gradient = normal[chosen] / self.variance, gradient[fitted] / self.variance
-        normal[np.diag_indices(len(fitted))] += prior[fitted]
-        at = np.concatenate([np.zeros(6), self.principal_px / self.focal_px])
-        inverse, d, covariance = _inverse(normal), np.zeros(UNKNOWNS), np.zeros((UNKNOWNS, UNKNOWNS))
-        downhill = gradient - prior[fitted] * at[fitted]
-        d[fitted] = inverse @ downhill
-        covariance[chosen] = inverse
-        turn(self.dcm, *(float(angle) for angle in d[:3]))
-        after = self.moved(d[3:])
-        self.focal_px, self.principal_px, self.distortion = after.focal_px, after.principal_px, after.distortion
-        return covariance, math.sqrt(max(0.0, float(d[fitted] @ downhill)))
+        axis_px = 0.0 if self.principal_known else AXIS_OFFSET * float(np.max(np.hypot(*self.spots_px.T)))
+        covariance, work = np.empty((UNKNOWNS, UNKNOWNS)), np.empty((STEP_ROWS, UNKNOWNS))
+        limits = self.variance, free, axis_px, steps, SETTLED
+        step_camera(self.spots_px, star, stars, self.dcm, self.lens, *limits, work, covariance)
+        return covariance
 
     def about_centre(self, covariance: Matrix) -> tuple[Matrix, Matrix]:
         """Attitude (3, 3) and covariance (3, 3) of the axes whose z looks through the image's centre.
@@ -170,16 +155,6 @@ class _Camera:
         T = np.zeros((3, 8))
         T[:, :3], T[0, 7], T[1, 6] = np.eye(3), 1.0, -1.0
         return dcm, T @ covariance @ T.T
-
-
-def _inverse(normal: Matrix) -> Matrix:
-    """Of a symmetric matrix (n, n) that may be singular; without an eigenvalue problem where it is not."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(normal), 1e-300))
-    try:
-        inverse: Matrix = np.linalg.inv(normal * scale * scale[:, None]) * scale * scale[:, None]
-    except np.linalg.LinAlgError:
-        inverse = np.asarray(np.linalg.pinv(normal, hermitian=True), dtype=np.float64)
-    return inverse
 
 
 class _Stars:
@@ -243,12 +218,10 @@ def fit_camera(
         Down to which magnitude stars are looked at, whatever the sky holds.
     """
     camera = _Camera(
-        spots_px,
-        np.array(principal_px, dtype=np.float64),
+        np.ascontiguousarray(spots_px, dtype=np.float64),
         lens_known,
         dcm,
-        focal_px,
-        np.array(distortion, dtype=np.float64),
+        np.array([focal_px, *principal_px, *distortion], dtype=np.float64),
         (FIRST_NOISE_PX / focal_px) ** 2,
     )
     star = np.full(len(spots_px), -1, dtype=np.int64)
@@ -261,7 +234,7 @@ def fit_camera(
         wider = stars.match(found.camera.rays(), found.camera.dcm, GROWTH * found.tolerance)[0]
         if np.array_equal(wider, found.star):
             break
-        grown = _settle(replace(found.camera, dcm=found.camera.dcm.copy()), wider, stars, focal_px)
+        grown = _settle(found.camera.copy(), wider, stars, focal_px)
         if grown is None or not grown.log_false_alarm(stars, tried) < found.log_false_alarm(stars, tried):
             break
         found = grown
@@ -286,17 +259,15 @@ class _Settled:
 def _settle(camera: _Camera, star: Codes, stars: _Stars, focal_px: float) -> _Settled | None:
     """Fit and match by turns, the tolerance that of what the fit leaves and never growing; None if it falls apart."""
     residual, free, tolerance = np.full(len(star), np.nan), 4, math.inf
-    wide = float(np.max(np.hypot(*(camera.spots_px - camera.principal_px).T))) / focal_px > 0.25
+    wide = float(np.max(np.hypot(*(camera.spots_px - camera.lens[CX : CY + 1]).T))) / focal_px > 0.25
     for passes in range(8):
         count = int(np.sum(star >= 0))
         if count < LEAST_MATCHES:
             return None
         before, freed, variance = star, free, camera.variance
         free = 4 if camera.principal_known or count < 9 or passes == 0 else 6 if wide and count >= 14 else 5
-        for _ in range(3):
-            if camera.improve(star, stars.arrays, free)[1] < SETTLED:
-                break
-        if not (0.5 < camera.focal_px / focal_px < 2.0 and np.all(np.abs(camera.distortion) < 5.0)):
+        camera.improve(star, stars.arrays, free, steps=3)
+        if not (0.5 < camera.focal_px / focal_px < 2.0 and max(abs(camera.lens[K1]), abs(camera.lens[K2])) < 5.0):
             return None
         d = camera.rays()[star >= 0] - stars.arrays[star[star >= 0], :3] @ camera.dcm.T
         spread = 1.4826 * float(np.median(np.linalg.norm(d, axis=1))) / 1.1774  # per axis, robust
@@ -320,17 +291,17 @@ def _judge(found: _Settled, stars: _Stars, tried: float) -> CameraFit | None:
     square = float(np.nansum(residual**2)) / (dof - 2)  # mean of the variance's posterior
     floor = (LEAST_NOISE_PX / camera.focal_px) ** 2
     camera.variance = max(square, floor)
-    covariance, _ = camera.improve(star, stars.arrays, free)
+    covariance = camera.improve(star, stars.arrays, free)
     dcm, covariance = camera.about_centre(covariance)
     return CameraFit(
         dcm=dcm,
         focal_px=camera.focal_px,
-        distortion=camera.distortion,
+        distortion=camera.lens[K1 : K2 + 1].copy(),
         star=star,
         residual_rad=residual,
         covariance=covariance,
         log10_false_alarm=log / math.log(10.0),
-        lens=camera.lens,
+        lens=camera.told,
     )
 
 

@@ -1,12 +1,24 @@
-"""Normal equations of a star camera's fit: attitude, focal length, distortion and principal point from its matches."""
+"""Steps of a star camera's fit: attitude, focal length, distortion and principal point from its matches."""
 
 import math
 
 from relnav.arrays import Codes, Matrix, Vector
 from relnav.codegen.kernel import kernel
+from relnav.geometry.linear_algebra import cholesky, solve_lower, solve_lower_transposed
+from relnav.sensors.dual_field.matching import turn
 
 UNKNOWNS = 8
 """Three rotations, log focal length, k1, k2, principal point in focal lengths."""
+
+FOCAL, CX, CY, K1, K2, LENS_NUMBERS = range(6)
+"""Entries of `lens`; lengths in px."""
+
+STEP_ROWS = 5 + UNKNOWNS
+"""Rows of scratch for `step_camera`."""
+
+RIDGE = 1e-10
+"""Added to the normal equations, relative to their diagonal: what matches do not tell (k1 and k2 apart where all spots
+are as far from the axis) stays as it was."""
 
 
 @kernel
@@ -58,3 +70,71 @@ def normal_equations(
             gradient[row] += J[0, row] * (w0 - q0) + J[1, row] * (w1 - q1) + J[2, row] * (w2 - q2)
             for column in range(UNKNOWNS):
                 normal[row, column] += J[0, row] * J[0, column] + J[1, row] * J[1, column] + J[2, row] * J[2, column]
+
+
+@kernel
+def step_camera(
+    spots: Matrix,
+    star: Codes,
+    stars: Matrix,
+    A: Matrix,
+    lens: Vector,
+    variance: float,
+    free: int,
+    axis_px: float,
+    most: int,
+    settled: float,
+    work: Matrix,
+    covariance: Matrix,
+) -> float:
+    """Gauss-Newton steps, at most so many, until one is shorter than `settled`: the length of the last, in sigmas.
+
+    Changes attitude and lens, writes the covariance (8, 8), zero for what is kept: of the first six unknowns all but
+    the first `free`, and the principal point unless its 1-sigma from the image's centre, `axis_px`, is above 0.
+    work (STEP_ROWS, 8) is scratch.
+    """
+    J, step, downhill, normal, length = work[0:3], work[3], work[4], work[5:STEP_ROWS], 0.0
+    for _ in range(most):
+        normal_equations(spots, star, stars, A, lens, J, normal, step)
+        for r in range(UNKNOWNS):
+            step[r] /= variance
+            for c in range(UNKNOWNS):
+                normal[r, c] /= variance
+        if axis_px > 0.0:
+            information = (lens[FOCAL] / axis_px) ** 2
+            for r in range(2):
+                normal[6 + r, 6 + r] += information
+                step[6 + r] -= information * lens[CX + r] / lens[FOCAL]
+        for r in range(UNKNOWNS):
+            kept = free <= r < 6 or (r >= 6 and not axis_px > 0.0)
+            if kept:
+                step[r] = 0.0
+                for c in range(UNKNOWNS):
+                    normal[r, c], normal[c, r] = 0.0, 0.0
+                normal[r, r] = 1.0
+            downhill[r] = step[r]
+            normal[r, r] *= 1.0 + RIDGE
+        if not cholesky(normal, 0.0, normal):
+            return math.inf
+        solve_lower(normal, step)
+        solve_lower_transposed(normal, step)
+        length = 0.0
+        for r in range(UNKNOWNS):
+            length += step[r] * downhill[r]
+        length = math.sqrt(max(0.0, length))
+        turn(A, step[0], step[1], step[2])
+        for r in range(2):
+            lens[CX + r] += lens[FOCAL] * step[6 + r]
+            lens[K1 + r] += step[4 + r]
+        lens[FOCAL] *= math.exp(min(0.1, max(-0.1, step[3])))
+        if length < settled:
+            break
+    for r in range(UNKNOWNS):
+        kept = free <= r < 6 or (r >= 6 and not axis_px > 0.0)
+        for c in range(UNKNOWNS):
+            covariance[r, c] = 0.0
+        if not kept:
+            covariance[r, r] = 1.0
+            solve_lower(normal, covariance[r])
+            solve_lower_transposed(normal, covariance[r])
+    return length

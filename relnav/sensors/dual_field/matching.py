@@ -57,6 +57,9 @@ class Frame(NamedTuple):
 @kernel
 def aberrate_into(x: float, y: float, z: float, b: Vector, sign: float, out: Vector) -> None:
     """Write the direction (3,) that an observer moving with sign * b (3,) sees for the unit vector (x, y, z)."""
+    if b[0] == 0.0 and b[1] == 0.0 and b[2] == 0.0:
+        out[0], out[1], out[2] = x, y, z
+        return
     ub = sign * (x * b[0] + y * b[1] + z * b[2])
     inverse_g = math.sqrt(1.0 - b[0] * b[0] - b[1] * b[1] - b[2] * b[2])
     f = sign * (1.0 + ub / (1.0 + inverse_g))
@@ -133,23 +136,30 @@ def slip_variance(frame: Frame) -> float:
 
 
 @kernel
-def loose_chord2(W: Matrix, row: int, sigma2: float, m0: float, m1: float, m2: float, stretch2: float) -> float:
+def spread_chord2(sigma2: float, d2: float, norm2: float) -> float:
+    """Square of four sigma of a direction under the attitude of a pair, up to `LOOSEST_CHORD2`.
+
+    `d2` is that of the sine of its angle from the sum of the pair's two directions, `norm2` that of the sum's length.
+    """
+    return float(min(LOOSEST_CHORD2, 16.0 * sigma2 * (1.5 + 2.0 * d2 / (4.0 - norm2))))
+
+
+@kernel
+def loose_chord2(W: Matrix, row: int, sigma2: float, m0: float, m1: float, m2: float) -> float:
     """Square of the tolerance for one row of `W` under the attitude of a pair whose two directions add up to m."""
     norm2 = m0 * m0 + m1 * m1 + m2 * m2
     along = max(0.0, W[row, 0] * m0 + W[row, 1] * m1 + W[row, 2] * m2)
-    d2 = max(0.0, 1.0 - along * along / norm2)
-    spread = 16.0 * sigma2 * (1.5 + 2.0 * d2 / (4.0 - norm2))
-    return float(min(LOOSEST_CHORD2, spread) + stretch2 * d2)
+    return spread_chord2(sigma2, max(0.0, 1.0 - along * along / norm2), norm2)
 
 
 @kernel
 def match_loosely(
-    frame: Frame, sky: SkyArrays, i: int, j: int, field: int, stretch2: float, A: Matrix, match: Codes, out: Vector
+    frame: Frame, sky: SkyArrays, i: int, j: int, field: int, A: Matrix, match: Codes, out: Vector
 ) -> int:
     """Match the other spots under the attitude of one pair (i, j); returns how many fall on a star.
 
     An attitude from two stars a chord s apart is off by sigma / sqrt 2 at their middle and turned about it by
-    sqrt 2 sigma / s: four sigma of that, plus `stretch2` of the squared distance for unknown optics, is the tolerance.
+    sqrt 2 sigma / s: four sigma of that is the tolerance.
     out[0] is the logarithm of the probability that spots thrown at random over the sky would match as these did.
     """
     W, sigma2, magnitude, b, stars, cells = frame.W, frame.sigma2, frame.magnitude, frame.beta, sky.stars, sky.cells
@@ -164,7 +174,7 @@ def match_loosely(
         for way in range(frame.fields):
             f = field if way == 0 else 1 - field
             x, y, z = looked_up(W, f * n + k, A, b)
-            t2 = loose_chord2(W, f * n + k, sigma2[k], m0, m1, m2, stretch2)
+            t2 = loose_chord2(W, f * n + k, sigma2[k], m0, m1, m2)
             if f != field:
                 t2 = min(LOOSEST_CHORD2, t2 + 16.0 * slip_variance(frame))
             if none_near(sky.near, x, y, z, t2):

@@ -75,7 +75,6 @@ def prepare_questions(
     pair: Matrix,
     asked: int,
     ways: int,
-    stretch2: float,
     questions: Matrix,
 ) -> None:
     """Write what is asked of spots i and j, taken to lie in a field, with their triad (3, 3): `ways` rows a spot.
@@ -95,7 +94,7 @@ def prepare_questions(
             w = (field if way == 0 else 1 - field) * n + k
             for axis in range(3):
                 questions[row, axis] = pair[axis, 0] * W[w, 0] + pair[axis, 1] * W[w, 1] + pair[axis, 2] * W[w, 2]
-            questions[row, 3] = loose_chord2(W, w, frame.sigma2[k], m0, m1, m2, stretch2)
+            questions[row, 3] = loose_chord2(W, w, frame.sigma2[k], m0, m1, m2)
             if way == 1:
                 questions[row, 3] = min(LOOSEST_CHORD2, questions[row, 3] + 16.0 * slip_variance(frame))
             questions[row, 4] = frame.magnitude[w]

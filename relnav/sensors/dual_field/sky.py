@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Codes, Matrix, Vector
 from relnav.codegen.kernel import kernel
 from relnav.sensors.dual_field.catalogue import StarCatalogue
 from relnav.sensors.dual_field.pair_table import Indices, PairTable, build_pair_table
@@ -84,59 +84,141 @@ class Sky:
         return len(self.hip)
 
 
-def build_sky(
-    directions: Matrix, magnitude: Vector, hip: NDArray[np.int32], *, pair_count: int, low_rad: float, high_rad: float
-) -> Sky:
-    """Prepare unit vectors (n, 3): pairs from `low_rad` to `high_rad` of the `pair_count` brightest, grid of all."""
+@dataclass(frozen=True, eq=False)
+class Stars:
+    """Stars of a sky sorted by cell, as `SkyArrays` and `Sky` have them; `arrays` is `SkyArrays.stars`."""
+
+    arrays: Matrix
+    cells: Indices
+    near: Bits
+    brighter: Vector
+    hip: NDArray[np.int32]
+    magnitudes: Vector
+
+
+def sort_stars(directions: Matrix, magnitude: Vector, hip: NDArray[np.int32]) -> Stars:
+    """Sort unit vectors (n, 3) into the grid."""
     cell = np.minimum(((directions + 1.0) * (0.5 * GRID)).astype(np.int64), GRID - 1) @ np.array([GRID * GRID, GRID, 1])
     order = np.argsort(cell, kind="stable")
     stars = np.ascontiguousarray(np.column_stack([directions, magnitude])[order])
     cells = np.concatenate([[0], np.cumsum(np.bincount(cell, minlength=GRID**3))]).astype(np.int32)
-    bright = np.sort(np.argsort(stars[:, 3], kind="stable")[:pair_count])
-    bright = bright[_alone(stars, bright)]
-    table = build_pair_table(stars[bright, :3], low_rad, high_rad)
-    pairs = PairTable(table.cos, bright.astype(np.int32)[table.stars], table.k, table.line)
     steps = BRIGHTEST_MAG + MAG_STEP * np.arange(math.ceil((float(magnitude.max()) - BRIGHTEST_MAG) / MAG_STEP) + 2)
     ascending = np.sort(magnitude)
     brighter = np.searchsorted(ascending, steps, side="right").astype(np.float64)
     near = np.zeros(NEAR_BITS // 8, dtype=np.uint8)
-    mark_near(stars, near)
-    arrays = SkyArrays(stars, cells, near, brighter, pairs.cos, pairs.stars, pairs.k, pairs.line)
-    return Sky(arrays, np.ascontiguousarray(hip[order]), pairs, ascending)
+    mark_near(stars, near, 0.5 * FINE, NEAR, np.empty(8, dtype=np.int64))
+    return Stars(stars, cells, near, brighter, np.ascontiguousarray(hip[order]), ascending)
+
+
+def build_sky(stars: Stars, *, pair_count: int, low_rad: float, high_rad: float) -> Sky:
+    """Add pairs from `low_rad` to `high_rad` of the `pair_count` brightest."""
+    bright = np.sort(np.argsort(stars.arrays[:, 3], kind="stable")[:pair_count])
+    alone = np.empty(len(bright), dtype=np.uint8)
+    mark_alone(stars.arrays, stars.cells, bright, (2.0 * math.sin(0.5 * BLEND_RAD)) ** 2, alone)
+    bright = bright[alone > 0]
+    table = build_pair_table(stars.arrays[bright, :3], low_rad, high_rad)
+    pairs = PairTable(table.cos, bright.astype(np.int32)[table.stars], table.k, table.line)
+    grid = stars.arrays, stars.cells, stars.near, stars.brighter
+    return Sky(SkyArrays(*grid, pairs.cos, pairs.stars, pairs.k, pairs.line), stars.hip, pairs, stars.magnitudes)
 
 
 @kernel
-def place_of_cell(ix: int, iy: int, iz: int) -> int:
-    """Where a fine cell stands in `SkyArrays.near`: the hash of Teschner et al. (2003), section 3."""
-    return ((ix * 73856093) ^ (iy * 19349663) ^ (iz * 83492791)) & (NEAR_BITS - 1)
+def place_of(ix: int, iy: int, iz: int) -> int:
+    """Where a cell stands in a hashed table, 63 bits of which the upper ones are spread best.
+
+    The factors are the odd ones at 2^63 over g, g^2 and g^3, g^4 = g + 1, which keep cells of a small box far apart
+    (Roberts 2018; of Knuth's golden ratio two powers add up to the third, and whole rows of cells fall together).
+    """
+    return (ix * 7555532853418227329 + iy * 6189284837581903361 + iz * 5070092016526739179) & 0x7FFFFFFFFFFFFFFF
 
 
 @kernel
-def mark_near(stars: Matrix, near: Bits) -> None:
-    """Set the bits of `SkyArrays.near`: a cube of 2 `NEAR` about a star touches the cells of its corners, no others."""
-    half = 0.5 * FINE
+def touched(star: Vector, half: float, reach: float, beside: float, places: Codes) -> int:
+    """Write the places of the cells within reach of a star, before they are cut to a table, into places (8,); how many.
+
+    Cells, 2 `half` along each axis, are not narrower than 2 `reach`: the cube about the star touches those of its
+    corners and no others. Of them count those that have a point beside the sphere by no more than `beside`.
+    """
+    width, count = 1.0 / half, 0
+    inner, outer = (1.0 - beside) ** 2, (1.0 + beside) ** 2
+    for i in range(2):
+        x = int((star[0] + (reach if i else -reach) + 1.0) * half)
+        x_low = x * width - 1.0
+        x_apart2 = max(0.0, x_low - star[0], star[0] - x_low - width) ** 2
+        x_least2, x_most2 = max(0.0, x_low, -x_low - width) ** 2, max(x_low + width, -x_low) ** 2
+        for j in range(2):
+            y = int((star[1] + (reach if j else -reach) + 1.0) * half)
+            y_low = y * width - 1.0
+            y_apart2 = x_apart2 + max(0.0, y_low - star[1], star[1] - y_low - width) ** 2
+            y_least2 = x_least2 + max(0.0, y_low, -y_low - width) ** 2
+            y_most2 = x_most2 + max(y_low + width, -y_low) ** 2
+            for k in range(2):
+                z = int((star[2] + (reach if k else -reach) + 1.0) * half)
+                z_low = z * width - 1.0
+                apart2 = y_apart2 + max(0.0, z_low - star[2], star[2] - z_low - width) ** 2
+                least2 = y_least2 + max(0.0, z_low, -z_low - width) ** 2
+                most2 = y_most2 + max(z_low + width, -z_low) ** 2
+                if apart2 <= reach * reach and least2 <= outer and most2 >= inner:
+                    places[count] = place_of(x, y, z)
+                    count += 1
+    return count
+
+
+@kernel
+def mark_near(stars: Matrix, near: Bits, half: float, reach: float, places: Codes) -> None:
+    """Set the bits of all cells, 2 `half` along each axis, that have a point within reach of a star; places (8,)."""
     for s in range(stars.shape[0]):
-        for corner in range(8):
-            dx, dy, dz = (
-                (NEAR if corner & 1 else -NEAR),
-                (NEAR if corner & 2 else -NEAR),
-                (NEAR if corner & 4 else -NEAR),
-            )
-            x, y, z = stars[s, 0] + dx + 1.0, stars[s, 1] + dy + 1.0, stars[s, 2] + dz + 1.0
-            place = place_of_cell(int(x * half), int(y * half), int(z * half))
+        for k in range(touched(stars[s], half, reach, reach, places)):
+            place = (places[k] >> 40) & (8 * near.shape[0] - 1)
             near[place >> 3] |= 1 << (place & 7)
 
 
-def _alone(stars: Matrix, chosen: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which of the chosen stars have no neighbour within the blend distance less than two magnitudes fainter."""
-    from scipy.spatial import cKDTree
+@kernel
+def cell_of(half: float, x: float, y: float, z: float) -> int:
+    """The place of the cell of the unit vector (x, y, z), before it is cut to a table."""
+    return place_of(int(x * half + half), int(y * half + half), int(z * half + half))
 
-    alone = np.ones(len(stars), dtype=bool)
-    for i, j in cKDTree(stars[:, :3]).query_pairs(2.0 * math.sin(0.5 * BLEND_RAD)):
-        faint, bright = (i, j) if stars[i, 3] > stars[j, 3] else (j, i)
-        alone[faint] = False
-        alone[bright] &= stars[faint, 3] > stars[bright, 3] + 2.0
-    return alone[chosen]
+
+@kernel
+def marked(near: Bits, half: float, x: float, y: float, z: float) -> int:
+    """The bit of the cell of the unit vector (x, y, z); `half` as many cells as there are along each axis."""
+    place = (cell_of(half, x, y, z) >> 40) & (8 * near.shape[0] - 1)
+    return int((near[place >> 3] >> (place & 7)) & 1)
+
+
+@kernel
+def mark_alone(stars: Matrix, cells: Indices, chosen: Codes, chord2: float, alone: Bits) -> None:
+    """Write for the chosen stars whether no neighbour within the chord squared is less than two magnitudes fainter."""
+    half, reach = 0.5 * GRID, math.sqrt(chord2)
+    for k in range(chosen.shape[0]):
+        s, near = chosen[k], 0
+        x, y, z = stars[s, 0], stars[s, 1], stars[s, 2]
+        for ix in range(max(0, int((x - reach + 1.0) * half)), min(GRID - 1, int((x + reach + 1.0) * half)) + 1):
+            for iy in range(max(0, int((y - reach + 1.0) * half)), min(GRID - 1, int((y + reach + 1.0) * half)) + 1):
+                for iz in range(
+                    max(0, int((z - reach + 1.0) * half)), min(GRID - 1, int((z + reach + 1.0) * half)) + 1
+                ):
+                    cell = (ix * GRID + iy) * GRID + iz
+                    for t in range(cells[cell], cells[cell + 1]):
+                        d2 = (stars[t, 0] - x) ** 2 + (stars[t, 1] - y) ** 2 + (stars[t, 2] - z) ** 2
+                        near += t != s and d2 <= chord2 and stars[t, 3] <= stars[s, 3] + 2.0
+        alone[k] = near == 0
+
+
+@lru_cache(maxsize=8)
+def prepare_stars(
+    catalogue: StarCatalogue,
+    epoch_jyear: float,
+    faintest: float,
+    velocity_km_s: tuple[float, float, float] | None = None,
+) -> Stars:
+    """The stars of a catalogue at an epoch down to a magnitude, made once; with a velocity as they are seen."""
+    part = slice(0, int(np.searchsorted(catalogue.hp_mag, faintest, side="right")))
+    return sort_stars(
+        catalogue.directions(epoch_jyear, velocity_km_s=velocity_km_s, stars=part),
+        np.asarray(catalogue.hp_mag[part], dtype=np.float64),
+        catalogue.hip[part],
+    )
 
 
 @lru_cache(maxsize=8)
@@ -154,25 +236,15 @@ def prepare_sky(
     With a velocity the directions are apparent ones. The default search needs no such sky: it takes the velocity
     itself, so that a sky serves a whole orbit.
     """
-    count = int(np.searchsorted(catalogue.hp_mag, faintest, side="right"))
-    pair_count = int(np.searchsorted(catalogue.hp_mag[:count], faintest_pair, side="right"))
-    part = slice(0, count)
-    return build_sky(
-        catalogue.directions(epoch_jyear, velocity_km_s=velocity_km_s, stars=part),
-        np.asarray(catalogue.hp_mag[part], dtype=np.float64),
-        catalogue.hip[part],
-        pair_count=pair_count,
-        low_rad=low_rad,
-        high_rad=high_rad,
-    )
+    stars = prepare_stars(catalogue, epoch_jyear, faintest, velocity_km_s)
+    pair_count = int(np.searchsorted(stars.magnitudes, faintest_pair, side="right"))
+    return build_sky(stars, pair_count=pair_count, low_rad=low_rad, high_rad=high_rad)
 
 
 @kernel
 def none_near(near: Bits, x: float, y: float, z: float, chord2: float) -> bool:
     """Whether it is plain that no star is closer than the chord squared to the unit vector (x, y, z)."""
-    half = 0.5 * FINE
-    place = place_of_cell(int((x + 1.0) * half), int((y + 1.0) * half), int((z + 1.0) * half))
-    return bool(chord2 <= NEAR * NEAR and ((near[place >> 3] >> (place & 7)) & 1) == 0)
+    return bool(chord2 <= NEAR * NEAR and marked(near, 0.5 * FINE, x, y, z) == 0)
 
 
 @kernel

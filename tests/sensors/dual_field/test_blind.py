@@ -3,8 +3,7 @@
 import numpy as np
 
 from relnav.accuracy.dual_field_blind import fly_blind, fly_hidden
-from relnav.sensors.dual_field.blind import Blind, scale_of_pair, solve_blind
-from relnav.sensors.dual_field.optics import rays
+from relnav.sensors.dual_field.blind import Blind, solve_blind
 
 
 def test_cameras_of_many_kinds(sensor):
@@ -18,12 +17,6 @@ def test_skies_half_hidden_by_a_roof(sensor):
     """Fourteen stars or more in sight; without a light on the roof all are solved."""
     result = fly_hidden(sensor.catalogue, 4, 5, 0)
     assert (result["solved"], result["wrong"]) == (4, 0)
-
-
-def test_scale_of_a_pair():
-    points = np.array([[0.1, 0.02], [-0.2, 0.3]])
-    u = rays(points * 1.04)
-    assert abs(scale_of_pair(points, 0, 1, float(np.arccos(u[0] @ u[1]))) - 1.04) < 1e-5
 
 
 def test_too_few_spots(sensor):

@@ -8,6 +8,7 @@ from relnav.sensors.dual_field.blind_order import (
     CLOSEST,
     FAR,
     FAR_SPOTS,
+    FEW_FAR_SPOTS,
     NEAR,
     PAIR_SPOTS,
     WIDE,
@@ -36,11 +37,12 @@ def test_near_pairs_come_first():
 
 
 def test_far_pairs_are_of_fewer_spots():
-    points = field(20, 0.1)
-    near, far = pair_order(points, NEAR), pair_order(points, FAR)
-    assert set(near) < set(far)
-    assert max(j for _, j in near) == PAIR_SPOTS - 1
-    assert max(j for _, j in set(far) - set(near)) < FAR_SPOTS
+    for radius, most in ((0.1, FEW_FAR_SPOTS), (1.1 * WIDE, FAR_SPOTS)):
+        points = field(20, radius)
+        near, far = pair_order(points, NEAR), pair_order(points, FAR)
+        assert set(near) < set(far)
+        assert max(j for _, j in near) == PAIR_SPOTS - 1
+        assert max(j for _, j in set(far) - set(near)) == most - 1
 
 
 def names(points, ways):
@@ -64,9 +66,10 @@ def test_another_tolerance_or_another_sky_is_another_try():
 
 
 def test_in_a_wide_field_a_pair_has_another_chance():
-    for radius, again in ((0.9 * WIDE, False), (1.1 * WIDE, True)):
-        points = field(20, radius)
-        ways = [Way(order, 0.01, 12.0, FAR) for order in (np.arange(20), half_orders(points)[0])]
+    """Where it is checked against other spots than before: of 28 the 24 brightest are, in another order others."""
+    for radius, spots, again in ((0.9 * WIDE, 28, False), (1.1 * WIDE, 28, True), (1.1 * WIDE, 20, False)):
+        points = field(spots, radius)
+        ways = [Way(order, 0.01, 12.0, FAR) for order in (np.arange(spots), half_orders(points)[0])]
         first, second = names(points, ways)
         assert bool(set(first) & set(second)) == again
 

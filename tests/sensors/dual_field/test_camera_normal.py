@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from relnav.sensors.dual_field.camera_normal import UNKNOWNS, normal_equations
+from relnav.sensors.dual_field.camera_normal import STEP_ROWS, UNKNOWNS, normal_equations, step_camera
 from relnav.sensors.dual_field.matching import turn
 from relnav.sensors.dual_field.optics import plane_points, rays
 from relnav.simulation.star_field import random_attitude
@@ -36,3 +36,45 @@ def test_they_are_those_of_differences():
     )
     assert normal == pytest.approx(J.T @ J, rel=1e-6, abs=1e-6)
     assert gradient == pytest.approx(J.T @ residuals(np.zeros(UNKNOWNS), *around), rel=1e-5, abs=1e-7)
+
+
+def exact_frame(points):
+    """Stars of a camera without noise, whose axis is the image's centre: spots, stars, attitude, lens."""
+    rng = np.random.default_rng(5)
+    dcm, lens = random_attitude(rng), np.array([1500.0, 0.0, 0.0, 0.05, 0.0])
+    seen = rays(plane_points(points, lens[0], lens[1:3], lens[3:]))
+    return points, np.column_stack([seen @ dcm, np.zeros(len(points))]), dcm, lens
+
+
+def test_steps_lead_to_the_camera():
+    """From an attitude and a lens that are off; the covariance is the inverse of the normal equations."""
+    spots, stars, dcm, lens = exact_frame(np.random.default_rng(7).uniform(-600.0, 600.0, (25, 2)))
+    A, found, star = dcm.copy(), np.array([1540.0, 0.0, 0.0, 0.0, 0.0]), np.arange(25)
+    turn(A, 2e-3, -1e-3, 3e-3)
+    covariance, variance = np.empty((UNKNOWNS, UNKNOWNS)), 1e-8
+    work = np.empty((STEP_ROWS, UNKNOWNS))
+    length = step_camera(spots, star, stars, A, found, variance, 5, 10.0, 8, 1e-6, work, covariance)
+    assert length < 1e-6
+    assert found == pytest.approx(lens, abs=1e-5)
+    assert pytest.approx(dcm, abs=1e-8) == A
+    normal, gradient = np.empty((UNKNOWNS, UNKNOWNS)), np.empty(UNKNOWNS)
+    normal_equations(spots, star, stars, A, found, np.empty((3, UNKNOWNS)), normal, gradient)
+    used = [0, 1, 2, 3, 4, 6, 7]
+    information = normal[np.ix_(used, used)] / variance
+    information[5:, 5:] += np.eye(2) * (found[0] / 10.0) ** 2
+    assert covariance[np.ix_(used, used)] == pytest.approx(np.linalg.inv(information), rel=1e-5, abs=1e-14)
+    assert not covariance[5].any()
+    assert not covariance[:, 5].any()
+
+
+def test_what_matches_do_not_tell_stays_as_it_was():
+    """Spots as far from the axis as one another say one number of the lens, not three: the fit still is one."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+    spots, stars, dcm, _ = exact_frame(500.0 * np.column_stack([np.cos(angle), np.sin(angle)]))
+    A, found = dcm.copy(), np.array([1510.0, 0.0, 0.0, 0.0, 0.0])
+    turn(A, 1e-3, -1e-3, 1e-3)
+    covariance, work = np.empty((UNKNOWNS, UNKNOWNS)), np.empty((STEP_ROWS, UNKNOWNS))
+    step_camera(spots, np.arange(12), stars, A, found, 1e-8, 6, 0.0, 8, 1e-6, work, covariance)
+    seen = rays(plane_points(spots, found[0], found[1:3], found[3:]))
+    assert np.abs(seen - stars[:, :3] @ A.T).max() < 1e-6
+    assert np.abs(found[3:]).max() < 0.5

@@ -43,7 +43,7 @@ def plainly(frame, sky, spots, i, j, field, A):
     for k in spots:
         found = []
         for f in (field, 1 - field)[: frame.fields]:
-            t2 = loose_chord2(W, f * n + k, frame.sigma2[k], *m, 0.0)
+            t2 = loose_chord2(W, f * n + k, frame.sigma2[k], *m)
             close = np.sum((places - A.T @ W[f * n + k]) ** 2, axis=1) < t2
             found.append(bool(np.any(close & (np.abs(brightness - frame.magnitude[k]) <= frame.gate))))
         answers[k] = found[0], any(found)
@@ -77,7 +77,7 @@ def test_promising_is_what_every_star_says(sensor, as_rays, faintest):
         assert star_triad(sky.arrays.stars, frame.beta, row[shown.hip[i]], row[shown.hip[j]], stars, work)
         for field in (0, 1):
             assert spot_triad(frame.W, field * n + i, field * n + j, spots, work)
-            prepare_questions(frame, i, j, field, spots, asked, ways, 0.0, questions)
+            prepare_questions(frame, i, j, field, spots, asked, ways, questions)
             for sign in (1.0, -1.0):
                 attitude_of_triads(spots, stars, sign, A)
                 assert np.allclose(A @ A.T, np.eye(3), atol=1e-12)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from relnav.sensors.dual_field.catalogue import StarCatalogue
-from relnav.sensors.dual_field.sky import build_sky, nearest_star, prepare_sky
+from relnav.sensors.dual_field.sky import build_sky, nearest_star, prepare_sky, sort_stars
 
 
 @pytest.fixture(scope="module")
@@ -56,14 +56,8 @@ def test_close_stars_make_no_pairs():
     close = 20.0 / 206265.0
     ra = np.array([0.0, close, 0.1, 0.1 + close, 0.2])
     v = np.column_stack([np.cos(ra), np.sin(ra), np.zeros(5)])
-    sky = build_sky(
-        v,
-        np.array([3.0, 3.5, 3.0, 5.5, 3.0]),
-        np.arange(1, 6, dtype=np.int32),
-        pair_count=5,
-        low_rad=0.05,
-        high_rad=0.5,
-    )
+    stars = sort_stars(v, np.array([3.0, 3.5, 3.0, 5.5, 3.0]), np.arange(1, 6, dtype=np.int32))
+    sky = build_sky(stars, pair_count=5, low_rad=0.05, high_rad=0.5)
     paired = {int(sky.hip[star]) for star in sky.pairs.stars.ravel()}
     assert paired == {3, 5}
 

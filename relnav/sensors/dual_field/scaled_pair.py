@@ -1,0 +1,343 @@
+"""A pair of spots taken for pairs of stars, at any scale: what a search without a focal length spends its time on.
+
+Almost every pair of stars is a wrong one. Every spot is written once in the frame of its pair, along the sum, the
+product and the difference of the two directions, none of them normed: in the same frame of two stars it then stands
+where its star should be, whatever their distance, without a root or a quotient. Three spots near the pair are asked
+first, of a block of pairs of stars at a time; whoever is left is asked more.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from relnav.arrays import Codes, Matrix, Vector
+from relnav.codegen.kernel import kernel
+from relnav.sensors.dual_field.evidence import log_choices
+from relnav.sensors.dual_field.pair_table import k_range
+from relnav.sensors.dual_field.screening import FEW_SPOTS
+from relnav.sensors.dual_field.sky import SkyArrays, cell_of, nearest_star, place_of
+from relnav.sensors.dual_field.spot_template import (
+    ACROSS,
+    ALONG,
+    APART,
+    HALF,
+    LEVEL,
+    LOG_LOOSE,
+    LOG_TIGHT,
+    LOOSE2,
+    SPOT_NUMBERS,
+    TIGHT2,
+    Spots,
+    frame_of_directions,
+    frame_of_pair,
+    nearest_first,
+    scale_of_pair,
+    tolerance2,
+    write_chances,
+    write_template,
+)
+from relnav.sensors.dual_field.star_levels import Levels, nearest_chord2, noted
+
+Frames = NDArray[np.float64]
+
+LEAST_FOUND = 3
+"""Spots that must find a star beside the pair before a candidate is looked at."""
+
+ASKED, ASKED_AGAIN, LEAST_AGAIN = 3, 10, 2
+"""Of more than `FEW_SPOTS` spots the three nearest to the pair are asked first, as distortion moves them least: one
+must find a star, then two of ten, before all are asked. Of 430 narrow frames, 180 of them half hidden, those solved
+are the same as where one of three others was enough; with two of seven one real frame with many false spots is lost."""
+
+FAINT = 30.0
+"""A magnitude beyond all."""
+
+BLOCK = 128
+"""Pairs of stars that are asked the first questions together, so that no answer is waited for: their frames take up a
+quarter of a processor's first cache."""
+
+TURNED = 16
+"""Bits of a pair taken the other way round stand so much higher: no more than `FEW_SPOTS` are asked."""
+
+TRIED, CHANCE, BEST_PAIR, SIGN, SHEAR, BEST_NUMBERS = range(6)
+"""Entries of `best`: attitudes tried so far, and of the best one the logarithm of its false alarm probability, its pair
+in the table, 1 or -1 for its order, and the tolerance under which it is the best."""
+
+
+class Work(NamedTuple):
+    """Scratch, and what the best is.
+
+    Attributes
+    ----------
+    order : (m,)
+        Spots in the order in which they are asked.
+    template : (m, SPOT_NUMBERS)
+        As of `spot_template`.
+    own : (6, 3)
+        As of `frame_of_pair`.
+    pair, allowed, found, frames : (BLOCK,), (BLOCK,), (BLOCK,), (BLOCK, 3, 3)
+        Pairs of stars, which of their orders are to be tried, which spots may have found a star, and their frames.
+    best : (BEST_NUMBERS,)
+        See there.
+    """
+
+    order: Codes
+    template: Matrix
+    own: Matrix
+    pair: Codes
+    allowed: Codes
+    found: Codes
+    frames: Frames
+    best: Vector
+
+
+def new_work(spots: int) -> Work:
+    """Scratch for so many spots."""
+    pair, allowed, found = np.empty((3, BLOCK), dtype=np.int64)
+    order, template, own = np.empty(spots, dtype=np.int64), np.empty((spots, SPOT_NUMBERS)), np.empty((6, 3))
+    return Work(order, template, own, pair, allowed, found, np.empty((BLOCK, 3, 3)), np.zeros(BEST_NUMBERS))
+
+
+class Asked(NamedTuple):
+    """How many spots are asked first, and then, how many of those must find a star, and how many of all spots."""
+
+    first: int
+    then: int
+    least: int
+    needed: int
+
+
+@kernel
+def ask(template: Matrix, row: int, levels: Levels, frames: Frames, first: int, last: int, found: Codes) -> None:
+    """Whether a star may be where a spot should see it, for some pairs of stars.
+
+    Sets bit `row` of `found` for a pair as it stands, and that `TURNED` up for it taken the other way round.
+    """
+    half = template[row, HALF]
+    a, b, c = half * template[row, ALONG], half * template[row, ACROSS], half * template[row, APART]
+    words = levels.words[int(template[row, LEVEL])]
+    for k in range(first, last):
+        x, y, z = half + a * frames[k, 0, 0], half + a * frames[k, 0, 1], half + a * frames[k, 0, 2]
+        u = b * frames[k, 1, 0] + c * frames[k, 2, 0]
+        v = b * frames[k, 1, 1] + c * frames[k, 2, 1]
+        w = b * frames[k, 1, 2] + c * frames[k, 2, 2]
+        there = noted(words, place_of(int(x + u), int(y + v), int(z + w)))
+        turned = noted(words, place_of(int(x - u), int(y - v), int(z - w)))
+        found[k] |= (there << row) | (turned << (row + TURNED))
+
+
+@kernel
+def count_bits(bits: int) -> int:
+    """How many are set."""
+    count = 0
+    while bits != 0:
+        bits &= bits - 1
+        count += 1
+    return count
+
+
+@kernel
+def distance2(
+    template: Matrix, row: int, known: bool, spots: Spots, sky: SkyArrays, levels: Levels, axes: Matrix, sign: float
+) -> float:
+    """Square of the distance of a spot from the nearest star; 5 where there is none within the wider tolerance.
+
+    `known` says that its bits are set.
+    """
+    a, b, c = template[row, ALONG], sign * template[row, ACROSS], sign * template[row, APART]
+    x = a * axes[0, 0] + b * axes[1, 0] + c * axes[2, 0]
+    y = a * axes[0, 1] + b * axes[1, 1] + c * axes[2, 1]
+    z = a * axes[0, 2] + b * axes[1, 2] + c * axes[2, 2]
+    level = int(template[row, LEVEL])
+    if level < levels.reach.shape[0]:
+        if known or noted(levels.words[level], cell_of(template[row, HALF], x, y, z)) != 0:
+            return nearest_chord2(levels, sky.stars, spots.depth, x, y, z)
+        return 5.0
+    s = nearest_star(sky.stars, sky.cells, x, y, z, template[row, LOOSE2], -FAINT, spots.depth + FAINT)
+    if s < 0:
+        return 5.0
+    return float((sky.stars[s, 0] - x) ** 2 + (sky.stars[s, 1] - y) ** 2 + (sky.stars[s, 2] - z) ** 2)
+
+
+@kernel
+def seen(rows: int, bits: int, spots: Spots, sky: SkyArrays, levels: Levels, template: Matrix, axes: Matrix) -> int:
+    """Of the bits that `ask` has set for the first rows those whose spot has a star within the wider tolerance."""
+    kept = 0
+    for row in range(rows):
+        for way in range(2):
+            bit = 1 << (row + TURNED * way)
+            if bits & bit != 0:
+                d2 = distance2(template, row, True, spots, sky, levels, axes, 1.0 - 2.0 * way)
+                kept |= bit if d2 < template[row, LOOSE2] else 0
+    return kept
+
+
+@kernel
+def least_matches(template: Matrix, spots: int, best: Vector) -> int:
+    """How many of the spots must find a star, were all as close as the tighter tolerance, to be better than `best`."""
+    surest = 0.0
+    for row in range(spots):
+        surest = min(surest, template[row, LOG_TIGHT])
+    tried = math.log(best[TRIED] + 1.0)
+    for count in range(LEAST_FOUND, spots):
+        if tried + log_choices(float(spots), float(count)) + count * surest < best[CHANCE]:
+            return count
+    return spots
+
+
+@kernel
+def judge(
+    asked: Asked,
+    where: int,
+    spots: Spots,
+    sky: SkyArrays,
+    levels: Levels,
+    template: Matrix,
+    axes: Matrix,
+    sign: float,
+    best: Vector,
+) -> bool:
+    """Count the stars of all spots under one attitude, with both tolerances; whether it is the best so far."""
+    n = spots.points.shape[0] - 2
+    loose, tight, log_loose, log_tight = 0, 0, 0.0, 0.0
+    for row in range(n):
+        if (row == asked.then and loose < asked.least) or loose + n - row < asked.needed:
+            return False
+        if row < asked.then and (where >> row) & 1 == 0:
+            continue
+        d2 = distance2(template, row, row < asked.then, spots, sky, levels, axes, sign)
+        if d2 < template[row, LOOSE2]:
+            loose, log_loose = loose + 1, log_loose + template[row, LOG_LOOSE]
+            if d2 < template[row, TIGHT2]:
+                tight, log_tight = tight + 1, log_tight + template[row, LOG_TIGHT]
+    if loose < asked.needed:
+        return False
+    better, tried = False, math.log(best[TRIED])
+    chance = tried + log_choices(float(n), float(loose)) + log_loose
+    if chance < best[CHANCE]:
+        better, best[CHANCE], best[SHEAR] = True, chance, spots.shears[0]
+    chance = tried + log_choices(float(n), float(tight)) + log_tight
+    if tight >= LEAST_FOUND and chance < best[CHANCE]:
+        better, best[CHANCE], best[SHEAR] = True, chance, spots.shears[1]
+    return better
+
+
+@kernel
+def try_block(asked: Asked, count: int, scale: float, spots: Spots, sky: SkyArrays, levels: Levels, work: Work) -> None:
+    """Try the first `count` pairs of stars of a block, whose template the first spots have; sets `best`."""
+    n, template, found, frames, best = spots.points.shape[0] - 2, work.template, work.found, work.frames, work.best
+    for k in range(count):
+        found[k] = 0
+    for row in range(asked.first):
+        ask(template, row, levels, frames, 0, count, found)
+    whole = False
+    for k in range(count):
+        axes, found[k] = frames[k], found[k] & work.allowed[k]
+        if found[k] != 0 and asked.first < asked.then:
+            found[k] = seen(asked.first, found[k], spots, sky, levels, template, axes)
+        if found[k] == 0:
+            continue
+        for row in range(asked.first, asked.then):
+            ask(template, row, levels, frames, k, k + 1, found)
+        bits = found[k] & work.allowed[k]
+        straight, turned = bits & ((1 << TURNED) - 1), bits >> TURNED
+        if max(count_bits(straight), count_bits(turned)) < asked.least:
+            continue
+        if not whole:
+            write_template(spots, levels, scale, work.own, work.order, asked.then, n, template)
+            whole = True
+        if count_bits(straight) >= asked.least and judge(
+            asked, straight, spots, sky, levels, template, axes, 1.0, best
+        ):
+            best[BEST_PAIR], best[SIGN] = work.pair[k], 1.0
+        if count_bits(turned) >= asked.least and judge(asked, turned, spots, sky, levels, template, axes, -1.0, best):
+            best[BEST_PAIR], best[SIGN] = work.pair[k], -1.0
+
+
+@kernel
+def try_scaled_pair(spots: Spots, sky: SkyArrays, levels: Levels, i: int, j: int, work: Work) -> None:
+    """The best attitude of one pair of spots: sets `best` where it is better than that was."""
+    points, n, template, best = spots.points, spots.points.shape[0] - 2, work.template, work.best
+    x, y, u, v = points[i, 0], points[i, 1], points[j, 0], points[j, 1]
+    cosine = (1.0 + x * u + y * v) / math.sqrt((1.0 + x * x + y * y) * (1.0 + u * u + v * v))
+    angle = math.acos(min(1.0, cosine))
+    low, high = math.cos(angle * (1.0 + spots.focal_range)), math.cos(angle * (1.0 - spots.focal_range))
+    first, last = k_range(sky.cosines, sky.k, sky.line, low, high)
+    fainter, serves_to, scale, count = spots.magnitude[j] - spots.magnitude[i], -2.0, 1.0, 0
+    nearest_first(points, i, j, work.order)
+    frame_of_pair(spots, i, j, scale, work.own)
+    write_template(spots, levels, scale, work.own, work.order, 0, n, template)
+    write_chances(spots, n, template)
+    needed = least_matches(template, n, best)
+    few = n + 2 <= FEW_SPOTS
+    asked = Asked(n if few else ASKED, n if few else ASKED_AGAIN, needed if few else LEAST_AGAIN, needed)
+    for pair in range(first, last):
+        p, q = sky.pairs[pair, 0], sky.pairs[pair, 1]
+        a, c = sky.stars[p], sky.stars[q]
+        step = c[3] - a[3]
+        straight, crossed = abs(step - fainter) <= spots.contrast, abs(step + fainter) <= spots.contrast
+        if not spots.known < max(a[3], c[3]) <= spots.faintest or not (straight or crossed):
+            continue
+        if sky.cosines[pair] > serves_to or count == BLOCK:  # they ascend
+            try_block(asked, count, scale, spots, sky, levels, work)
+            count = 0
+        if sky.cosines[pair] > serves_to:
+            angle = math.acos(sky.cosines[pair]) * (1.0 - spots.half_step)
+            serves_to = math.cos(angle * (1.0 - spots.half_step))
+            scale = scale_of_pair(points, i, j, angle)
+            frame_of_pair(spots, i, j, scale, work.own)
+            write_template(spots, levels, scale, work.own, work.order, 0, asked.then, template)
+        best[TRIED] += straight + crossed
+        work.pair[count] = pair
+        work.allowed[count] = straight * ((1 << TURNED) - 1) + (crossed * ((1 << TURNED) - 1) << TURNED)
+        frame_of_directions(a[0], a[1], a[2], c[0], c[1], c[2], work.frames[count])
+        count += 1
+    try_block(asked, count, scale, spots, sky, levels, work)
+
+
+@kernel
+def try_pairs(spots: Spots, sky: SkyArrays, levels: Levels, pairs: Codes, start: int, enough: float, work: Work) -> int:
+    """Try pairs of spots (p, 2) from `start` on until one has a chance below `enough`: which, or p; sets `best`."""
+    for number in range(start, pairs.shape[0]):
+        work.best[CHANCE] = enough
+        try_scaled_pair(spots, sky, levels, pairs[number, 0], pairs[number, 1], work)
+        if work.best[CHANCE] < enough:
+            return number
+    return int(pairs.shape[0])
+
+
+@kernel
+def read_best(spots: Spots, sky: SkyArrays, i: int, j: int, work: Work, A: Matrix, star: Codes) -> float:
+    """Write the attitude (3, 3) of the best and each spot's star (m,), -1 for none; returns its scale."""
+    pair, sign, shear = int(work.best[BEST_PAIR]), work.best[SIGN], work.best[SHEAR]
+    p, q = sky.pairs[pair, 0], sky.pairs[pair, 1]
+    seen, true, v, w = work.own, work.frames[0], sky.stars[p], sky.stars[q]
+    scale = scale_of_pair(spots.points, i, j, math.acos(sky.cosines[pair]))
+    frame_of_pair(spots, i, j, scale, seen)
+    frame_of_directions(v[0], v[1], v[2], w[0], w[1], w[2], true)
+    for axis in range(3):  # normed here, as their lengths agree to the accuracy of the scale alone
+        own2 = seen[axis, 0] ** 2 + seen[axis, 1] ** 2 + seen[axis, 2] ** 2
+        weight = 1.0 / math.sqrt(own2 * (true[axis, 0] ** 2 + true[axis, 1] ** 2 + true[axis, 2] ** 2))
+        for r in range(3):
+            for k in range(3):
+                before = 0.0 if axis == 0 else A[r, k]
+                A[r, k] = before + (weight if axis == 0 else sign * weight) * seen[axis, r] * true[axis, k]
+    m2 = seen[0, 0] ** 2 + seen[0, 1] ** 2 + seen[0, 2] ** 2
+    for k in range(spots.points.shape[0]):
+        x, y = scale * spots.points[k, 0], scale * spots.points[k, 1]
+        z = 1.0 / math.sqrt(1.0 + x * x + y * y)
+        x, y = x * z, y * z
+        t2 = tolerance2(spots, (seen[0, 0] * x + seen[0, 1] * y + seen[0, 2] * z) ** 2 / m2, m2, shear)
+        star[k] = nearest_star(
+            sky.stars,
+            sky.cells,
+            A[0, 0] * x + A[1, 0] * y + A[2, 0] * z,
+            A[0, 1] * x + A[1, 1] * y + A[2, 1] * z,
+            A[0, 2] * x + A[1, 2] * y + A[2, 2] * z,
+            t2,
+            -FAINT,
+            spots.depth + FAINT,
+        )
+    star[i], star[j] = (p, q) if sign > 0.0 else (q, p)
+    return scale

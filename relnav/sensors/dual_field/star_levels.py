@@ -1,0 +1,126 @@
+"""Where stars are near, at a look: for a search that asks it of a million directions with one of a few tolerances.
+
+A cell of the sphere has three bits of a hashed table for each tolerance. Where they are set the stars about the cell
+are listed, and their distances decide.
+"""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from relnav.arrays import Codes, Matrix, Vector
+from relnav.codegen.kernel import kernel
+from relnav.sensors.dual_field.pair_table import Indices
+from relnav.sensors.dual_field.sky import Stars, cell_of, touched
+
+WORDS, BUCKETS = 1 << 16, 1 << 17
+"""Words of a table, half a megabyte, and lists of stars, named by the upper bits of `sky.place_of`. A cell has three
+bits of one word, one of each sixteen (a blocked Bloom filter: Putze, Sanders and Singler 2007), so that chance sets
+those of one cell in a hundred."""
+
+PADDED, BESIDE = 1.05, 0.3
+"""A table is made for tolerances wider by this, and for directions beside the sphere by so many of them: what is looked
+up is not normed."""
+
+FINEST = 200.0
+"""Cells along each axis of the grid that lists stars, at the most: there are fewer stars than it has cells."""
+
+
+class Levels(NamedTuple):
+    """Where the stars of a sky are.
+
+    Attributes
+    ----------
+    words, reach, half : (l + 1, WORDS), (l,), (l,)
+        A table of bits for each of some growing tolerances, rad, and half as many cells as along an axis. The last
+        table says of everything that a star may be near.
+    begin, star : (BUCKETS + 1,), (s,)
+        Rows of the stars within the largest tolerance of a cell, cells hashed: where a list begins, and all lists.
+    wide : float
+        Half as many cells as along an axis of that grid.
+    """
+
+    words: Codes
+    reach: Vector
+    half: Vector
+    begin: Indices
+    star: Indices
+    wide: float
+
+
+@lru_cache(maxsize=8)
+def levels_for(stars: Stars, reach_rad: tuple[float, ...]) -> Levels:
+    """Tables of some stars for tolerances that ascend, made once."""
+    reach, places = PADDED * np.array(reach_rad), np.empty(8, dtype=np.int64)
+    words = np.zeros((len(reach) + 1, WORDS), dtype=np.int64)
+    words[-1] = -1
+    for near, far in zip(words[:-1], reach, strict=True):
+        note_near(stars.arrays, 0.5 / far, far, near, places)
+    far = float(reach[-1])
+    wide = 0.5 * min(FINEST, 1.0 / far)
+    begin = np.zeros(BUCKETS + 1, dtype=np.int32)
+    count_touched(stars.arrays, wide, far, begin, places)
+    begin = np.cumsum(begin, dtype=np.int32)
+    star = np.empty(int(begin[-1]), dtype=np.int32)
+    fill_touched(stars.arrays, wide, far, begin[:-1].copy(), star, places)
+    return Levels(words, np.array(reach_rad), 0.5 / reach, begin, star, wide)
+
+
+@kernel
+def word_and_bits(place: int) -> tuple[int, int, int, int]:
+    """Which word of a table a cell has, and which three of its bits: `place` as of `sky.place_of`."""
+    return place >> 47, (place >> 43) & 15, 16 + ((place >> 39) & 15), 32 + ((place >> 35) & 15)
+
+
+@kernel
+def noted(words: Codes, place: int) -> int:
+    """1 where a star may be near a cell, else 0; `place` as of `sky.place_of`."""
+    word, a, b, c = word_and_bits(place)
+    bits = words[word]
+    return int((bits >> a) & (bits >> b) & (bits >> c) & 1)
+
+
+@kernel
+def bucket_of(place: int) -> int:
+    """Which list of stars a cell has."""
+    return place >> 46
+
+
+@kernel
+def note_near(stars: Matrix, half: float, reach: float, words: Codes, places: Codes) -> None:
+    """Note all cells, 2 `half` along each axis, that have a point of the sphere within reach of a star; places (8,)."""
+    for s in range(stars.shape[0]):
+        for k in range(touched(stars[s], half, reach, BESIDE * reach, places)):
+            word, a, b, c = word_and_bits(places[k])
+            words[word] |= (1 << a) | (1 << b) | (1 << c)
+
+
+@kernel
+def count_touched(stars: Matrix, half: float, reach: float, count: Indices, places: Codes) -> None:
+    """Add up in count (BUCKETS + 1,), from its second entry on, how many stars each list gets; places (8,) scratch."""
+    for s in range(stars.shape[0]):
+        for k in range(touched(stars[s], half, reach, BESIDE * reach, places)):
+            count[1 + bucket_of(places[k])] += 1
+
+
+@kernel
+def fill_touched(stars: Matrix, half: float, reach: float, begin: Indices, out: Indices, places: Codes) -> None:
+    """Write those lists, each from its place in begin (BUCKETS,) on, which is moved."""
+    for s in range(stars.shape[0]):
+        for k in range(touched(stars[s], half, reach, BESIDE * reach, places)):
+            bucket = bucket_of(places[k])
+            out[begin[bucket]] = s
+            begin[bucket] += 1
+
+
+@kernel
+def nearest_chord2(levels: Levels, stars: Matrix, depth: float, x: float, y: float, z: float) -> float:
+    """Square of the distance of the nearest listed star not fainter than `depth`; 5 where none is listed."""
+    bucket, best2 = bucket_of(cell_of(levels.wide, x, y, z)), 5.0
+    for item in range(levels.begin[bucket], levels.begin[bucket + 1]):
+        v = stars[levels.star[item]]
+        d2 = (v[0] - x) ** 2 + (v[1] - y) ** 2 + (v[2] - z) ** 2
+        if d2 < best2 and v[3] <= depth:
+            best2 = d2
+    return float(best2)
