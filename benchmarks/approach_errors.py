@@ -29,7 +29,7 @@ def main() -> None:
             print(f"  {quantity:<10} rms {reached:.4f} {unit:<4} published {published:g} {unit}")
         print(f"  position   rms {np.array2string(state[:3] * 1e3, precision=2)} mm")
         print(f"  velocity   rms {np.array2string(state[3:] * 1e3, precision=3)} mm/s")
-        print(f"  mean NEES {nees.mean():.2f} (6 for an honest covariance)\n  {solution.nis_consistency()}")
+        print(f"  mean NEES {nees.mean():.2f} (6 for a correct covariance)\n  {solution.nis_consistency()}")
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ def main(runs: int = 16) -> None:
     table = relnav.campaign("three_beacon_psd", runs=int(runs), seed=7, dispersions=scenario)
     nees = np.array(table.column("final_nees"))
     print(f"{table.num_rows} runs, all flown: {set(table.column('status').to_pylist()) == {0}}")
-    print(f"mean NEES at the end {nees.mean():.1f}; an honest covariance gives 6 +- {np.sqrt(12.0 / len(nees)):.1f}")
+    print(f"mean NEES at the end {nees.mean():.1f}; a correct covariance gives 6 +- {np.sqrt(12.0 / len(nees)):.1f}")
 
 
 if __name__ == "__main__":

@@ -231,9 +231,9 @@ class Model:
 
     @property
     def lasting_spot_sigma_m(self) -> float:
-        """1-sigma of the error of a spot coordinate that lasts, as far as the filter considers it.
+        """1-sigma of the constant error of a spot coordinate, as far as the filter considers it.
 
-        What a calibration leaves; without one the detector's distortion, if tolerances are considered.
+        The residual of a calibration; without one the detector's distortion, if tolerances are considered.
         """
         if self.calibration is not None:
             return self.calibration.residual_sigma_m
@@ -243,7 +243,7 @@ class Model:
 
     @property
     def considered(self) -> str:
-        """Which lasting errors the filter's covariance includes, in words; empty if none."""
+        """Which constant errors the filter's covariance includes, in words; empty if none."""
         tolerances = self.tolerances is not None and self.tolerances.considered
         spots = "what the calibration leaves" if self.calibration is not None else "distortion of the detector"
         names = [spots] if self.lasting_spot_sigma_m > 0.0 else []
@@ -251,7 +251,7 @@ class Model:
 
     @property
     def spot_sigma_m(self) -> float:
-        """1-sigma of a spot coordinate that a filter works with: its noise, and its lasting error."""
+        """1-sigma of a spot coordinate that a filter works with: its noise, and its constant error."""
         return float(np.hypot(self.sensor.spot_noise_m, self.lasting_spot_sigma_m))
 
     def corrected(self, spots_m: Stack) -> Stack:

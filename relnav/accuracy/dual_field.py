@@ -60,7 +60,7 @@ def measure(
 
 def _note(name: str, runs: FieldRuns) -> str:
     solved = f"{runs.solved} of {runs.frames} frames solved, {runs.wrong} wrong, {runs.stars:.1f} stars in the mean"
-    return f"{name}: {solved}; NEES {runs.nees:.3f} (3 for an honest covariance)"
+    return f"{name}: {solved}; NEES {runs.nees:.3f} (3 for a correct covariance)"
 
 
 def _rms_note(runs: FieldRuns) -> str:

@@ -44,7 +44,7 @@ BEYOND_SIGMAS, SILENT_S, NEAR_S = 5.0, 1.0, 3.0
 ATTITUDE_TOLD_RAD = math.radians(0.05)
 FROM_S = (60.0, 230.0)
 """Between these a fault begins."""
-DRAWN, BUILT, TOLD = "as drawn", "as built", "as built, error told"
+DRAWN, BUILT, TOLD = "as drawn", "as built", "as built, error stated"
 _UNSEEN = {Fault.FOCAL_LENGTH, Fault.PLACED}
 NOT_OBSERVABLE = {(DRAWN, Fault.LATE), *((flown, fault) for flown in (DRAWN, BUILT) for fault in _UNSEEN)}
 """What images cannot tell (`docs/validation.md` proves it); told as a tolerance it is in the covariance."""
@@ -112,7 +112,7 @@ class FaultsReport:
     def lines(self) -> list[str]:
         """For a reader."""
         out = [
-            f"model {self.model}, {self.runs} runs of 300 s a row, seed {self.seed}: faults that last",
+            f"model {self.model}, {self.runs} runs of 300 s a row, seed {self.seed}: persistent faults",
             "silent: 1 s or more beyond 5 sigma and nothing flagged within 3 s; recovery: median and longest",
         ]
         flown = ""

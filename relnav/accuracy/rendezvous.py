@@ -247,12 +247,12 @@ def _left(points: Sequence[Checkpoint], vehicle: Vehicle) -> dict[str, float]:
 
 def _lines(shares: dict[str, Vector], left: dict[str, float]) -> tuple[str, ...]:
     told = [
-        f"{name} told {100.0 * place:.0f} % of what was learnt of position, {100.0 * target:.0f} % of the target's "
-        f"attitude and {100.0 * chaser:.0f} % of the chaser's"
+        f"{name}: {100.0 * place:.0f} % of the information about position, {100.0 * target:.0f} % about the target's "
+        f"attitude, {100.0 * chaser:.0f} % about the chaser's"
         for name, (place, target, chaser) in shares.items()
     ]
     learnt = [
-        f"{name}: {'considered' if share != share else f'{100.0 * share:.0f} % of its 1-sigma is left'}"
+        f"{name}: {'considered' if share != share else f'{100.0 * share:.0f} % of its stated 1-sigma remains'}"
         for name, share in left.items()
     ]
     return (*told, *learnt)
@@ -313,8 +313,8 @@ def measure(
                 )
         rows += _error_rows(points, APPROACH, range_m)
     for range_m, points in zip(RANGES_M, by_range, strict=True):
-        rows += _honesty_rows(points, vehicle, "honesty, truth of its own", range_m, two_sided=False)
-    rows += _honesty_rows(believed, vehicle, "honesty, truth as believed", short.final_m, two_sided=True)
+        rows += _honesty_rows(points, vehicle, "consistency, truth of its own", range_m, two_sided=False)
+    rows += _honesty_rows(believed, vehicle, "consistency, truth as stated", short.final_m, two_sided=True)
     for name, points in without_one.items():
         rows += _error_rows(points, f"{name}, from {short.start_m:g} m", short.final_m)
     shares, left = _shares(told), _left(by_range[-1], vehicle)

@@ -172,17 +172,17 @@ class AccuracyReport:
     Attributes
     ----------
     model, runs, seed : str, int, int
-        Its name, flights of each kind, and the seed of everything random.
+        Name of the model, flights of each kind, and random seed.
     rows : tuple of Row
-        Errors of every way by range, beside the claims.
+        Errors of every method by range, and the claims.
     consistency : tuple of ConsistencyRow
-        Whether each filter's covariance is honest.
+        Whether each filter's covariance is consistent.
     settled : tuple of SettledRow
         Where each filter settles that holds a range.
     attitude_sigma_rad : float
-        Error of the camera's attitude that the model states, and every row leaves out (`noise_alone`).
+        Attitude error of the camera that the model states; no row includes it (`noise_alone`).
     envelopes : dict
-        By way: true range (n,) m, rms error (n, 3) and rms reported sigma (n, 3) over the runs, of (range m, azimuth
+        By method: true range (n,) m, rms error (n, 3) and rms reported sigma (n, 3) over the runs, of (range m, azimuth
         rad, elevation rad).
     """
 

@@ -144,7 +144,7 @@ class RunSummary:
         if not self.alarmed:
             return ""
         if self.alarms[Alarm.UNWATCHED]:
-            return "not watched for faults that last: this engine has no monitors"
+            return "not monitored for persistent faults: this engine has no monitors"
         names = ", ".join(f"{one.name} {self.alarms[one]}" for one in Alarm if self.alarms[one])
         return (
             f"ALARM in {self.alarmed} epochs, {self.alarm_first_s:.12g} s to {self.alarm_last_s:.12g} s "

@@ -134,7 +134,7 @@ def _exact_rows(model: VisionMission, range_m: float, runs: int, seed: int) -> l
         information(
             "NEES over 6",
             EXACT,
-            f"{at}, an honest covariance has 1 +- {allowed:.2f}",
+            f"{at}, a correct covariance has 1 +- {allowed:.2f}",
             mean,
             "ratio",
             "mean",

@@ -70,13 +70,13 @@ def _attitude_rows(
         information(
             "NEES over 6",
             name,
-            f"honest: 1 +- {allowed:.2f}",
+            f"consistent: 1 +- {allowed:.2f}",
             nees,
             "ratio",
             "mean",
             met=abs(nees - 1.0) <= allowed,
         ),
-        information("NIS over 3", name, "honest: 1 +- 0.05", nis, "ratio", "mean", met=abs(nis - 1.0) <= 0.05),
+        information("NIS over 3", name, "consistent: 1 +- 0.05", nis, "ratio", "mean", met=abs(nis - 1.0) <= 0.05),
     ]
 
 

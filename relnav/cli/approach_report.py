@@ -29,7 +29,7 @@ def report_lines(report: "AccuracyReport") -> list[str]:
             f"spots filter: of noise alone, its attitude taken as exact; the {left_out:g} deg of attitude.sigma_deg, "
             "which a track contains in azimuth and elevation, are left out"
         )
-    lines.append("consistency, state NEES over runs, epoch by epoch (honest: 95 % of epochs inside the 95 % band)")
+    lines.append("consistency, state NEES over runs, epoch by epoch (consistent: 95 % of epochs in the 95 % band)")
     for entry in report.consistency:
         good = "not overconfident" if entry.one_sided or entry.lasting else "consistent"
         verdict = good if entry.consistent else "NOT consistent"

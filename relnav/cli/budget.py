@@ -22,7 +22,7 @@ from relnav.cli.printing import OutputPath, say
 @click.option("--plot", type=OutputPath(), help="Draw the budget by range, .png, .pdf or .svg.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(model: str, settings: tuple[str, ...], json_path: Path | None, plot: Path | None, quiet: bool) -> None:
-    """Error budget of MODEL: every imperfection's share by analysis, before anything is built.
+    """Error budget of MODEL: the contribution of every source of error, by analysis.
 
     Keys of --set are those of the model's file, in any fitting unit: focal_length_mm=80, or sensor.focal_length_mm=80.
     """

@@ -186,4 +186,4 @@ def _telling(view: LiveView) -> Callable[[str], None]:
 
 
 def _left_out(count: int) -> list[str]:
-    return [f"{count} row{'s' if count > 1 else ''} left out, told above"] if count else []
+    return [f"{count} row{'s' if count > 1 else ''} left out, reported above"] if count else []

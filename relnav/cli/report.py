@@ -15,14 +15,14 @@ _page, _log, _limits = map(OptionsOf, ("Page", "Run", "Your limits, drawn and co
 
 @click.command(cls=GroupedCommand, epilog="Example: relnav report track.csv --out run.html")
 @click.argument("source", type=InputPath(folders=True))
-@_page("--out", type=OutputPath(), required=True, help="Page to write, .html; it asks no network for anything.")
+@_page("--out", type=OutputPath(), required=True, help="Page to write, .html; it needs no network.")
 @_log(
     "--model",
     type=ModelName(*FLOWN),
-    help="What was flown, if SOURCE does not say it, or to filter SOURCE as a log.",
+    help="Model of SOURCE if SOURCE does not name it, or with which SOURCE is filtered as a log.",
 )
 @_log("--method", type=click.Choice(["fix", "spots"]), help="To filter a log: as for `relnav filter`.")
-@_log("--smooth", is_flag=True, help="To filter a log: run backward too.")
+@_log("--smooth", is_flag=True, help="To filter a log: add a backward pass.")
 @_limits(
     "--corridor-deg",
     type=click.FloatRange(min=0.0, max=80.0, min_open=True),
@@ -61,7 +61,7 @@ def command(
     capture_deg: float,
     quiet: bool,
 ) -> None:
-    """Show SOURCE on one page: a track, an accuracy report (.json), a campaign's folder, or a log with its --model.
+    """Write a page of SOURCE: a track, an accuracy report (.json), a campaign's folder, or a log with its --model.
 
     A track is .csv or .parquet. A log is filtered first: its page shows innovations and gates, which a track does not
     hold.

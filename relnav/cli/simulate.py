@@ -25,12 +25,12 @@ _output, _flight, _images, _scenario = map(OptionsOf, ("Output", "Flight", "Imag
 @_output("--out", required=True, type=OutputPath(), help="Log to write, .csv or .parquet.")
 @_output("--truth", type=OutputPath(), help="True states to write, .csv or .parquet.")
 @_flight("--seed", default=0, show_default=True, type=click.IntRange(min=0), help="The same seed, the same log.")
-@_flight("--duration", "duration_s", default=300.0, show_default=True, help="Length, s.")
+@_flight("--duration", "duration_s", default=300.0, show_default=True, help="Duration, s.")
 @_flight("--rate", "rate_hz", default=10.0, show_default=True, help="Images a second.")
 @_images("--dropout", default=0.0, show_default=True, help="Probability that a spot is not seen.")
 @_images("--outliers", default=0.0, show_default=True, help="Probability that a spot is a glint elsewhere.")
 @_flight("--start-range", "start_range_m", default=10.0, show_default=True, help="Start on the docking axis, m.")
-@_flight("--final-range", "final_range_m", default=4.0, show_default=True, help="Where the chaser holds, m.")
+@_flight("--final-range", "final_range_m", default=4.0, show_default=True, help="Range at which the chaser holds, m.")
 @_flight("--speed", "speed_m_s", default=0.03, show_default=True, help="Approach speed, m/s.")
 @_images(
     "--hide",
@@ -39,8 +39,8 @@ _output, _flight, _images, _scenario = map(OptionsOf, ("Output", "Flight", "Imag
     metavar="MARKER:FROM:TO",
     help="Marker models: hide one for a while, as in c:30:60 (s); as often as needed.",
 )
-@_flight("--j2", is_flag=True, help="Let the Earth be oblate.")
-@_flight("--air-density", "air_density_kg_m3", default=0.0, show_default=True, help="For drag, kg/m^3.")
+@_flight("--j2", is_flag=True, help="Include the Earth's oblateness (J2).")
+@_flight("--air-density", "air_density_kg_m3", default=0.0, show_default=True, help="Air density for drag, kg/m^3.")
 @_images("--received-power", is_flag=True, help="Spot noise by received power, with its 1-sigma as columns of the log.")
 @_images("--raw", is_flag=True, help="Write converter counts, a row a slot, by the model's [detector] and [pulses].")
 @_images(
@@ -49,7 +49,7 @@ _output, _flight, _images, _scenario = map(OptionsOf, ("Output", "Flight", "Imag
     help="Draw focal length, mountings, beacons or markers within the model's [tolerances] (by --seed).",
 )
 @_scenario("--scenario", "scenario_path", type=click.Path(path_type=Path), help="Fly a run of a scenario file instead.")
-@_scenario("--run", type=click.IntRange(min=0), help="Of a scenario: which run; the first if left out.")
+@_scenario("--run", type=click.IntRange(min=0), help="Run of the scenario; the first if left out.")
 @_scenario(
     "--set",
     "settings",

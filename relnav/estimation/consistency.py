@@ -15,16 +15,16 @@ SMALLER = "errors smaller than stated, no fault"
 
 @dataclass(frozen=True)
 class Consistency:
-    """A mean squared normalised error per degree of freedom, beside the interval it should lie in.
+    """A mean squared normalised error per degree of freedom, and the interval in which it should lie.
 
     Attributes
     ----------
     quantity : str
         "NIS" or "NEES".
     ratio : float
-        Sum over its degrees of freedom; 1 for an honest covariance, more if it is too small.
+        Sum over its degrees of freedom; 1 if the covariance is correct, more if it is too small.
     lower, upper : float
-        Interval that contains `ratio` with `probability` if the covariance is honest and the terms independent.
+        Interval that contains `ratio` with `probability` if the covariance is correct and the terms are independent.
     dof : int
         Degrees of freedom summed.
     probability : float
@@ -45,7 +45,7 @@ class Consistency:
 
     @property
     def overconfident(self) -> bool:
-        """Whether it lies above: the one fault. Below, the model allows for more than there was."""
+        """Whether the ratio exceeds the interval, a fault; below it errors are smaller than the model states."""
         return self.ratio > self.upper
 
     def __str__(self) -> str:

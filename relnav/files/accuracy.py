@@ -13,7 +13,7 @@ def measure_accuracy(
 ) -> Any:
     """Measure a sensor system against truth and against its paper.
 
-    For the three-beacon sensor: single shots, filters and smoothers of a mission.
+    For the three-beacon sensor: single images, filters and smoothers of a mission.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ def measure_accuracy(
     runs : int, optional
         Simulated runs (three-beacon: approaches of each of three campaigns); the system's own default if left out.
     seed : int
-        Of everything random: the same seed, the same report.
+        Random seed: the same seed, the same report.
     progress : callable, optional
         Called with the number of runs just done.
 

@@ -41,7 +41,7 @@ def write_accuracy_page(report: dict[str, Any], path: Path) -> None:
         own = [row for row in rows if str(row.get("method", "")) == method]
         parts.append(section(method or "Figures", *_figures(own)))
     if isinstance(consistency := report.get("consistency"), list):
-        parts.append(section("Is the covariance honest", table(_HONEST, map(_honest, consistency), (1, 2, 3))))
+        parts.append(section("Consistency of the covariance", table(_HONEST, map(_honest, consistency), (1, 2, 3))))
     if notes := report.get("notes"):
         parts.append(section("Notes", table(("note",), [(note,) for note in notes])))
     lead = "Measured against truth that shares nothing with the filter, beside the figures of the paper."

@@ -52,7 +52,7 @@ def campaign(
     """Fly many approaches, each with random numbers of its own, and filter and score each.
 
     The figures depend on model, dispersions, seed and runs alone: not on workers, batches, or how often the campaign
-    was stopped and taken up again.
+    was interrupted.
 
     Parameters
     ----------

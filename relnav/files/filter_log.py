@@ -82,7 +82,7 @@ def filter_log(
     projection : {"perspective", "parallel"}, optional
         As for `Navigator`.
     smooth : bool
-        Run backward too: every state then rests on all measurements of its unbroken piece of track.
+        Add a backward pass: every state is then estimated from all measurements of its segment of the track.
     engine : {"compiled", "filterpy"}
         As for `Navigator` and `PoseNavigator`: the second is for comparison. It does not read raw logs; of markers it
         neither takes late images nor smooths.
@@ -99,9 +99,9 @@ def filter_log(
     LogError
         If the log cannot be read; names file, line and column.
     ModelError
-        If the model cannot be loaded, or does not fly.
+        If the model cannot be loaded, or is not one of beacons or markers.
     UsageError
-        For a keyword that a marker model has no use for, or an engine that cannot do what is asked.
+        For a keyword that does not apply to a marker model, or that the engine does not support.
     """
     mission = flown(load_model(model) if isinstance(model, str) else model)
     if isinstance(mission, VisionMission):

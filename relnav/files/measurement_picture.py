@@ -71,7 +71,7 @@ def _draw_innovation(axis: Any, view: RunView, column: str) -> None:
 def _draw_nis(axis: Any, view: RunView) -> None:
     t, nis = view.thin.times(), view.line("nis")
     limit, usual = 10.0, ""
-    bounds = [(0.95, PUBLISHED, "95 % of honest images lie below")]
+    bounds = [(0.95, PUBLISHED, "95 % limit of a consistent filter")]
     if not math.isnan(view.gate_probability):
         bounds.append((view.gate_probability, GATE, f"gate, {100.0 * view.gate_probability:g} %"))
     for probability, colour, label in bounds:

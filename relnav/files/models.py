@@ -203,7 +203,7 @@ def flown(model: Any) -> Model | VisionMission:
 
 
 def load_published(model: Any) -> Published:
-    """Claims in the `published.toml` beside a model, and what we find of them; empty if there is no such file.
+    """Claims in the `published.toml` of a model, with our findings; empty if there is no such file.
 
     Parameters
     ----------

@@ -73,7 +73,7 @@ def _body(
     parts.append(section("Gate decisions and alarms", _events(view)))
     parts.append(section("Published figures", _claims(view)))
     parts.append(section("What the model assumed", _assumptions(model)))
-    parts.append(section("What the track says of itself", table(("key", "value"), view.metadata.items())))
+    parts.append(section("Metadata of the track", table(("key", "value"), view.metadata.items())))
     return "".join(parts)
 
 
@@ -205,7 +205,7 @@ def _spread(quantity: Quantity, where: str, times: float, view: RunView) -> dict
 def _nis(view: RunView) -> dict[str, Any]:
     lines: list[dict[str, Any]] = [{"column": "nis", "label": "NIS", "colour": "dots", "kind": "dots"}]
     limits = _limits(view)
-    names = {"nis_limit_95": ("95 % of honest images lie below", "published"), "nis_gate": ("gate", "gate")}
+    names = {"nis_limit_95": ("95 % limit of a consistent filter", "published"), "nis_gate": ("gate", "gate")}
     lines += [
         {"column": key, "label": names[key][0], "colour": names[key][1], "kind": "steps"}
         for key in limits

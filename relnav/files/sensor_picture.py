@@ -11,10 +11,10 @@ from relnav.vehicle.monitor import ALARM_SIGMA, FADES_S
 
 TIMELINE_TITLE = "Which sensor when"
 DEVIATION_TITLE = (
-    f"Squared innovations of some {FADES_S:g} s above what is expected, in the filter that watches: "
+    f"Squared innovations of some {FADES_S:g} s above what is expected, in the monitoring filter: "
     f"beyond {ALARM_SIGMA:g} sigma is an alarm"
 )
-NIS_TITLE = "NIS per degree of freedom before the gate, faded over ten observations; where errors last it wanders"
+NIS_TITLE = "NIS per degree of freedom before the gate, averaged over ten observations; constant errors make it drift"
 
 
 def draw_sensors(figure: Any, view: RunView) -> None:

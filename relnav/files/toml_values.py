@@ -34,7 +34,7 @@ class Problems:
         """Note one problem of the value at `section.key`; ModelError with all so far where they become too many."""
         self.lines.append(shown(f"{self.path}:{self._line(key_path)}: {shown(key_path, 80)}: {message}", 1000))
         if len(self.lines) == MOST_PROBLEMS:
-            self.lines.append(f"{self.path}: and perhaps more; only the first {MOST_PROBLEMS} are told")
+            self.lines.append(f"{self.path}: and perhaps more; only the first {MOST_PROBLEMS} are listed")
             self.raise_if_any()
 
     def raise_if_any(self) -> None:

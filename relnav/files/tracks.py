@@ -69,7 +69,8 @@ def write(
     Raises
     ------
     UsageError
-        For another ending, a folder that does not exist, a package that is missing, or a frame that cannot be.
+        For another ending, a folder that does not exist, a package that is missing, or a frame that the format does not
+        support.
     """
     if not isinstance(solution, Solution | PoseSolution):
         raise UsageError(f"a solution as relnav.filter_log returns it is expected; got a {type(solution).__name__}")

@@ -76,7 +76,7 @@ def _told(axis: Any, report: VehicleReport) -> None:
         axis.barh(LEARNT, 100.0 * share, left=begin, color=SERIES[number % len(SERIES)], height=0.6, label=name)
         begin = begin + 100.0 * share
     axis.invert_yaxis()
-    axis.set(xlabel="share of what was learnt, %", title="Who told it", xlim=(0.0, 100.0))
+    axis.set(xlabel="share of the information, %", title="Sources of information", xlim=(0.0, 100.0))
 
 
 def _bought(axis: Any, report: VehicleReport) -> None:

@@ -10,11 +10,11 @@ from relnav.files.run_view import PORTS, RunView
 from relnav.vehicle.monitor import ALARM_SIGMA, FADES_S
 
 SENSORS_SAID = (
-    f"Squared innovations of some {FADES_S:g} s above what is expected, in the filter that watches, in sigma: beyond "
-    f"{ALARM_SIGMA:g} is an alarm. NIS per degree of freedom, before the gate, is that of the filter itself, faded "
-    "over ten observations: one in the mean; where errors last it wanders."
+    f"Squared innovations of some {FADES_S:g} s above what is expected, in the monitoring filter, in sigma: beyond "
+    f"{ALARM_SIGMA:g} is an alarm. NIS per degree of freedom, before the gate, is that of the filter itself, averaged "
+    "over ten observations: its mean is one; constant errors make it drift."
 )
-TIMELINE_SAID = "Which sensor was used when, a mark for each row of the track in which something of it was believed."
+TIMELINE_SAID = "Which sensor was used when: a mark for each row of the track with an accepted observation."
 
 
 def vehicle_tiles(view: RunView) -> list[str]:

@@ -265,10 +265,10 @@ def filter_epochs(
     method, projection, engine
         As for `Navigator`.
     spot_sigma_m : (n, 3, 2), optional
-        1-sigma of each spot coordinate's noise; the model's if left out. Where it is NaN the last one stays. What a
-        calibration leaves comes on top.
+        1-sigma of each spot coordinate's noise; the model's if left out. Where it is NaN the last one stays. The
+        residual of a calibration is added.
     smooth : bool
-        Run backward too: every state then rests on all measurements of its unbroken piece of track.
+        Add a backward pass: every state is then estimated from all measurements of its segment of the track.
     progress : callable, optional
         Called with the number of epochs just done.
 

@@ -108,7 +108,7 @@ class PoseRecord:
 
     @property
     def status(self) -> EpochStatus:
-        """What became of the epoch."""
+        """Outcome of the epoch."""
         return EpochStatus(whole_at(self._memory, _AT["status"])[0])
 
     @property
@@ -306,6 +306,6 @@ class PoseSolution(Presented):
         return refused
 
     def nis_consistency(self, probability: float = 0.95) -> Consistency:
-        """NIS of the epochs that were used whole; rejected ones are counted, not averaged in."""
+        """NIS of the epochs whose spots were all accepted; the others are left out."""
         whole = (self.dof > 0) & ~self.refused
         return nis_consistency(self.nis[whole], self.dof[whole], probability)

@@ -37,7 +37,7 @@ whole_at: Callable[[bytes, int], tuple[int]] = Struct("q").unpack_from
 class FilterRecord:
     """State of the filter just after one epoch. It is a copy, and read-only: later steps do not change it.
 
-    SI units and radians; without a state yet they are NaN.
+    SI units and radians; NaN as long as there is no state.
     """
 
     __slots__ = ("_memory",)
@@ -77,7 +77,7 @@ class FilterRecord:
 
     @property
     def covariance(self) -> Matrix:
-        """Covariance of `state`, (6, 6), with what a calibration's lasting error adds."""
+        """Covariance of `state`, (6, 6), the constant error of a calibration included."""
         return np.ndarray((MOTION, MOTION), _FLOAT, self._memory, _COVARIANCE)
 
     @property
@@ -119,13 +119,13 @@ class FilterRecord:
     def innovation(self) -> Vector:
         """Measured minus predicted, (2 n,): two numbers a beacon, A'x, A'y, B'x, ... m, or range m, azimuth, elevation.
 
-        Angles are rad. Of everything that was seen, before the gate; NaN for the rest.
+        Angles are in rad. Of all measured spots, before the gate; NaN for the others.
         """
         return np.frombuffer(self._memory, _FLOAT, offset=REPORT.itemsize)
 
     @property
     def nis(self) -> float:
-        """Normalised innovation squared (NIS) of everything that was seen, before the gate; NaN if nothing was."""
+        """Normalised innovation squared (NIS) of all measured spots, before the gate; NaN if there were none."""
         return real_at(self._memory, _NIS)[0]
 
     @property
@@ -135,7 +135,7 @@ class FilterRecord:
 
     @property
     def status(self) -> EpochStatus:
-        """What became of the epoch."""
+        """Outcome of the epoch."""
         return EpochStatus(whole_at(self._memory, _AT["status"])[0])
 
     @property
@@ -145,17 +145,17 @@ class FilterRecord:
 
     @property
     def alarm(self) -> Alarm:
-        """What the monitors say: unless it is NONE (0) do not use the state."""
+        """Result of the monitors: unless it is NONE (0) do not use the state."""
         return Alarm(whole_at(self._memory, _AT["alarm"])[0])
 
     @property
     def rejected_streak(self) -> int:
-        """Consecutive epochs, up to this one, with at least half of what was seen rejected."""
+        """Consecutive epochs, up to this one, with at least half of the measured spots rejected."""
         return whole_at(self._memory, _AT["rejected"])[0]
 
     @property
     def accepted(self) -> bool:
-        """Whether everything that was seen was used."""
+        """Whether all measured spots were accepted."""
         return whole_at(self._memory, _AT["status"])[0] in (UPDATED, STARTED)
 
     def __repr__(self) -> str:
@@ -182,10 +182,10 @@ class Solution(Presented):
     state : (n, 6)
         Chaser relative to target, `lvlh_ccsds`.
     factor : (n, 21)
-        Covariance as L D L^T, with what a calibration's lasting error adds: the lower triangle of `ld`, row by row, D
+        Covariance as L D L^T, the constant error of a calibration included: the lower triangle of `ld`, row by row, D
         on its diagonal.
     innovation, nis, dof : (n, 2 beacons), (n,), (n,)
-        As in FilterRecord: of everything seen, before the gate.
+        As in FilterRecord: of all measured spots, before the gate.
     status, measurement_status : (n,)
         Codes of EpochStatus and Status.
     alarm : (n,)
@@ -195,11 +195,11 @@ class Solution(Presented):
     restarts : int
         How often a confirmed start replaced a locked-out track.
     smoothed : bool
-        Whether states and covariances rest on the measurements after them too; NIS is the filter's either way.
+        Whether states and covariances are smoothed; NIS is the filter's in either case.
     dcm_dock_from_lvlh, port_m, lever_lvlh_m : (3, 3), (3,), (n, 3) or (1, 3)
-        Docking frame, port and camera lever arm, from which `docking` is computed when asked for.
+        Docking frame, port and camera lever arm, from which `docking` is computed on request.
     metadata : dict
-        What else a reader should know (source file, the log's own metadata).
+        Further information (source file, the log's own metadata).
     """
 
     t_s: Vector
@@ -267,7 +267,7 @@ class Solution(Presented):
 
     @property
     def accepted(self) -> Flags:
-        """Whether everything that was seen at the epoch was used, (n,)."""
+        """Whether all measured spots of the epoch were accepted, (n,)."""
         used: Flags = (self.status == UPDATED) | (self.status == STARTED)
         return used
 
@@ -280,7 +280,7 @@ class Solution(Presented):
         return replace(self, **arrays)
 
     def nis_consistency(self, probability: float = 0.95) -> Consistency:
-        """NIS of the epochs that were used whole; rejected ones are counted, not averaged in."""
+        """NIS of the epochs whose spots were all accepted; the others are left out."""
         return nis_consistency(self.nis[self.accepted], self.dof[self.accepted], probability)
 
     def __len__(self) -> int:

@@ -67,15 +67,15 @@ class Hypothesis:
 class PoseNavigator:
     """Position, velocity, attitude and rate of chaser and target from marker spots, an epoch at a time.
 
-    `copy.deepcopy` and `pickle` give a navigator that goes on from the same state, bit for bit.
+    `copy.deepcopy` and `pickle` give a navigator that continues from the same state, bit for bit.
 
     Parameters
     ----------
     mission : VisionMission
         From `relnav.load_model("three_marker_vision")`.
     engine : {"compiled", "filterpy"}
-        Ours, or the same filter written a second time in numpy on filterpy's ExtendedKalmanFilter: a hundred times
-        slower, for comparison. It takes no late images, and its alarm says UNWATCHED.
+        relnav's own filter, or the same one written a second time in numpy on filterpy's ExtendedKalmanFilter: a
+        hundred times slower, for comparison. It takes no late images, and its alarm says UNWATCHED.
 
     Attributes
     ----------
@@ -120,7 +120,7 @@ class PoseNavigator:
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
-        """Every pose that is still possible, the most credible first."""
+        """Every pose that is still possible, the most likely first."""
         if self._reference is not None:
             return tuple(Hypothesis(one.state, one.score) for one in self._reference.bank)
         m = self._named
@@ -135,7 +135,7 @@ class PoseNavigator:
         rate_rad_s: ArrayLike,
         covariance: ArrayLike,
     ) -> None:
-        """Begin from a state that is known otherwise; without it the filter starts itself, on two images that agree.
+        """Start from a known state; without it the filter starts itself, on two images that agree.
 
         Parameters
         ----------
@@ -147,8 +147,7 @@ class PoseNavigator:
         Raises
         ------
         ValueError
-            For another shape, what is not finite, an attitude or a covariance that is none. The filter is then
-            unchanged.
+            For another shape, what is not finite, an invalid attitude or covariance. The filter is then unchanged.
         """
         t, motion, ld = start_values(t_s, state, covariance, POSE)
         attitude, rate = (
@@ -188,7 +187,7 @@ class PoseNavigator:
         attitude_noise_rad: float | None = None,
         attitude_sigma_rad: float | None = None,
     ) -> PoseRecord:
-        """Go on to t_s, and use the image that arrived there.
+        """Propagate to t_s, and process the image that arrived then.
 
         Parameters
         ----------
@@ -203,16 +202,17 @@ class PoseNavigator:
         dcm_chaser_from_lvlh : (3, 3), optional
             The chaser's attitude at the exposure (at t_s without an image); the model's held one if left out.
         chaser_rate_rad_s : (3,), optional
-            Its inertial rate, chaser axes, for the docking state, and to carry its attitude on from a late exposure to
-            t_s there; that of a chaser held in `lvlh_ccsds` if left out.
+            Its inertial rate, chaser axes, for the docking state, and to propagate its attitude from a late exposure to
+            t_s; that of a chaser held in `lvlh_ccsds` if left out.
         spot_covariance_px2 : (n, 2, 2), optional
             Of each spot; the camera's spot noise if left out. A spot whose covariance is not finite, symmetric and
             positive definite counts as not seen.
         attitude_noise_rad : float, optional
-            1-sigma about each axis of what is new in the chaser's attitude at the exposure; the model's if left out.
+            1-sigma about each axis of the part of the chaser's attitude error that is new at the exposure; the model's
+            if left out.
         attitude_sigma_rad : float, optional
-            And of what lasts in its error; the model's if left out. It stays one error, of another size: told anew at
-            every image it is not taken for noise.
+            And of its constant part; the model's if left out. It remains one error with another sigma: stated at every
+            image it is still not noise.
 
         Raises
         ------

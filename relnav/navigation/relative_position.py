@@ -47,14 +47,15 @@ class Navigator:
         From `relnav.load_model`.
     method : {"fix", "spots"}
         Measurement model: the closed form's range, azimuth and elevation, or the detector coordinates themselves. `fix`
-        needs three spots and makes no use of the camera's attitude, but refuses images that contradict a stated one by
-        more than its sigma explains. `spots` uses any of them and finds the angles ten times better, as long as the
-        attitude is right: its error goes into them, and the covariance includes what the model states of it.
+        needs three spots and does not use the camera's attitude, but rejects images that contradict a stated one by
+        more than its sigma explains. `spots` uses any number of them; its angles are ten times more accurate if the
+        attitude is exact. An attitude error is an error of the angles; the covariance includes the one that the model
+        states.
     projection : {"perspective", "parallel"}, optional
         Closed form of `fix` and of every start; the model's own if left out.
     engine : {"compiled", "filterpy"}
-        Ours, or the same filter written a second time in numpy on filterpy's ExtendedKalmanFilter: hundreds of times
-        slower, for comparison. Its alarm says UNWATCHED.
+        relnav's own filter, or the same one written a second time in numpy on filterpy's ExtendedKalmanFilter: hundreds
+        of times slower, for comparison. Its alarm says UNWATCHED.
 
     Attributes
     ----------
@@ -68,7 +69,7 @@ class Navigator:
 
     Notes
     -----
-    `copy.deepcopy` and `pickle` give a navigator that goes on from the same state, bit for bit.
+    `copy.deepcopy` and `pickle` give a navigator that continues from the same state, bit for bit.
 
     Examples
     --------
@@ -122,7 +123,7 @@ class Navigator:
             self.step = by_call  # type: ignore[method-assign]  # the same method
 
     def start(self, t_s: float, state: ArrayLike, covariance: ArrayLike) -> None:
-        """Begin from a state that is known otherwise: handed over by relative GPS, say, or by another filter.
+        """Start from a known state, such as that of relative GPS or of another filter.
 
         Without it the filter starts itself, on two images that agree.
 
@@ -136,7 +137,7 @@ class Navigator:
         Raises
         ------
         ValueError
-            For another shape, what is not finite, or a covariance that is none. The filter is then unchanged.
+            For another shape, what is not finite, or an invalid covariance. The filter is then unchanged.
         """
         t, x, ld = start_values(t_s, state, covariance, MOTION)
         if not t > self._named.clock["t"]:
@@ -185,7 +186,7 @@ class Navigator:
         attitude_noise_rad: float | None = None,
         attitude_sigma_rad: float | None = None,
     ) -> FilterRecord:
-        """Take one image, and return the state after it.
+        """Process one image, and return the state after it.
 
         Parameters
         ----------
@@ -195,9 +196,9 @@ class Navigator:
         spots_m : (3, 2)
             Detector coordinates of beacons A, B, C, m; NaN = not seen.
         image_t_s : float, optional
-            Middle of the exposure, at most the model's `longest_delay_s` before t_s: the image is taken in there, and
-            all that came after it done again. One that is later than that is not used (`TOO_LATE`). What else is
-            stated of the image, attitude and noise, is of the exposure too.
+            Middle of the exposure, at most the model's `longest_delay_s` before t_s: the image is inserted there, and
+            all later events are processed again. An image that is later than that is not used (`TOO_LATE`). Attitude
+            and noise of the call are those at the exposure too.
         acceleration_m_s2 : (3,), optional
             Commanded acceleration in `lvlh_ccsds`, held since the last step.
         delta_v_m_s : (3,), optional
@@ -205,13 +206,15 @@ class Navigator:
         dcm_cam_from_lvlh : (3, 3), optional
             Camera attitude now; the model's if left out.
         spot_sigma_m : (3, 2), optional
-            1-sigma of the spots' noise from now on; where it is NaN, or left out, the last one stays. What a
-            calibration leaves comes on top.
+            1-sigma of the spots' noise from now on; where it is NaN, or left out, the last one stays. The residual of a
+            calibration is added.
         attitude_noise_rad : float, optional
-            1-sigma about each axis of what is new in the attitude, from now on; the model's if never said.
+            1-sigma about each axis of the part of the attitude error that is new at each image, from now on; the
+            model's if never stated.
         attitude_sigma_rad : float, optional
-            1-sigma about each axis of what lasts in its error, from now on; the model's (`[attitude] sigma_deg`) if
-            never said. It stays one error, of another size: told anew at every image it is not taken for noise.
+            1-sigma about each axis of the constant part of the attitude error, from now on; the model's (`[attitude]
+            sigma_deg`) if never stated. It remains one error with another sigma: stated at every image it is still not
+            noise.
 
         Returns
         -------

@@ -33,7 +33,7 @@ LOST = -1
 
 
 class Alarm(IntFlag):
-    """What the monitors say beside an epoch: do not use the state unless it is NONE."""
+    """Result of the monitors at an epoch: do not use the state unless it is NONE."""
 
     NONE = 0
     """Nothing."""

@@ -79,7 +79,7 @@ NOT_IMPLIED = ImpliedPose(np.full((3, 3), np.nan), np.full((6, 6), np.nan))
 class Measurement:
     """Position of the sensor in the target's docking frame, from one image, and the attitude that the image implies.
 
-    What is not an attribute is computed when it is asked for. All of it is NaN unless `status` is OK.
+    What is not an attribute is computed on request. All of it is NaN unless `status` is OK.
 
     Attributes
     ----------

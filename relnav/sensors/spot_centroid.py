@@ -131,7 +131,7 @@ def centroid(
     readout : SpotImage
         Read-out of the detector: gain, noise, full scale.
     threshold : float
-        Subtracted, as a share of the peak; more where the noise asks for it.
+        Subtracted, as a share of the peak; more if the noise requires it.
     background : float, optional
         Counts; the median of the window's border if left out.
     dark : bool

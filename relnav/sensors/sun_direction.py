@@ -21,7 +21,7 @@ class SunDirection:
     direction : (3,)
         Unit vector toward the sun, in sensor axes (z boresight) unless `turned`; NaN unless `status` is OK.
     covariance : (3, 3)
-        Of `direction`, rank 2: nothing is said along the direction itself. NaN unless `status` is OK.
+        Of `direction`, rank 2: it is zero along the direction itself. NaN unless `status` is OK.
     status : Status
         Why there is no value, if there is none.
     """
@@ -83,7 +83,7 @@ class AttitudeObservation:
         Measured minus predicted, rad, across the predicted direction.
     jacobian : (2, 3)
         d(measured)/d(attitude error), the error being theta of dcm_body_true = exp(-[theta x]) dcm_body_predicted, as
-        everywhere (`relnav.geometry.rotation_vector`). Rank 2: a rotation about the sun line is never seen.
+        everywhere (`relnav.geometry.rotation_vector`). Rank 2: a rotation about the sun line is not observable.
     covariance : (2, 2)
         Of the innovation's noise, full rank.
     """
@@ -107,7 +107,7 @@ def attitude_observation(
     measured_body : SunDirection
         In body axes: `measured.turned(model.mounting.dcm_body_from_sensor)`.
     sun_inertial : (3,)
-        Where the ephemeris has the sun, unit vector (`relnav.dynamics.ephemeris.sun_direction`).
+        Direction of the sun by the ephemeris, unit vector (`relnav.dynamics.ephemeris.sun_direction`).
     dcm_body_from_inertial : (3, 3)
         Predicted attitude.
     sun_sigma_rad : float
@@ -116,8 +116,8 @@ def attitude_observation(
     Raises
     ------
     ValueError
-        If the measurement is none (its status says why), `sun_inertial` is not a unit vector, the attitude is no
-        rotation, or the sigma is none.
+        If the measurement has no value (its status says why), `sun_inertial` is not a unit vector, the attitude is not
+        a rotation, or the sigma is invalid.
     """
     sun, dcm = numbers("sun_inertial", sun_inertial), numbers("dcm_body_from_inertial", dcm_body_from_inertial)
     sigma = number("sun_sigma_rad", sun_sigma_rad)

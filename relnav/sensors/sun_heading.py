@@ -77,11 +77,11 @@ class GyroDrift:
     Attributes
     ----------
     offset_rad, drift_rad_s : float
-        What is to be added to the gyro's yaw at the first time, and how fast that grows.
+        Correction of the gyro's yaw at the first time, and its rate of change.
     covariance : (2, 2)
         Of both, rad^2, rad^2/s, rad^2/s^2.
     used : (n,)
-        Whether each yaw took part.
+        Whether each yaw was used in the fit.
     """
 
     offset_rad: float
@@ -93,7 +93,7 @@ class GyroDrift:
 def gyro_drift(t_s: ArrayLike, gyro_yaw_rad: ArrayLike, sun_yaw_rad: ArrayLike, sigma_rad: ArrayLike) -> GyroDrift:
     """Offset and drift of a gyro's yaw from yaws of the sun, (n,) each, weighted least squares.
 
-    One yaw after the other is left out while the worst is more than 5 sigma from the line through the rest.
+    Outliers are excluded one by one, as long as the worst is more than 5 sigma from the line through the others.
 
     Raises
     ------

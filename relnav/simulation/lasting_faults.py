@@ -19,7 +19,7 @@ class Fault(StrEnum):
     CLOCK = "clock jumps by 3 s"
     BIAS_SMALL = "one spot off by 3 sigma"
     BIAS_LARGE = "one spot off by 10 sigma"
-    ATTITUDE = "attitude off by 1 deg, told 0.05"
+    ATTITUDE = "attitude off by 1 deg, stated 0.05"
     LATE = "spots 0.5 s late"
     FOCAL_LENGTH = "focal length off by 1 %"
     PLACED = "one beacon off by 5 mm"

@@ -22,7 +22,7 @@ class VehicleNavigator:
     Attributes
     ----------
     vehicle, layout
-        What flies, and the blocks of its errors.
+        The vehicle, and the named blocks of the filter's errors.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class VehicleNavigator:
 
     @property
     def on_outcome(self) -> Callable[[Event, Outcome], None] | None:
-        """Called with every (event, outcome), again where it is done again: what became of each observation."""
+        """Called with every (event, outcome), and again whenever an event is processed again."""
         return self._filters.on_outcome
 
     @on_outcome.setter
@@ -78,20 +78,20 @@ class VehicleNavigator:
         self._filters.on_outcome = call
 
     def observe(self, sensor: str, t_s: float, value: Any, covariance: ArrayLike | None = None) -> Observed:
-        """Take an observation in, in any order within the replay window.
+        """Process an observation; any order is possible within the replay window.
 
         Parameters
         ----------
         sensor : str
             A sensor's name in the vehicle file, "gyro" or "thrust".
         t_s : float
-            When it was exposed; of a gyro sample or a command, from when on it holds.
+            Time of exposure; of a gyro sample or a command, the time from which it is valid.
         value
             Of lights, their spots (n, 2), m or px as the sensor's model has them, NaN = not seen. Of a star sensor, the
             StarSolution that its `measure` returns, or the quaternion (4,) of v_sensor = R v_inertial, scalar last. Of
-            a sun sensor, the SunDirection that its `measure` returns. Of a sensor of your own, what it takes. "gyro":
-            the mean rate (3,) rad/s over the sample's period. "thrust": the commanded acceleration (3,) m/s^2. Both in
-            chaser axes.
+            a sun sensor, the SunDirection that its `measure` returns. Of a sensor of your own, what its class expects.
+            "gyro": the mean rate (3,) rad/s over the sample's period. "thrust": the commanded acceleration (3,) m/s^2.
+            Both in chaser axes.
         covariance : optional
             Of its noise: (n, 2, 2) of spots, (3, 3) rad^2 in sensor axes of a star sensor; if left out, the solution's
             or the file's.
@@ -129,7 +129,7 @@ class VehicleNavigator:
         return self.propagate(time) if time > newest else self._estimate(self._timeline.before(time), time)
 
     def propagate(self, t_s: float) -> VehicleEstimate:
-        """What the estimate will be at t_s if nothing more is seen, at most 60 s ahead; the filter is left as it is.
+        """Prediction of the estimate at t_s, at most 60 s ahead; the filter is not changed.
 
         Raises
         ------

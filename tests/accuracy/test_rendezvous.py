@@ -34,7 +34,7 @@ def report():
 
 def test_it_is_honest(report):
     assert report.ok
-    rows = [row for row in report.rows if row.method.startswith("honesty")]
+    rows = [row for row in report.rows if row.method.startswith("consistency")]
     assert len(rows) == 11 * (len(RANGES_M) + 1)
     assert all("NEES/n" in row.statistic for row in rows)
 
@@ -48,7 +48,7 @@ def test_a_row_for_each_sensor_left_out(report):
 def test_stars_tell_of_the_chaser_and_lights_of_the_rest(report):
     told = {}
     for note in report.notes:
-        if match := re.match(r"(\w+) told (\d+) % .* (\d+) % of the target's attitude and (\d+) %", note):
+        if match := re.match(r"(\w+): (\d+) % of the .* (\d+) % about the target's attitude, (\d+) %", note):
             told[match[1]] = [int(share) for share in match.groups()[1:]]
     for k in range(3):
         assert sum(shares[k] for shares in told.values()) == pytest.approx(100, abs=3)

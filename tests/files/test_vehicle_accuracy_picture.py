@@ -33,7 +33,15 @@ def test_what_it_says(tmp_path):
     """Text of the picture: sensors, what is left, distances; what is considered is not among what could be seen."""
     draw_vehicle_accuracy(report(), tmp_path / "p.svg")
     text = (tmp_path / "p.svg").read_text()
-    for said in ("mine: 2 approaches, seed 7", ">gyro<", ">camera<", ">thrust.scale<", ">5<", ">10<", "Who told it"):
+    for said in (
+        "mine: 2 approaches, seed 7",
+        ">gyro<",
+        ">camera<",
+        ">thrust.scale<",
+        ">5<",
+        ">10<",
+        "Sources of information",
+    ):
         assert said in text
     assert "camera.mount" not in text
     assert "mathdefault" not in text

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 @click.option(
     "--model",
     type=ModelName("three_beacon"),
-    help="A model whose detector this is: for the share of its area that the grid covers.",
+    help="Model of this detector, for the share of its area that the grid covers.",
 )
-@click.option("--target", "target_um", default=10.0, show_default=True, help="Wanted 3-sigma of what is left, um.")
+@click.option("--target", "target_um", default=10.0, show_default=True, help="Required 3-sigma of the residual, um.")
 @click.option("--json", "json_path", type=OutputPath(), help="Write the figures as one JSON object.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
@@ -30,7 +30,7 @@ def command(
     """Fit a two-dimensional correction from GRID, a CSV of known and measured spots, one row a point.
 
     Columns of GRID: true_x_um, true_y_um, spot_x_um, spot_y_um (any length unit; an empty spot is not seen). The order
-    of the correction is chosen by cross-validation. Sizes are those of one axis; what is left is 3 x rms over the grid.
+    of the correction is chosen by cross-validation. Sizes are those of one axis; the residual is 3 x rms over the grid.
     """
     from relnav.errors import LogError, UsageError
     from relnav.files.atomic import Outputs, check_distinct, check_folder

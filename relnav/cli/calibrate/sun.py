@@ -43,9 +43,9 @@ MAP_SIDE = 7
     default="x",
     show_default=True,
     type=click.Choice(["x", "y"]),
-    help="Sensor axis along which the turntable's outer axis stands (columns outer, inner).",
+    help="Sensor axis that is parallel to the turntable's outer axis (columns outer, inner).",
 )
-@click.option("--incomplete", is_flag=True, help="Take a grid that lacks nodes.")
+@click.option("--incomplete", is_flag=True, help="Accept a grid with missing nodes.")
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0), help="Of the cross-validation.")
 @click.option(
     "--free",
@@ -74,11 +74,11 @@ def command(
     """Calibrate a sun sensor from MEASUREMENTS, a CSV table with one row a turntable position.
 
     Columns: alpha_deg, beta_deg (projection angles) or outer_deg, inner_deg (gimbal angles), in any angle unit;
-    spot_x_px, spot_y_px, empty where no spot was seen. In flight the angles are those that stars and ephemeris tell.
+    spot_x_px, spot_y_px, empty where no spot was seen. In flight the angles come from stars and ephemeris.
 
     A birefringent sensor (--model birefringent_sun) has spot_a_x_px, spot_a_y_px, spot_b_x_px, spot_b_y_px, and may
-    have a third angle, roll_deg: the sensor turned about its boresight in its mount. Without any angles it calibrates
-    itself, in flight too: nothing is known of the sun.
+    have a third angle, roll_deg: the rotation of the sensor about its boresight in its mount. Without angles it
+    calibrates itself, in flight too; the sun's direction need not be known.
     """
     from relnav.errors import UsageError
     from relnav.files.atomic import Outputs, check_distinct, check_folder

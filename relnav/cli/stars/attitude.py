@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     "--earth-velocity-km-s",
     nargs=3,
     type=float,
-    help="Earth's barycentric velocity, ICRS; with the orbit's it makes the aberration. Needed with two fields.",
+    help="Earth's barycentric velocity, ICRS; with the orbit's it gives the aberration. Needed with two fields.",
 )
 @click.option(
     "--q-cam-from-star",
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 @click.option(
     "--track",
     is_flag=True,
-    help="Try a frame without an attitude near the one that the two before lead to: two stars can be enough.",
+    help="Try an unsolved frame again near the attitude extrapolated from the two before; two stars can be enough.",
 )
 @click.option("--out", required=True, type=OutputPath(), help="Attitudes, .csv or .parquet.")
 @click.option("--log", type=InputPath(), help="Navigation log, .csv.")
@@ -63,8 +63,8 @@ def command(
 ) -> None:
     """Solve FRAMES, a CSV of spots t_s, x_px, y_px and flux or magnitude, and write q_cam_from_lvlh at their times.
 
-    Without --orbit it is q_cam_from_icrs. Frames without a credible attitude are left out. With --log and --joined the
-    attitude goes into every row of a navigation log, which `relnav filter` then reads.
+    Without --orbit it is q_cam_from_icrs. Frames that are not solved are left out. With --log and --joined the attitude
+    is added to every row of a navigation log, which `relnav filter` then reads.
     """
     import numpy as np
 

@@ -30,7 +30,7 @@ ARCSEC = 648000.0 / math.pi
     type=click.FloatRange(5.0, 50.0),
     default=5.0,
     show_default=True,
-    help="How well --focal-px is known, %: more is tried in steps.",
+    help="Uncertainty of --focal-px, %; above 5 several values are tried.",
 )
 @click.option(
     "--mirrored", is_flag=True, help="The picture is mirrored: y counts up. Attitude and model are unmirrored."
@@ -40,20 +40,22 @@ ARCSEC = 648000.0 / math.pi
     "--image-size-px",
     nargs=2,
     type=click.FloatRange(min=1.0),
-    help="Spots: width and height of the image, where they count from its corner.",
+    help="Spots: width and height of the image, if they count from its corner.",
 )
 @click.option(
     "--first-pixel-px",
     type=click.Choice(["0", "0.5"]),
     help="Spots: coordinate of the first pixel's centre, with --image-size-px or --model.  [default: 0]",
 )
-@click.option("--saturation", type=click.FloatRange(min=0.0, min_open=True), help="Picture: counts of a full pixel.")
+@click.option(
+    "--saturation", type=click.FloatRange(min=0.0, min_open=True), help="Picture: counts of a saturated pixel."
+)
 @click.option(
     "--threshold",
     type=click.FloatRange(min=2.0),
     default=5.0,
     show_default=True,
-    help="Picture: how far a star stands out of the background, sigma.",
+    help="Picture: least height of a star above the background, sigma.",
 )
 @click.option("--epoch", help="Julian year or ISO date (UTC) of the frame.")
 @click.option(
@@ -68,8 +70,8 @@ def command(frame: Path, quiet: bool, **options: Any) -> None:
     """Find the inertial attitude of FRAME: a picture (PNG, TIFF, JPEG, FITS), or a CSV of spots.
 
     A CSV has columns x_px, y_px (from the image's centre, x right, y down) and flux or magnitude. Right ascension and
-    declination are those of camera +z (for a model its optical axis, else the image's centre); roll is
-    atan2(-A[0,2], A[1,2]) of dcm_cam_from_icrs. A frame without a credible attitude is refused, with a reason.
+    declination are those of camera +z (for a model its optical axis, else the image's centre); roll is atan2(-A[0,2],
+    A[1,2]) of dcm_cam_from_icrs. A frame without a credible attitude is not solved, and the reason is printed.
     """
     from relnav.files.atomic import Outputs, check_distinct, check_folder
     from relnav.files.epochs import julian_year

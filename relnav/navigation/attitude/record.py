@@ -125,7 +125,7 @@ class AttitudeRecord:
 
     @property
     def status(self) -> EpochStatus:
-        """What became of the epoch.
+        """Outcome of the epoch.
 
         WAITING: no state; UPDATED; STARTED, anew or for the first time; PREDICTED: nothing was measured; REJECTED: the
         latest measured attitude contradicts the state, which is a prediction and must not be used. It stays so over

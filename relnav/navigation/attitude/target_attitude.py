@@ -34,13 +34,13 @@ _NOTHING = np.eye(3)
 class TargetAttitude:
     """Attitude and inertial rate of the target, an epoch at a time.
 
-    Two measured attitudes that agree start it. `copy.deepcopy` and `pickle` give a filter that goes on from the same
+    Two measured attitudes that agree start it. `copy.deepcopy` and `pickle` give a filter that continues from the same
     state, bit for bit; so does writing a kept copy of `memory` back into it.
 
     Attributes
     ----------
     memory : (1,)
-        All that the filter was given and has learnt, of type `prediction.MEMORY`.
+        The complete state of the filter, of type `prediction.MEMORY`.
     """
 
     def __init__(
@@ -67,17 +67,17 @@ class TargetAttitude:
         rate_noise_density_rad2_s3 : float
             Density of white angular acceleration, each axis, >= 0.
         initial_rate_sigma_rad_s : float
-            1-sigma of the rate about that of a target held in `lvlh_ccsds`, each axis, > 0. A start does not believe it
-            any more once attitudes contradict it.
+            1-sigma of the rate about that of a target held in `lvlh_ccsds`, each axis, > 0. It is no longer used once
+            attitudes contradict it.
         gate_probability : float
-            With which a good measurement is used.
+            Probability that a correct measurement is accepted.
         method : {"multiplicative", "unscented"}
             Which filter.
         inertia_sigma_kg_m2 : (3, 3), optional
-            1-sigma of each entry of the inertia, symmetric, >= 0: errors that last, considered in the covariance.
+            1-sigma of each entry of the inertia, symmetric, >= 0: constant errors, considered in the covariance.
         chaser_attitude_sigma_rad : float
-            1-sigma of the lasting error of the chaser's attitude, each axis, >= 0: it turns all measured attitudes
-            alike, so that no number of them averages it out.
+            1-sigma of the constant error of the chaser's attitude, each axis, >= 0. It is common to all measured
+            attitudes and is not averaged out.
         restart_after : int
             Measured attitudes rejected in a row after which others that agree may replace the track, >= 1.
 
@@ -130,7 +130,7 @@ class TargetAttitude:
         *,
         dcm_chaser_from_lvlh: ArrayLike | None = None,
     ) -> AttitudeRecord:
-        """Go on to t_s and use the attitude measured there, if one was.
+        """Propagate to t_s, and process the attitude measured then, if any.
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ class TargetAttitude:
             Measured attitude: chaser attitude times camera mounting times measured relative attitude. NaN = none.
         covariance_rad2 : (3, 3)
             Of its rotation vector, target axes: of the noise of the vision and of the chaser's own attitude together,
-            without lasting errors.
+            without constant errors.
         dcm_chaser_from_lvlh : (3, 3), optional
             The chaser's attitude that was used; needed where `chaser_attitude_sigma_rad` is not zero.
 

@@ -34,7 +34,7 @@ METHODS = ("auto", "rays", "patent")
 
 @dataclass(frozen=True)
 class Calibration:
-    """What turns a spot into a direction.
+    """The conversion of a spot to a direction.
 
     Attributes
     ----------
@@ -43,11 +43,11 @@ class Calibration:
     form : DirectionTable or PatentTables
         Run-time form.
     field_half_angle_rad : float
-        Directions with both projection angles within this plus 1 deg are given.
+        Directions are computed if both projection angles are within this plus 1 deg.
     spot_noise_px : float
         1-sigma of a spot coordinate, where the measurement does not bring its own covariance.
     calibration_noise_px : float
-        1-sigma of what the calibration itself is off, as an error of each spot coordinate; in every covariance.
+        1-sigma of the calibration's own error, as an error of each spot coordinate; it is in every covariance.
     """
 
     method: str
@@ -58,13 +58,13 @@ class Calibration:
 
     @cached_property
     def largest_tangent(self) -> float:
-        """Of the directions that are given: the ratio of their part across the boresight to that along it."""
+        """Largest ratio of a direction's component across the boresight to that along it."""
         return math.tan(self.field_half_angle_rad + MARGIN_RAD)
 
 
 @dataclass(frozen=True)
 class CalibrationResult:
-    """A calibration with how it came about.
+    """A calibration, and how it was obtained.
 
     Attributes
     ----------
@@ -73,15 +73,15 @@ class CalibrationResult:
     fit : PhysicalFit or None
         Ray model; None for the patent's method.
     residual : ResidualChoice or None
-        What was tried of splines.
+        The splines that were tried.
     compile_loss_rad : float
-        Largest difference of the table from what it was compiled of, halfway between nodes.
+        Largest difference between the table and the model that it tabulates, halfway between nodes.
     error_rad : (N, 2)
         Calibrated minus stated (alpha, beta) at every calibration point; NaN for a spot beyond the field.
     used : (N,)
         Whether a point was fitted: False for one that the others contradict.
     left_px : (N,)
-        Distance of every spot from where the calibration puts it; of the patent's method NaN.
+        Distance of every spot from its position by the calibration; NaN for the patent's method.
     """
 
     calibration: Calibration
@@ -113,7 +113,7 @@ def calibrate(
         written, "Error compensation method for the APS sun sensor of a Mars rover" (Chinese patent, 2021),
         with the optical h.
     free : sequence of str, optional
-        What the ray model fits (`PARAMETERS`).
+        Parameters that the ray model fits (of `PARAMETERS`).
     seed : int
         Of the folds of the cross-validation.
 

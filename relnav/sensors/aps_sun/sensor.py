@@ -113,5 +113,5 @@ class ApsSunModel:
 
     @cached_property
     def kept(self) -> dict[str, Any]:
-        """What was worked out of the model once, by name: to find it by the model's value takes longer than its use."""
+        """Results computed once from the model, by name; a lookup by the model's value takes longer than their use."""
         return {}

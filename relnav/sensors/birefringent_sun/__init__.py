@@ -1,4 +1,4 @@
-"""Birefringent sun sensor: the sun's direction from two spots of one crystal, and what they can and cannot say.
+"""Birefringent sun sensor: the sun's direction from the two spots of a crystal, and which axes they determine.
 
 Source: "Birefringent sun sensor and its measurement of three-axis attitude" (Chinese patent).
 """

@@ -25,14 +25,14 @@ def measure(
 ) -> SunDirection:
     """Direction of the sun in sensor axes, from the ordinary and the extraordinary spot of one image.
 
-    It has two degrees of freedom, and a covariance of rank 2: a turn about the sun line cannot be seen in any image of
-    it (`observability`). The third axis needs a second vector, or a polarised beacon (`polarised_roll`).
+    It has two degrees of freedom, and a covariance of rank 2: a rotation about the sun line is not observable
+    (`observability`). The third axis needs a second vector, or a polarised beacon (`polarised_roll`).
 
     Parameters
     ----------
     seen : (2, 2) or (rows, columns)
-        Centres (x, y) px of the two spots, in any order: which is which follows from how well they agree. A NaN row
-        is a spot not seen. Or counts of a read-out window that holds both (the patent's steps 3 and 4).
+        Centres (x, y) px of the two spots, in any order: which is the ordinary one follows from how well they agree. A
+        NaN row is a spot not seen. Or counts of a read-out window that holds both (the patent's steps 3 and 4).
     model : BirefringentSunModel
         A loaded model.
     covariance_px2 : (4, 4), optional

@@ -17,14 +17,14 @@ STEP_RAD = 1e-5
 
 @dataclass(frozen=True)
 class Observability:
-    """How the four spot coordinates answer to small turns of the sensor.
+    """How the four spot coordinates depend on small rotations of the sensor.
 
     Attributes
     ----------
     singular_values : (3,)
-        Of d(spots)/d(turn), in thicknesses of the crystal per rad; largest first.
+        Of d(spots)/d(rotation), in thicknesses of the crystal per rad; largest first.
     unseen_axis : (3,)
-        Turn that changes the spots least; its sign is free.
+        Axis of the rotation that changes the spots least; its sign is arbitrary.
     rank : int
         Singular values above a millionth of the largest.
     """
@@ -35,10 +35,10 @@ class Observability:
 
 
 def observability(sensor: BirefringentSunSensor, s: Vector) -> Observability:
-    """Turn the sensor by finite angles about x, y and z and look at the spots; s (3,) is the sun in sensor axes.
+    """Rank and singular values of the spots' derivative by a rotation; s (3,) is the sun in sensor axes.
 
-    The turns are true rotations of the sun's direction, the other way, traced through the crystal: nothing is assumed
-    of the rank.
+    The sun's direction is rotated by finite angles about x, y and z, the opposite way, and traced through the crystal;
+    nothing is assumed about the rank.
     """
     columns = []
     for axis in range(3):

@@ -33,7 +33,7 @@ class PolarisedRoll:
     sigma_rad: Vector
 
     def nearest(self, prior_rad: float) -> tuple[float, float]:
-        """The candidate (rad) nearest to what is believed, in that turn, and its 1-sigma."""
+        """The candidate (rad) nearest to a predicted angle, in the same revolution, and its 1-sigma."""
         off = np.remainder(self.psi_rad - prior_rad + 0.5 * np.pi, np.pi) - 0.5 * np.pi
         best = int(np.argmin(np.abs(off)))
         return prior_rad + float(off[best]), float(self.sigma_rad[best])

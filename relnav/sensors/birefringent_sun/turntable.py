@@ -28,18 +28,19 @@ LEAST_SHARE = 1e-9
 
 @dataclass(frozen=True)
 class TurntableCalibration:
-    """Estimated constants, and how the sensor stood in the axes of the known directions.
+    """Estimated constants, and the orientation of the sensor in the axes of the known directions.
 
     Attributes
     ----------
     constants : SelfCalibration
-        The sensor with the estimates in place, the estimates and their covariance, the turn's uncertainty included.
+        The sensor with the estimates in place, the estimates and their covariance, the uncertainty of the rotation
+        included.
     alignment_rad, alignment_sigma_rad : (3,), (3,)
         Rotation vector from the axes of the known directions to the sensor's, and its 1-sigma.
     miss_px : (N, 4)
-        What is left of every pair of spots.
+        Residuals of every pair of spots.
     error_rad : (N,)
-        Angle between the direction that both spots tell and the known one; NaN where they tell none.
+        Angle between the direction from both spots and the known one; NaN if they give none.
     """
 
     constants: SelfCalibration
@@ -71,7 +72,7 @@ def calibrate_known(
 ) -> TurntableCalibration:
     """Estimate constants from labelled spots (N, 2, 2) px, rows o, e, of known directions s (N, 3), unit vectors.
 
-    Gauss-Newton from the sensor's values, the turn between the axes from none.
+    Gauss-Newton, starting from the sensor's values and no rotation between the axes.
 
     Raises
     ------

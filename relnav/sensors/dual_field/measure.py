@@ -68,7 +68,8 @@ def measure(
     model : StarSensor
         A loaded model, `relnav.load_model("dual_field_star")`.
     flux, magnitude : (n,), optional
-        Brightness, one or the other; with it brightness is compared. Without, spots are brightest first.
+        Brightness, one or the other, which is compared with the catalogue. Without it spots are in order, brightest
+        first.
     epoch_jyear : float, optional
         Julian year; the model's own if left out.
     velocity_km_s : (3,), optional
@@ -176,7 +177,7 @@ def track(
     Parameters
     ----------
     dcm_prior : (3, 3)
-        Predicted dcm_cam_from_icrs: it says where to look, and nothing of the result.
+        Predicted dcm_cam_from_icrs: it limits the search and does not enter the result.
     sigma_prior_rad : float
         Its 1-sigma about each axis, up to 6e-4 rad (124 arcsec).
 

@@ -200,7 +200,7 @@ class StarSensor:
         return self._sky_at(self.identification.epoch_jyear)
 
     def sky(self, epoch_jyear: float | None = None) -> Sky:
-        """The sky prepared at an epoch (the model's own if left out); the same one again for the same epoch."""
+        """The star tables of an epoch (the model's own if left out), computed once for each epoch."""
         if epoch_jyear is None or epoch_jyear == self.identification.epoch_jyear:
             return self._own_sky
         return self._sky_at(epoch_jyear)

@@ -53,7 +53,7 @@ class StarSolution:
     Attributes
     ----------
     status : StarStatus
-        Everything numerical is NaN, and nothing matched, unless it is OK or SINGLE_FIELD.
+        Unless it is OK or SINGLE_FIELD all numbers are NaN, and no spot is matched.
     reason : str
         One sentence for a frame that has no attitude.
     dcm_cam_from_icrs : (3, 3)
@@ -61,7 +61,7 @@ class StarSolution:
     covariance : (3, 3)
         Of the attitude's error, camera axes, rad^2: dcm_true = exp(-[theta x]) dcm.
     hip, field : (n,)
-        Of each spot as handed in: Hipparcos number (0: no star), field 0 or 1 (-1: no star).
+        Of each spot, in the order of the call: Hipparcos number (0: no star), field 0 or 1 (-1: no star).
     residual_rad : (n,)
         Angle from each spot to its star; NaN without one.
     log10_false_alarm : float

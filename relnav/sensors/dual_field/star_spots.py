@@ -60,7 +60,7 @@ class FoundStars:
     signal_to_noise : (n,)
         Flux over its 1-sigma.
     saturated, blended : (n,)
-        A pixel is full; the spot is longer than wide: two stars, or a moving one.
+        A pixel is saturated; the spot is elongated: two stars, or a moving one.
     size_px : (2,)
         Width and height of the picture.
     radius_px : float
@@ -95,30 +95,30 @@ def find_stars(
     electrons_per_count: float | None = None,
     most: int = MOST_STARS,
 ) -> FoundStars:
-    """Star spots of a picture of the sky, each with its covariance and its faults.
+    """Star spots of a picture of the sky, each with its covariance and its flags.
 
     Parameters
     ----------
     image : (rows, columns)
         Counts; pixels that are not finite, beyond 1e15, or masked, are dead.
     threshold_sigma : float
-        How far a star's peak stands above the smoothed background, in its noise.
+        Least height of a star's peak above the smoothed background, in sigmas of its noise.
     saturation : float, optional
-        A pixel of so many counts is full; the largest of an integer type (255, 65535) if left out, of floats none.
+        Counts of a saturated pixel; if left out the largest value of an integer type (255, 65535), of floats none.
     electrons_per_count : float, optional
         Gain, for the shot noise of the stars' own light; not counted if left out.
     most : int
-        The brightest so many are given.
+        Largest number of spots that are returned, the brightest.
 
     Returns
     -------
     FoundStars
-        None of them where the picture shows no star.
+        Empty if the picture shows no star.
 
     Raises
     ------
     ValueError
-        For what has not two axes of 8 pixels or more, or is no real numbers; for options out of range.
+        For an image that has not two axes of 8 pixels or more, or is not of real numbers; for options out of range.
 
     Notes
     -----

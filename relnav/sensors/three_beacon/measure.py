@@ -35,8 +35,8 @@ def measure(spots_m: ArrayLike, model: HasSensor | ThreeBeaconSensor, *, project
     model : Model or ThreeBeaconSensor
         A loaded model or its sensor.
     projection : {"perspective", "parallel"}, optional
-        The closed form; the model's own if left out. "perspective" is exact for real optics, "parallel" is seed
-        000 eqs (4)-(13) as printed.
+        The closed form; the model's own if left out. "perspective" is exact for real optics, "parallel" is eqs (4)-(13)
+        of the paper as printed.
 
     Returns
     -------

@@ -13,7 +13,7 @@ from relnav.sensors.three_marker.sensor import MarkerCamera
 
 @dataclass(frozen=True)
 class SpotJacobians:
-    """Derivatives of n spots, px per m or rad, each (n, 2, 3) and worked out when asked for.
+    """Derivatives of n spots, px per m or rad, each (n, 2, 3) and computed on request.
 
     With p = C s + r and D = d(spot)/dp through the lens: dp/dr = I, dp/dtheta = -C [s x], dp/ds = C, dp/dc_B = -C_KB,
     dp/deps = [p x], dp/dalpha = C_KB [q x], q = C_KB^T p + c_B the marker from the chaser's centre of mass.

@@ -77,12 +77,12 @@ def measure(
     model : ThreeMarkerModel
         A loaded model.
     prior : Pose, optional
-        Predicted pose with its covariance, which tells the roots apart; the model's expected view if left out. It is
-        not mixed into the result.
+        Predicted pose with its covariance, which distinguishes the roots; the model's expected view if left out. It
+        does not enter the result.
     spot_covariance_px2 : (n, 2, 2), optional
         Of each spot, as `find_spots` gives it; the camera's spot noise if left out.
     labelled : bool
-        False: any number of spots in any order; which marker made which is found, and stands in `labels`.
+        False: any number of spots in any order; their assignment to markers is found, and returned in `labels`.
     method : {"exact", "small_angle"}, optional
         "exact" is P3P and Gauss-Newton. "small_angle" is the analytic solution of Liu, Xu, Xu (2013), "Vision-based
         relative navigation for autonomous rendezvous and docking of spacecraft", about the prior's attitude. Its
@@ -151,7 +151,7 @@ def _without_labels(
 
 
 def measure_image(image_dn: ArrayLike, model: HasImager, *, prior: Pose | None = None) -> PoseMeasurement:
-    """Relative position and attitude from an image: `find_spots`, then `measure` of those that can be trusted.
+    """Relative position and attitude from an image: `find_spots`, then `measure` of those that are usable.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def measure_image(image_dn: ArrayLike, model: HasImager, *, prior: Pose | None =
     model : ThreeMarkerModel
         A loaded model.
     prior : Pose, optional
-        As in `measure`; it also tells which marker made which spot.
+        As in `measure`; it is also used to assign the spots to markers.
 
     Returns
     -------

@@ -41,7 +41,7 @@ class PoseMeasurement:
     misfit, dof : float, int
         Chi-square of the spots about the pose, and its degrees of freedom, 2 n - 6.
     roots : tuple of Root
-        Every pose that explains the spots, the most credible first, each with its covariance.
+        Every pose that explains the spots, the most likely first, each with its covariance.
     labels : (k,)
         Marker of each spot of the call, -1 for a spot not used.
     """

@@ -22,7 +22,7 @@ from relnav.sensors.three_marker.sensor import MarkerCamera, View
 
 @dataclass(frozen=True)
 class Pose:
-    """Where the target is and how it is turned, seen from the camera.
+    """Position and attitude of the target relative to the camera.
 
     Attributes
     ----------

@@ -107,7 +107,7 @@ class View:
     q_cam_from_target : (4,)
         Nominal relative attitude v_cam = R v_target, scalar last.
     attitude_sigma_rad : float
-        1-sigma of the true relative attitude about it, each axis: what tells the solutions of three spots apart.
+        1-sigma of the true relative attitude about it, each axis; it distinguishes the solutions of three spots.
     """
 
     q_cam_from_target: Quaternion
@@ -143,9 +143,9 @@ class Imager:
     saturation_dn : float
         Largest number a pixel can hold.
     threshold_sigma : float
-        A pixel belongs to a spot where it stands this many noise sigmas above the background.
+        A pixel belongs to a spot if it exceeds the background by this many noise sigmas.
     centroid_floor_px : float
-        1-sigma error of a centroid that more light does not lessen (unequal pixels, lens calibration), each coordinate.
+        1-sigma error of a centroid that more light does not reduce (unequal pixels, lens calibration), each coordinate.
     """
 
     spot_sigma_px: Positive

@@ -18,7 +18,7 @@ _LEAST_DIP = 5.0  # noise sigmas by which a second peak must stand out
 
 @dataclass(frozen=True)
 class Spots:
-    """What was found on one image, the brightest first.
+    """The spots of one image, the brightest first.
 
     Attributes
     ----------
@@ -31,9 +31,9 @@ class Spots:
     radius_px : (k,)
         Root of the mean of the squared radii along and across, 1-sigma.
     saturated, blended, clipped : (k,)
-        A pixel is full; the blob is not round or has several peaks (two markers, or motion); it touches the image's
-        edge. The covariance of such a spot is not to be trusted. Two blobs less than about 1.5 of their 1-sigma radii
-        apart look like one round one and are not recognised.
+        A pixel is saturated; the blob is not round or has several peaks (two markers, or motion); it touches the
+        image's edge. The covariance of such a spot is not to be trusted. Two blobs less than about 1.5 of their 1-sigma
+        radii apart look like one round one and are not recognised.
     """
 
     spots_px: Matrix
@@ -62,7 +62,7 @@ class _Blob:
 
 
 def find_spots(image_dn: ArrayLike, imager: Imager) -> Spots:
-    """Spots on an image, each with its covariance and its faults.
+    """Spots on an image, each with its covariance and its flags.
 
     Parameters
     ----------
