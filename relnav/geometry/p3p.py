@@ -95,6 +95,16 @@ def pose_of_congruent_triangles(p: Matrix, s: Matrix, pose: Matrix, work: Stack)
 
 
 @kernel
+def _are_finite(rows: Matrix) -> bool:
+    """Infinities would be a warning in plain Python."""
+    for i in range(3):
+        for j in range(3):
+            if not math.isfinite(rows[i, j]):
+                return False
+    return True
+
+
+@kernel
 def solve_p3p(rays: Matrix, points: Matrix, near: bool, poses: Stack) -> int:
     """Write every pose from which the points are seen along the rays into poses; returns how many, 0 to 4.
 
@@ -104,6 +114,8 @@ def solve_p3p(rays: Matrix, points: Matrix, near: bool, poses: Stack) -> int:
     rays (3, 3): unit vectors, camera axes, rows; points (3, 3): the same points in target axes, m. poses (7, 4, 3): the
     first that many hold rows 0-2 dcm_cam_from_target, row 3 the target's origin in camera axes, m; the rest is scratch.
     """
+    if not (_are_finite(rays) and _are_finite(points)):
+        return 0
     A01, A02, A12 = _distance2(points, 0, 1), _distance2(points, 0, 2), _distance2(points, 1, 2)
     i1, i2, i3 = 0, 1, 2  # the longest side between the last two: both conics then have coefficients of at most order 1
     if A02 >= A01 and A02 >= A12:
@@ -180,5 +192,4 @@ def p3p(rays: Matrix, points_m: Matrix, *, near: bool = False) -> Stack:
     if u.shape != (3, 3) or s.shape != (3, 3):
         raise ValueError(f"three rays and three points, rows of (3, 3), are expected; got shapes {u.shape}, {s.shape}")
     poses = np.empty((BLOCK, 4, 3))
-    finite = bool(np.isfinite(u).all() and np.isfinite(s).all())  # infinities would be a warning in plain Python
-    return poses[: solve_p3p(u, s, near, poses) if finite else 0]
+    return poses[: solve_p3p(u, s, near, poses)]
