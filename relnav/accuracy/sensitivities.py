@@ -14,6 +14,8 @@ from relnav.simulation.streams import Draws, Stream
 CONFIDENCE, RESAMPLES = 0.95, 400
 LISTED = 12
 """Causes of a component that are told to a reader, the largest first."""
+LEAST = 8
+"""Base runs."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,14 @@ class Sensitivities:
     def lines(self) -> list[str]:
         """For a reader: the position's components."""
         lines = [f"{self.used} of {self.base} base runs used; 95 % intervals from resampling"]
+        if self.used < self.base:
+            lines.append("  a base run is used if all its flights end with a state, neither ambiguous, lost nor failed")
+        if not self.shares:
+            lines.append(
+                f"  no indices from fewer than {LEAST}: what one sigma moves is in sensitivities.json; let the flights "
+                "end where the filter is sure (longer, nearer, or another pattern)"
+            )
+            return lines
         for component in list(self.deviation)[:3]:
             lines.append(f"{component} at the end, deviation {self.deviation[component]:.3g}")
             lines.append("  cause                     first order             total             one sigma moves it by")
@@ -127,7 +137,7 @@ def base_runs(value: Any) -> int:
     ValueError
         If it is not.
     """
-    count = whole("runs", value, 8)
+    count = whole("runs", value, LEAST)
     if count & (count - 1):
         raise ValueError(f"base runs of sensitivities are a power of two, as their estimates ask for; got {count}")
     return count
@@ -143,7 +153,7 @@ def sum_up(design: Design, components: tuple[str, ...], read: Reader, seed: int)
     used = 2 ** int(math.log2(len(good))) if len(good) else 0
     shares: list[Share] = []
     deviation = dict.fromkeys(components, math.nan)
-    if used >= 8:
+    if used >= LEAST:
         chosen = mixed[:, :, good[:used]]
         deviation = dict(zip(components, np.std(chosen[:, :2], axis=(1, 2)).tolist(), strict=True))
         shares = _shares(chosen, components, design.causes, seed)

@@ -14,7 +14,7 @@ import relnav
 from relnav.accuracy.campaign_plan import Plan, fly_batch
 from relnav.accuracy.rendezvous import true_port
 from relnav.accuracy.run_figures import RunStatus
-from relnav.accuracy.sensitivities import sum_up
+from relnav.accuracy.sensitivities import Sensitivities, sum_up
 from relnav.accuracy.sensitivity_design import NOISE, Design
 from relnav.files.campaign_page import read_campaign
 from relnav.files.sensitivities import sensitivities
@@ -230,3 +230,12 @@ def test_sensitivities_of_beacons(tmp_path):
     assert any("focal_length" in line for line in found.lines())
     with pytest.raises(relnav.InputError, match="holds sensitivities, whose table and picture are there; no campaign"):
         read_campaign(tmp_path)
+
+
+def test_too_few_base_runs_give_no_indices_and_say_what_to_do():
+    """Flights that end without a state, as markers seen from far often do."""
+    lines = Sensitivities(64, 4, {"port_x_m": math.nan}, (), ()).lines()
+    assert lines[0].startswith("4 of 64 base runs used")
+    assert "all its flights end with a state" in lines[1]
+    assert "no indices from fewer than 8" in lines[2]
+    assert len(lines) == 3
