@@ -192,6 +192,19 @@ def test_the_targets_place_and_the_turn_of_the_frame(e: float, theta: float, t: 
     assert frame_rate(orbit, t) == pytest.approx(h / target(N, e, place)[0] ** 2, rel=1e-8)
 
 
+@pytest.mark.parametrize("dt", [0.1, 2.0, 400.0, 3000.0])
+def test_what_a_step_as_long_has_left_gives_the_same_bits(dt: float) -> None:
+    """With three points, five, and doublings; another push and another density."""
+    orbit, work = orbit_vector(N), np.empty((6, 6))
+    phi, q, effect, nodes = np.empty((6, 6)), np.empty((6, 6)), np.empty(6), np.empty((NODES, 6, 6))
+    assert propagate_into(orbit, 0.0, dt, np.array([1.0, -2.0, 0.5]), np.eye(3), phi, q, effect, nodes, work)
+    before = q.copy()
+    assert propagate_into(orbit, 7.0, dt, ACCELERATION, FULL, phi, q, effect, nodes, work, True)
+    for got, fresh in zip((phi, q, effect), step(orbit, 7.0, dt), strict=True):
+        np.testing.assert_array_equal(got, fresh)
+    assert not np.allclose(q, before)
+
+
 @pytest.mark.parametrize(("e", "dt"), [(0.0, 1e16), (0.0, math.nan), (0.1, 1e8), (0.7, 1e6), (0.1, math.inf)])
 def test_steps_beyond_all_knowledge(e: float, dt: float) -> None:
     rows, nodes = [np.empty((6, 6)) for _ in range(3)], np.empty((NODES, 6, 6))
