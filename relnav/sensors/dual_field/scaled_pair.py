@@ -40,7 +40,7 @@ from relnav.sensors.dual_field.spot_template import (
 )
 from relnav.sensors.dual_field.star_levels import Levels, nearest_chord2, noted
 
-Frames = NDArray[np.float64]
+Places = NDArray[np.int64]
 
 LEAST_FOUND = 3
 """Spots that must find a star beside the pair before a candidate is looked at."""
@@ -74,10 +74,12 @@ class Work(NamedTuple):
         Spots in the order in which they are asked.
     template : (m, SPOT_NUMBERS)
         As of `spot_template`.
-    own : (6, 3)
-        As of `frame_of_pair`.
-    pair, allowed, found, frames : (BLOCK,), (BLOCK,), (BLOCK,), (BLOCK, 3, 3)
-        Pairs of stars, which of their orders are to be tried, which spots may have found a star, and their frames.
+    own, axes : (6, 3), (3, 3)
+        As of `frame_of_pair`, and the frame of one pair of stars.
+    pair, allowed, found : (BLOCK,)
+        Pairs of stars, which of their orders are to be tried, and which spots may have found a star.
+    frames, places : (9, BLOCK), (2, BLOCK)
+        Their frames, a row for each number, and the cells in which stars are looked for, both ways round.
     best : (BEST_NUMBERS,)
         See there.
     """
@@ -85,10 +87,12 @@ class Work(NamedTuple):
     order: Codes
     template: Matrix
     own: Matrix
+    axes: Matrix
     pair: Codes
     allowed: Codes
     found: Codes
-    frames: Frames
+    frames: Matrix
+    places: Places
     best: Vector
 
 
@@ -96,7 +100,8 @@ def new_work(spots: int) -> Work:
     """Scratch for so many spots."""
     pair, allowed, found = np.empty((3, BLOCK), dtype=np.int64)
     order, template, own = np.empty(spots, dtype=np.int64), np.empty((spots, SPOT_NUMBERS)), np.empty((6, 3))
-    return Work(order, template, own, pair, allowed, found, np.empty((BLOCK, 3, 3)), np.zeros(BEST_NUMBERS))
+    frames, axes, best = np.empty((9, BLOCK)), np.empty((3, 3)), np.zeros(BEST_NUMBERS)
+    return Work(order, template, own, axes, pair, allowed, found, frames, np.empty((2, BLOCK), dtype=np.int64), best)
 
 
 class Asked(NamedTuple):
@@ -109,22 +114,24 @@ class Asked(NamedTuple):
 
 
 @kernel
-def ask(template: Matrix, row: int, levels: Levels, frames: Frames, first: int, last: int, found: Codes) -> None:
-    """Whether a star may be where a spot should see it, for some pairs of stars.
+def ask(template: Matrix, row: int, levels: Levels, frames: Matrix, count: int, places: Places, found: Codes) -> None:
+    """Whether a star may be where a spot should see it, for the first pairs of stars of a block.
 
-    Sets bit `row` of `found` for a pair as it stands, and that `TURNED` up for it taken the other way round.
+    Sets bit `row` of `found` for a pair as it stands, and that `TURNED` up for it taken the other way round. Places
+    come first, in a loop of nothing but arithmetic, so that several pairs are done in one instruction.
     """
     half = template[row, HALF]
     a, b, c = half * template[row, ALONG], half * template[row, ACROSS], half * template[row, APART]
     words = levels.words[int(template[row, LEVEL])]
-    for k in range(first, last):
-        x, y, z = half + a * frames[k, 0, 0], half + a * frames[k, 0, 1], half + a * frames[k, 0, 2]
-        u = b * frames[k, 1, 0] + c * frames[k, 2, 0]
-        v = b * frames[k, 1, 1] + c * frames[k, 2, 1]
-        w = b * frames[k, 1, 2] + c * frames[k, 2, 2]
-        there = noted(words, place_of(int(x + u), int(y + v), int(z + w)))
-        turned = noted(words, place_of(int(x - u), int(y - v), int(z - w)))
-        found[k] |= (there << row) | (turned << (row + TURNED))
+    for k in range(count):
+        x, y, z = half + a * frames[0, k], half + a * frames[1, k], half + a * frames[2, k]
+        u = b * frames[3, k] + c * frames[6, k]
+        v = b * frames[4, k] + c * frames[7, k]
+        w = b * frames[5, k] + c * frames[8, k]
+        places[0, k] = place_of(int(x + u), int(y + v), int(z + w))
+        places[1, k] = place_of(int(x - u), int(y - v), int(z - w))
+    for k in range(count):
+        found[k] |= (noted(words, places[0, k]) << row) | (noted(words, places[1, k]) << (row + TURNED))
 
 
 @kernel
@@ -224,22 +231,54 @@ def judge(
 
 
 @kernel
+def write_frames(sky: SkyArrays, work: Work, count: int) -> None:
+    """Write the frames of the first `count` pairs of stars of a block."""
+    for k in range(count):
+        a, c = sky.stars[sky.pairs[work.pair[k], 0]], sky.stars[sky.pairs[work.pair[k], 1]]
+        x, y, z, u, v, w = a[0], a[1], a[2], c[0], c[1], c[2]
+        frames = work.frames
+        frames[0, k], frames[1, k], frames[2, k] = x + u, y + v, z + w
+        frames[3, k], frames[4, k], frames[5, k] = y * w - z * v, z * u - x * w, x * v - y * u
+        frames[6, k], frames[7, k], frames[8, k] = x - u, y - v, z - w
+
+
+@kernel
+def take_frame(work: Work, k: int) -> None:
+    """Write the frame of one pair of a block into `axes`."""
+    for number in range(9):
+        work.axes[number // 3, number % 3] = work.frames[number, k]
+
+
+@kernel
+def keep_pair(work: Work, k: int, to: int, bits: int) -> None:
+    """Move a pair of a block to an earlier place, with what it has found."""
+    work.pair[to], work.allowed[to], work.found[to] = work.pair[k], work.allowed[k], bits
+    for number in range(9):
+        work.frames[number, to] = work.frames[number, k]
+
+
+@kernel
 def try_block(asked: Asked, count: int, scale: float, spots: Spots, sky: SkyArrays, levels: Levels, work: Work) -> None:
     """Try the first `count` pairs of stars of a block, whose template the first spots have; sets `best`."""
-    n, template, found, frames, best = spots.points.shape[0] - 2, work.template, work.found, work.frames, work.best
+    n, template, found, axes, best = spots.points.shape[0] - 2, work.template, work.found, work.axes, work.best
+    write_frames(sky, work, count)
     for k in range(count):
         found[k] = 0
     for row in range(asked.first):
-        ask(template, row, levels, frames, 0, count, found)
-    whole = False
+        ask(template, row, levels, work.frames, count, work.places, found)
+    left = 0
     for k in range(count):
-        axes, found[k] = frames[k], found[k] & work.allowed[k]
-        if found[k] != 0 and asked.first < asked.then:
-            found[k] = seen(asked.first, found[k], spots, sky, levels, template, axes)
-        if found[k] == 0:
-            continue
-        for row in range(asked.first, asked.then):
-            ask(template, row, levels, frames, k, k + 1, found)
+        bits = found[k] & work.allowed[k]
+        if bits != 0 and asked.first < asked.then:
+            take_frame(work, k)
+            bits = seen(asked.first, bits, spots, sky, levels, template, axes)
+        if bits != 0:
+            keep_pair(work, k, left, bits)
+            left += 1
+    for row in range(asked.first, asked.then):
+        ask(template, row, levels, work.frames, left, work.places, found)
+    whole = False
+    for k in range(left):
         bits = found[k] & work.allowed[k]
         straight, turned = bits & ((1 << TURNED) - 1), bits >> TURNED
         if max(count_bits(straight), count_bits(turned)) < asked.least:
@@ -247,12 +286,35 @@ def try_block(asked: Asked, count: int, scale: float, spots: Spots, sky: SkyArra
         if not whole:
             write_template(spots, levels, scale, work.own, work.order, asked.then, n, template)
             whole = True
+        take_frame(work, k)
         if count_bits(straight) >= asked.least and judge(
             asked, straight, spots, sky, levels, template, axes, 1.0, best
         ):
             best[BEST_PAIR], best[SIGN] = work.pair[k], 1.0
         if count_bits(turned) >= asked.least and judge(asked, turned, spots, sky, levels, template, axes, -1.0, best):
             best[BEST_PAIR], best[SIGN] = work.pair[k], -1.0
+
+
+@kernel
+def collect(spots: Spots, sky: SkyArrays, fainter: float, pair: int, last: int, most: float, work: Work) -> tuple[int, int]:
+    """Fill a block with pairs of stars whose brightness fits, from `pair` on, up to one with a cosine above `most`.
+
+    Returns the first pair that is not in it, and how many are.
+    """
+    count = 0
+    for at in range(pair, last):
+        a, c = sky.stars[sky.pairs[at, 0], 3], sky.stars[sky.pairs[at, 1], 3]
+        step, faintest = c - a, max(a, c)
+        within = int(spots.known < faintest) & int(faintest <= spots.faintest)
+        straight, crossed = within & int(abs(step - fainter) <= spots.contrast), within & int(abs(step + fainter) <= spots.contrast)
+        fits = straight | crossed
+        if fits != 0 and (sky.cosines[at] > most or count == BLOCK):  # they ascend
+            return at, count
+        work.pair[count] = at
+        work.allowed[count] = straight * ((1 << TURNED) - 1) + (crossed * ((1 << TURNED) - 1) << TURNED)
+        work.best[TRIED] += straight + crossed
+        count += fits
+    return last, count
 
 
 @kernel
@@ -263,8 +325,8 @@ def try_scaled_pair(spots: Spots, sky: SkyArrays, levels: Levels, i: int, j: int
     cosine = (1.0 + x * u + y * v) / math.sqrt((1.0 + x * x + y * y) * (1.0 + u * u + v * v))
     angle = math.acos(min(1.0, cosine))
     low, high = math.cos(angle * (1.0 + spots.focal_range)), math.cos(angle * (1.0 - spots.focal_range))
-    first, last = k_range(sky.cosines, sky.k, sky.line, low, high)
-    fainter, serves_to, scale, count = spots.magnitude[j] - spots.magnitude[i], -2.0, 1.0, 0
+    pair, last = k_range(sky.cosines, sky.k, sky.line, low, high)
+    fainter, serves_to, scale = spots.magnitude[j] - spots.magnitude[i], -2.0, 1.0
     nearest_first(points, i, j, work.order)
     frame_of_pair(spots, i, j, scale, work.own)
     write_template(spots, levels, scale, work.own, work.order, 0, n, template)
@@ -272,28 +334,15 @@ def try_scaled_pair(spots: Spots, sky: SkyArrays, levels: Levels, i: int, j: int
     needed = least_matches(template, n, best)
     few = n + 2 <= FEW_SPOTS
     asked = Asked(n if few else ASKED, n if few else ASKED_AGAIN, needed if few else LEAST_AGAIN, needed)
-    for pair in range(first, last):
-        p, q = sky.pairs[pair, 0], sky.pairs[pair, 1]
-        a, c = sky.stars[p], sky.stars[q]
-        step = c[3] - a[3]
-        straight, crossed = abs(step - fainter) <= spots.contrast, abs(step + fainter) <= spots.contrast
-        if not spots.known < max(a[3], c[3]) <= spots.faintest or not (straight or crossed):
-            continue
-        if sky.cosines[pair] > serves_to or count == BLOCK:  # they ascend
-            try_block(asked, count, scale, spots, sky, levels, work)
-            count = 0
-        if sky.cosines[pair] > serves_to:
+    while pair < last:
+        pair, count = collect(spots, sky, fainter, pair, last, serves_to, work)
+        try_block(asked, count, scale, spots, sky, levels, work)
+        if pair < last and sky.cosines[pair] > serves_to:
             angle = math.acos(sky.cosines[pair]) * (1.0 - spots.half_step)
             serves_to = math.cos(angle * (1.0 - spots.half_step))
             scale = scale_of_pair(points, i, j, angle)
             frame_of_pair(spots, i, j, scale, work.own)
             write_template(spots, levels, scale, work.own, work.order, 0, asked.then, template)
-        best[TRIED] += straight + crossed
-        work.pair[count] = pair
-        work.allowed[count] = straight * ((1 << TURNED) - 1) + (crossed * ((1 << TURNED) - 1) << TURNED)
-        frame_of_directions(a[0], a[1], a[2], c[0], c[1], c[2], work.frames[count])
-        count += 1
-    try_block(asked, count, scale, spots, sky, levels, work)
 
 
 @kernel
@@ -312,7 +361,7 @@ def read_best(spots: Spots, sky: SkyArrays, i: int, j: int, work: Work, A: Matri
     """Write the attitude (3, 3) of the best and each spot's star (m,), -1 for none; returns its scale."""
     pair, sign, shear = int(work.best[BEST_PAIR]), work.best[SIGN], work.best[SHEAR]
     p, q = sky.pairs[pair, 0], sky.pairs[pair, 1]
-    seen, true, v, w = work.own, work.frames[0], sky.stars[p], sky.stars[q]
+    seen, true, v, w = work.own, work.axes, sky.stars[p], sky.stars[q]
     scale = scale_of_pair(spots.points, i, j, math.acos(sky.cosines[pair]))
     frame_of_pair(spots, i, j, scale, seen)
     frame_of_directions(v[0], v[1], v[2], w[0], w[1], w[2], true)
