@@ -38,7 +38,7 @@ from relnav.sensors.dual_field.spot_template import (
     write_chances,
     write_template,
 )
-from relnav.sensors.dual_field.star_levels import Levels, nearest_chord2, noted
+from relnav.sensors.dual_field.star_levels import LAST_WORD, Levels, nearest_chord2, noted, word_and_mask
 
 Places = NDArray[np.int64]
 
@@ -78,7 +78,7 @@ class Work(NamedTuple):
         As of `frame_of_pair`, and the frame of one pair of stars.
     pair, allowed, found : (BLOCK,)
         Pairs of stars, which of their orders are to be tried, and which spots may have found a star.
-    frames, places : (9, BLOCK), (2, BLOCK)
+    frames, places : (9, BLOCK), (4, BLOCK)
         Their frames, a row for each number, and the cells in which stars are looked for, both ways round.
     best : (BEST_NUMBERS,)
         See there.
@@ -101,7 +101,7 @@ def new_work(spots: int) -> Work:
     pair, allowed, found = np.empty((3, BLOCK), dtype=np.int64)
     order, template, own = np.empty(spots, dtype=np.int64), np.empty((spots, SPOT_NUMBERS)), np.empty((6, 3))
     frames, axes, best = np.empty((9, BLOCK)), np.empty((3, 3)), np.zeros(BEST_NUMBERS)
-    return Work(order, template, own, axes, pair, allowed, found, frames, np.empty((2, BLOCK), dtype=np.int64), best)
+    return Work(order, template, own, axes, pair, allowed, found, frames, np.empty((4, BLOCK), dtype=np.int64), best)
 
 
 class Asked(NamedTuple):
@@ -128,10 +128,12 @@ def ask(template: Matrix, row: int, levels: Levels, frames: Matrix, count: int, 
         u = b * frames[3, k] + c * frames[6, k]
         v = b * frames[4, k] + c * frames[7, k]
         w = b * frames[5, k] + c * frames[8, k]
-        places[0, k] = place_of(int(x + u), int(y + v), int(z + w))
-        places[1, k] = place_of(int(x - u), int(y - v), int(z - w))
+        places[0, k], places[1, k] = word_and_mask(place_of(int(x + u), int(y + v), int(z + w)))
+        places[2, k], places[3, k] = word_and_mask(place_of(int(x - u), int(y - v), int(z - w)))
     for k in range(count):
-        found[k] |= (noted(words, places[0, k]) << row) | (noted(words, places[1, k]) << (row + TURNED))
+        there = words[places[0, k] & LAST_WORD] & places[1, k] == places[1, k]
+        turned = words[places[2, k] & LAST_WORD] & places[3, k] == places[3, k]
+        found[k] |= (int(there) << row) | (int(turned) << (row + TURNED))
 
 
 @kernel

@@ -19,6 +19,8 @@ WORDS, BUCKETS = 1 << 16, 1 << 17
 bits of one word, one of each sixteen (a blocked Bloom filter: Putze, Sanders and Singler 2007), so that chance sets
 those of one cell in a hundred."""
 
+LAST_WORD = WORDS - 1
+
 PADDED, BESIDE = 1.05, 0.3
 """A table is made for tolerances wider by this, and for directions beside the sphere by so many of them: what is looked
 up is not normed."""
@@ -68,17 +70,16 @@ def levels_for(stars: Stars, reach_rad: tuple[float, ...]) -> Levels:
 
 
 @kernel
-def word_and_bits(place: int) -> tuple[int, int, int, int]:
-    """Which word of a table a cell has, and which three of its bits: `place` as of `sky.place_of`."""
-    return place >> 47, (place >> 43) & 15, 16 + ((place >> 39) & 15), 32 + ((place >> 35) & 15)
+def word_and_mask(place: int) -> tuple[int, int]:
+    """Which word of a table a cell has, and its three bits of it: `place` as of `sky.place_of`."""
+    return place >> 47, (1 << ((place >> 43) & 15)) | (1 << (16 + ((place >> 39) & 15))) | (1 << (32 + ((place >> 35) & 15)))
 
 
 @kernel
 def noted(words: Codes, place: int) -> int:
     """1 where a star may be near a cell, else 0; `place` as of `sky.place_of`."""
-    word, a, b, c = word_and_bits(place)
-    bits = words[word]
-    return int((bits >> a) & (bits >> b) & (bits >> c) & 1)
+    word, mask = word_and_mask(place)
+    return int(words[word] & mask == mask)
 
 
 @kernel
@@ -92,8 +93,8 @@ def note_near(stars: Matrix, half: float, reach: float, words: Codes, places: Co
     """Note all cells, 2 `half` along each axis, that have a point of the sphere within reach of a star; places (8,)."""
     for s in range(stars.shape[0]):
         for k in range(touched(stars[s], half, reach, BESIDE * reach, places)):
-            word, a, b, c = word_and_bits(places[k])
-            words[word] |= (1 << a) | (1 << b) | (1 << c)
+            word, mask = word_and_mask(places[k])
+            words[word] |= mask
 
 
 @kernel
