@@ -58,6 +58,7 @@ BLOCK = 128
 quarter of a processor's first cache."""
 
 TURNED = 16
+STRAIGHT = (1 << TURNED) - 1
 """Bits of a pair taken the other way round stand so much higher: no more than `FEW_SPOTS` are asked."""
 
 TRIED, CHANCE, BEST_PAIR, SIGN, SHEAR, BEST_NUMBERS = range(6)
@@ -282,7 +283,7 @@ def try_block(asked: Asked, count: int, scale: float, spots: Spots, sky: SkyArra
     whole = False
     for k in range(left):
         bits = found[k] & work.allowed[k]
-        straight, turned = bits & ((1 << TURNED) - 1), bits >> TURNED
+        straight, turned = bits & STRAIGHT, bits >> TURNED
         if max(count_bits(straight), count_bits(turned)) < asked.least:
             continue
         if not whole:
@@ -298,25 +299,42 @@ def try_block(asked: Asked, count: int, scale: float, spots: Spots, sky: SkyArra
 
 
 @kernel
-def collect(spots: Spots, sky: SkyArrays, fainter: float, pair: int, last: int, most: float, work: Work) -> tuple[int, int]:
-    """Fill a block with pairs of stars whose brightness fits, from `pair` on, up to one with a cosine above `most`.
+def orders_of(spots: Spots, sky: SkyArrays, fainter: float, pair: int) -> int:
+    """In which orders the brightness of a pair of stars fits spots of which the second is `fainter`: 1, 2, both, 0."""
+    a, c = sky.stars[sky.pairs[pair, 0], 3], sky.stars[sky.pairs[pair, 1], 3]
+    step, faintest = c - a, max(a, c)
+    straight, crossed = abs(step - fainter) <= spots.contrast, abs(step + fainter) <= spots.contrast
+    within = int(spots.known < faintest) & int(faintest <= spots.faintest)
+    return within & int(straight) | (within & int(crossed)) << 1
 
-    Returns the first pair that is not in it, and how many are.
+
+@kernel
+def collect(spots: Spots, sky: SkyArrays, fainter: float, pair: int, last: int, work: Work) -> tuple[int, int]:
+    """Fill a block with pairs of stars whose brightness fits, from `pair` to before `last`.
+
+    Returns the first pair that is not in it, and how many are. Without a branch on the stars, which are waited for.
     """
-    count = 0
-    for at in range(pair, last):
-        a, c = sky.stars[sky.pairs[at, 0], 3], sky.stars[sky.pairs[at, 1], 3]
-        step, faintest = c - a, max(a, c)
-        within = int(spots.known < faintest) & int(faintest <= spots.faintest)
-        straight, crossed = within & int(abs(step - fainter) <= spots.contrast), within & int(abs(step + fainter) <= spots.contrast)
-        fits = straight | crossed
-        if fits != 0 and (sky.cosines[at] > most or count == BLOCK):  # they ascend
-            return at, count
-        work.pair[count] = at
-        work.allowed[count] = straight * ((1 << TURNED) - 1) + (crossed * ((1 << TURNED) - 1) << TURNED)
-        work.best[TRIED] += straight + crossed
-        count += fits
-    return last, count
+    count, tried, pairs, allowed = 0, 0, work.pair, work.allowed
+    while pair < last and count < BLOCK:
+        orders = orders_of(spots, sky, fainter, pair)
+        pairs[count], allowed[count] = pair, (orders & 1) * STRAIGHT | (orders >> 1) * (STRAIGHT << TURNED)
+        tried += (orders & 1) + (orders >> 1)
+        count += int(orders != 0)
+        pair += 1
+    work.best[TRIED] += tried
+    return pair, count
+
+
+@kernel
+def first_above(ascending: Vector, first: int, last: int, value: float) -> int:
+    """Index of the first number above a value from `first` to before `last`, else `last`."""
+    while first < last:
+        middle = (first + last) // 2
+        if ascending[middle] > value:
+            last = middle
+        else:
+            first = middle + 1
+    return first
 
 
 @kernel
@@ -328,7 +346,7 @@ def try_scaled_pair(spots: Spots, sky: SkyArrays, levels: Levels, i: int, j: int
     angle = math.acos(min(1.0, cosine))
     low, high = math.cos(angle * (1.0 + spots.focal_range)), math.cos(angle * (1.0 - spots.focal_range))
     pair, last = k_range(sky.cosines, sky.k, sky.line, low, high)
-    fainter, serves_to, scale = spots.magnitude[j] - spots.magnitude[i], -2.0, 1.0
+    fainter, scale = spots.magnitude[j] - spots.magnitude[i], 1.0
     nearest_first(points, i, j, work.order)
     frame_of_pair(spots, i, j, scale, work.own)
     write_template(spots, levels, scale, work.own, work.order, 0, n, template)
@@ -337,14 +355,17 @@ def try_scaled_pair(spots: Spots, sky: SkyArrays, levels: Levels, i: int, j: int
     few = n + 2 <= FEW_SPOTS
     asked = Asked(n if few else ASKED, n if few else ASKED_AGAIN, needed if few else LEAST_AGAIN, needed)
     while pair < last:
-        pair, count = collect(spots, sky, fainter, pair, last, serves_to, work)
-        try_block(asked, count, scale, spots, sky, levels, work)
-        if pair < last and sky.cosines[pair] > serves_to:
-            angle = math.acos(sky.cosines[pair]) * (1.0 - spots.half_step)
-            serves_to = math.cos(angle * (1.0 - spots.half_step))
-            scale = scale_of_pair(points, i, j, angle)
-            frame_of_pair(spots, i, j, scale, work.own)
-            write_template(spots, levels, scale, work.own, work.order, 0, asked.then, template)
+        if orders_of(spots, sky, fainter, pair) == 0:
+            pair += 1
+            continue
+        angle = math.acos(sky.cosines[pair]) * (1.0 - spots.half_step)
+        scale = scale_of_pair(points, i, j, angle)
+        frame_of_pair(spots, i, j, scale, work.own)
+        write_template(spots, levels, scale, work.own, work.order, 0, asked.then, template)
+        step = first_above(sky.cosines, pair, last, math.cos(angle * (1.0 - spots.half_step)))
+        while pair < step:
+            pair, count = collect(spots, sky, fainter, pair, step, work)
+            try_block(asked, count, scale, spots, sky, levels, work)
 
 
 @kernel
