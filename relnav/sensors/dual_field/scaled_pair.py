@@ -50,6 +50,10 @@ ASKED, ASKED_AGAIN, LEAST_AGAIN = 3, 10, 2
 must find a star, then two of ten, before all are asked. Of 430 narrow frames, 180 of them half hidden, those solved
 are the same as where one of three others was enough; with two of seven one real frame with many false spots is lost."""
 
+BESIDE = 4.0
+"""A spot closer to one of the pair than so many tolerances comes last: the pair's own star sets the bits of cells up to
+that far away."""
+
 FAINT = 30.0
 """A magnitude beyond all."""
 
@@ -347,7 +351,7 @@ def try_scaled_pair(spots: Spots, sky: SkyArrays, levels: Levels, i: int, j: int
     low, high = math.cos(angle * (1.0 + spots.focal_range)), math.cos(angle * (1.0 - spots.focal_range))
     pair, last = k_range(sky.cosines, sky.k, sky.line, low, high)
     fainter, scale = spots.magnitude[j] - spots.magnitude[i], 1.0
-    nearest_first(points, i, j, work.order)
+    nearest_first(points, i, j, BESIDE * max(levels.reach[0], 0.5 * spots.shears[0] * angle), work.order)
     frame_of_pair(spots, i, j, scale, work.own)
     write_template(spots, levels, scale, work.own, work.order, 0, n, template)
     write_chances(spots, n, template)

@@ -106,18 +106,29 @@ def tolerance2(spots: Spots, along2: float, m2: float, shear: float) -> float:
 
 
 @kernel
-def nearest_first(points: Matrix, i: int, j: int, order: Codes) -> None:
-    """Write the other spots, those nearest to the middle of i and j first, into order (m,)."""
+def nearest_first(points: Matrix, i: int, j: int, beside: float, order: Codes) -> None:
+    """Write the other spots, those nearest to the middle of i and j first, into order (m,).
+
+    Last come those closer than `beside` to i or j: a star is there under every attitude, that of the pair itself.
+    """
     x, y, row = 0.5 * (points[i, 0] + points[j, 0]), 0.5 * (points[i, 1] + points[j, 1]), 0
-    for k in range(points.shape[0]):
-        if k in (i, j):
-            continue
-        d2, place = (points[k, 0] - x) ** 2 + (points[k, 1] - y) ** 2, row
-        while place > 0 and (points[order[place - 1], 0] - x) ** 2 + (points[order[place - 1], 1] - y) ** 2 > d2:
-            order[place] = order[place - 1]
-            place -= 1
-        order[place] = k
-        row += 1
+    for way in range(2):
+        begin = row
+        for k in range(points.shape[0]):
+            if k in (i, j) or (min(apart2(points, k, i), apart2(points, k, j)) < beside * beside) != (way == 1):
+                continue
+            d2, place = (points[k, 0] - x) ** 2 + (points[k, 1] - y) ** 2, row
+            while place > begin and (points[order[place - 1], 0] - x) ** 2 + (points[order[place - 1], 1] - y) ** 2 > d2:
+                order[place] = order[place - 1]
+                place -= 1
+            order[place] = k
+            row += 1
+
+
+@kernel
+def apart2(points: Matrix, i: int, j: int) -> float:
+    """Square of the distance of two points."""
+    return float((points[i, 0] - points[j, 0]) ** 2 + (points[i, 1] - points[j, 1]) ** 2)
 
 
 @kernel
