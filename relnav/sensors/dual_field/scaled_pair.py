@@ -38,7 +38,15 @@ from relnav.sensors.dual_field.spot_template import (
     write_chances,
     write_template,
 )
-from relnav.sensors.dual_field.star_levels import LAST_WORD, Levels, nearest_chord2, noted, word_and_mask
+from relnav.sensors.dual_field.star_levels import (
+    LAST_WORD,
+    Levels,
+    bucket_of,
+    nearest_chord2,
+    nearest_of_list,
+    noted,
+    word_and_mask,
+)
 
 Places = NDArray[np.int64]
 
@@ -96,17 +104,21 @@ class Work(NamedTuple):
     pair: Codes
     allowed: Codes
     found: Codes
+    some: Codes
+    chosen: Codes
     frames: Matrix
     places: Places
+    at: Matrix
     best: Vector
 
 
 def new_work(spots: int) -> Work:
     """Scratch for so many spots."""
-    pair, allowed, found = np.empty((3, BLOCK), dtype=np.int64)
+    pair, allowed, found, some, chosen = np.empty((5, BLOCK), dtype=np.int64)
     order, template, own = np.empty(spots, dtype=np.int64), np.empty((spots, SPOT_NUMBERS)), np.empty((6, 3))
-    frames, axes, best = np.empty((9, BLOCK)), np.empty((3, 3)), np.zeros(BEST_NUMBERS)
-    return Work(order, template, own, axes, pair, allowed, found, frames, np.empty((4, BLOCK), dtype=np.int64), best)
+    axes, best, frames = np.empty((3, 3)), np.zeros(BEST_NUMBERS), np.empty((9, BLOCK))
+    places, at = np.empty((4, BLOCK), dtype=np.int64), np.empty((4, BLOCK))
+    return Work(order, template, own, axes, pair, allowed, found, some, chosen, frames, places, at, best)
 
 
 class Asked(NamedTuple):
@@ -175,16 +187,38 @@ def distance2(
 
 
 @kernel
-def seen(rows: int, bits: int, spots: Spots, sky: SkyArrays, levels: Levels, template: Matrix, axes: Matrix) -> int:
-    """Of the bits that `ask` has set for the first rows those whose spot has a star within the wider tolerance."""
-    kept = 0
-    for row in range(rows):
-        for way in range(2):
-            bit = 1 << (row + TURNED * way)
-            if bits & bit != 0:
-                d2 = distance2(template, row, True, spots, sky, levels, axes, 1.0 - 2.0 * way)
-                kept |= bit if d2 < template[row, LOOSE2] else 0
-    return kept
+def look_up(
+    template: Matrix, row: int, way: int, count: int, spots: Spots, sky: SkyArrays, levels: Levels, work: Work
+) -> None:
+    """Take away those bits of a spot, one way round, that no star within the wider tolerance is behind.
+
+    Of the first `count` pairs of `work.some`. All lists of stars are asked for before the first is read, so that many
+    are waited for at once.
+    """
+    frames, places, found, at, q = work.frames, work.places, work.found, work.at, 0
+    bit, chosen, beyond = row + TURNED * way, work.chosen, int(template[row, LEVEL]) == levels.reach.shape[0]
+    for s in range(count):
+        k = work.some[s]
+        chosen[q] = k
+        q += (found[k] >> bit) & 1
+    sign, end = 1.0 - 2.0 * way, levels.star.shape[0] - 1
+    a, b, c = template[row, ALONG], sign * template[row, ACROSS], sign * template[row, APART]
+    for s in range(q):
+        k = chosen[s]
+        x = a * frames[0, k] + b * frames[3, k] + c * frames[6, k]
+        y = a * frames[1, k] + b * frames[4, k] + c * frames[7, k]
+        z = a * frames[2, k] + b * frames[5, k] + c * frames[8, k]
+        bucket = bucket_of(cell_of(levels.wide, x, y, z))
+        first, last = levels.begin[bucket], levels.begin[bucket + 1]
+        at[0, s], at[1, s], at[2, s], at[3, s] = x, y, z, sky.stars[levels.star[min(first, end)], 0]
+        places[0, s], places[1, s] = first, last
+    for s in range(q):
+        if beyond:
+            take_frame(work, chosen[s])
+            d2 = distance2(template, row, True, spots, sky, levels, work.axes, sign)
+        else:
+            d2 = nearest_of_list(levels, sky.stars, spots.depth, places[0, s], places[1, s], at[0, s], at[1, s], at[2, s])
+        found[chosen[s]] &= ~(int(d2 >= template[row, LOOSE2]) << bit)
 
 
 @kernel
@@ -257,9 +291,9 @@ def take_frame(work: Work, k: int) -> None:
 
 
 @kernel
-def keep_pair(work: Work, k: int, to: int, bits: int) -> None:
+def keep_pair(work: Work, k: int, to: int) -> None:
     """Move a pair of a block to an earlier place, with what it has found."""
-    work.pair[to], work.allowed[to], work.found[to] = work.pair[k], work.allowed[k], bits
+    work.pair[to], work.allowed[to], work.found[to] = work.pair[k], work.allowed[k], work.found[k]
     for number in range(9):
         work.frames[number, to] = work.frames[number, k]
 
@@ -273,14 +307,19 @@ def try_block(asked: Asked, count: int, scale: float, spots: Spots, sky: SkyArra
         found[k] = 0
     for row in range(asked.first):
         ask(template, row, levels, work.frames, count, work.places, found)
-    left = 0
+    some = 0
     for k in range(count):
-        bits = found[k] & work.allowed[k]
-        if bits != 0 and asked.first < asked.then:
-            take_frame(work, k)
-            bits = seen(asked.first, bits, spots, sky, levels, template, axes)
-        if bits != 0:
-            keep_pair(work, k, left, bits)
+        found[k] &= work.allowed[k]
+        work.some[some] = k
+        some += int(found[k] != 0)
+    if asked.first < asked.then:
+        for row in range(asked.first):
+            for way in range(2):
+                look_up(template, row, way, some, spots, sky, levels, work)
+    left = 0
+    for s in range(some):
+        if found[work.some[s]] != 0:
+            keep_pair(work, work.some[s], left)
             left += 1
     for row in range(asked.first, asked.then):
         ask(template, row, levels, work.frames, left, work.places, found)

@@ -118,8 +118,17 @@ def fill_touched(stars: Matrix, half: float, reach: float, begin: Indices, out: 
 @kernel
 def nearest_chord2(levels: Levels, stars: Matrix, depth: float, x: float, y: float, z: float) -> float:
     """Square of the distance of the nearest listed star not fainter than `depth`; 5 where none is listed."""
-    bucket, best2 = bucket_of(cell_of(levels.wide, x, y, z)), 5.0
-    for item in range(levels.begin[bucket], levels.begin[bucket + 1]):
+    bucket = bucket_of(cell_of(levels.wide, x, y, z))
+    return nearest_of_list(levels, stars, depth, levels.begin[bucket], levels.begin[bucket + 1], x, y, z)
+
+
+@kernel
+def nearest_of_list(
+    levels: Levels, stars: Matrix, depth: float, first: int, last: int, x: float, y: float, z: float
+) -> float:
+    """The same of the stars of one list."""
+    best2 = 5.0
+    for item in range(first, last):
         v = stars[levels.star[item]]
         d2 = (v[0] - x) ** 2 + (v[1] - y) ** 2 + (v[2] - z) ** 2
         if d2 < best2 and v[3] <= depth:
