@@ -17,6 +17,9 @@ Indices = NDArray[np.int32]
 MOST_CELLS = 64
 """Along each axis of the cube around the sphere, in which neighbours are looked for."""
 
+CROWDED = 1.5
+"""Room for pairs, in those of as many stars spread evenly; where it is not enough they are looked for again."""
+
 
 @dataclass(frozen=True, eq=False)
 class PairTable:
@@ -48,8 +51,12 @@ class PairTable:
         return self.stars[first:last]
 
 
-def build_pair_table(directions: Matrix, low_rad: float, high_rad: float) -> PairTable:
+def build_pair_table(
+    directions: Matrix, low_rad: float, high_rad: float, names: Indices | None = None
+) -> PairTable:
     """Table of all pairs of the unit vectors (n, 3) with an angle from low to high, 0 <= low < high <= pi.
+
+    Its stars are rows of `directions`, or what `names` (n,) calls them.
 
     Raises
     ------
@@ -58,61 +65,83 @@ def build_pair_table(directions: Matrix, low_rad: float, high_rad: float) -> Pai
     """
     if not 0.0 <= low_rad < high_rad <= np.pi:
         raise ValueError(f"a range of angles 0 <= low < high <= pi is expected; got {low_rad} to {high_rad} rad")
-    low, high = float(np.cos(high_rad)), float(np.cos(low_rad))
+    low, high, n = float(np.cos(high_rad)), float(np.cos(low_rad)), len(directions)
     across = min(MOST_CELLS, max(1, int(2.0 / max(2.0 * np.sin(0.5 * high_rad), 1e-9) * (1.0 - 1e-9))))
     cell = np.minimum(((directions + 1.0) * (0.5 * across)).astype(np.int64), across - 1)
     place = cell @ np.array([across * across, across, 1])
     order = np.argsort(place, kind="stable")
     begin = np.concatenate([[0], np.cumsum(np.bincount(place, minlength=across**3))])
-    v = np.ascontiguousarray(directions[order])
-    expected = max(1, int(0.06 * len(v) ** 2 * (high - low)))
+    v, names = np.ascontiguousarray(directions[order].T), order.astype(np.int32) if names is None else names[order]
+    uniform = 0.25 * n**2 * (high - low)
+    count, room = 1, 0
+    while count > room:  # once, unless the stars crowd more than was allowed for
+        room = min(n * n // 2, max(count, int(CROWDED * uniform)))
+        cosines, pairs = np.empty(room + 1), np.empty((room + 1, 2), dtype=np.int32)
+        count = find_pairs(v, names, begin, across, low, high, np.empty(n), cosines, pairs)
+    expected = max(1, int(0.25 * uniform))
     line, k = np.array([low, max((high - low) / expected, 1e-15)]), np.zeros(expected + 1, dtype=np.int32)
-    walk_pairs(v, begin, across, low, high, line, k, NO_COSINES, NO_PAIRS)
-    k = np.concatenate([[0], np.cumsum(k[:-1])]).astype(np.int32)
-    cosine, pairs = np.empty(k[-1]), np.empty((k[-1], 2), dtype=np.int32)
-    walk_pairs(v, begin, across, low, high, line, k[:-1].copy(), cosine, pairs)
-    sort_buckets(k, cosine, pairs)
-    return PairTable(cosine, order.astype(np.int32)[pairs], k, line)
-
-
-NO_COSINES, NO_PAIRS = np.empty(0), np.empty((0, 2), dtype=np.int32)
+    cosine, found = np.empty(count), np.empty((count, 2), dtype=np.int32)
+    sort_pairs(cosines[:count], pairs[:count], line, k, cosine, found)
+    return PairTable(cosine, found, k, line)
 
 
 @kernel
-def walk_pairs(
+def find_pairs(
     v: Matrix,
+    names: Indices,
     begin: Codes,
     across: int,
     low: float,
     high: float,
-    line: Vector,
-    at: Indices,
+    dots: Vector,
     cosines: Vector,
     pairs: Indices,
-) -> None:
-    """Go through the pairs of unit vectors (n, 3), sorted by cell, with low <= cosine <= high.
+) -> int:
+    """Write pairs of unit vectors (3, n), sorted by cell, with low <= cosine <= high, as long as there is room; how many.
 
-    Counts them in `at` (b + 1,), by where their cosine stands on `line`; with cosines (p,) and pairs (p, 2) it writes
-    them instead, each to its place in `at`, which is moved.
+    dots (n,) is scratch. A pair is written before it is known whether it is one: nothing waits for that.
     """
-    last, write = at.shape[0] - 2 if cosines.shape[0] == 0 else at.shape[0] - 1, cosines.shape[0] > 0
-    scale = 1.0 / line[1]
+    count, room = 0, cosines.shape[0] - 1
     for cell in range(across * across * across):
+        if begin[cell] == begin[cell + 1]:
+            continue
         x, y, z = cell // (across * across), cell // across % across, cell % across
-        for a in range(begin[cell], begin[cell + 1]):
-            a0, a1, a2 = v[a, 0], v[a, 1], v[a, 2]
-            for near in range(13, 27):  # itself and half of its neighbours: every pair of cells once
-                p, q, r = x + near // 9 - 1, y + near // 3 % 3 - 1, z + near % 3 - 1
-                if p >= across or q < 0 or q >= across or r < 0 or r >= across:
-                    continue
-                other = (p * across + q) * across + r
-                for b in range(a + 1 if near == 13 else begin[other], begin[other + 1]):
-                    cosine = a0 * v[b, 0] + a1 * v[b, 1] + a2 * v[b, 2]
-                    if low <= cosine <= high:
-                        bucket = min(int((cosine - line[0]) * scale), last)
-                        if write:
-                            cosines[at[bucket]], pairs[at[bucket], 0], pairs[at[bucket], 1] = cosine, a, b
-                        at[bucket] += 1
+        for near in range(5):  # half of its neighbours, so that every pair of cells comes once: rows of them along z
+            p, q = x + (near >= 2), y + (0, 1, -1, 0, 1)[near]
+            if p >= across or q < 0 or q >= across:
+                continue
+            row = (p * across + q) * across
+            first, last = begin[row + max(z - 1, 0)], begin[row + min(z + 1, across - 1) + 1]
+            for a in range(begin[cell], begin[cell + 1]):
+                a0, a1, a2, name = v[0, a], v[1, a], v[2, a], names[a]
+                start = a + 1 if near == 0 else first  # of its own row those that come after it
+                for b in range(last - start):
+                    dots[b] = a0 * v[0, start + b] + a1 * v[1, start + b] + a2 * v[2, start + b]
+                for b in range(last - start):
+                    at = min(count, room)
+                    cosines[at], pairs[at, 0], pairs[at, 1] = dots[b], name, names[start + b]
+                    count += int(low <= dots[b]) & int(dots[b] <= high)
+    return count
+
+
+@kernel
+def sort_pairs(
+    cosines: Vector, pairs: Indices, line: Vector, k: Indices, sorted_cosines: Vector, sorted_pairs: Indices
+) -> None:
+    """Write cosines and their pairs in ascending order, and fill k (b + 1,), zeros before."""
+    last, scale, total = k.shape[0] - 2, 1.0 / line[1], 0
+    for place in range(cosines.shape[0]):
+        k[min(int((cosines[place] - line[0]) * scale), last)] += 1
+    for bucket in range(k.shape[0]):
+        total += k[bucket]
+        k[bucket] = total
+    for back in range(cosines.shape[0]):
+        place = cosines.shape[0] - 1 - back
+        bucket = min(int((cosines[place] - line[0]) * scale), last)
+        k[bucket] -= 1
+        to = k[bucket]
+        sorted_cosines[to], sorted_pairs[to, 0], sorted_pairs[to, 1] = cosines[place], pairs[place, 0], pairs[place, 1]
+    sort_buckets(k, sorted_cosines, sorted_pairs)
 
 
 @kernel

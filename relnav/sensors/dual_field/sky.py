@@ -116,8 +116,7 @@ def build_sky(stars: Stars, *, pair_count: int, low_rad: float, high_rad: float)
     alone = np.empty(len(bright), dtype=np.uint8)
     mark_alone(stars.arrays, stars.cells, bright, (2.0 * math.sin(0.5 * BLEND_RAD)) ** 2, alone)
     bright = bright[alone > 0]
-    table = build_pair_table(stars.arrays[bright, :3], low_rad, high_rad)
-    pairs = PairTable(table.cos, bright.astype(np.int32)[table.stars], table.k, table.line)
+    pairs = build_pair_table(stars.arrays[bright, :3], low_rad, high_rad, bright.astype(np.int32))
     grid = stars.arrays, stars.cells, stars.near, stars.brighter
     return Sky(SkyArrays(*grid, pairs.cos, pairs.stars, pairs.k, pairs.line), stars.hip, pairs, stars.magnitudes)
 
