@@ -73,6 +73,11 @@ TURNED = 16
 STRAIGHT = (1 << TURNED) - 1
 """Bits of a pair taken the other way round stand so much higher: no more than `FEW_SPOTS` are asked."""
 
+PAIR, BIT, LIST, END = range(4)
+ASKS = 2 * ASKED * BLOCK
+"""Rows of `asks`: a pair of a block, the bit of `found` in question, and where in `Levels.star` its list begins and
+ends; and how many questions there may be, one more being written before it is known whether it is one."""
+
 TRIED, CHANCE, BEST_PAIR, SIGN, SHEAR, BEST_NUMBERS = range(6)
 """Entries of `best`: attitudes tried so far, and of the best one the logarithm of its false alarm probability, its pair
 in the table, 1 or -1 for its order, and the tolerance under which it is the best."""
@@ -105,20 +110,21 @@ class Work(NamedTuple):
     allowed: Codes
     found: Codes
     some: Codes
-    chosen: Codes
     frames: Matrix
     places: Places
+    asks: Places
     at: Matrix
     best: Vector
 
 
 def new_work(spots: int) -> Work:
     """Scratch for so many spots."""
-    pair, allowed, found, some, chosen = np.empty((5, BLOCK), dtype=np.int64)
+    pair, allowed, found, some = np.empty((4, BLOCK), dtype=np.int64)
     order, template, own = np.empty(spots, dtype=np.int64), np.empty((spots, SPOT_NUMBERS)), np.empty((6, 3))
     axes, best, frames = np.empty((3, 3)), np.zeros(BEST_NUMBERS), np.empty((9, BLOCK))
-    places, at = np.empty((4, BLOCK), dtype=np.int64), np.empty((4, BLOCK))
-    return Work(order, template, own, axes, pair, allowed, found, some, chosen, frames, places, at, best)
+    places, asks = np.empty((4, BLOCK), dtype=np.int64), np.empty((4, ASKS + 1), dtype=np.int64)
+    at = np.empty((5, ASKS + 1))
+    return Work(order, template, own, axes, pair, allowed, found, some, frames, places, asks, at, best)
 
 
 class Asked(NamedTuple):
@@ -187,38 +193,44 @@ def distance2(
 
 
 @kernel
-def look_up(
-    template: Matrix, row: int, way: int, count: int, spots: Spots, sky: SkyArrays, levels: Levels, work: Work
-) -> None:
-    """Take away those bits of a spot, one way round, that no star within the wider tolerance is behind.
-
-    Of the first `count` pairs of `work.some`. All lists of stars are asked for before the first is read, so that many
-    are waited for at once.
-    """
-    frames, places, found, at, q = work.frames, work.places, work.found, work.at, 0
-    bit, chosen, beyond = row + TURNED * way, work.chosen, int(template[row, LEVEL]) == levels.reach.shape[0]
-    for s in range(count):
-        k = work.some[s]
-        chosen[q] = k
-        q += (found[k] >> bit) & 1
-    sign, end = 1.0 - 2.0 * way, levels.star.shape[0] - 1
+def list_questions(template: Matrix, row: int, way: int, some: int, q: int, levels: Levels, work: Work) -> int:
+    """Add to the first q questions those of a spot, one way round, of `some` pairs: how many there are then."""
+    frames, found, bit, sign = work.frames, work.found, row + TURNED * way, 1.0 - 2.0 * way
     a, b, c = template[row, ALONG], sign * template[row, ACROSS], sign * template[row, APART]
-    for s in range(q):
-        k = chosen[s]
+    first = q
+    for s in range(some):
+        k = work.some[s]
+        work.asks[PAIR, q], work.asks[BIT, q] = k, bit
+        q += (found[k] >> bit) & 1
+    for s in range(first, q):
+        k = work.asks[PAIR, s]
         x = a * frames[0, k] + b * frames[3, k] + c * frames[6, k]
         y = a * frames[1, k] + b * frames[4, k] + c * frames[7, k]
         z = a * frames[2, k] + b * frames[5, k] + c * frames[8, k]
-        bucket = bucket_of(cell_of(levels.wide, x, y, z))
-        first, last = levels.begin[bucket], levels.begin[bucket + 1]
-        at[0, s], at[1, s], at[2, s], at[3, s] = x, y, z, sky.stars[levels.star[min(first, end)], 0]
-        places[0, s], places[1, s] = first, last
+        work.asks[LIST, s] = bucket_of(cell_of(levels.wide, x, y, z))
+        work.at[0, s], work.at[1, s], work.at[2, s], work.at[3, s] = x, y, z, template[row, LOOSE2]
+    return q
+
+
+@kernel
+def look_up(asked: Asked, some: int, spots: Spots, sky: SkyArrays, levels: Levels, work: Work) -> None:
+    """Take away those bits of the first spots that no star within the wider tolerance is behind, of `some` pairs.
+
+    All lists of stars are asked for before the first is read, so that many are waited for at once.
+    """
+    asks, at, found, q = work.asks, work.at, work.found, 0
+    for row in range(asked.first):
+        if work.template[row, LEVEL] < levels.reach.shape[0]:  # else no list reaches far enough, and the bit stays
+            for way in range(2):
+                q = list_questions(work.template, row, way, some, q, levels, work)
     for s in range(q):
-        if beyond:
-            take_frame(work, chosen[s])
-            d2 = distance2(template, row, True, spots, sky, levels, work.axes, sign)
-        else:
-            d2 = nearest_of_list(levels, sky.stars, spots.depth, places[0, s], places[1, s], at[0, s], at[1, s], at[2, s])
-        found[chosen[s]] &= ~(int(d2 >= template[row, LOOSE2]) << bit)
+        bucket = asks[LIST, s]
+        asks[LIST, s], asks[END, s] = levels.begin[bucket], levels.begin[bucket + 1]
+    for s in range(q):
+        at[4, s] = sky.stars[levels.star[asks[LIST, s]], 0]
+    for s in range(q):
+        d2 = nearest_of_list(levels, sky.stars, spots.depth, asks[LIST, s], asks[END, s], at[0, s], at[1, s], at[2, s])
+        found[asks[PAIR, s]] &= ~(int(d2 >= at[3, s]) << asks[BIT, s])
 
 
 @kernel
@@ -313,9 +325,7 @@ def try_block(asked: Asked, count: int, scale: float, spots: Spots, sky: SkyArra
         work.some[some] = k
         some += int(found[k] != 0)
     if asked.first < asked.then:
-        for row in range(asked.first):
-            for way in range(2):
-                look_up(template, row, way, some, spots, sky, levels, work)
+        look_up(asked, some, spots, sky, levels, work)
     left = 0
     for s in range(some):
         if found[work.some[s]] != 0:

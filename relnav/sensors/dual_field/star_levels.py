@@ -64,7 +64,7 @@ def levels_for(stars: Stars, reach_rad: tuple[float, ...]) -> Levels:
     begin = np.zeros(BUCKETS + 1, dtype=np.int32)
     count_touched(stars.arrays, wide, far, begin, places)
     begin = np.cumsum(begin, dtype=np.int32)
-    star = np.empty(int(begin[-1]), dtype=np.int32)
+    star = np.zeros(int(begin[-1]) + 1, dtype=np.int32)
     fill_touched(stars.arrays, wide, far, begin[:-1].copy(), star, places)
     return Levels(words, np.array(reach_rad), 0.5 / reach, begin, star, wide)
 
