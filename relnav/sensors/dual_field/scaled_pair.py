@@ -324,7 +324,7 @@ def try_block(asked: Asked, count: int, scale: float, spots: Spots, sky: SkyArra
         found[k] &= work.allowed[k]
         work.some[some] = k
         some += int(found[k] != 0)
-    if asked.first < asked.then:
+    if asked.first <= ASKED:
         look_up(asked, some, spots, sky, levels, work)
     left = 0
     for s in range(some):
@@ -406,7 +406,9 @@ def try_scaled_pair(spots: Spots, sky: SkyArrays, levels: Levels, i: int, j: int
     write_chances(spots, n, template)
     needed = least_matches(template, n, best)
     few = n + 2 <= FEW_SPOTS
-    asked = Asked(n if few else ASKED, n if few else ASKED_AGAIN, needed if few else LEAST_AGAIN, needed)
+    asked = Asked(ASKED, ASKED_AGAIN, LEAST_AGAIN, needed)
+    if few:  # of so many, one at the least must find a star
+        asked = Asked(n - needed + 1, n, needed, needed)
     while pair < last:
         if orders_of(spots, sky, fainter, pair) == 0:
             pair += 1

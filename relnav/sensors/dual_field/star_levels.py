@@ -131,6 +131,5 @@ def nearest_of_list(
     for item in range(first, last):
         v = stars[levels.star[item]]
         d2 = (v[0] - x) ** 2 + (v[1] - y) ** 2 + (v[2] - z) ** 2
-        if d2 < best2 and v[3] <= depth:
-            best2 = d2
+        best2 = min(best2, d2 if v[3] <= depth else 5.0)
     return float(best2)
