@@ -111,8 +111,8 @@ def sort_stars(directions: Matrix, magnitude: Vector, hip: NDArray[np.int32]) ->
 
 
 def build_sky(stars: Stars, *, pair_count: int, low_rad: float, high_rad: float) -> Sky:
-    """Add pairs from `low_rad` to `high_rad` of the `pair_count` brightest."""
-    bright = np.sort(np.argsort(stars.arrays[:, 3], kind="stable")[:pair_count])
+    """Add pairs from `low_rad` to `high_rad` of the `pair_count` brightest, and those as bright."""
+    bright = np.flatnonzero(stars.arrays[:, 3] <= stars.magnitudes[min(pair_count, len(stars.magnitudes)) - 1])
     alone = np.empty(len(bright), dtype=np.uint8)
     mark_alone(stars.arrays, stars.cells, bright, (2.0 * math.sin(0.5 * BLEND_RAD)) ** 2, alone)
     bright = bright[alone > 0]
@@ -140,27 +140,27 @@ def touched(star: Vector, half: float, reach: float, beside: float, places: Code
     """
     width, count = 1.0 / half, 0
     inner, outer = (1.0 - beside) ** 2, (1.0 + beside) ** 2
-    for i in range(2):
-        x = int((star[0] + (reach if i else -reach) + 1.0) * half)
-        x_low = x * width - 1.0
-        x_apart2 = max(0.0, x_low - star[0], star[0] - x_low - width) ** 2
-        x_least2, x_most2 = max(0.0, x_low, -x_low - width) ** 2, max(x_low + width, -x_low) ** 2
-        for j in range(2):
-            y = int((star[1] + (reach if j else -reach) + 1.0) * half)
-            y_low = y * width - 1.0
-            y_apart2 = x_apart2 + max(0.0, y_low - star[1], star[1] - y_low - width) ** 2
-            y_least2 = x_least2 + max(0.0, y_low, -y_low - width) ** 2
-            y_most2 = x_most2 + max(y_low + width, -y_low) ** 2
-            for k in range(2):
-                z = int((star[2] + (reach if k else -reach) + 1.0) * half)
-                z_low = z * width - 1.0
-                apart2 = y_apart2 + max(0.0, z_low - star[2], star[2] - z_low - width) ** 2
-                least2 = y_least2 + max(0.0, z_low, -z_low - width) ** 2
-                most2 = y_most2 + max(z_low + width, -z_low) ** 2
-                if apart2 <= reach * reach and least2 <= outer and most2 >= inner:
-                    places[count] = place_of(x, y, z)
-                    count += 1
+    x_first, x_last = int((star[0] - reach + 1.0) * half), int((star[0] + reach + 1.0) * half)
+    y_first, y_last = int((star[1] - reach + 1.0) * half), int((star[1] + reach + 1.0) * half)
+    z_first, z_last = int((star[2] - reach + 1.0) * half), int((star[2] + reach + 1.0) * half)
+    for x in range(x_first, min(x_first + 1, x_last) + 1):
+        x_apart2, x_least2, x_most2 = of_cell(star[0], x * width - 1.0, width)
+        for y in range(y_first, min(y_first + 1, y_last) + 1):
+            y_apart2, y_least2, y_most2 = of_cell(star[1], y * width - 1.0, width)
+            for z in range(z_first, min(z_first + 1, z_last) + 1):
+                apart2, least2, most2 = of_cell(star[2], z * width - 1.0, width)
+                near = int(x_apart2 + y_apart2 + apart2 <= reach * reach)
+                places[count] = place_of(x, y, z)  # before it is known whether it counts: nothing waits for that
+                count += (
+                    near & int(x_least2 + y_least2 + least2 <= outer) & int(x_most2 + y_most2 + most2 >= inner)
+                )
     return count
+
+
+@kernel
+def of_cell(at: float, low: float, width: float) -> tuple[float, float, float]:
+    """Along one axis of a cell from `low` on, squared: its distance from `at`, its least and most from the origin."""
+    return max(0.0, low - at, at - low - width) ** 2, max(0.0, low, -low - width) ** 2, max(low + width, -low) ** 2
 
 
 @kernel
