@@ -32,7 +32,8 @@ from relnav.sensors.dual_field.blind_order import (
 from relnav.sensors.dual_field.camera_fit import CameraFit, fit_camera
 from relnav.sensors.dual_field.catalogue import StarCatalogue
 from relnav.sensors.dual_field.optics import plane_points
-from relnav.sensors.dual_field.scaled_pair import TRIED, new_work, read_best, try_pairs
+from relnav.sensors.dual_field.pair_block import SCALE, TRIED, new_work
+from relnav.sensors.dual_field.scaled_pair import try_pairs
 from relnav.sensors.dual_field.search import CLUSTERING
 from relnav.sensors.dual_field.sky import Sky, prepare_sky, prepare_stars
 from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solution
@@ -272,17 +273,15 @@ def _search(
     star, A, best = np.empty(m, dtype=np.int64), np.empty((3, 3)), work.best
     best[TRIED] = tried
     while True:
-        number = try_pairs(spots, sky.arrays, levels, table, number, LOG_PROMISING, work)
-        if number == len(table):
+        number = 1 + try_pairs(spots, sky.arrays, levels, work, table, number, LOG_PROMISING, A, star)
+        if number > len(table):
             return None, int(best[TRIED])
-        scale = read_best(spots, sky.arrays, *pairs[number], work, A, star)
-        number += 1
         fit = fit_camera(
             blind.spots_px,
             sky,
             star,
             dcm=A.copy(),
-            focal_px=blind.focal_px / scale,
+            focal_px=blind.focal_px / float(best[SCALE]),
             principal_px=blind.principal_px,
             distortion=blind.distortion,
             lens_known=blind.lens_known,

@@ -3,7 +3,7 @@
 import math
 
 from relnav.arrays import Codes, Matrix, Vector
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import entry, kernel
 from relnav.geometry.linear_algebra import cholesky, solve_lower, solve_lower_transposed
 from relnav.sensors.dual_field.matching import turn
 
@@ -72,7 +72,7 @@ def normal_equations(
                 normal[row, column] += J[0, row] * J[0, column] + J[1, row] * J[1, column] + J[2, row] * J[2, column]
 
 
-@kernel
+@entry
 def step_camera(
     spots: Matrix,
     star: Codes,

@@ -36,7 +36,7 @@ SPOT = 11
 BLOCK_SPOT = SPOT + 1
 
 
-@kernel
+@entry
 def usable_spots_into(spots: Matrix, magnitude: Vector, half_width: float, half_height: float, order: Codes) -> int:
     """Write the indices of the spots on the detector, brightest first, into order (n,); at most MOST_SPOTS. How many.
 

@@ -7,7 +7,7 @@ import math
 from typing import NamedTuple
 
 from relnav.arrays import Codes, Matrix, Vector
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import entry, kernel
 from relnav.sensors.dual_field.sky import SkyArrays, nearest_star, none_near
 
 LOOSEST_CHORD2 = 9e-6
@@ -223,7 +223,7 @@ def match_tightly(
     return found
 
 
-@kernel
+@entry
 def turn(A: Matrix, dx: float, dy: float, dz: float) -> None:
     """Turn the frame of A by the small rotation d (rad) in place, exp(-[d x]) A by Cayley's formula: a rotation."""
     x, y, z = 0.5 * dx, 0.5 * dy, 0.5 * dz

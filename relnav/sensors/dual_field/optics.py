@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Vector
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import entry, kernel
 from relnav.geometry.distortion import undistort
 from relnav.geometry.pinhole import central_projection
 
@@ -35,14 +35,14 @@ def ray_and_variance(x: float, y: float, sigma: float) -> tuple[float, float, fl
     return x * cosine, y * cosine, cosine, sigma * sigma * 0.5 * cos2 * (1.0 + cos2)
 
 
-@kernel
+@entry
 def _plane_points_into(spots: Matrix, focal: float, cx: float, cy: float, k1: float, k2: float, out: Matrix) -> None:
     """Write the plane points (n, 2) of spots (n, 2)."""
     for k in range(spots.shape[0]):
         out[k, 0], out[k, 1] = plane_point(spots[k, 0], spots[k, 1], focal, cx, cy, k1, k2)
 
 
-@kernel
+@entry
 def _rays_into(points: Matrix, sigma: float, u: Matrix, variance: Vector) -> None:
     """Write the rays (n, 3) of plane points (n, 2) and their variances."""
     for k in range(points.shape[0]):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relnav.arrays import Codes, Matrix, Vector
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import entry, kernel
 
 Indices = NDArray[np.int32]
 
@@ -51,9 +51,7 @@ class PairTable:
         return self.stars[first:last]
 
 
-def build_pair_table(
-    directions: Matrix, low_rad: float, high_rad: float, names: Indices | None = None
-) -> PairTable:
+def build_pair_table(directions: Matrix, low_rad: float, high_rad: float, names: Indices | None = None) -> PairTable:
     """Table of all pairs of the unit vectors (n, 3) with an angle from low to high, 0 <= low < high <= pi.
 
     Its stars are rows of `directions`, or what `names` (n,) calls them.
@@ -85,7 +83,7 @@ def build_pair_table(
     return PairTable(cosine, found, k, line)
 
 
-@kernel
+@entry
 def find_pairs(
     v: Matrix,
     names: Indices,
@@ -97,9 +95,10 @@ def find_pairs(
     cosines: Vector,
     pairs: Indices,
 ) -> int:
-    """Write pairs of unit vectors (3, n), sorted by cell, with low <= cosine <= high, as long as there is room; how many.
+    """Write pairs of unit vectors (3, n), sorted by cell, with low <= cosine <= high; returns how many there are.
 
-    dots (n,) is scratch. A pair is written before it is known whether it is one: nothing waits for that.
+    Those for which there is no room are counted alone; dots (n,) is scratch. A pair is written before it is known
+    whether it is one: nothing waits for that.
     """
     count, room = 0, cosines.shape[0] - 1
     for cell in range(across * across * across):
@@ -124,7 +123,7 @@ def find_pairs(
     return count
 
 
-@kernel
+@entry
 def sort_pairs(
     cosines: Vector, pairs: Indices, line: Vector, k: Indices, sorted_cosines: Vector, sorted_pairs: Indices
 ) -> None:

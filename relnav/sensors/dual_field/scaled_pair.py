@@ -9,15 +9,32 @@ first, of a block of pairs of stars at a time; whoever is left is asked more.
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from relnav.arrays import Codes, Matrix, Vector
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import kernel, long_entry
 from relnav.sensors.dual_field.evidence import log_choices
-from relnav.sensors.dual_field.pair_table import k_range
+from relnav.sensors.dual_field.pair_block import (
+    BEST_PAIR,
+    CHANCE,
+    LOOKED_UP,
+    SCALE,
+    SHEAR,
+    SIGN,
+    STRAIGHT,
+    TRIED,
+    TURNED,
+    Places,
+    Work,
+    ask,
+    collect,
+    keep_pair,
+    look_up,
+    orders_of,
+    take_frame,
+    write_frames,
+)
+from relnav.sensors.dual_field.pair_table import Indices, k_range
 from relnav.sensors.dual_field.screening import FEW_SPOTS
-from relnav.sensors.dual_field.sky import SkyArrays, cell_of, nearest_star, place_of
+from relnav.sensors.dual_field.sky import Bits, SkyArrays, cell_of, nearest_star
 from relnav.sensors.dual_field.spot_template import (
     ACROSS,
     ALONG,
@@ -27,7 +44,6 @@ from relnav.sensors.dual_field.spot_template import (
     LOG_LOOSE,
     LOG_TIGHT,
     LOOSE2,
-    SPOT_NUMBERS,
     TIGHT2,
     Spots,
     frame_of_directions,
@@ -38,22 +54,12 @@ from relnav.sensors.dual_field.spot_template import (
     write_chances,
     write_template,
 )
-from relnav.sensors.dual_field.star_levels import (
-    LAST_WORD,
-    Levels,
-    bucket_of,
-    nearest_chord2,
-    nearest_of_list,
-    noted,
-    word_and_mask,
-)
-
-Places = NDArray[np.int64]
+from relnav.sensors.dual_field.star_levels import Levels, nearest_chord2, noted
 
 LEAST_FOUND = 3
 """Spots that must find a star beside the pair before a candidate is looked at."""
 
-ASKED, ASKED_AGAIN, LEAST_AGAIN = 3, 10, 2
+ASKED, ASKED_AGAIN, LEAST_AGAIN = LOOKED_UP, 10, 2
 """Of more than `FEW_SPOTS` spots the three nearest to the pair are asked first, as distortion moves them least: one
 must find a star, then two of ten, before all are asked. Of 430 narrow frames, 180 of them half hidden, those solved
 are the same as where one of three others was enough; with two of seven one real frame with many false spots is lost."""
@@ -65,67 +71,6 @@ that far away."""
 FAINT = 30.0
 """A magnitude beyond all."""
 
-BLOCK = 128
-"""Pairs of stars that are asked the first questions together, so that no answer is waited for: their frames take up a
-quarter of a processor's first cache."""
-
-TURNED = 16
-STRAIGHT = (1 << TURNED) - 1
-"""Bits of a pair taken the other way round stand so much higher: no more than `FEW_SPOTS` are asked."""
-
-PAIR, BIT, LIST, END = range(4)
-ASKS = 2 * ASKED * BLOCK
-"""Rows of `asks`: a pair of a block, the bit of `found` in question, and where in `Levels.star` its list begins and
-ends; and how many questions there may be, one more being written before it is known whether it is one."""
-
-TRIED, CHANCE, BEST_PAIR, SIGN, SHEAR, BEST_NUMBERS = range(6)
-"""Entries of `best`: attitudes tried so far, and of the best one the logarithm of its false alarm probability, its pair
-in the table, 1 or -1 for its order, and the tolerance under which it is the best."""
-
-
-class Work(NamedTuple):
-    """Scratch, and what the best is.
-
-    Attributes
-    ----------
-    order : (m,)
-        Spots in the order in which they are asked.
-    template : (m, SPOT_NUMBERS)
-        As of `spot_template`.
-    own, axes : (6, 3), (3, 3)
-        As of `frame_of_pair`, and the frame of one pair of stars.
-    pair, allowed, found : (BLOCK,)
-        Pairs of stars, which of their orders are to be tried, and which spots may have found a star.
-    frames, places : (9, BLOCK), (4, BLOCK)
-        Their frames, a row for each number, and the cells in which stars are looked for, both ways round.
-    best : (BEST_NUMBERS,)
-        See there.
-    """
-
-    order: Codes
-    template: Matrix
-    own: Matrix
-    axes: Matrix
-    pair: Codes
-    allowed: Codes
-    found: Codes
-    some: Codes
-    frames: Matrix
-    places: Places
-    asks: Places
-    at: Matrix
-    best: Vector
-
-
-def new_work(spots: int) -> Work:
-    """Scratch for so many spots."""
-    pair, allowed, found, some = np.empty((4, BLOCK), dtype=np.int64)
-    order, template, own = np.empty(spots, dtype=np.int64), np.empty((spots, SPOT_NUMBERS)), np.empty((6, 3))
-    axes, best, frames = np.empty((3, 3)), np.zeros(BEST_NUMBERS), np.empty((9, BLOCK))
-    places, asks = np.empty((4, BLOCK), dtype=np.int64), np.empty((4, ASKS + 1), dtype=np.int64)
-    at = np.empty((5, ASKS + 1))
-    return Work(order, template, own, axes, pair, allowed, found, some, frames, places, asks, at, best)
-
 
 class Asked(NamedTuple):
     """How many spots are asked first, and then, how many of those must find a star, and how many of all spots."""
@@ -134,29 +79,6 @@ class Asked(NamedTuple):
     then: int
     least: int
     needed: int
-
-
-@kernel
-def ask(template: Matrix, row: int, levels: Levels, frames: Matrix, count: int, places: Places, found: Codes) -> None:
-    """Whether a star may be where a spot should see it, for the first pairs of stars of a block.
-
-    Sets bit `row` of `found` for a pair as it stands, and that `TURNED` up for it taken the other way round. Places
-    come first, in a loop of nothing but arithmetic, so that several pairs are done in one instruction.
-    """
-    half = template[row, HALF]
-    a, b, c = half * template[row, ALONG], half * template[row, ACROSS], half * template[row, APART]
-    words = levels.words[int(template[row, LEVEL])]
-    for k in range(count):
-        x, y, z = half + a * frames[0, k], half + a * frames[1, k], half + a * frames[2, k]
-        u = b * frames[3, k] + c * frames[6, k]
-        v = b * frames[4, k] + c * frames[7, k]
-        w = b * frames[5, k] + c * frames[8, k]
-        places[0, k], places[1, k] = word_and_mask(place_of(int(x + u), int(y + v), int(z + w)))
-        places[2, k], places[3, k] = word_and_mask(place_of(int(x - u), int(y - v), int(z - w)))
-    for k in range(count):
-        there = words[places[0, k] & LAST_WORD] & places[1, k] == places[1, k]
-        turned = words[places[2, k] & LAST_WORD] & places[3, k] == places[3, k]
-        found[k] |= (int(there) << row) | (int(turned) << (row + TURNED))
 
 
 @kernel
@@ -190,47 +112,6 @@ def distance2(
     if s < 0:
         return 5.0
     return float((sky.stars[s, 0] - x) ** 2 + (sky.stars[s, 1] - y) ** 2 + (sky.stars[s, 2] - z) ** 2)
-
-
-@kernel
-def list_questions(template: Matrix, row: int, way: int, some: int, q: int, levels: Levels, work: Work) -> int:
-    """Add to the first q questions those of a spot, one way round, of `some` pairs: how many there are then."""
-    frames, found, bit, sign = work.frames, work.found, row + TURNED * way, 1.0 - 2.0 * way
-    a, b, c = template[row, ALONG], sign * template[row, ACROSS], sign * template[row, APART]
-    first = q
-    for s in range(some):
-        k = work.some[s]
-        work.asks[PAIR, q], work.asks[BIT, q] = k, bit
-        q += (found[k] >> bit) & 1
-    for s in range(first, q):
-        k = work.asks[PAIR, s]
-        x = a * frames[0, k] + b * frames[3, k] + c * frames[6, k]
-        y = a * frames[1, k] + b * frames[4, k] + c * frames[7, k]
-        z = a * frames[2, k] + b * frames[5, k] + c * frames[8, k]
-        work.asks[LIST, s] = bucket_of(cell_of(levels.wide, x, y, z))
-        work.at[0, s], work.at[1, s], work.at[2, s], work.at[3, s] = x, y, z, template[row, LOOSE2]
-    return q
-
-
-@kernel
-def look_up(asked: Asked, some: int, spots: Spots, sky: SkyArrays, levels: Levels, work: Work) -> None:
-    """Take away those bits of the first spots that no star within the wider tolerance is behind, of `some` pairs.
-
-    All lists of stars are asked for before the first is read, so that many are waited for at once.
-    """
-    asks, at, found, q = work.asks, work.at, work.found, 0
-    for row in range(asked.first):
-        if work.template[row, LEVEL] < levels.reach.shape[0]:  # else no list reaches far enough, and the bit stays
-            for way in range(2):
-                q = list_questions(work.template, row, way, some, q, levels, work)
-    for s in range(q):
-        bucket = asks[LIST, s]
-        asks[LIST, s], asks[END, s] = levels.begin[bucket], levels.begin[bucket + 1]
-    for s in range(q):
-        at[4, s] = sky.stars[levels.star[asks[LIST, s]], 0]
-    for s in range(q):
-        d2 = nearest_of_list(levels, sky.stars, spots.depth, asks[LIST, s], asks[END, s], at[0, s], at[1, s], at[2, s])
-        found[asks[PAIR, s]] &= ~(int(d2 >= at[3, s]) << asks[BIT, s])
 
 
 @kernel
@@ -284,33 +165,6 @@ def judge(
 
 
 @kernel
-def write_frames(sky: SkyArrays, work: Work, count: int) -> None:
-    """Write the frames of the first `count` pairs of stars of a block."""
-    for k in range(count):
-        a, c = sky.stars[sky.pairs[work.pair[k], 0]], sky.stars[sky.pairs[work.pair[k], 1]]
-        x, y, z, u, v, w = a[0], a[1], a[2], c[0], c[1], c[2]
-        frames = work.frames
-        frames[0, k], frames[1, k], frames[2, k] = x + u, y + v, z + w
-        frames[3, k], frames[4, k], frames[5, k] = y * w - z * v, z * u - x * w, x * v - y * u
-        frames[6, k], frames[7, k], frames[8, k] = x - u, y - v, z - w
-
-
-@kernel
-def take_frame(work: Work, k: int) -> None:
-    """Write the frame of one pair of a block into `axes`."""
-    for number in range(9):
-        work.axes[number // 3, number % 3] = work.frames[number, k]
-
-
-@kernel
-def keep_pair(work: Work, k: int, to: int) -> None:
-    """Move a pair of a block to an earlier place, with what it has found."""
-    work.pair[to], work.allowed[to], work.found[to] = work.pair[k], work.allowed[k], work.found[k]
-    for number in range(9):
-        work.frames[number, to] = work.frames[number, k]
-
-
-@kernel
 def try_block(asked: Asked, count: int, scale: float, spots: Spots, sky: SkyArrays, levels: Levels, work: Work) -> None:
     """Try the first `count` pairs of stars of a block, whose template the first spots have; sets `best`."""
     n, template, found, axes, best = spots.points.shape[0] - 2, work.template, work.found, work.axes, work.best
@@ -324,8 +178,8 @@ def try_block(asked: Asked, count: int, scale: float, spots: Spots, sky: SkyArra
         found[k] &= work.allowed[k]
         work.some[some] = k
         some += int(found[k] != 0)
-    if asked.first <= ASKED:
-        look_up(asked, some, spots, sky, levels, work)
+    if asked.first <= LOOKED_UP:
+        look_up(asked.first, some, spots, sky, levels, work)
     left = 0
     for s in range(some):
         if found[work.some[s]] != 0:
@@ -349,33 +203,6 @@ def try_block(asked: Asked, count: int, scale: float, spots: Spots, sky: SkyArra
             best[BEST_PAIR], best[SIGN] = work.pair[k], 1.0
         if count_bits(turned) >= asked.least and judge(asked, turned, spots, sky, levels, template, axes, -1.0, best):
             best[BEST_PAIR], best[SIGN] = work.pair[k], -1.0
-
-
-@kernel
-def orders_of(spots: Spots, sky: SkyArrays, fainter: float, pair: int) -> int:
-    """In which orders the brightness of a pair of stars fits spots of which the second is `fainter`: 1, 2, both, 0."""
-    a, c = sky.stars[sky.pairs[pair, 0], 3], sky.stars[sky.pairs[pair, 1], 3]
-    step, faintest = c - a, max(a, c)
-    straight, crossed = abs(step - fainter) <= spots.contrast, abs(step + fainter) <= spots.contrast
-    within = int(spots.known < faintest) & int(faintest <= spots.faintest)
-    return within & int(straight) | (within & int(crossed)) << 1
-
-
-@kernel
-def collect(spots: Spots, sky: SkyArrays, fainter: float, pair: int, last: int, work: Work) -> tuple[int, int]:
-    """Fill a block with pairs of stars whose brightness fits, from `pair` to before `last`.
-
-    Returns the first pair that is not in it, and how many are. Without a branch on the stars, which are waited for.
-    """
-    count, tried, pairs, allowed = 0, 0, work.pair, work.allowed
-    while pair < last and count < BLOCK:
-        orders = orders_of(spots, sky, fainter, pair)
-        pairs[count], allowed[count] = pair, (orders & 1) * STRAIGHT | (orders >> 1) * (STRAIGHT << TURNED)
-        tried += (orders & 1) + (orders >> 1)
-        count += int(orders != 0)
-        pair += 1
-    work.best[TRIED] += tried
-    return pair, count
 
 
 @kernel
@@ -424,19 +251,8 @@ def try_scaled_pair(spots: Spots, sky: SkyArrays, levels: Levels, i: int, j: int
 
 
 @kernel
-def try_pairs(spots: Spots, sky: SkyArrays, levels: Levels, pairs: Codes, start: int, enough: float, work: Work) -> int:
-    """Try pairs of spots (p, 2) from `start` on until one has a chance below `enough`: which, or p; sets `best`."""
-    for number in range(start, pairs.shape[0]):
-        work.best[CHANCE] = enough
-        try_scaled_pair(spots, sky, levels, pairs[number, 0], pairs[number, 1], work)
-        if work.best[CHANCE] < enough:
-            return number
-    return int(pairs.shape[0])
-
-
-@kernel
-def read_best(spots: Spots, sky: SkyArrays, i: int, j: int, work: Work, A: Matrix, star: Codes) -> float:
-    """Write the attitude (3, 3) of the best and each spot's star (m,), -1 for none; returns its scale."""
+def read_best(spots: Spots, sky: SkyArrays, i: int, j: int, work: Work, A: Matrix, star: Codes) -> None:
+    """Write the attitude (3, 3) of the best, each spot's star (m,), -1 for none, and its scale."""
     pair, sign, shear = int(work.best[BEST_PAIR]), work.best[SIGN], work.best[SHEAR]
     p, q = sky.pairs[pair, 0], sky.pairs[pair, 1]
     seen, true, v, w = work.own, work.axes, sky.stars[p], sky.stars[q]
@@ -467,4 +283,98 @@ def read_best(spots: Spots, sky: SkyArrays, i: int, j: int, work: Work, A: Matri
             spots.depth + FAINT,
         )
     star[i], star[j] = (p, q) if sign > 0.0 else (q, p)
-    return scale
+    work.best[SCALE] = scale
+
+
+@kernel
+def promising(
+    spots: Spots,
+    sky: SkyArrays,
+    levels: Levels,
+    work: Work,
+    pairs: Codes,
+    start: int,
+    enough: float,
+    A: Matrix,
+    star: Codes,
+) -> int:
+    """`try_pairs` of kernels."""
+    for number in range(start, pairs.shape[0]):
+        i, j, work.best[CHANCE] = pairs[number, 0], pairs[number, 1], enough
+        try_scaled_pair(spots, sky, levels, i, j, work)
+        if work.best[CHANCE] < enough:
+            read_best(spots, sky, i, j, work, A, star)
+            return number
+    return int(pairs.shape[0])
+
+
+@long_entry
+def try_numbers(
+    points: Matrix,
+    magnitude: Vector,
+    sigma2: float,
+    shears: Vector,
+    focal_range: float,
+    half_step: float,
+    count: float,
+    depth: float,
+    known: float,
+    faintest: float,
+    contrast: float,
+    stars: Matrix,
+    cells: Indices,
+    near: Bits,
+    brighter: Vector,
+    cosines: Vector,
+    pairs: Indices,
+    k: Indices,
+    line: Vector,
+    words: Codes,
+    reach: Vector,
+    half: Vector,
+    begin: Indices,
+    star: Indices,
+    wide: float,
+    order: Codes,
+    template: Matrix,
+    own: Matrix,
+    axes: Matrix,
+    pair: Codes,
+    allowed: Codes,
+    found: Codes,
+    some: Codes,
+    frames: Matrix,
+    places: Places,
+    asks: Places,
+    at: Matrix,
+    best: Vector,
+    tried: Codes,
+    start: int,
+    enough: float,
+    A: Matrix,
+    match: Codes,
+) -> int:
+    """`try_pairs` with all members one by one: finished code that Python calls takes numbers and arrays alone."""
+    spots = Spots(points, magnitude, sigma2, shears, focal_range, half_step, count, depth, known, faintest, contrast)
+    sky = SkyArrays(stars, cells, near, brighter, cosines, pairs, k, line)
+    levels = Levels(words, reach, half, begin, star, wide)
+    work = Work(order, template, own, axes, pair, allowed, found, some, frames, places, asks, at, best)
+    return promising(spots, sky, levels, work, tried, start, enough, A, match)
+
+
+def try_pairs(
+    spots: Spots,
+    sky: SkyArrays,
+    levels: Levels,
+    work: Work,
+    pairs: Codes,
+    start: int,
+    enough: float,
+    A: Matrix,
+    star: Codes,
+) -> int:
+    """Try pairs of spots (p, 2) from `start` on until one has a chance below `enough`: which, or p.
+
+    Sets `Work.best`, and of that one the attitude (3, 3) and each spot's star (m,), -1 for none.
+    """
+    return try_numbers(*spots, *sky, *levels, *work, pairs, start, enough, A, star)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from relnav.arrays import Codes, Matrix, Vector
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import entry, kernel
 from relnav.sensors.dual_field.catalogue import StarCatalogue
 from relnav.sensors.dual_field.pair_table import Indices, PairTable, build_pair_table
 
@@ -151,9 +151,7 @@ def touched(star: Vector, half: float, reach: float, beside: float, places: Code
                 apart2, least2, most2 = of_cell(star[2], z * width - 1.0, width)
                 near = int(x_apart2 + y_apart2 + apart2 <= reach * reach)
                 places[count] = place_of(x, y, z)  # before it is known whether it counts: nothing waits for that
-                count += (
-                    near & int(x_least2 + y_least2 + least2 <= outer) & int(x_most2 + y_most2 + most2 >= inner)
-                )
+                count += near & int(x_least2 + y_least2 + least2 <= outer) & int(x_most2 + y_most2 + most2 >= inner)
     return count
 
 
@@ -163,7 +161,7 @@ def of_cell(at: float, low: float, width: float) -> tuple[float, float, float]:
     return max(0.0, low - at, at - low - width) ** 2, max(0.0, low, -low - width) ** 2, max(low + width, -low) ** 2
 
 
-@kernel
+@entry
 def mark_near(stars: Matrix, near: Bits, half: float, reach: float, places: Codes) -> None:
     """Set the bits of all cells, 2 `half` along each axis, that have a point within reach of a star; places (8,)."""
     for s in range(stars.shape[0]):
@@ -185,7 +183,7 @@ def marked(near: Bits, half: float, x: float, y: float, z: float) -> int:
     return int((near[place >> 3] >> (place & 7)) & 1)
 
 
-@kernel
+@entry
 def mark_alone(stars: Matrix, cells: Indices, chosen: Codes, chord2: float, alone: Bits) -> None:
     """Write for the chosen stars whether no neighbour within the chord squared is less than two magnitudes fainter."""
     half, reach = 0.5 * GRID, math.sqrt(chord2)

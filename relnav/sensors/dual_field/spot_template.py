@@ -118,7 +118,9 @@ def nearest_first(points: Matrix, i: int, j: int, beside: float, order: Codes) -
             if k in (i, j) or (min(apart2(points, k, i), apart2(points, k, j)) < beside * beside) != (way == 1):
                 continue
             d2, place = (points[k, 0] - x) ** 2 + (points[k, 1] - y) ** 2, row
-            while place > begin and (points[order[place - 1], 0] - x) ** 2 + (points[order[place - 1], 1] - y) ** 2 > d2:
+            while (
+                place > begin and (points[order[place - 1], 0] - x) ** 2 + (points[order[place - 1], 1] - y) ** 2 > d2
+            ):
                 order[place] = order[place - 1]
                 place -= 1
             order[place] = k

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from relnav.arrays import Codes, Matrix, Vector
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import entry, kernel
 from relnav.sensors.dual_field.pair_table import Indices
 from relnav.sensors.dual_field.sky import Stars, cell_of, touched
 
@@ -72,7 +72,9 @@ def levels_for(stars: Stars, reach_rad: tuple[float, ...]) -> Levels:
 @kernel
 def word_and_mask(place: int) -> tuple[int, int]:
     """Which word of a table a cell has, and its three bits of it: `place` as of `sky.place_of`."""
-    return place >> 47, (1 << ((place >> 43) & 15)) | (1 << (16 + ((place >> 39) & 15))) | (1 << (32 + ((place >> 35) & 15)))
+    return place >> 47, (1 << ((place >> 43) & 15)) | (1 << (16 + ((place >> 39) & 15))) | (
+        1 << (32 + ((place >> 35) & 15))
+    )
 
 
 @kernel
@@ -88,7 +90,7 @@ def bucket_of(place: int) -> int:
     return place >> 46
 
 
-@kernel
+@entry
 def note_near(stars: Matrix, half: float, reach: float, words: Codes, places: Codes) -> None:
     """Note all cells, 2 `half` along each axis, that have a point of the sphere within reach of a star; places (8,)."""
     for s in range(stars.shape[0]):
@@ -97,7 +99,7 @@ def note_near(stars: Matrix, half: float, reach: float, words: Codes, places: Co
             words[word] |= mask
 
 
-@kernel
+@entry
 def count_touched(stars: Matrix, half: float, reach: float, count: Indices, places: Codes) -> None:
     """Add up in count (BUCKETS + 1,), from its second entry on, how many stars each list gets; places (8,) scratch."""
     for s in range(stars.shape[0]):
@@ -105,7 +107,7 @@ def count_touched(stars: Matrix, half: float, reach: float, count: Indices, plac
             count[1 + bucket_of(places[k])] += 1
 
 
-@kernel
+@entry
 def fill_touched(stars: Matrix, half: float, reach: float, begin: Indices, out: Indices, places: Codes) -> None:
     """Write those lists, each from its place in begin (BUCKETS,) on, which is moved."""
     for s in range(stars.shape[0]):

@@ -6,16 +6,15 @@ import numpy as np
 import pytest
 
 from relnav.sensors.dual_field.optics import rays
-from relnav.sensors.dual_field.scaled_pair import (
+from relnav.sensors.dual_field.pair_block import (
     BEST_PAIR,
     CHANCE,
+    SCALE,
     SIGN,
     TRIED,
-    least_matches,
     new_work,
-    read_best,
-    try_pairs,
 )
+from relnav.sensors.dual_field.scaled_pair import BESIDE, least_matches, try_pairs
 from relnav.sensors.dual_field.search import CLUSTERING
 from relnav.sensors.dual_field.sky import build_sky, prepare_stars
 from relnav.sensors.dual_field.spot_template import (
@@ -84,7 +83,7 @@ def test_a_template_puts_spots_where_their_stars_are(sky, stars):
     order, template = np.empty(20, dtype=np.int64), np.empty((20, SPOT_NUMBERS))
     for scale, allowed in ((1.0, 1e-12), (1.005, SHEARS[1])):
         for i, j in ((0, 1), (7, 3)):
-            nearest_first(points, i, j, order)
+            nearest_first(points, i, j, 0.0, order)
             frame_of_pair(spots, i, j, scale, own)
             write_template(spots, levels, scale, own, order, 0, 18, template)
             v, w = (sky.arrays.stars[inside[k], :3] for k in (i, j))
@@ -99,10 +98,32 @@ def test_a_template_puts_spots_where_their_stars_are(sky, stars):
 def test_spots_near_the_pair_come_first():
     points = np.random.default_rng(2).uniform(-1.0, 1.0, (12, 2))
     order = np.empty(12, dtype=np.int64)
-    nearest_first(points, 4, 9, order)
+    nearest_first(points, 4, 9, 0.0, order)
     apart = np.linalg.norm(points[order[:10]] - 0.5 * (points[4] + points[9]), axis=1)
     assert sorted({*order[:10].tolist(), 4, 9}) == list(range(12))
     assert np.all(np.diff(apart) >= 0.0)
+
+
+def test_spots_beside_one_of_the_pair_come_last():
+    """Under every attitude they fall on that one's star, and tell nothing."""
+    points = np.random.default_rng(2).uniform(-1.0, 1.0, (12, 2))
+    points[0], points[11] = points[9] + (0.01, 0.0), points[4] - (0.0, 0.02)
+    order = np.empty(12, dtype=np.int64)
+    nearest_first(points, 4, 9, 0.03, order)
+    middle = 0.5 * (points[4] + points[9])
+    apart = np.linalg.norm(points[order[:8]] - middle, axis=1)
+    assert {*order[8:10].tolist()} == {0, 11}
+    assert np.all(np.diff(apart) >= 0.0)
+
+
+def test_a_double_spot_is_no_evidence(sky, stars):
+    """A spot beside the pair's own adds nothing to what is asked first: other spots say whether an attitude is tried."""
+    rng, levels = np.random.default_rng(6), levels_for(stars, LEVELS)
+    points, _, _ = field(sky, rng, 24)
+    order = np.empty(24, dtype=np.int64)
+    nearest_first(points, 0, 1, BESIDE * LEVELS[0], order)
+    near = [k for k in range(2, 24) if min(math.dist(points[k], points[p]) for p in (0, 1)) < BESIDE * LEVELS[0]]
+    assert set(order[22 - len(near) : 22].tolist()) == set(near)
 
 
 @pytest.mark.parametrize("count", [9, 24])
@@ -115,17 +136,16 @@ def test_the_right_pair_of_stars_is_found(sky, stars, count):
         spots, work = spots_of(points, sky), new_work(len(points))
         work.best[TRIED] = 0.0
         table = np.array([[0, 1], [3, 1], [2, 0]])
-        number = try_pairs(spots, sky.arrays, levels, table, 0, math.log(1e-3), work)
+        got, star = np.empty((3, 3)), np.empty(len(points), dtype=np.int64)
+        number = try_pairs(spots, sky.arrays, levels, work, table, 0, math.log(1e-3), got, star)
         if number == len(table):
             continue
         i, j = table[number]
         pair = sky.pairs.stars[int(work.best[BEST_PAIR])]
-        got, star = np.empty((3, 3)), np.empty(len(points), dtype=np.int64)
-        fitted = read_best(spots, sky.arrays, i, j, work, got, star)
         if {*pair.tolist()} == {inside[i], inside[j]}:
             found += 1
             assert (pair[0] == inside[i]) == (work.best[SIGN] > 0.0)
-            assert fitted == pytest.approx(1.0 / scale, abs=5e-3)
+            assert work.best[SCALE] == pytest.approx(1.0 / scale, abs=5e-3)
             assert np.allclose(got @ got.T, np.eye(3), atol=1e-12)
             assert np.linalg.norm(got - A) < 0.02
             assert np.mean(star == inside) > 0.7
@@ -140,8 +160,9 @@ def test_brightness_halves_what_is_tried(sky, stars):
     tried = []
     for contrast in (math.inf, 0.5):
         magnitude = sky.arrays.stars[inside, 3] if contrast < math.inf else np.zeros(20)
-        work = new_work(20)
-        try_pairs(spots_of(points, sky, magnitude, contrast), sky.arrays, levels, np.array([[0, 9]]), 0, -1e9, work)
+        work, spots = new_work(20), spots_of(points, sky, magnitude, contrast)
+        best = np.empty((3, 3)), np.empty(20, dtype=np.int64)
+        assert try_pairs(spots, sky.arrays, levels, work, np.array([[0, 9]]), 0, -1e9, *best) == 1
         tried.append(work.best[TRIED])
     u = rays(points)
     angle = math.acos(u[0] @ u[9])
@@ -157,7 +178,7 @@ def test_fewer_matches_than_needed_cannot_be_enough(sky, stars):
     """One match less, each as close as the tighter tolerance, is likelier by chance than what is asked for."""
     points, _, _ = field(sky, np.random.default_rng(5), 24)
     spots, levels, work = spots_of(points, sky), levels_for(stars, LEVELS), new_work(24)
-    nearest_first(points, 0, 1, work.order)
+    nearest_first(points, 0, 1, 0.0, work.order)
     frame_of_pair(spots, 0, 1, 1.0, work.own)
     write_template(spots, levels, 1.0, work.own, work.order, 0, 22, work.template)
     write_chances(spots, 22, work.template)
