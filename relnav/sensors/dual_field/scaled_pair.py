@@ -310,6 +310,11 @@ def promising(
 
 @long_entry
 def try_numbers(
+    tried: Codes,
+    start: int,
+    enough: float,
+    A: Matrix,
+    match: Codes,
     points: Matrix,
     magnitude: Vector,
     sigma2: float,
@@ -348,11 +353,6 @@ def try_numbers(
     asks: Places,
     at: Matrix,
     best: Vector,
-    tried: Codes,
-    start: int,
-    enough: float,
-    A: Matrix,
-    match: Codes,
 ) -> int:
     """`try_pairs` with all members one by one: finished code that Python calls takes numbers and arrays alone."""
     spots = Spots(points, magnitude, sigma2, shears, focal_range, half_step, count, depth, known, faintest, contrast)
@@ -377,4 +377,5 @@ def try_pairs(
 
     Sets `Work.best`, and of that one the attitude (3, 3) and each spot's star (m,), -1 for none.
     """
-    return try_numbers(*spots, *sky, *levels, *work, pairs, start, enough, A, star)
+    members = (*spots, *sky, *levels, *work)
+    return try_numbers(pairs, start, enough, A, star, *members)

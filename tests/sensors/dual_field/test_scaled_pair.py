@@ -16,7 +16,7 @@ from relnav.sensors.dual_field.pair_block import (
 )
 from relnav.sensors.dual_field.scaled_pair import BESIDE, least_matches, try_pairs
 from relnav.sensors.dual_field.search import CLUSTERING
-from relnav.sensors.dual_field.sky import build_sky, prepare_stars
+from relnav.sensors.dual_field.sky import build_sky, cell_of, prepare_stars, sort_stars
 from relnav.sensors.dual_field.spot_template import (
     ACROSS,
     ALONG,
@@ -33,7 +33,7 @@ from relnav.sensors.dual_field.spot_template import (
     write_chances,
     write_template,
 )
-from relnav.sensors.dual_field.star_levels import levels_for
+from relnav.sensors.dual_field.star_levels import levels_for, noted
 from relnav.simulation.star_field import random_attitude
 
 DEPTH, PAIRS, RADIUS, SHEARS, RANGE = 5.5, 400, 0.2, (0.01, 0.002), 0.05
@@ -116,14 +116,19 @@ def test_spots_beside_one_of_the_pair_come_last():
     assert np.all(np.diff(apart) >= 0.0)
 
 
-def test_a_double_spot_is_no_evidence(sky, stars):
-    """A spot beside the pair's own adds nothing to what is asked first: other spots say whether an attitude is tried."""
-    rng, levels = np.random.default_rng(6), levels_for(stars, LEVELS)
-    points, _, _ = field(sky, rng, 24)
-    order = np.empty(24, dtype=np.int64)
-    nearest_first(points, 0, 1, BESIDE * LEVELS[0], order)
-    near = [k for k in range(2, 24) if min(math.dist(points[k], points[p]) for p in (0, 1)) < BESIDE * LEVELS[0]]
-    assert set(order[22 - len(near) : 22].tolist()) == set(near)
+def test_farther_than_that_no_bit_is_its_stars():
+    """Of a sky of one star; closer to it most directions have theirs."""
+    rng = np.random.default_rng(6)
+    star = rng.normal(size=3)
+    star /= np.linalg.norm(star)
+    levels = levels_for(sort_stars(star[None], np.zeros(1), np.zeros(1, dtype=np.int32)), LEVELS)
+    share = []
+    for low, high in ((0.0, 1.0), (BESIDE, 2.0 * BESIDE)):
+        off = np.cross(rng.normal(size=(2000, 3)), star)
+        off *= LEVELS[0] * rng.uniform(low, high, (2000, 1)) / np.linalg.norm(off, axis=1, keepdims=True)
+        share.append(np.mean([noted(levels.words[0], cell_of(levels.half[0], *v)) for v in star + off]))
+    assert share[0] == 1.0
+    assert share[1] < 0.01
 
 
 @pytest.mark.parametrize("count", [9, 24])
