@@ -260,20 +260,29 @@ FIRST = """
 import time
 import numpy as np
 import relnav
-call = {call}
+{call}
 began = time.process_time()
 call()
 print(time.process_time() - began)
 """
 
+STAR_FRAME = """
+from relnav.sensors.dual_field.blind import Blind, solve_blind
+catalogue = relnav.load_model("ground_camera").catalogue
+v = catalogue.directions(2020.0)
+v = v[v[:, 2] > 0.97][:30]
+call = lambda: solve_blind(Blind(2000.0 * v[:, :2] / v[:, 2:], None, 2000.0), catalogue, 2020.0)
+"""
+
 FIRST_CALLS = {
-    "birefringent_sun.measure": "lambda m=relnav.load_model('birefringent_sun'): "
+    "birefringent_sun.measure": "call = lambda m=relnav.load_model('birefringent_sun'): "
     "relnav.birefringent_sun.measure([[520.0, 511.0], [590.0, 511.0]], m)",
-    "aps_sun.measure": "lambda m=relnav.load_model('aps_sun'): relnav.aps_sun.measure([520.0, 500.0], m)",
-    "three_marker.measure": "lambda m=relnav.load_model('three_marker_vision'): "
+    "aps_sun.measure": "call = lambda m=relnav.load_model('aps_sun'): relnav.aps_sun.measure([520.0, 500.0], m)",
+    "three_marker.measure": "call = lambda m=relnav.load_model('three_marker_vision'): "
     "relnav.three_marker.measure([[562.0, 531.0], [459.0, 532.0], [511.0, 478.0]], m)",
-    "dual_field.track": "lambda m=relnav.load_model('dual_field_star'): relnav.dual_field.track("
+    "dual_field.track": "call = lambda m=relnav.load_model('dual_field_star'): relnav.dual_field.track("
     "np.random.default_rng(1).uniform(-400.0, 400.0, (9, 2)), m, np.eye(3), 1e-5, velocity_km_s=np.zeros(3))",
+    "star frame of unknown focal length": STAR_FRAME,
 }
 
 

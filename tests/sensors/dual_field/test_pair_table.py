@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from relnav.sensors.dual_field.pair_table import build_pair_table, k_range
+from relnav.sensors.dual_field.pair_table import CROWDED, build_pair_table, k_range
 
 TABLE_ONE = (0.0, np.radians(14.0))
 TABLE_TWO = (np.radians(76.0), np.radians(104.0))
@@ -33,6 +33,22 @@ def test_it_holds_all_pairs_of_its_range_once(bounds):
     assert as_set(table.stars) == brute_force(v, *bounds)
     assert len(as_set(table.stars)) == len(table)
     assert np.all(np.diff(table.cos) >= 0.0)
+
+
+def test_crowded_stars_have_room_too():
+    """Ten times as many pairs as were all stars spread evenly."""
+    v = sphere(3) * (0.1, 0.1, 0.1) + (1.0, 0.0, 0.0)
+    v /= np.linalg.norm(v, axis=1, keepdims=True)
+    table = build_pair_table(v, *TABLE_ONE)
+    assert len(table) > 10 * CROWDED * 0.25 * len(v) ** 2 * (1.0 - np.cos(TABLE_ONE[1]))
+    assert as_set(table.stars) == brute_force(v, *TABLE_ONE)
+    assert np.all(np.diff(table.cos) >= 0.0)
+
+
+def test_stars_are_called_by_their_names():
+    v, names = sphere(4, 40), np.random.default_rng(4).permutation(1000)[:40].astype(np.int32)
+    rows, named = build_pair_table(v, *TABLE_TWO), build_pair_table(v, *TABLE_TWO, names)
+    assert np.array_equal(named.stars, names[rows.stars])
 
 
 @settings(derandomize=True, max_examples=60, deadline=None)
