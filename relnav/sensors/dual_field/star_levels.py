@@ -20,6 +20,7 @@ bits of one word, one of each sixteen (a blocked Bloom filter: Putze, Sanders an
 those of one cell in a hundred."""
 
 LAST_WORD = WORDS - 1
+"""A word's number lies within these bits; to say so spares a compiled loop the question whether it is negative."""
 
 PADDED, BESIDE = 1.05, 0.3
 """A table is made for tolerances wider by this, and for directions beside the sphere by so many of them: what is looked
@@ -37,8 +38,9 @@ class Levels(NamedTuple):
     words, reach, half : (l + 1, WORDS), (l,), (l,)
         A table of bits for each of some growing tolerances, rad, and half as many cells as along an axis. The last
         table says of everything that a star may be near.
-    begin, star : (BUCKETS + 1,), (s,)
-        Rows of the stars within the largest tolerance of a cell, cells hashed: where a list begins, and all lists.
+    begin, star : (BUCKETS + 1,), (s + 1,)
+        Rows of the stars within the largest tolerance of a cell, cells hashed: where a list begins, and all lists. One
+        more row is for whoever reads where a list begins without asking whether it has any.
     wide : float
         Half as many cells as along an axis of that grid.
     """
@@ -72,9 +74,8 @@ def levels_for(stars: Stars, reach_rad: tuple[float, ...]) -> Levels:
 @kernel
 def word_and_mask(place: int) -> tuple[int, int]:
     """Which word of a table a cell has, and its three bits of it: `place` as of `sky.place_of`."""
-    return place >> 47, (1 << ((place >> 43) & 15)) | (1 << (16 + ((place >> 39) & 15))) | (
-        1 << (32 + ((place >> 35) & 15))
-    )
+    mask = (1 << ((place >> 43) & 15)) | (1 << (16 + ((place >> 39) & 15)))
+    return place >> 47, mask | (1 << (32 + ((place >> 35) & 15)))
 
 
 @kernel
