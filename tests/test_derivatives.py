@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from relnav.codegen.kernel import quotient, select
+from relnav.codegen.together import quotient, select
 
 
 def everything(p, m, factor, errors, out):

@@ -18,7 +18,7 @@ class _Remembering(types.Function):
     """A function of numba's that remembers what its calls yield."""
 
     def __init__(self, templates: tuple[Any, ...]) -> None:
-        super().__init__(templates)
+        super().__init__(tuple(sorted(templates, key=lambda one: not getattr(one, "of_lanes", False))))
         self._known: dict[tuple[Any, ...], Any] = {}
 
     def augment(self, other: Any) -> Any:

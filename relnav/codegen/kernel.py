@@ -180,18 +180,6 @@ def is_compiled() -> bool:
     return _compiler() is not None
 
 
-@kernel
-def select(condition: bool, a: float, b: float) -> float:
-    """`a` where the condition holds, else `b`: a choice without a branch, for `straight_line` functions."""
-    return a if condition else b
-
-
-@kernel
-def quotient(a: float, b: float, otherwise: float) -> float:
-    """Divide a by b where b > 0, else `otherwise`: a division without a branch, for `straight_line` functions."""
-    return a / b if b > 0.0 else otherwise
-
-
 Sized = Callable[[int], Shape]
 """Shape of an array by the number of states n; its last axis has n entries."""
 

@@ -10,6 +10,8 @@ from numba.core import cgutils
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import lower_builtin
 
+from relnav.codegen import lane_functions  # noqa: F401  (tells numba of them)
+from relnav.codegen.lanes import BITS, DOUBLES, of_lanes
 from relnav.codegen.machine_code import emit, emit_side_by_side
 from relnav.codegen.trace import LANES, Trace
 
@@ -40,7 +42,8 @@ def register(
             for k in split:
                 if arguments[k].layout != "C":
                     raise TypeError(f"argument {k + 1} of {function.__name__} side by side has gaps")
-            kinds = [types.boolean if trace.is_condition(place) else types.float64 for place in trace.returns]
+            number, condition = (DOUBLES, BITS) if any(map(of_lanes, arguments)) else (types.float64, types.boolean)
+            kinds = [condition if trace.is_condition(place) else number for place in trace.returns]
             result = types.none if not kinds else kinds[0] if trace.single else types.Tuple(kinds)
             return signature(result, *arguments)
 
@@ -59,7 +62,8 @@ def register(
 
 def _write(trace: Trace, context: Any, builder: Any, kinds: Any, arguments: Any, split: frozenset[int]) -> list[Any]:
     """Write a trace's code for arguments of numba's kinds."""
-    double, byte, word = ir.DoubleType(), ir.IntType(8), ir.IntType(64)
+    byte, word = ir.IntType(8), ir.IntType(64)
+    number = DOUBLES if any(map(of_lanes, kinds)) else types.float64
     arrays: dict[int, Any] = {}
 
     def array(k: int) -> Any:
@@ -70,17 +74,18 @@ def _write(trace: Trace, context: Any, builder: Any, kinds: Any, arguments: Any,
 
     def address(k: int, index: tuple[int, ...]) -> Any:
         base, strides = array(k)
-        size = ir.Constant(word, 8 * index[-1])
+        entry = context.get_value_type(kinds[k].dtype)
+        size = ir.Constant(word, context.get_abi_sizeof(entry) * index[-1])
         for i, stride in zip(index[:-1], strides[:-1], strict=True):
             size = builder.add(size, builder.mul(stride, ir.Constant(word, i)))
-        return builder.bitcast(builder.gep(base, [size]), double.as_pointer())
+        return builder.bitcast(builder.gep(base, [size]), entry.as_pointer())
 
     numbers = [
-        None if isinstance(kind, types.Array) else context.cast(builder, argument, kind, types.float64)
+        None if isinstance(kind, types.Array) else context.cast(builder, argument, kind, number)
         for kind, argument in zip(kinds, arguments, strict=True)
     ]
     if not split:
-        return emit(trace, builder, numbers, address)
+        return emit(trace, builder, numbers, address, context.get_value_type(number))
     lanes = {
         k: [builder.gep(array(k)[0], [ir.Constant(word, 8 * trace.size(k) * lane)]) for lane in range(LANES)]
         for k in split

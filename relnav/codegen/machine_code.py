@@ -14,20 +14,21 @@ _WORD = ir.IntType(32)
 _WRITTEN = {"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "negative": "fneg", "and": "and_", "select": "select"}
 
 
-def emit(trace: Trace, builder: Any, arguments: list[Any], address: Address) -> list[Any]:
+def emit(trace: Trace, builder: Any, arguments: list[Any], address: Address, number: Any) -> list[Any]:
     """Write the operations of a trace: all loads before all stores. Returns the results.
 
-    arguments: LLVM doubles, None for arrays.
+    arguments: LLVM numbers, None for arrays; number: double, or a vector of them, one a lane.
     """
     values: dict[int, Any] = {}
     for place in trace.needed():
         name, *operands = trace.nodes[place]
         if name == "entry":
-            values[place] = builder.load(address(operands[0], tuple(operands[1:])))
+            value = builder.load(address(operands[0], tuple(operands[1:])))
+            values[place] = value if value.type == number else _joined(builder, [value], number)
         elif name == "argument":
             values[place] = arguments[operands[0]]
         else:
-            values[place] = _operation(builder, ir.DoubleType(), name, operands, values)
+            values[place] = _operation(builder, number, name, operands, values)
     for k, index, place in trace.stores:
         builder.store(values[place], address(k, index))
     return [values[place] for place in trace.returns]
@@ -92,12 +93,22 @@ def _operation(builder: Any, number: Any, name: str, operands: list[Any], values
         at = 0 if name == "fnma" else 2
         inputs[at] = builder.fneg(inputs[at])
     called = {"sqrt": "llvm.sqrt", "abs": "llvm.fabs", "fma": "llvm.fma", "fnma": "llvm.fma", "fms": "llvm.fma"}
-    if name in called or name == "atan2":
-        symbol = f"{called[name]}.{f'v{lanes}' if lanes else ''}f64" if name in called else name
-        kind = ir.FunctionType(number, [number] * len(inputs))
-        function = builder.module.globals.get(symbol) or ir.Function(builder.module, kind, symbol)
-        return builder.call(function, inputs)
+    if name in called:
+        symbol = f"{called[name]}.{f'v{lanes}' if lanes else ''}f64"
+        return builder.call(_declared(builder, symbol, number, len(inputs)), inputs)
+    if name == "atan2":  # of the C library, which knows no vectors
+        function = _declared(builder, name, ir.DoubleType(), 2)
+        if not lanes:
+            return builder.call(function, inputs)
+        each = [[builder.extract_element(one, _WORD(lane)) for one in inputs] for lane in range(lanes)]
+        return _joined(builder, [builder.call(function, one) for one in each], number)
     return getattr(builder, _WRITTEN[name])(*inputs)
+
+
+def _declared(builder: Any, symbol: str, number: Any, count: int) -> Any:
+    """A function of so many numbers."""
+    kind = ir.FunctionType(number, [number] * count)
+    return builder.module.globals.get(symbol) or ir.Function(builder.module, kind, symbol)
 
 
 def _pieces(entries: dict[int, Any]) -> list[tuple[int, bool]]:
@@ -117,15 +128,16 @@ def _at(builder: Any, pointer: Any, position: int, kind: Any) -> Any:
     return builder.bitcast(builder.gep(pointer, [ir.Constant(ir.IntType(64), 8 * position)]), kind.as_pointer())
 
 
-def _joined(builder: Any, values: list[Any]) -> Any:
-    """A vector of LANES doubles, or of one double in every lane."""
-    vector = ir.VectorType(ir.DoubleType(), LANES)
+def _joined(builder: Any, values: list[Any], vector: Any = None) -> Any:
+    """A vector of LANES doubles, or of one double in every lane of it."""
+    vector = vector or ir.VectorType(ir.DoubleType(), LANES)
     undefined = ir.Constant(vector, ir.Undefined)
     joined = undefined
     for lane, value in enumerate(values):
         joined = builder.insert_element(joined, value, _WORD(lane))
     if len(values) == 1:
-        joined = builder.shuffle_vector(joined, undefined, _mask([0] * LANES))
+        first = ir.Constant(ir.VectorType(_WORD, vector.count), [0] * vector.count)
+        joined = builder.shuffle_vector(joined, undefined, first)
     return joined
 
 

@@ -86,6 +86,14 @@ class Layout(Generic[M]):
             _record(fixed, records)[last] = counts[name]
         return block
 
+    def between(self, block: Block, first: str, behind: str) -> tuple[int, int]:
+        """Where two parts of a memory begin, in numbers."""
+        counts = {name: int(self._field(block, path)) for name, path in self.counts.items()}
+        return value_of(self.parts[first].start, counts), value_of(self.parts[behind].start, counts)
+
+    def _field(self, block: Block, path: str) -> Any:
+        return _record(block[: self.fixed.itemsize // WORD].view(self.fixed)[0], path.split("."))
+
     def within(self, path: str) -> tuple[Any, int]:
         """Type of a field of the fixed record, and the byte where it begins."""
         dtype, offset = self.fixed, 0

@@ -22,6 +22,7 @@ from numba.core.registry import CPUDispatcher, cpu_target
 
 from relnav.codegen import store
 from relnav.codegen.call_types import typing_context
+from relnav.codegen.lanes import of_lanes
 from relnav.codegen.passes import KernelCompiler
 from relnav.codegen.python_call import write_python_call
 
@@ -179,7 +180,8 @@ class Outer(CPUDispatcher):
             function, targetoptions={"nopython": True, **self._more, **options}, pipeline_class=KernelCompiler
         )
         bare = {"nopython": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **options}
-        self._inner = self if shared else _Inner(function, targetoptions=bare, pipeline_class=KernelCompiler)
+        self.inner = _Inner(function, targetoptions=bare, pipeline_class=KernelCompiler)
+        self._shared = shared
 
     def compile(self, sig: Any) -> Any:
         """Compile for these types; nothing of what the compiler makes on its way is worth a search for garbage."""
@@ -198,7 +200,7 @@ class Outer(CPUDispatcher):
 
     @property
     def _numba_type_(self) -> Any:
-        return types.Dispatcher(self._inner)
+        return types.Dispatcher(self if self._shared else self.inner)
 
 
 class SharedEntry(Outer):
@@ -211,8 +213,18 @@ class SharedEntry(Outer):
         """Compile, or find in a file, for these types."""
         compiled = super().compile(sig)
         for result in self.overloads.values():
-            result.library.is_shared = self._inner is self
+            result.library.is_shared = self._shared
         return compiled
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """How other kernels call it: with numbers of lanes as what they compile into their own code."""
+        if any(map(of_lanes, args)):
+            return self.inner.get_call_template(args, kws)
+        return super().get_call_template(args, kws)
+
+    def get_overload(self, sig: Any) -> Any:
+        """What they call."""
+        return self.inner.get_overload(sig) if any(map(of_lanes, sig)) else super().get_overload(sig)
 
 
 class PythonEntry(SharedEntry):

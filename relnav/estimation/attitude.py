@@ -14,7 +14,8 @@ of one sigma each, so that with A = S_theta + B and noise R
 import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
-from relnav.codegen.kernel import kernel, select, straight_line
+from relnav.codegen.kernel import kernel, straight_line
+from relnav.codegen.together import select
 from relnav.estimation.factored import compose_into, decorrelate, orthogonalise, spread, time_update_into
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.rotation_vector import rotation_vector_into, turn_by_rotation_vector

@@ -14,7 +14,8 @@ from functools import cache
 import numpy as np
 
 from relnav.arrays import Flags, Matrix, Vector
-from relnav.codegen.kernel import entry, quotient, select, square, straight_line, vector
+from relnav.codegen.kernel import entry, square, straight_line, vector
+from relnav.codegen.together import quotient, select
 
 
 @entry

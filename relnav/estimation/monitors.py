@@ -35,11 +35,11 @@ import numpy as np
 
 from relnav.arrays import Record
 from relnav.codegen.kernel import kernel
+from relnav.codegen.together import anywhere, select
+from relnav.estimation.watched_means import take_value
 
 SHIFTED, CONTRADICTED, NOISY, STUCK, CLOCK, RESTARTED, UNWATCHED = 1, 2, 4, 8, 16, 32, 64
 
-FAST_S, MIDDLE_S, USUAL_S, SCATTER_S = 1.0, 5.0, 20.0, 3.0
-"""Time constants of the means."""
 WARM_S = 10.0
 """So long the older mean is made before others are compared with it."""
 MISSING_S = 0.5
@@ -139,11 +139,14 @@ def watched_type() -> np.dtype[np.void]:
 
 
 @kernel
-def forget(watch: Record, groups: Record) -> None:
-    """Learn anew what is usual."""
-    watch["age"], watch["on"], watch["clock"], watch["restart"] = 0.0, 0, 0, 0
+def forget(watch: Record, groups: Record, where: bool) -> None:
+    """Learn anew what is usual, where that is wanted."""
+    watch["age"] = select(where, 0.0, watch["age"])
+    watch["on"], watch["clock"] = select(where, 0, watch["on"]), select(where, 0, watch["clock"])
+    watch["restart"] = select(where, 0, watch["restart"])
     for g in range(groups.shape[0]):
-        groups[g]["images"], groups[g]["learnt"] = 0, 0
+        group = groups[g]
+        group["images"], group["learnt"] = select(where, 0, group["images"]), select(where, 0, group["learnt"])
 
 
 @kernel
@@ -153,7 +156,7 @@ def watch_start(watch: Record, groups: Record, again: bool, comparable: bool) ->
     They can where a row hardly depends on how the track took lasting errors up.
     """
     if not again:
-        forget(watch, groups)
+        forget(watch, groups, True)
         watch["hold"], watch["alarm"], watch["jumped"], watch["interval"] = 0.0, 0, math.inf, 0.0
         watch["contradicted"], watch["noisy"], watch["pause"] = 0.0, 0.0, 0.0
         watch["doubted"], watch["unproven"], watch["pulled"], watch["returned"] = 0.0, 0.0, 0, 0
@@ -165,56 +168,11 @@ def watch_start(watch: Record, groups: Record, again: bool, comparable: bool) ->
         watch["unproven"] = WARM_S if watch["contradicted"] > 0.0 else 0.0
         watch["contradicted"], watch["noisy"] = 0.0, 0.0
     if not comparable or not watch["age"] > WARM_S:
-        forget(watch, groups)
+        forget(watch, groups, True)
     watch["on"], watch["restart"], watch["quiet"], watch["clock"] = 0, 0, 0.0, clock
     watch["pulled"], watch["returned"] = 0, 0
     for g in range(groups.shape[0]):
         groups[g]["images"] = 0
-
-
-@kernel
-def _mean_share(share: float, weight: float) -> float:
-    """Sum of squared weights of a mean after the next value."""
-    return (1.0 - weight) * (1.0 - weight) * share + weight * weight
-
-
-@kernel
-def _take(group: Record, dt: float, learning: bool) -> None:
-    """Carry the means of a group on; dt: s since it was last seen."""
-    group["images"] += 1
-    first = 1.0 / group["images"]
-    fast, middle = max(first, dt / (dt + FAST_S)), max(first, dt / (dt + MIDDLE_S))
-    value, noise, state = group["value"], group["noise"], group["state"]
-    mean, longer, usual, usual_state = group["fast"], group["middle"], group["usual"], group["usual_state"]
-    fast_state, usual_white, usual_spread = group["fast_state"], group["usual_white"], group["usual_spread"]
-    if group["images"] == 1:
-        group["fast_share"], group["middle_share"], group["scatter_share"], group["scatter"] = 1.0, 1.0, 1.0, 1.0
-    else:
-        squares = 0.0
-        for k in range(group["rows"]):
-            off = value[k] - mean[k]
-            squares += off * off / (noise[k] * (1.0 + group["fast_share"]) + state[k] + fast_state[k])
-        weight = max(1.0 / (group["images"] - 1), dt / (dt + SCATTER_S))
-        group["scatter"] += weight * (squares / group["rows"] - group["scatter"])
-        group["scatter_share"] = _mean_share(group["scatter_share"], weight)
-        group["fast_share"] = _mean_share(group["fast_share"], fast)
-        group["middle_share"] = _mean_share(group["middle_share"], middle)
-    for k in range(group["rows"]):
-        mean[k] = value[k] if group["images"] == 1 else mean[k] + fast * (value[k] - mean[k])
-        fast_state[k] += fast * (state[k] - fast_state[k])
-        longer[k] = value[k] if group["images"] == 1 else longer[k] + middle * (value[k] - longer[k])
-    if learning:
-        group["learnt"] += 1
-        if group["learnt"] == 1:
-            group["usual_share"] = 1.0
-        slow = max(1.0 / group["learnt"], dt / (dt + USUAL_S))
-        group["weight"] = slow
-        group["usual_share"] = _mean_share(group["usual_share"], slow)
-        for k in range(group["rows"]):
-            usual[k] += slow * (value[k] - usual[k])
-            usual_state[k] += slow * (state[k] - usual_state[k])
-            usual_spread[k] += slow * (math.sqrt(group["lasting"][k]) - usual_spread[k])
-            usual_white[k] = (1.0 - slow) * (1.0 - slow) * usual_white[k] + slow * slow * state[k]
 
 
 @kernel
@@ -246,13 +204,13 @@ def _sum_limit(rows: int, sigmas: float) -> float:
 @kernel
 def _contradicts(group: Record, limit2: float) -> bool:
     """Whether the usual mean is more than lasting errors and the state's explain."""
+    found = False
     for k in range(group["rows"]):
         usual = group["usual"][k]
         state = max(group["state"][k], group["usual_white"][k])
         known = group["noise"][k] * group["usual_share"] + state + group["usual_spread"][k] ** 2
-        if usual * usual > limit2 * known:
-            return True
-    return False
+        found = found | (usual * usual > limit2 * known)
+    return found
 
 
 @kernel
@@ -260,7 +218,8 @@ def _is_noisy(group: Record) -> bool:
     """Whether the group scatters more than its noise explains; variance of a mean of squares over rows: 2 / rows."""
     over = group["scatter"] - 1.0
     variance = 2.0 / group["rows"] * group["scatter_share"]
-    return bool(over > 0.0 and over * over > SCATTER_LIMIT * SCATTER_LIMIT * variance)
+    noisy: bool = (over > 0.0) & (over * over > SCATTER_LIMIT * SCATTER_LIMIT * variance)
+    return noisy
 
 
 @kernel
@@ -288,14 +247,6 @@ def _looks_late(watch: Record, groups: Record) -> bool:
 
 
 @kernel
-def follow(group: Record, k: int, dt: float) -> float:
-    """Carry the mean of a row's value on, also while nothing is watched: where its next one will be."""
-    offset = group["offset"]
-    offset[k] += dt / (dt + FAST_S) * (group["value"][k] - offset[k])
-    return float(offset[k])
-
-
-@kernel
 def note_step(watch: Record, dt: float) -> None:
     """Let dt s pass, and notice a step that is much longer than usual."""
     watch["jumped"] += dt
@@ -312,78 +263,99 @@ def _come_and_go(groups: Record, dt: float) -> tuple[bool, bool]:
     """Count how long groups are away; whether one came or left, and whether those present are seen, as a whole."""
     changed, seen, missing = False, False, False
     for g in range(groups.shape[0]):
-        seen = seen or groups[g]["seen"] > 0
+        seen = seen | (groups[g]["seen"] > 0)
     for g in range(groups.shape[0]):
         group = groups[g]
-        group["away"] += dt
-        if group["seen"] > 0:
-            group["gone"] = 0.0
-            if group["present"] == 0:
-                group["present"], group["away"], changed = 1, dt, True
-        elif group["present"] > 0 and seen:
-            group["gone"] += dt
-            missing = missing or group["gone"] > MISSING_S
-            if group["gone"] > AWAY_S:
-                group["present"], group["images"], changed = 0, 0, True
-    return changed, seen and not missing
+        here, present = group["seen"] > 0, group["present"] > 0
+        if not anywhere(not (here & present)):
+            group["away"], group["gone"] = group["away"] + dt, 0.0
+            continue
+        came, absent = here & (not present), (not here) & present & seen
+        group["away"] = select(came, dt, group["away"] + dt)
+        group["gone"] = select(here, 0.0, select(absent, group["gone"] + dt, group["gone"]))
+        missing, left = missing | (absent & (group["gone"] > MISSING_S)), absent & (group["gone"] > AWAY_S)
+        group["present"] = select(came, 1, select(left, 0, group["present"]))
+        group["images"] = select(left, 0, group["images"])
+        changed = changed | came | left
+    return changed, seen & (not missing)
 
 
 @kernel
 def watch_image(watch: Record, groups: Record, dt: float) -> None:
     """Take what the groups say of an image dt s after the last into the monitors, and write the alarm."""
     changed, whole = _come_and_go(groups, dt)
-    if watch["pause"] > 0.0:
-        watch["pause"] -= dt
-        changed, whole = True, False
-    if changed and watch["on"] == 0 and watch["hold"] == 0.0:
-        forget(watch, groups)
-    lasting2 = LASTING_CALM2 if watch["contradicted"] > 0.0 or watch["unproven"] > 0.0 else LASTING_LIMIT2
-    limit2, sigmas = (CALM_LIMIT2, SUM_CALM) if watch["on"] > 0 else (SHIFT_LIMIT2, SUM_LIMIT)
+    paused = watch["pause"] > 0.0
+    if anywhere(paused):
+        watch["pause"] = select(paused, watch["pause"] - dt, watch["pause"])
+        changed, whole = changed | paused, whole & (not paused)
+    held = watch["hold"] > 0.0
+    anew = changed & (watch["on"] == 0) & (not held)
+    if anywhere(anew):
+        forget(watch, groups, anew)
+    alarmed, said = watch["on"] > 0, (watch["contradicted"] > 0.0) | (watch["unproven"] > 0.0)
+    lasting2 = select(said, LASTING_CALM2, LASTING_LIMIT2)
+    limit2, sigmas = select(alarmed, CALM_LIMIT2, SHIFT_LIMIT2), select(alarmed, SUM_CALM, SUM_LIMIT)
     largest, short, long, rows = 0.0, 0.0, 0.0, 0
-    learning = watch["on"] == 0 and watch["hold"] == 0.0 and watch["doubted"] == 0.0
+    learning = (not alarmed) & (not held) & (watch["doubted"] == 0.0)
     warm = watch["age"] > WARM_S
     for g in range(groups.shape[0]):
         group = groups[g]
         group["weight"] = 0.0
-        if group["seen"] == 0 or not whole:
+        taken = (group["seen"] > 0) & whole
+        if not anywhere(taken):
             continue
-        _take(group, group["away"], learning)
-        group["away"] = 0.0
-        if group["learnt"] > 0:
+        take_value(group, group["away"], taken, learning)
+        group["away"] = select(taken, 0.0, group["away"])
+        known = taken & (group["learnt"] > 0)
+        if anywhere(known):
             one, two, three = _shift(group)
-            largest, short, long, rows = max(largest, one), short + two, long + three, rows + group["rows"]
-            if group["learnt"] >= 10 and _contradicts(group, lasting2):
-                watch["contradicted"] = LASTING_SAID_S
-        if group["images"] >= 10 and _is_noisy(group):
-            watch["noisy"] = SAID_S
-    shifted = warm and (largest > limit2 or max(short, long) > _sum_limit(max(rows, 1), sigmas))
-    if whole and learning:
-        watch["age"], watch["unproven"] = watch["age"] + dt, max(0.0, watch["unproven"] - dt)
-    if whole and watch["contradicted"] > dt:  # nothing ends unwatched
-        watch["contradicted"] -= dt
-    elif whole and watch["contradicted"] > 0.0:  # stays until that start
-        watch["restart"] = 1
-    late = whole and warm and watch["jumped"] < JUMP_S and watch["hold"] == 0.0 and _looks_late(watch, groups)
-    if late:
-        watch["clock"] = 1
-    if shifted or late:
-        watch["quiet"], watch["on"], watch["restart"] = 0.0, 1, watch["clock"]
-    elif watch["on"] > 0 and whole:
-        watch["quiet"] += dt
-        if watch["quiet"] > QUIET_S:
-            watch["restart"] = 1
-    if watch["on"] == 0 and watch["hold"] == 0.0:
-        watch["clock"] = 0
+            largest, rows = select(known, max(largest, one), largest), select(known, rows + group["rows"], rows)
+            short, long = select(known, short + two, short), select(known, long + three, long)
+            says = known & (group["learnt"] >= 10) & _contradicts(group, lasting2)
+            if anywhere(says):
+                watch["contradicted"] = select(says, LASTING_SAID_S, watch["contradicted"])
+        noisy = taken & (group["images"] >= 10) & _is_noisy(group)
+        if anywhere(noisy):
+            watch["noisy"] = select(noisy, SAID_S, watch["noisy"])
+    shifted = warm & ((largest > limit2) | (max(short, long) > _sum_limit(max(rows, 1), sigmas)))
+    _say(watch, groups, dt, whole, learning, warm, shifted)
+
+
+@kernel
+def _say(watch: Record, groups: Record, dt: float, whole: bool, learning: bool, warm: bool, shifted: bool) -> None:
+    """Let what was found begin and end what is said, and write the alarm."""
+    goes_on, left = whole & learning, watch["contradicted"]
+    watch["age"] = select(goes_on, watch["age"] + dt, watch["age"])
+    if anywhere(watch["unproven"] > 0.0):
+        watch["unproven"] = select(goes_on, max(0.0, watch["unproven"] - dt), watch["unproven"])
+    if anywhere(left > 0.0):
+        lasts = whole & (left > dt)  # nothing ends unwatched
+        watch["contradicted"] = select(lasts, left - dt, left)
+        watch["restart"] = select(whole & (left > 0.0) & (not lasts), 1, watch["restart"])  # stays until that start
+    late = whole & warm & (watch["jumped"] < JUMP_S) & (watch["hold"] == 0.0)
+    if anywhere(late):
+        late = late & _looks_late(watch, groups)
+        watch["clock"] = select(late, 1, watch["clock"])
+    begins = shifted | late
+    if anywhere(begins | (watch["on"] > 0)):
+        stays = (not begins) & (watch["on"] > 0) & whole
+        watch["quiet"] = select(begins, 0.0, select(stays, watch["quiet"] + dt, watch["quiet"]))
+        ends = stays & (watch["quiet"] > QUIET_S)
+        watch["restart"] = select(begins, watch["clock"], select(ends, 1, watch["restart"]))
+        watch["on"] = select(begins, 1, watch["on"])
+    if anywhere(watch["clock"] > 0):
+        watch["clock"] = select((watch["on"] == 0) & (watch["hold"] == 0.0), 0, watch["clock"])
     write_alarm(watch)
 
 
 @kernel
 def write_alarm(watch: Record) -> None:
     """Write the alarm, STUCK apart."""
+    said = (watch["contradicted"] > 0.0) | (watch["unproven"] > 0.0)
     watch["alarm"] = (
-        (SHIFTED if watch["on"] > 0 else 0)
-        | (CONTRADICTED if watch["contradicted"] > 0.0 or watch["unproven"] > 0.0 else 0)
-        | (NOISY if watch["noisy"] > 0.0 else 0)
-        | (CLOCK if watch["clock"] > 0 or watch["doubted"] > 0.0 else 0)
-        | (RESTARTED if watch["hold"] > 0.0 else 0)
+        select(watch["on"] > 0, SHIFTED, 0)
+        | select(said, CONTRADICTED, 0)
+        | select(watch["noisy"] > 0.0, NOISY, 0)
+        | select((watch["clock"] > 0) | (watch["doubted"] > 0.0), CLOCK, 0)
+        | select(watch["hold"] > 0.0, RESTARTED, 0)
     )

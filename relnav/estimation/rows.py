@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
-from relnav.codegen.kernel import kernel, quotient, square, straight_line, variant, vector
+from relnav.codegen.kernel import kernel, square, straight_line, variant, vector
+from relnav.codegen.together import quotient
 from relnav.codegen.trace import Shape
 from relnav.estimation.factored import innovation_variance, scalar_update
 

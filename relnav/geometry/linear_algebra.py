@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Stack, Vector
-from relnav.codegen.kernel import kernel, select, straight_line
+from relnav.codegen.kernel import kernel, straight_line
+from relnav.codegen.together import select
 
 
 @kernel

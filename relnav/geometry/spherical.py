@@ -9,7 +9,8 @@ toward y, and elevation is positive toward -z. They are not the (elevation towar
 import math
 
 from relnav.arrays import Matrix, Vector
-from relnav.codegen.kernel import kernel, quotient, straight_line
+from relnav.codegen.kernel import kernel, straight_line
+from relnav.codegen.together import quotient
 
 
 @straight_line(p=(3,), out=(3,))

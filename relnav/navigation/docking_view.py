@@ -9,7 +9,8 @@ import math
 import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
-from relnav.codegen.kernel import entry, select, straight_line
+from relnav.codegen.kernel import entry, straight_line
+from relnav.codegen.together import select
 from relnav.dynamics.error_state import MOTION, factor_size
 from relnav.estimation.factored import compose_into
 from relnav.geometry.spherical import range_azimuth_elevation, range_azimuth_elevation_jacobian

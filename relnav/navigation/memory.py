@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
-from relnav.codegen.memory_layout import Layout
+from relnav.codegen.memory_layout import WORD, Layout
 from relnav.dynamics.error_state import MOTION
 from relnav.dynamics.process_noise import NODES
 from relnav.dynamics.relative_motion import orbit_vector
@@ -144,16 +144,17 @@ FIXED = np.dtype(
         ("prior", PRIOR),
         ("fix", POSITION_FIX),
         ("scratch", SCRATCH),
-        ("trial", TRACK),
         ("work", TRACK),
         ("at", _F, MOTION),
         ("set_aside", RESULT),
+        ("trial", TRACK),
         ("watch", WATCH),
         ("unseen", _F, MOTION),  # the prediction; while a step is doubted, what it would be without images since
         ("kept", KEPT),
     ]
 )
-"""All that does not depend on the number of beacons."""
+"""All that does not depend on the number of beacons. What an epoch leaves to the next stands at the end, and goes on in
+the parts behind it (`LASTING`)."""
 
 
 class Memory(NamedTuple):
@@ -202,26 +203,45 @@ _LAYOUT = Layout(
     {
         "innovations": ("2n",),
         "sensitivities": ("m", MOTION),
-        "news": ("m", MOTION),
         "trial_sensitivities": ("m", MOTION),
+        "watched": (WATCHED, "n"),
+        "returning": (RETURN, "n"),
+        "lasting_usual": ("2n", "m"),
+        "lasting_now": ("2n", "m"),
+        "news": ("m", MOTION),
         "innovations_aside": ("2n",),
         "gate": ("2n",),
         "beacons": (BEACON, "n"),
         "groups": (GROUP, "n"),
         "independent": (GROUP, "n"),
         "by_error": ("2n", "m"),
-        "lasting_now": ("2n", "m"),
-        "lasting_usual": ("2n", "m"),
         "turns": ("2n", 3),
         "noise": ("2n", "2n"),
         "factor": ("2n", "2n"),
-        "watched": (WATCHED, "n"),
-        "returning": (RETURN, "n"),
         "nothing": (0, 0),
     },
 )
 views = _LAYOUT.views
 """The memory by names."""
+
+LASTING = "trial", "lasting_now"
+"""From the first of these parts to before the second stands what an epoch leaves to the next."""
+
+
+def lasting_part(block: Vector) -> tuple[int, int]:
+    """Where that stands: its first number, and that behind its last."""
+    return _LAYOUT.between(block, *LASTING)
+
+
+def step_parts() -> tuple[int, int, int]:
+    """Where the prepared step stands, from its length on: what depends on that alone, and what stands behind it."""
+    places = (_LAYOUT.within(name)[1] // WORD for name in ("step", "step.nodes", "prior"))
+    return tuple(places)  # type: ignore[return-value]  # three
+
+
+def starts_at() -> int:
+    """Where the number of starts stands."""
+    return _LAYOUT.within("kept.clock.starts")[1] // WORD
 
 
 def new_memory(model: Model, method: str, projection: str) -> Vector:

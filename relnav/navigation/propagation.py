@@ -38,7 +38,7 @@ def prepare_step(step: Record, motion: Record, scratch: Record, t: float, dt: fl
     as_pushed = held[0] == a[0] and held[1] == a[1] and held[2] == a[2]
     if as_long and as_pushed and step["impulse"] == 0 and not impulse:
         return False
-    step["dt"], held[0], held[1], held[2] = dt, a[0], a[1], a[2]
+    step["dt"], held[0], held[1], held[2] = math.nan, a[0], a[1], a[2]  # until the rest stands here
     step["impulse"] = 1 if impulse else 0
     density = motion["acceleration_noise_density"]
     along, across = motion["control_magnitude_sigma"], motion["control_direction_sigma"]
@@ -51,12 +51,14 @@ def prepare_step(step: Record, motion: Record, scratch: Record, t: float, dt: fl
     add_execution_error(a, along * root, across * root, densities)
     if not propagate_into(orbit, t, dt, a, densities, step["phi"], q, effect, step["nodes"], scratch["six"], as_long):
         noise[0, 0] = math.nan
+        step["dt"] = dt
         return True
     add_execution_error(v, along, across, q[VELOCITY:MOTION, VELOCITY:MOTION])
     if not factorize_into(q, noise):
         noise[0, 0] = math.nan  # overflow over an absurd step: the track is dropped
     for i in range(3):
         effect[VELOCITY + i] += v[i]
+    step["dt"] = dt
     return True
 
 

@@ -8,6 +8,7 @@ import math
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
+from relnav.codegen.together import anywhere
 from relnav.dynamics.error_state import MOTION
 from relnav.estimation.factored import innovation_variance
 from relnav.estimation.rows import copy_track, gate_groups, sweep
@@ -115,7 +116,7 @@ def correct(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix, watc
         gather_rows(m, track, spots)
     passed = seen
     # a part's NIS is at most the whole's, and no whole beacon has fewer than two degrees of freedom
-    if not coordinates or usable < 2 * seen or not nis <= m.gate[1]:
+    if not coordinates or usable < 2 * seen or anywhere(not nis <= m.gate[1]):
         passed = gate_groups(track, image, m.gate, work, nis, dof)
     if passed > 0 and not coordinates and not attitude_is_credible(m, work, spots):
         result["reason"], passed = MISALIGNED, 0

@@ -10,8 +10,6 @@ import relnav.codegen.kernel as compiler
 from relnav.codegen.kernel import (
     STRAIGHT_LINES,
     kernel,
-    quotient,
-    select,
     shapes_of,
     side_by_side,
     sizes_of,
@@ -19,6 +17,7 @@ from relnav.codegen.kernel import (
     straight_line,
     vector,
 )
+from relnav.codegen.together import quotient, select
 from relnav.codegen.trace import LANES, Trace
 from relnav.navigation import log, pose_log  # noqa: F401  (registers the filters' functions)
 from relnav.navigation.attitude import target_attitude  # noqa: F401  (as above)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
-from relnav.estimation import monitors
+from relnav.estimation import monitors, watched_means
 from relnav.estimation.monitors import WATCH, watched_type
 
 TINY = 2.0**-60
@@ -39,7 +39,7 @@ def test_means_are_sums_over_all_images(filled, images):
             seen = weights_of(lengths[:n], 1, 1.0)
             variance = noise[n] * (1.0 + seen @ seen) + state[n] + seen @ state[:n]
             squares.append(np.mean(((value[n] - seen @ value[:n]) ** 2 / variance)[:2]))
-        monitors._take(group, dt, True)
+        watched_means.take_value(group, dt, True, True)
         pinned.append(float(group["weight"]))
     fast, middle, usual = (weights_of(lengths, 1, constant) for constant in (1.0, 5.0, 20.0))
     for name, weights, rows in (
@@ -64,10 +64,17 @@ def test_means_are_sums_over_all_images(filled, images):
 
 def test_what_is_usual_stays_while_nothing_is_learnt(filled):
     group = filled(watched_type(), rows=3, usual=5.0, usual_share=0.3, weight=0.2, value=1.0, noise=1.0)
-    monitors._take(group, 0.1, False)
+    watched_means.take_value(group, 0.1, True, False)
     assert (group["learnt"], group["usual_share"], group["weight"]) == (0, 0.3, 0.2)
     assert list(group["usual"]) == [5.0] * 3
     assert list(group["fast"]) == [1.0] * 3
+
+
+def test_a_group_that_is_not_taken_stays_as_it_is(filled):
+    group = filled(watched_type(), rows=3, images=4, usual=5.0, usual_share=0.3, value=1.0, noise=1.0, fast=2.0)
+    before = group.copy()
+    watched_means.take_value(group, 0.1, False, True)
+    assert group.tobytes() == before.tobytes()
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -173,7 +180,7 @@ def test_without_motion_nothing_is_late(filled, grouped):
 
 def test_a_mean_is_followed(filled):
     group = filled(watched_type(), value=(0.0, 5.0, 0.0), offset=(9.0, 1.0, 9.0))
-    assert monitors.follow(group, 1, 3.0) == 4.0  # three quarters of the way
+    assert watched_means.follow(group, 1, 3.0) == 4.0  # three quarters of the way
     assert list(group["offset"]) == [9.0, 4.0, 9.0]
 
 

@@ -5,7 +5,8 @@ import math
 import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
-from relnav.codegen.kernel import entry, kernel, quotient, straight_line
+from relnav.codegen.kernel import entry, kernel, straight_line
+from relnav.codegen.together import quotient
 from relnav.dynamics.error_state import MOTION
 from relnav.navigation.memory import SPOTS, Memory
 from relnav.sensors.measurement import MISALIGNED, OK, SWAPPED

@@ -7,17 +7,17 @@ the 20 s between the means, and the difference has the variance |(E - H S) - mea
 one sigma. The mean is made with the weights of the monitor's own older mean.
 """
 
-from relnav.arrays import Record, Vector
+from relnav.arrays import Vector
 from relnav.codegen.kernel import kernel
+from relnav.codegen.together import anywhere
 from relnav.navigation.memory import Memory
 
 
 @kernel
-def note_lasting(m: Memory, group: Record, k: int, row: int, h: Vector, first: int, last: int) -> None:
-    """Write what lasting errors show in a row, and how much that differs from before into `changed` of its group.
+def lasting_change(m: Memory, row: int, h: Vector, first: int, last: int) -> float:
+    """Write what lasting errors show in a row; returns by how much that differs from before, squared.
 
-    first, last: rows of errors whose share that the state has taken up is not in `by_error` any more. While an alarm
-    lasts the difference is held: what follows is not to explain what was found.
+    first, last: rows of errors whose share that the state has taken up is not in `by_error` any more.
     """
     now, usual, changed = m.lasting_now[row], m.lasting_usual[row], 0.0
     for c in range(now.shape[0]):
@@ -28,8 +28,7 @@ def note_lasting(m: Memory, group: Record, k: int, row: int, h: Vector, first: i
                 taken += h[j] * s[j]
             now[c] -= taken
         changed += (now[c] - usual[c]) * (now[c] - usual[c])
-    if m.watch["on"] == 0:
-        group["changed"][k] = changed if group["learnt"] > 0 else 0.0
+    return changed
 
 
 @kernel
@@ -37,7 +36,7 @@ def learn_lasting(m: Memory) -> None:
     """Carry the means on, of groups whose image has just gone into the monitor's older mean."""
     for g in range(m.watched.shape[0]):
         weight = m.watched[g]["weight"]
-        if weight == 0.0:
+        if not anywhere(weight > 0.0):
             continue
         for row in range(2 * g, 2 * g + 2):
             now, usual = m.lasting_now[row], m.lasting_usual[row]

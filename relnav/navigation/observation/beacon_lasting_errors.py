@@ -2,8 +2,10 @@
 
 import math
 
+import numpy as np
+
 from relnav.arrays import Matrix, Record, Vector
-from relnav.codegen.kernel import kernel
+from relnav.codegen.kernel import kernel, straight_line
 from relnav.geometry.linear_algebra import invert_three
 from relnav.geometry.spherical import range_azimuth_elevation_jacobian
 from relnav.navigation.blocks import ATTITUDE_ERRORS, FIELD_ERRORS, NODES, TOLERANCES_SHARED
@@ -84,6 +86,23 @@ def _sight_and_arm(m: Memory, x: Vector, beacon: int, sight: Vector, arm: Vector
         sight[i] = arm[i] - x[i] - offset[i]
 
 
+@straight_line(x=(3,), mount=(3, 4), position=(3,), gradient=(2, 3), turns=(2, 3))
+def _rows_by_turn(x: Vector, mount: Matrix, position: Vector, gradient: Matrix, turns: Matrix) -> None:
+    """Write what a turn of the chaser about each axis of the camera does to a beacon's two coordinates.
+
+    About its centre of mass, by an axis a it seems to move the beacon by -a x d, d from there: -h (-a x d) = a (d x h).
+    """
+    d, w = np.zeros(3), np.zeros(3)
+    for i in range(3):
+        d[i] = position[i] - x[i]
+    for k in range(2):
+        for i in range(3):
+            p, q = (i + 1) % 3, (i + 2) % 3
+            w[i] = d[p] * gradient[k, q] - d[q] * gradient[k, p]
+        for axis in range(3):
+            turns[k, axis] = mount[axis, 0] * w[0] + mount[axis, 1] * w[1] + mount[axis, 2] * w[2]
+
+
 @kernel
 def errors_of_coordinates(m: Memory, x: Vector, spots: Matrix) -> None:
     """Write `turns` and `by_error` of the coordinates in use, linearised at x (6,); spots (n, 2) m.
@@ -99,14 +118,7 @@ def errors_of_coordinates(m: Memory, x: Vector, spots: Matrix) -> None:
         if not (variance[0] > 0.0 or variance[1] > 0.0):
             continue
         _sight_and_arm(m, x, beacon, sight, arm)
-        from_chaser, position = vectors[3], m.beacons[beacon]["position"]
-        for i in range(3):
-            from_chaser[i] = position[i] - x[i]
-        for axis in range(3):
-            _cross(-1.0, mount[axis], from_chaser, moved)
-            for k in range(2):
-                h = gradient[k]
-                m.turns[2 * beacon + k, axis] = -(h[0] * moved[0] + h[1] * moved[1] + h[2] * moved[2])
+        _rows_by_turn(x, mount, m.beacons[beacon]["position"], gradient, m.turns[2 * beacon : 2 * beacon + 2])
         if first < FIELD_ERRORS:
             place_in_field(m.sensor, spots[beacon], place)
         lasting = m.beacons[beacon]["lasting_sigma"]

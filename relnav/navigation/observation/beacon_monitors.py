@@ -11,12 +11,12 @@ is not its place, and what the others say depends on how often it is seen.
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
+from relnav.codegen.together import anywhere, select
 from relnav.dynamics.error_state import MOTION
 from relnav.estimation.clock_monitor import doubt_clock, is_doubtful, weigh_jump
 from relnav.estimation.monitors import (
     AWAY_S,
     STUCK,
-    follow,
     note_step,
     watch_image,
     watch_start,
@@ -24,10 +24,11 @@ from relnav.estimation.monitors import (
 from relnav.estimation.repeated_reading import LEAST_MOTION, repeats
 from relnav.estimation.returning import LONG_S, note_pair, returns_wrong
 from relnav.estimation.rows import own_variance
+from relnav.estimation.watched_means import follow
 from relnav.navigation.memory import Memory
 from relnav.navigation.observation.beacon_considered import shared_errors
 from relnav.navigation.observation.beacon_geometry import see_beacon, uses_coordinates
-from relnav.navigation.observation.beacon_lasting_change import learn_lasting, note_lasting
+from relnav.navigation.observation.beacon_lasting_change import lasting_change, learn_lasting
 from relnav.navigation.status import PARTIAL, UPDATED
 
 EDGE_SIGMAS = 2.0
@@ -62,6 +63,7 @@ def gather_rows(m: Memory, track: Record, spots: Matrix) -> None:
         return
     turned = m.sensor["attitude_noise"] ** 2
     first, last = shared_errors(m)
+    calm = m.watch["on"] == 0
     for i in range(m.groups.shape[0]):
         group, source, own = m.watched[i], m.groups[i], m.beacons[i]["spot_sigma"]
         residual, variance = source["residual"], source["variance"]
@@ -74,10 +76,14 @@ def gather_rows(m: Memory, track: Record, spots: Matrix) -> None:
                 turn = m.turns[2 * i + k]
                 noise += turned * (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
             _write_row(m, group, k, residual[k], noise, max(0.0, variance[k] - noise), h)
-            note_lasting(m, group, k, 2 * i + k, h, first, last)
+            changed = lasting_change(m, 2 * i + k, h, first, last)
+            if anywhere(calm):  # while an alarm lasts it is held: what follows is not to explain what was found
+                changed = select(group["learnt"] > 0, changed, 0.0)
+                group["changed"][k] = select(calm, changed, group["changed"][k])
             expected = spots[i, k] - residual[k] + follow(group, k, m.step["dt"])
-            if abs(expected) > half[k] - EDGE_SIGMAS * own[k]:
-                m.watch["pause"] = AWAY_S
+            near_edge = abs(expected) > half[k] - EDGE_SIGMAS * own[k]
+            if anywhere(near_edge):
+                m.watch["pause"] = select(near_edge, AWAY_S, m.watch["pause"])
         note_pair(m.returning[i], m.track["ld"], source["gradient"], variance, 0.0, residual)
 
 
@@ -107,8 +113,9 @@ def gather_attitude(m: Memory, value: Vector, noise: Vector, state: Vector, last
         offset = follow(group, k, m.step["dt"])
         for i in range(3):
             expected = predicted[i, k] + offset
-            if abs(expected) > half[k] - EDGE_SIGMAS * m.beacons[i]["spot_sigma"][k]:
-                m.watch["pause"] = AWAY_S
+            near_edge = abs(expected) > half[k] - EDGE_SIGMAS * m.beacons[i]["spot_sigma"][k]
+            if anywhere(near_edge):
+                m.watch["pause"] = select(near_edge, AWAY_S, m.watch["pause"])
 
 
 @kernel

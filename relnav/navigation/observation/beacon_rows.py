@@ -171,7 +171,7 @@ def _fix_near_prediction(m: Memory, place: Vector, work: Matrix, spots: Matrix) 
     if not gradient_inverse(place, a, b, inverse):
         return NO_CONVERGENCE
     p[0], p[1], p[2] = place[0], place[1], place[2]
-    chord_step(g, a, b, p, inverse)
+    chord_step(g, a, b, p, inverse, 1.0)
     if not settle(g, a, b, p, work):
         return NO_CONVERGENCE
     if not inside_domain(p, b):

@@ -15,6 +15,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Vector
 from relnav.codegen.kernel import kernel, straight_line
+from relnav.codegen.together import anywhere, select
 from relnav.geometry.linear_algebra import invert_three
 from relnav.sensors.measurement import DEGENERATE, NO_CONVERGENCE, OK, OUTSIDE_DOMAIN
 from relnav.sensors.three_beacon.invariants import (
@@ -28,6 +29,8 @@ from relnav.sensors.three_beacon.parallel import direction_from_ratios
 MAX_PASSES = 40
 MAX_NEWTON = 12
 MAX_CHORDS = 4
+ROUNDING = 1e-15
+"""Of the position: an error that is no more than the rounding of the rays it follows from."""
 
 
 @kernel
@@ -105,25 +108,28 @@ def gradient_inverse(p: Vector, a: float, b: float, inverse: Matrix) -> bool:
 
 
 @straight_line(g=(3,), p=(3,), inverse=(3, 3))
-def chord_step(g: Vector, a: float, b: float, p: Vector, inverse: Matrix) -> tuple[float, float]:
-    """Move p (3,) by inverse (g - g(p)), in place; returns the sums of the steps' and of the position's sizes."""
+def chord_step(g: Vector, a: float, b: float, p: Vector, inverse: Matrix, share: float) -> tuple[float, float]:
+    """Move p (3,) by a share, 1 or 0, of inverse (g - g(p)), in place.
+
+    Returns the sums of the whole steps' and of the position's sizes.
+    """
     u, distance, got = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
     rays_from_position(p, a, b, u, distance)
     invariants(u, got)
     size, scale = 0.0, 0.0
     for i in range(3):
         step = inverse[i, 0] * (g[0] - got[0]) + inverse[i, 1] * (g[1] - got[1]) + inverse[i, 2] * (g[2] - got[2])
-        p[i] += step
+        p[i] += share * step
         size += abs(step)
         scale += abs(p[i])
     return size, scale
 
 
 @straight_line(g=(3,), p=(3,), inverse=(3, 3))
-def newton_step(g: Vector, a: float, b: float, p: Vector, inverse: Matrix) -> tuple[bool, float, float]:
+def newton_step(g: Vector, a: float, b: float, p: Vector, inverse: Matrix, share: float) -> tuple[bool, float, float]:
     """`chord_step` with the inverse at p itself, which is written into inverse (3, 3); False first if there is none."""
     regular = gradient_inverse(p, a, b, inverse)
-    size, scale = chord_step(g, a, b, p, inverse)
+    size, scale = chord_step(g, a, b, p, inverse, share)
     return regular, size, scale
 
 
@@ -134,20 +140,23 @@ def settle(g: Vector, a: float, b: float, p: Vector, inverse: Matrix) -> bool:
     Newton's error after a step of size s is C s^2. Steps that keep the last inverse (chords) multiply it by C s at less
     than half the price: they finish once s is below 1e-3 of p, when C s is seen in the ratio of two sizes.
     """
-    last = math.inf
+    last, left = math.inf, 1.0  # left: 0 where it has settled, and p is not moved any more
     for _ in range(MAX_NEWTON):
-        regular, size, scale = newton_step(g, a, b, p, inverse)
-        if not regular or not size < scale:
+        regular, size, scale = newton_step(g, a, b, p, inverse, left)
+        if not (left == 0.0) | (regular & (size < scale)):
             return False
-        if size < 3e-8 * scale or (size < 1e-6 * scale and size >= 0.5 * last):  # the second: at the rounding
+        # the second: at the rounding
+        left = select((size < 3e-8 * scale) | ((size < 1e-6 * scale) & (size >= 0.5 * last)), 0.0, left)
+        if not anywhere(left > 0.0):
             return True
         last = size
-        if size < 1e-3 * scale:
+        if (left == 0.0) | (size < 1e-3 * scale):
             for _ in range(MAX_CHORDS):
-                moved, scale = chord_step(g, a, b, p, inverse)
-                if moved * moved < 1e-16 * scale * size:
+                moved, scale = chord_step(g, a, b, p, inverse, left)
+                left = select(moved * moved < ROUNDING * scale * size, 0.0, left)
+                if not anywhere(left > 0.0):
                     return True
-                if not moved < 0.1 * size:
+                if not (left == 0.0) | (moved < 0.1 * size):
                     break
                 size = moved
     return False
