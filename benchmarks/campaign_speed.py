@@ -21,15 +21,16 @@ from speed import Problem
 import relnav
 from relnav.accuracy.campaign_plan import Plan, fly_batch
 from relnav.accuracy.run_score import RunScorer
+from relnav.codegen.together import RUNS
 from relnav.files.workers import processors
-from relnav.simulation.dispersed import fly_run
+from relnav.simulation.dispersed import fly_runs
 from relnav.simulation.dispersions import Images, Scenario, Spread, Thrust
 from relnav.simulation.run_draws import disturbed
 from relnav.simulation.streams import Draws
-from relnav.simulation.trajectory import Approach, fly_disturbed
+from relnav.simulation.trajectory import Approach, fly_together
 
-RUNS = 24
-"""Of a round, for each thread."""
+BATCH = 200
+"""Runs of a round, for each thread."""
 SCENARIOS = {
     "two-body truth": Scenario(Approach(duration_s=250.0)),
     "assumed noise": Scenario(Approach(duration_s=250.0, assumed_noise=True)),
@@ -43,21 +44,25 @@ SCENARIOS = {
 
 
 def parts(model, scenario, method, rounds):
-    """Processor time of truth, images, filter and figures of a run, us an epoch: the least of the rounds each."""
-    scorer, times = RunScorer(model, scenario, method, 1), []
-    for run in range(rounds * RUNS):
-        clock = [time.thread_time()]
-        fly_disturbed(model, *disturbed(model, scenario, Draws(1, run), {}))
+    """Processor time of truth, images, filter and figures of runs flown together, us an epoch: the least each."""
+    scorer, times, none = RunScorer(model, scenario, method, 1), [], [None] * RUNS
+    for first in range(0, rounds * RUNS, RUNS):
+        runs, clock = range(first, first + RUNS), [time.thread_time()]
+        fly_together(model, [disturbed(model, scenario, Draws(1, run), {}) for run in runs])
         clock.append(time.thread_time())
-        flight = fly_run(model, scenario, 1, run)
+        flights, truth = fly_runs(model, scenario, 1, runs, none)
         clock.append(time.thread_time())
-        epochs = scorer._filtered(flight)
+        logs = scorer.filtered(flights)
         clock.append(time.thread_time())
-        scorer._scored(flight, epochs)
+        scorer.scored(flights, truth, logs)
         clock.append(time.thread_time())
-        times.append(np.diff(clock) / len(flight.log.t_s) * 1e6)
+        times.append(np.diff(clock) / truth.size * 6.0 * 1e6)
     truth, flown, *rest = np.min(times, axis=0)
     return truth, flown - truth, *rest
+
+
+def _batch(plan, k):
+    return fly_batch(plan, range(BATCH * k, BATCH * (k + 1)), together=True)
 
 
 def main() -> None:
@@ -77,16 +82,16 @@ def main() -> None:
     model, (peer_epochs, peer) = relnav.load_model("three_beacon_psd"), Problem().peers()["filterpy user"]
     threads = processors()
     plans = {
-        (name, method): Plan(model, scenario, method, 1, RUNS * threads)
+        (name, method): Plan(model, scenario, method, 1, BATCH * threads)
         for name, scenario in SCENARIOS.items()
         for method in ("spots", "fix")
     }
-    epochs = 2500 * RUNS
+    epochs = 2500 * BATCH
     alone = {key: [] for key in plans}
     together = {key: [] for key in plans}
     theirs = []
     for plan in plans.values():
-        fly_batch(plan, range(2))
+        fly_batch(plan, range(RUNS), together=True)
     with ThreadPoolExecutor(threads) as pool:
         for _ in range(options.rounds):
             began = time.thread_time()
@@ -94,10 +99,10 @@ def main() -> None:
             theirs.append((time.thread_time() - began) / peer_epochs * 1e6)
             for key, plan in plans.items():
                 began = time.thread_time()
-                fly_batch(plan, range(RUNS))
+                fly_batch(plan, range(BATCH), together=True)
                 alone[key].append((time.thread_time() - began) / epochs * 1e6)
                 began = time.perf_counter()
-                list(pool.map(lambda k, plan=plan: fly_batch(plan, range(RUNS * k, RUNS * (k + 1))), range(threads)))
+                list(pool.map(lambda k, plan=plan: _batch(plan, k), range(threads)))
                 together[key].append((time.perf_counter() - began) / (epochs * threads) * 1e6)
     print(f"filterpy user: {min(theirs):.0f} us an epoch (median {statistics.median(theirs):.0f})")
     heads = f"{'one thread':>16}{'ratio':>7}{f'{threads} threads, wall':>20}{'ratio':>7}"

@@ -1,9 +1,9 @@
 """What is told of every run of a campaign, in columns, and what kinds of model are flown."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from relnav.arrays import Vector
 
@@ -70,6 +70,18 @@ class Scorer(Protocol):
         """Status and figures of a run; given: numbers that replace what is drawn once, by name."""
 
 
+@runtime_checkable
+class TogetherScorer(Scorer, Protocol):
+    """The same, `together` of them at once as well, to the bit."""
+
+    together: int
+
+    def runs(
+        self, numbers: Sequence[int], given: Sequence[Mapping[str, float] | None]
+    ) -> list[tuple[RunStatus, Vector]]:
+        """Status and figures of `together` runs."""
+
+
 @dataclass(frozen=True)
 class RunKind:
     """How one kind of model is flown and scored.
@@ -89,6 +101,8 @@ class RunKind:
         (model, scenario) -> what is drawn once a run, of the kinds that the scenario makes uncertain: names by cause.
     scorer : callable
         (model, scenario, method, seed) -> Scorer.
+    together_at_hand : callable or None
+        Whether its scorer flies runs together without compiling that first; None where it does not at all.
     """
 
     figures: Figures
@@ -98,6 +112,7 @@ class RunKind:
     epochs: Callable[[Any, Any], float]
     drawn: Callable[[Any, Any], dict[str, tuple[str, ...]]]
     scorer: Callable[[Any, Any, str, int], Scorer]
+    together_at_hand: Callable[[], bool] | None = None
 
     def columns(self, model: Any, scenario: Binned) -> tuple[str, ...]:
         """Names of the figures of a run, but for its number, its status and its reason."""

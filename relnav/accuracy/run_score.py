@@ -1,27 +1,34 @@
 """One run of a scenario through the filter, in figures: errors against truth, reported sigmas, NEES, by range bin."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
 
 import numpy as np
 
 from relnav.accuracy.run_figures import Figures, Quantity, RunKind, RunStatus
-from relnav.arrays import Codes, Matrix, Vector
-from relnav.codegen.kernel import kernel, long_kernel
+from relnav.arrays import Codes, Matrix, Stack, Vector
+from relnav.codegen.kernel import is_at_hand, kernel, long_entry, long_kernel
+from relnav.codegen.together import RUNS, anywhere, attempt, lanes_of, new_lanes, select
+from relnav.dynamics.error_state import factor_size
 from relnav.mission import Model, VisionMission
-from relnav.navigation.docking_view import VIEW_ROWS, views
+from relnav.navigation.docking_view import VIEW_ROWS, view_epoch
 from relnav.navigation.log import Epochs, LogFilter
+from relnav.navigation.logs_together import LogsTogether, is_together_at_hand
 from relnav.navigation.memory import METHODS
 from relnav.navigation.record import DIAGONAL
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING, EpochStatus
-from relnav.simulation.dispersed import Flight, check_flyable, fly_run
+from relnav.simulation.dispersed import Flight, check_flyable, fly_run, fly_runs
 from relnav.simulation.dispersions import Scenario
 from relnav.simulation.run_draws import built_names
 
 STATE = ("x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s")
 BINNED = (Quantity("range", "m"), Quantity("azimuth", "deg"), Quantity("elevation", "deg"))
 DOCKING = tuple(quantity.column for quantity in BINNED)
-DEGREES = np.array([1.0, 180.0 / math.pi, 180.0 / math.pi])
+DEGREES = 1.0, 180.0 / math.pi, 180.0 / math.pi
+STARTED_AT, NIS_SUM, NIS_DOF, NEES_SUM, NEES_EPOCHS, TOTALS = range(6)
+"""What is added up over a run: the epoch of the start, -1 for none; squared innovations of what was used, and their
+degrees of freedom; NEES of settled epochs, and how many they are."""
 SIGMA_SAMPLES = 250
 """Epochs of a run, evenly spread, whose reported sigma is looked at; a run of fewer has all of them looked at."""
 
@@ -29,11 +36,12 @@ SIGMA_SAMPLES = 250
 @kernel
 def _angle(across: float, along: float) -> float:
     """Angle of (along, across): its series where it is small, which is seven times faster than the arctangent."""
-    if abs(across) < 0.01 * along:
-        t = across / along
-        s = t * t
-        return t * (1.0 - s * (1.0 / 3.0 - s * (1.0 / 5.0 - s / 7.0)))
-    return math.atan2(across, along)
+    small, t = abs(across) < 0.01 * along, across / along
+    s = t * t
+    angle = t * (1.0 - s * (1.0 / 3.0 - s * (1.0 / 5.0 - s / 7.0)))
+    if anywhere(not small):
+        angle = select(small, angle, math.atan2(across, along))
+    return angle
 
 
 @kernel
@@ -62,46 +70,132 @@ def _place(state: Vector, dock: Matrix, offset: Vector, p: Vector) -> None:
 
 @long_kernel
 def _score(
-    state: Matrix,
-    factor: Matrix,
-    truth: Matrix,
-    dock: Matrix,
-    offset: Vector,
-    edges: Vector,
-    nees: Vector,
-    sums: Matrix,
-    first: Codes,
-    work: Matrix,
+    state: Matrix, factor: Matrix, truth: Matrix, dock: Matrix, offset: Vector, nees: Vector, told: Matrix, work: Matrix
 ) -> None:
-    """Write NEES (n,) of every epoch; by bin the number of epochs and sums of squared docking errors (bins, 4).
+    """Write NEES (n,) of every epoch, its true range and its squared docking errors (n, 4); NaN without a state.
 
-    offset: camera minus port, from the chaser's centre of mass; first (bins,): first epoch in a bin, -1 for none;
-    work (3, 6): scratch.
+    offset: camera minus port, from the chaser's centre of mass; work (3, 6): scratch.
     """
     true, own, error = work[0], work[1], work[2]
     for e in range(state.shape[0]):
-        if state[e, 0] != state[e, 0]:  # NaN: no state
-            nees[e] = math.nan
-            continue
         for i in range(6):
             error[i] = state[e, i] - truth[e, i]
         nees[e] = _nees(error, factor[e])
         _place(truth[e], dock, offset, true)
-        b = edges.shape[0] - 2
-        while b >= 0 and true[4] < edges[b]:
-            b -= 1
-        if b < 0 or true[4] >= edges[edges.shape[0] - 1]:
-            continue
         _place(state[e], dock, offset, own)
         far = own[4] - true[4]
         aside = _angle(true[0] * own[1] - true[1] * own[0], true[0] * own[0] + true[1] * own[1])
         above = _angle(true[2] * own[3] - true[3] * own[2], true[3] * own[3] + true[2] * own[2])
-        sums[b, 0] += 1.0
-        sums[b, 1] += far * far
-        sums[b, 2] += aside * aside
-        sums[b, 3] += above * above
-        if first[b] < 0:
-            first[b] = e
+        told[e, 0], told[e, 1], told[e, 2], told[e, 3] = true[4], far * far, aside * aside, above * above
+
+
+@long_entry
+def _score_together(
+    state: Stack, factor: Stack, truth: Stack, dock: Matrix, offset: Vector, nees: Matrix, told: Stack, work: Stack
+) -> bool:
+    """`_score` of RUNS runs; whether all went the same way."""
+    divided, _ = attempt(
+        _score,
+        lanes_of(state),
+        lanes_of(factor),
+        lanes_of(truth),
+        dock,
+        offset,
+        lanes_of(nees),
+        lanes_of(told),
+        lanes_of(work),
+    )
+    return divided == 0
+
+
+@kernel
+def _bin_of(range_m: float, edges: Vector) -> int:
+    """In which range bin a range is, -1 for none."""
+    b: int = edges.shape[0] - 2
+    if not range_m < edges[b + 1]:
+        return -1
+    while b >= 0 and range_m < edges[b]:
+        b -= 1
+    return b
+
+
+@long_kernel
+def _add_up(
+    begin: int,
+    edges: Vector,
+    codes: Codes,
+    nis: Matrix,
+    nees: Matrix,
+    told: Stack,
+    bins: Stack,
+    first: Codes,
+    counts: Codes,
+    totals: Matrix,
+) -> None:
+    """Add up the epochs of runs that stand side by side in arrays (n, ..., runs).
+
+    bins (runs, bins, 4): number of epochs from `begin` on and their squared errors; first (runs, bins): the first of
+    them, -1 for none; counts (runs, statuses): epochs of each EpochStatus; totals (runs, TOTALS).
+    """
+    for e in range(told.shape[0]):
+        for run in range(told.shape[2]):
+            status, dof, squared, total = codes[e, 1, run], codes[e, 0, run], nis[e, run], totals[run]
+            counts[run, status] += 1
+            if status == STARTED and total[STARTED_AT] < 0.0:
+                total[STARTED_AT] = e
+            if status in (UPDATED, STARTED) and dof > 0 and abs(squared) < math.inf:
+                total[NIS_SUM] += squared
+                total[NIS_DOF] += dof
+            if e < begin or not abs(nees[e, run]) < math.inf:  # no state, or not settled
+                continue
+            total[NEES_SUM] += nees[e, run]
+            total[NEES_EPOCHS] += 1.0
+            b = _bin_of(told[e, 0, run], edges)
+            if b >= 0:
+                bins[run, b, 0] += 1.0
+                for k in range(1, 4):
+                    bins[run, b, k] += told[e, k, run]
+                if first[run, b] < 0:
+                    first[run, b] = e
+
+
+@long_kernel
+def _look_at(
+    begin: int,
+    every: int,
+    edges: Vector,
+    state: Stack,
+    factor: Stack,
+    told: Stack,
+    dock: Matrix,
+    port: Vector,
+    lever: Vector,
+    variances: Stack,
+    view: Matrix,
+    own: Vector,
+    packed: Vector,
+) -> None:
+    """Add up what the filter reports every so many epochs, and write what it reports at the last one into view.
+
+    variances (runs, bins, 4): how often it was looked at, and sums of the variances of range, azimuth and elevation;
+    view (runs, VIEW_ROWS); own (6,) and packed (21,) are scratch.
+    """
+    n = state.shape[0]
+    for place in range(begin, n + every, every):
+        e = min(place, n - 1)
+        for run in range(state.shape[2]):
+            for i in range(6):
+                own[i] = state[e, i, run]
+            for i in range(packed.shape[0]):
+                packed[i] = factor[e, i, run]
+            seen, summed = view[run], variances[run]
+            view_epoch(own, packed, dock, port, lever, seen)
+            b = _bin_of(told[e, 0, run], edges)
+            if place < n and b >= 0 and abs(seen[3]) < math.inf:
+                summed[b, 0] += 1.0
+                summed[b, 1] += seen[3]
+                summed[b, 2] += seen[6]
+                summed[b, 3] += seen[8]
 
 
 def drawn_by_cause(scenario: Scenario, points: int) -> dict[str, tuple[str, ...]]:
@@ -134,27 +228,56 @@ class RunScorer:
         Of the filter.
     """
 
+    together = RUNS
+
     def __init__(self, model: Model, scenario: Scenario, method: str, seed: int) -> None:
-        self.model, self.scenario, self.seed = model, scenario, seed
+        self.model, self.scenario, self.method, self.seed = model, scenario, method, seed
         self._filter = LogFilter(model, method)
         self._fresh = self._filter.block.copy()
         self._names = BEACONS.columns(model, scenario)
         self._epochs: Epochs | None = None
+        self._logs: LogsTogether | None = None
         self._dock, self._lever = model.dcm_dock_from_lvlh, model.dcm_cam_from_lvlh.T @ model.camera_lever_cam_m
+        self._offset = self._lever - model.port_position_m
 
     def run(self, number: int, given: Mapping[str, float] | None = None) -> tuple[RunStatus, Vector]:
         """Status and figures of a run, in the order of the columns; given: replaces what is drawn once, by name."""
         flight = fly_run(self.model, self.scenario, self.seed, number, given)
-        epochs = self._filtered(flight)
-        figures = self._scored(flight, epochs)
-        status = epochs.codes[:, 1]
-        if math.isnan(figures["started_s"]):
-            outcome = RunStatus.NOT_STARTED
-        else:
-            outcome = RunStatus.LOST if status[-1] == WAITING else RunStatus.OK
-        return outcome, np.array([figures.get(name, math.nan) for name in self._names])
+        epochs = self._filtered_alone(flight)
+        n = len(flight.log.t_s)
+        nees, told, truth = np.empty(n), np.empty((n, 4)), flight.log.truth
+        _score(epochs.state, epochs.factor, truth, self._dock, self._offset, nees, told, np.empty((3, 6)))
+        of_one = Epochs(*(getattr(epochs, one.name)[..., None] for one in fields(epochs)))
+        return self._scored([flight], of_one, nees[:, None], told[..., None], [self._filter.restarts])[0]
 
-    def _filtered(self, flight: Flight) -> Epochs:
+    def runs(
+        self, numbers: Sequence[int], given: Sequence[Mapping[str, float] | None]
+    ) -> list[tuple[RunStatus, Vector]]:
+        """The same of RUNS runs."""
+        flights, truth = fly_runs(self.model, self.scenario, self.seed, numbers, given)
+        return self.scored(flights, truth, self.filtered(flights))
+
+    def filtered(self, flights: Sequence[Flight]) -> LogsTogether:
+        """RUNS flights through the filter."""
+        if self._logs is None:
+            n = len(flights[0].log.t_s)
+            self._logs = LogsTogether(self.model, self.method, n, innovations=False)
+        for lane, flight in enumerate(flights):
+            log = flight.log
+            self._logs.take(lane, log.t_s, log.spots_m, log.acceleration_m_s2, log.sigma_m)
+        self._logs.run()
+        return self._logs
+
+    def scored(self, flights: Sequence[Flight], truth: Stack, logs: LogsTogether) -> list[tuple[RunStatus, Vector]]:
+        """Status and figures of RUNS flights that were filtered; truth (n, 6, RUNS)."""
+        n, epochs = len(truth), logs.epochs
+        nees, told = new_lanes(n), new_lanes(n, 4)
+        frame = self._dock, self._offset
+        if not _score_together(epochs.state, epochs.factor, truth, *frame, nees, told, new_lanes(3, 6)):
+            raise ArithmeticError("figures of runs were decided by their numbers")
+        return self._scored(flights, epochs, nees, told, logs.restarts)
+
+    def _filtered_alone(self, flight: Flight) -> Epochs:
         log, n = flight.log, len(flight.log.t_s)
         if self._epochs is None or len(self._epochs.nis) != n:
             self._epochs = self._filter.room(n, smooth=False)
@@ -164,71 +287,65 @@ class RunScorer:
         self._filter.forward(log.t_s, log.spots_m, control, np.empty((0, 4)), self._epochs, log.sigma_m)
         return self._epochs
 
-    def _scored(self, flight: Flight, epochs: Epochs) -> dict[str, float]:
-        log, edges = flight.log, np.array(self.scenario.range_edges_m)
-        n, bins = len(log.t_s), len(edges) - 1
-        settled = int(np.searchsorted(log.t_s, self.scenario.results.settling_s))
-        nees, sums, first = np.full(n, math.nan), np.zeros((bins, 4)), np.full(bins, -1, dtype=np.int64)
-        offset = self._lever - self.model.port_position_m
-        late = (epochs.state[settled:], epochs.factor[settled:], log.truth[settled:])
-        _score(*late, self._dock, offset, edges, nees[settled:], sums, first, np.empty((3, 6)))
-        figures = {f"drawn_{name}": value for name, value in flight.drawn.items()} | self._outcome(log.t_s, epochs)
-        known = np.isfinite(nees)
-        figures["nees_mean"] = float(nees[known].mean()) if known.any() else math.nan
-        sampled = np.append(np.arange(settled, n, max(1, n // SIGMA_SAMPLES)), n - 1)
-        view = self._viewed(epochs, sampled)
-        ranges = np.linalg.norm(log.truth[sampled[:-1], :3] + offset, axis=1)
-        self._by_bin(figures, sums, np.searchsorted(edges, ranges, "right") - 1, view[[3, 6, 8], :-1])
-        for k in np.flatnonzero(first >= 0).tolist():
-            figures[f"bin{k}_nees"] = float(nees[first[k] + settled])
-        error = epochs.state[-1] - log.truth[-1]
-        figures["final_nees"] = float(nees[-1])
-        figures["final_range_m"] = float(np.linalg.norm(log.truth[-1, :3] + offset))
-        sigma = np.sqrt(view[9:, -1][DIAGONAL])
-        for k, name in enumerate(STATE):
-            figures[f"final_error_{name}"], figures[f"final_sigma_{name}"] = float(error[k]), float(sigma[k])
-        return figures
-
-    def _viewed(self, epochs: Epochs, sampled: Codes) -> Matrix:
-        """What the filter reports at some epochs, as `docking_view.views` says it; NaN where there is no state."""
-        view = np.full((VIEW_ROWS, len(sampled)), math.nan)
-        known = np.isfinite(epochs.state[sampled, 0])
-        rows = sampled[known]
-        if len(rows):
-            lever = self._lever[None]
-            view[:, known] = views(
-                epochs.state[rows], epochs.factor[rows], self._dock, self.model.port_position_m, lever
-            )
-        return view
+    def _scored(
+        self, flights: Sequence[Flight], epochs: Epochs, nees: Matrix, told: Stack, restarts: Sequence[int]
+    ) -> list[tuple[RunStatus, Vector]]:
+        """Status and figures of runs that stand side by side in epochs, nees (n, runs) and told (n, 4, runs)."""
+        t, edges, count = flights[0].log.t_s, np.array(self.scenario.range_edges_m), len(flights)
+        n, size = len(t), len(edges) - 1
+        settled = int(np.searchsorted(t, self.scenario.results.settling_s))
+        bins, variances = np.zeros((2, count, size, 4))
+        first, counts = np.full((count, size), -1, dtype=np.int64), np.zeros((count, len(EpochStatus)), dtype=np.int64)
+        totals, views = np.zeros((count, TOTALS)), np.empty((count, VIEW_ROWS))
+        totals[:, STARTED_AT] = -1.0
+        _add_up(settled, edges, epochs.codes, epochs.nis, nees, told, bins, first, counts, totals)
+        frame = self._dock, self.model.port_position_m, self._lever
+        every, scratch = max(1, n // SIGMA_SAMPLES), (np.empty(6), np.empty(factor_size(6)))
+        _look_at(settled, every, edges, epochs.state, epochs.factor, told, *frame, variances, views, *scratch)
+        done = []
+        for run, flight in enumerate(flights):
+            figures = {f"drawn_{name}": value for name, value in flight.drawn.items()}
+            figures |= self._outcome(t, counts[run], totals[run]) | self._by_bin(bins[run], variances[run])
+            for k in np.flatnonzero(first[run] >= 0).tolist():
+                figures[f"bin{k}_nees"] = float(nees[first[run, k], run])
+            figures["restarts"], figures["final_range_m"] = float(restarts[run]), float(told[-1, 0, run])
+            figures["final_nees"] = float(nees[-1, run]) if settled < n else math.nan
+            error, sigma = epochs.state[-1, :, run] - flight.log.truth[-1], np.sqrt(views[run, 9:][DIAGONAL])
+            for k, name in enumerate(STATE):
+                figures[f"final_error_{name}"], figures[f"final_sigma_{name}"] = float(error[k]), float(sigma[k])
+            if math.isnan(figures["started_s"]):
+                outcome = RunStatus.NOT_STARTED
+            else:
+                outcome = RunStatus.LOST if epochs.codes[-1, 1, run] == WAITING else RunStatus.OK
+            done.append((outcome, np.array([figures.get(name, math.nan) for name in self._names])))
+        return done
 
     @staticmethod
-    def _by_bin(figures: dict[str, float], sums: Matrix, bins: Codes, variance: Matrix) -> None:
-        """Add root mean squares by bin: of the errors, and of sigma at sampled epochs in these bins (m,)."""
-        for k, total in enumerate(sums):
-            figures[f"bin{k}_epochs"] = float(total[0])
-            if total[0] == 0.0:
-                continue
-            inside = variance[:, (bins == k) & np.isfinite(variance[0])]
-            sigma = np.sqrt(inside.mean(axis=1)) * DEGREES if inside.size else np.full(3, math.nan)
-            rms = np.sqrt(total[1:] / total[0]) * DEGREES
-            for j, name in enumerate(DOCKING):
-                figures[f"bin{k}_rms_{name}"], figures[f"bin{k}_sigma_{name}"] = float(rms[j]), float(sigma[j])
+    def _by_bin(bins: Matrix, variances: Matrix) -> dict[str, float]:
+        """Root mean squares by bin: of the errors, and of sigma where the filter was looked at."""
+        figures = {}
+        for k, (one, looked) in enumerate(zip(bins.tolist(), variances.tolist(), strict=True)):
+            figures[f"bin{k}_epochs"] = one[0]
+            for j, (name, unit) in enumerate(zip(DOCKING, DEGREES, strict=True), 1):
+                if one[0] > 0.0:
+                    figures[f"bin{k}_rms_{name}"] = math.sqrt(one[j] / one[0]) * unit
+                if one[0] > 0.0 and looked[0] > 0.0:
+                    figures[f"bin{k}_sigma_{name}"] = math.sqrt(looked[j] / looked[0]) * unit
+        return figures
 
-    def _outcome(self, t: Vector, epochs: Epochs) -> dict[str, float]:
-        status, dof = epochs.codes[:, 1], epochs.codes[:, 0]
-        counts = np.bincount(status, minlength=len(EpochStatus))
-        started = np.flatnonzero(status == STARTED)
-        used = ((status == UPDATED) | (status == STARTED)) & (dof > 0) & np.isfinite(epochs.nis)
+    @staticmethod
+    def _outcome(t: Vector, counts: Codes, totals: Vector) -> dict[str, float]:
+        started, looked = int(totals[STARTED_AT]), totals[NEES_EPOCHS]
         return {
-            "started_s": float(t[started[0]]) if started.size else math.nan,
-            "restarts": float(self._filter.restarts),
+            "started_s": float(t[started]) if started >= 0 else math.nan,
             "epochs": float(len(t)),
             "epochs_partial": float(counts[PARTIAL]),
             "epochs_rejected": float(counts[REJECTED]),
             "epochs_predicted": float(counts[PREDICTED]),
             "epochs_waiting": float(counts[WAITING]),
-            "nis_sum": float(epochs.nis[used].sum()),
-            "nis_dof": float(dof[used].sum()),
+            "nis_sum": float(totals[NIS_SUM]),
+            "nis_dof": float(totals[NIS_DOF]),
+            "nees_mean": float(totals[NEES_SUM] / looked) if looked > 0.0 else math.nan,
         }
 
 
@@ -240,4 +357,5 @@ BEACONS = RunKind(
     epochs=epochs_of,
     drawn=_drawn,
     scorer=RunScorer,
+    together_at_hand=lambda: is_together_at_hand() and is_at_hand(_score_together),
 )

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from relnav.accuracy.campaign_plan import Batch, Plan, fly_batch
+from relnav.accuracy.campaign_plan import Batch, Plan, fly_batch, prepare
 from relnav.errors import InputError, UsageError
 from relnav.files.campaign_folder import failed_batch, join_batches, write_batch, write_flown
 from relnav.files.optional import require
@@ -138,7 +138,7 @@ def fly_on_cluster(
     """
     require_distributed()
     if address == "local":
-        fly_batch(plan, range(starts[0], starts[0] + 1))  # compiles, once for all processes
+        prepare(plan)  # once for all processes
     with _client(address, workers) as client:
         _Driver(plan, folder.resolve(), client, progress).fly(starts)
 

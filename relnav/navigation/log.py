@@ -5,11 +5,13 @@ Chunks follow one another on one block, so a log in pieces gives the same bits a
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 
 from relnav.arrays import LARGEST, Codes, Matrix, Stack, Vector, one_piece
 from relnav.codegen.kernel import entry, kernel, long_entry
+from relnav.codegen.together import select
 from relnav.dynamics.error_state import MOTION, factor_size
 from relnav.estimation.rows import copy_track
 from relnav.geometry.rotation import dcm_from_quaternion_into
@@ -57,60 +59,65 @@ class Epochs:
         return Epochs(*(getattr(self, entry.name)[cut] for entry in fields(self)))
 
 
+class Rows(NamedTuple):
+    """What epochs are told and say, a row each; of inputs that there are none of, no rows.
+
+    t (n,), spots (n, beacons, 2), control (n, 6), quaternion (n, 4), sigma (n, beacons, 2), lasting (n, beacons); and
+    as `Epochs`.
+    """
+
+    t: Vector
+    spots: Stack
+    control: Matrix
+    quaternion: Matrix
+    sigma: Stack
+    lasting: Matrix
+    state: Matrix
+    factor: Matrix
+    innovation: Matrix
+    nis: Vector
+    codes: Codes
+    considered: Stack
+
+
 @kernel
-def _take_inputs(m: Memory, e: int, control: Matrix, quaternion: Matrix, sigma: Stack, lasting: Matrix) -> None:
-    """Write what an epoch's row says besides its spots: control, attitude, sigmas; empty arrays say nothing."""
+def _take_inputs(m: Memory, e: int, rows: Rows) -> None:
+    """Write what an epoch's row says besides its spots: control, attitude, sigmas."""
     acceleration, delta_v = m.motion["acceleration"], m.motion["delta_v"]
-    if control.shape[0] > 0:
+    if rows.control.shape[0] > 0:
         for j in range(3):
-            acceleration[j], delta_v[j] = control[e, j], control[e, 3 + j]
-    if quaternion.shape[0] > 0:
-        dcm_from_quaternion_into(quaternion[e], m.kept["mount"])
+            acceleration[j], delta_v[j] = rows.control[e, j], rows.control[e, 3 + j]
+    if rows.quaternion.shape[0] > 0:
+        dcm_from_quaternion_into(rows.quaternion[e], m.kept["mount"])
         attitude_changed(m.kept, m.sensor)
-    if sigma.shape[0] > 0:
+    if rows.sigma.shape[0] > 0:
         for i in range(m.beacons.shape[0]):
             own = m.beacons[i]["spot_sigma"]
             for k in range(2):
-                if sigma[e, i, k] > 0.0:
-                    own[k] = sigma[e, i, k]
-    if lasting.shape[0] > 0:
+                own[k] = select(rows.sigma[e, i, k] > 0.0, rows.sigma[e, i, k], own[k])
+    if rows.lasting.shape[0] > 0:
         for i in range(m.beacons.shape[0]):
-            m.beacons[i]["lasting_sigma"] = lasting[e, i]
+            m.beacons[i]["lasting_sigma"] = rows.lasting[e, i]
 
 
-@long_entry
-def _run(
-    block: Vector,
-    t: Vector,
-    spots: Stack,
-    control: Matrix,
-    quaternion: Matrix,
-    sigma: Stack,
-    lasting: Matrix,
-    state: Matrix,
-    factor: Matrix,
-    innovation: Matrix,
-    nis: Vector,
-    codes: Codes,
-    considered: Stack,
-) -> None:
-    """`step` over epochs; control (n, 6), quaternion (n, 4), sigma (n, beacons, 2), lasting (n, beacons) may be empty.
+@kernel
+def run_rows(block: Vector, begin: int, end: int, rows: Rows) -> None:
+    """`step` with the inputs of each row from `begin` to before `end`, and what the filter says into that row.
 
     With room in considered (n, m, 6), sensitivities and the filter's own factors are kept apart.
     """
     m = views(block)
-    apart, result = considered.shape[1], m.result
-    sensitivities = m.sensitivities
+    codes, state, factor, considered = rows.codes, rows.state, rows.factor, rows.considered
+    apart, result, sensitivities = considered.shape[1], m.result, m.sensitivities
     reported = m.work["ld"] if sensitivities.shape[0] > apart else m.track["ld"]
-    for e in range(t.shape[0]):
-        _take_inputs(m, e, control, quaternion, sigma, lasting)
-        codes[e, 1] = step(block, t[e], spots[e])
-        codes[e, 0] = result["dof"]
-        codes[e, 2] = result["reason"]
+    for e in range(begin, end):
+        _take_inputs(m, e, rows)
+        codes[e, 1] = step(block, rows.t[e], rows.spots[e])
+        codes[e, 0], codes[e, 2] = result["dof"], result["reason"]
         codes[e, 3] = m.watch["alarm"] if m.clock["running"] > 0 else 0
-        nis[e] = result["nis"]
-        for k in range(innovation.shape[1]):
-            innovation[e, k] = m.innovations[k]
+        rows.nis[e] = result["nis"]
+        for k in range(rows.innovation.shape[1]):
+            rows.innovation[e, k] = m.innovations[k]
         if m.clock["running"] > 0:
             for i in range(MOTION):
                 state[e, i] = m.track["state"][i]
@@ -129,6 +136,29 @@ def _run(
             for k in range(apart):
                 for i in range(MOTION):
                     considered[e, k, i] = np.nan
+
+
+@long_entry
+def _run(
+    block: Vector,
+    t: Vector,
+    spots: Stack,
+    control: Matrix,
+    quaternion: Matrix,
+    sigma: Stack,
+    lasting: Matrix,
+    state: Matrix,
+    factor: Matrix,
+    innovation: Matrix,
+    nis: Vector,
+    codes: Codes,
+    considered: Stack,
+) -> None:
+    """`run_rows` over all."""
+    rows = Rows(
+        t, spots, control, quaternion, sigma, lasting, state, factor, innovation, nis, codes, considered
+    )  # fmt: skip
+    run_rows(block, 0, t.shape[0], rows)
 
 
 @entry

@@ -45,20 +45,17 @@ def beacons_in_camera(model: Model, state: Matrix, dcm_cam_from_lvlh: Stack | No
 
 
 @long_kernel
-def _project(
-    state: Matrix, dcm: Stack, lever: Vector, beacons: Matrix, focal_length: float, out: Stack, scratch: Vector
-) -> None:
-    """Write central projections (n, beacons, 2) of beacons; dcm (n, 3, 3) or (1, 3, 3); scratch (3,)."""
+def _project(state: Matrix, dcm: Stack, lever: Vector, beacons: Matrix, focal_length: float, out: Stack) -> None:
+    """Write central projections (n, beacons, 2) of beacons; dcm (n, 3, 3) or (1, 3, 3)."""
     for e in range(state.shape[0]):
         c = dcm[e if dcm.shape[0] > 1 else 0]
         for b in range(beacons.shape[0]):
-            for i in range(3):
-                scratch[i] = -lever[i]
-                for j in range(3):
-                    scratch[i] += c[i, j] * (beacons[b, j] - state[e, j])
-            z = scratch[2] if scratch[2] > 0.0 else math.nan
-            out[e, b, 0] = focal_length * (scratch[0] / z)
-            out[e, b, 1] = focal_length * (scratch[1] / z)
+            u, v, w = beacons[b, 0] - state[e, 0], beacons[b, 1] - state[e, 1], beacons[b, 2] - state[e, 2]
+            x = -lever[0] + c[0, 0] * u + c[0, 1] * v + c[0, 2] * w
+            y = -lever[1] + c[1, 0] * u + c[1, 1] * v + c[1, 2] * w
+            z = -lever[2] + c[2, 0] * u + c[2, 1] * v + c[2, 2] * w
+            depth = z if z > 0.0 else math.nan
+            out[e, b, 0], out[e, b, 1] = focal_length * (x / depth), focal_length * (y / depth)
 
 
 def project_beacons(model: Model, state: Matrix, dcm_cam_from_lvlh: Stack | None = None) -> Stack:
@@ -66,7 +63,7 @@ def project_beacons(model: Model, state: Matrix, dcm_cam_from_lvlh: Stack | None
     dcm = model.dcm_cam_from_lvlh[None] if dcm_cam_from_lvlh is None else np.ascontiguousarray(dcm_cam_from_lvlh)
     beacons = model.beacons_lvlh_m
     out, states = np.empty((len(state), len(beacons), 2)), np.ascontiguousarray(state, dtype=np.float64)
-    _project(states, dcm, model.camera_lever_cam_m, beacons, model.sensor.focal_length_m, out, np.empty(3))
+    _project(states, dcm, model.camera_lever_cam_m, beacons, model.sensor.focal_length_m, out)
     return out
 
 
@@ -135,6 +132,22 @@ def spot_sigmas(model: Model, state: Matrix, dcm_cam_from_lvlh: Stack | None = N
     )
 
 
+@long_kernel
+def _take_away(
+    spots: Stack, half: Vector, outliers: float, glint: Matrix, place: Stack, dropout: float, unseen: Matrix
+) -> None:
+    """Let glints stand where spots (n, beacons, 2) were, and NaN where they are not seen or beside the detector."""
+    for e in range(spots.shape[0]):
+        for i in range(spots.shape[1]):
+            x, y = spots[e, i, 0], spots[e, i, 1]
+            if outliers > 0.0 and glint[e, i] < outliers:
+                x, y = place[e, i, 0] * half[0], place[e, i, 1] * half[1]
+            seen = abs(x) <= half[0] and abs(y) <= half[1]
+            if dropout > 0.0 and unseen[e, i] < dropout:
+                seen = False
+            spots[e, i, 0], spots[e, i, 1] = (x, y) if seen else (math.nan, math.nan)
+
+
 @dataclass(frozen=True)
 class SpotDraws:
     """Random numbers of the images of n epochs.
@@ -175,13 +188,13 @@ def imaged(
 
     The draws of faults that do not happen may be None.
     """
-    spots = spots_m + draws.noise * (model.sensor.spot_noise_m if sigma_m is None else sigma_m)
-    half = 0.5 * np.array(model.sensor.detector_size_m)
-    if faults.outliers and draws.glint is not None and draws.place is not None:
-        spots = np.where((draws.glint < faults.outliers)[..., None], draws.place * half, spots)
-    inside = np.abs(spots) <= half
-    unseen = ~(inside[..., 0] & inside[..., 1])  # `all` over an axis of two takes longer than the rest
-    if faults.dropout and draws.unseen is not None:
-        unseen |= draws.unseen < faults.dropout
-    spots[unseen] = np.nan
+    sigma = np.asarray(model.sensor.spot_noise_m if sigma_m is None else sigma_m)
+    half, nothing = 0.5 * np.array(model.sensor.detector_size_m), np.empty((0, 0))
+    outliers, glint, place, dropout, unseen = 0.0, nothing, np.empty((0, 0, 2)), 0.0, nothing
+    if draws.glint is not None and draws.place is not None:
+        outliers, glint, place = faults.outliers, draws.glint, draws.place
+    if draws.unseen is not None:
+        dropout, unseen = faults.dropout, draws.unseen
+    spots: Stack = spots_m + draws.noise * sigma
+    _take_away(spots, half, outliers, glint, place, dropout, unseen)
     return spots

@@ -1,9 +1,12 @@
 """One run of a scenario: what is uncertain is drawn, then the approach is flown and imaged."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, overload
 
+import numpy as np
+
+from relnav.arrays import Matrix, Stack, Vector
 from relnav.mission import Model, VisionMission
 from relnav.simulation.as_built import built
 from relnav.simulation.detector import SpotDraws, imaged, misplaced, project_beacons, spot_sigmas
@@ -14,7 +17,7 @@ from relnav.simulation.marker_flight import MarkerFlight
 from relnav.simulation.run_draws import built_names, disturbed, lose, replaced
 from relnav.simulation.scenario import SimulatedLog
 from relnav.simulation.streams import Draws, Stream
-from relnav.simulation.trajectory import fly_disturbed
+from relnav.simulation.trajectory import fly_disturbed, fly_together
 from relnav.simulation.vehicle_dispersions import VehicleScenario
 from relnav.simulation.vehicle_sensors import VehicleRun
 from relnav.spacecraft import Vehicle
@@ -106,18 +109,51 @@ def check_flyable(model: Model, scenario: Scenario) -> None:
 
 def fly_run(model: Model, scenario: Scenario, seed: int, run: int, given: Mapping[str, float] | None = None) -> Flight:
     """Draw what is uncertain of a run, fly it and image it; given: numbers that replace what is drawn once, by name."""
+    check_model(model, scenario)
+    draws, drawn = Draws(seed, run), dict[str, float]()
+    return _imaged(
+        model, scenario, draws, drawn, given, *fly_disturbed(model, *disturbed(model, scenario, draws, drawn, given))
+    )
+
+
+def fly_runs(
+    model: Model, scenario: Scenario, seed: int, runs: Sequence[int], given: Sequence[Mapping[str, float] | None]
+) -> tuple[list[Flight], Stack]:
+    """`fly_run` of RUNS runs at once, to the bit; and their truth side by side, (n, 6, RUNS)."""
+    check_model(model, scenario)
+    draws, drawn = [Draws(seed, run) for run in runs], [dict[str, float]() for _ in runs]
+    t, truth, command = fly_together(
+        model, [disturbed(model, scenario, *one) for one in zip(draws, drawn, given, strict=True)]
+    )
+    flights = []
+    for lane, one in enumerate(zip(draws, drawn, given, strict=True)):
+        flown = np.ascontiguousarray(truth[..., lane]), np.ascontiguousarray(command[..., lane])
+        flights.append(_imaged(model, scenario, *one, t, *flown))
+    return flights, truth
+
+
+def check_model(model: Model, scenario: Scenario) -> None:
+    """Raise a ValueError for a model that is not flown here, or does not say what the scenario asks for."""
     if not isinstance(model, Model):
         raise ValueError(
             "scenarios are flown by three_beacon and three_marker missions and by vehicles, relnav.load_model(...); "
             f"got a {type(model).__name__}"
         )
     check_flyable(model, scenario)
-    draws = Draws(seed, run)
-    drawn: dict[str, float] = {}
-    approach, disturbances = disturbed(model, scenario, draws, drawn, given)
-    t, truth, command = fly_disturbed(model, approach, disturbances)
-    flown = _as_built(model, scenario, draws, drawn, given)
-    images = scenario.images
+
+
+def _imaged(
+    model: Model,
+    scenario: Scenario,
+    draws: Draws,
+    drawn: dict[str, float],
+    given: Mapping[str, float] | None,
+    t: Vector,
+    truth: Matrix,
+    command: Matrix,
+) -> Flight:
+    """The images of a run that was flown."""
+    flown, images = _as_built(model, scenario, draws, drawn, given), scenario.images
     sigma = spot_sigmas(flown, truth) if images.by_received_power else None
     places = project_beacons(flown, truth)
     if flown.calibration is not None:

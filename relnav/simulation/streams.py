@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from relnav.arrays import Codes, Vector, whole
 from relnav.codegen.kernel import kernel, long_kernel
-from relnav.codegen.words import lower_product, upper_product, wrapped_sum
+from relnav.codegen.words import whole_product, wrapped_sum
 
 ROUNDS = 10
 FIRST_FACTOR, SECOND_FACTOR = 0xD2E7470EE14C6C93, 0xCA5A826395121157
@@ -75,16 +75,21 @@ class Stream(IntEnum):
 
 
 @kernel
-def _block_into(key: Words, words: Words) -> None:
-    """Write the four words of the block words[4] into words[:4]; key: seed, run, stream, 0."""
-    a, b, c, d = words[4], key[3], key[3], key[2]
-    first, second = key[0], key[1]
+def _block(first: int, second: int, stream: int, counter: int) -> tuple[int, int, int, int]:
+    """The four words of a block, under the key (first, second): seed and run."""
+    a, b, c, d = counter, first ^ first, first ^ first, stream
     for _ in range(ROUNDS):
-        up, low = upper_product(a, FIRST_FACTOR), lower_product(a, FIRST_FACTOR)
-        up_too, low_too = upper_product(c, SECOND_FACTOR), lower_product(c, SECOND_FACTOR)
+        up, low = whole_product(a, FIRST_FACTOR)
+        up_too, low_too = whole_product(c, SECOND_FACTOR)
         a, b, c, d = up_too ^ b ^ first, low_too, up ^ d ^ second, low
         first, second = wrapped_sum(first, FIRST_WEYL), wrapped_sum(second, SECOND_WEYL)
-    words[0], words[1], words[2], words[3] = a, b, c, d
+    return a, b, c, d
+
+
+@kernel
+def _share(word: int) -> float:
+    """A word as a number between 0 and 1, neither of them included."""
+    return (np.float64(word >> 12) + 0.5) * SMALLEST_STEP
 
 
 @kernel
@@ -133,24 +138,32 @@ def _outside(p: float, q: float) -> float:
 
 
 @long_kernel
-def _uniforms_into(key: Words, words: Words, out: Vector) -> None:
-    """Fill out (n,) with numbers between 0 and 1, neither of them included; words (5,) is scratch."""
-    words[4] = key[3]
-    for k in range(out.shape[0]):
-        if k % 4 == 0:
-            words[4] = wrapped_sum(words[4], 1)
-            _block_into(key, words)
-        out[k] = (np.float64(words[k % 4] >> 12) + 0.5) * SMALLEST_STEP
+def _uniforms_into(key: Words, out: Vector) -> None:
+    """Fill out (n,) with numbers between 0 and 1, neither of them included; key: seed, run, stream, 1, 0."""
+    n, one, counter = out.shape[0], key[3], key[4]
+    for block in range(n // 4):  # nothing of a block waits for the one before
+        counter = wrapped_sum(counter, one)
+        a, b, c, d = _block(key[0], key[1], key[2], counter)
+        out[4 * block], out[4 * block + 1] = _share(a), _share(b)
+        out[4 * block + 2], out[4 * block + 3] = _share(c), _share(d)
+    left = n % 4
+    if left > 0:
+        a, b, c, _ = _block(key[0], key[1], key[2], wrapped_sum(counter, one))
+        out[n - left] = _share(a)
+        if left > 1:
+            out[n - left + 1] = _share(b)
+        if left > 2:
+            out[n - left + 2] = _share(c)
 
 
 @long_kernel
-def _normals_into(key: Words, words: Words, uniform: Vector, tails: Codes, out: Vector) -> None:
-    """Fill out (n,) with standard normal numbers; words (5,), uniform (n,) and tails (n + 1,) are scratch.
+def _normals_into(key: Words, uniform: Vector, tails: Codes, out: Vector) -> None:
+    """Fill out (n,) with standard normal numbers; uniform (n,) and tails (n + 1,) are scratch.
 
     Loops without choices first, of which the compiler makes one instruction for several numbers; then the tails, which
     are gathered because a processor cannot guess where they are.
     """
-    _uniforms_into(key, words, uniform)
+    _uniforms_into(key, uniform)
     for k in range(out.shape[0]):
         out[k] = _middle(uniform[k] - 0.5)
     count = 0
@@ -171,18 +184,18 @@ class Draws:
     def __init__(self, seed: int, run: int) -> None:
         for name, value in (("seed", seed), ("run", run)):
             whole(name, value)
-        self._key, self._words = np.array([seed, run, 0, 0], dtype=np.uint64), np.zeros(5, dtype=np.uint64)
+        self._key = np.array([seed, run, 0, 1, 0], dtype=np.uint64)
 
     def uniforms(self, stream: int, shape: tuple[int, ...]) -> Vector:
         """The first numbers of a stream, between 0 and 1."""
         out, self._key[2] = np.empty(math.prod(shape)), stream
-        _uniforms_into(self._key, self._words, out)
+        _uniforms_into(self._key, out)
         return out.reshape(shape)
 
     def normals(self, stream: int, shape: tuple[int, ...]) -> Vector:
         """The same as standard normal numbers."""
         out, self._key[2] = np.empty(math.prod(shape)), stream
-        _normals_into(self._key, self._words, np.empty(len(out)), np.empty(len(out) + 1, dtype=np.int64), out)
+        _normals_into(self._key, np.empty(len(out)), np.empty(len(out) + 1, dtype=np.int64), out)
         return out.reshape(shape)
 
     def generator(self, stream: int) -> np.random.Generator:

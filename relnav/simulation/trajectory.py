@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relnav.arrays import Matrix, Vector
-from relnav.codegen.kernel import kernel, long_kernel
+from relnav.arrays import Matrix, Stack, Vector
+from relnav.codegen.kernel import kernel, long_entry, long_kernel
+from relnav.codegen.together import attempt, lanes_of, new_lanes, select
 from relnav.dynamics.two_body import MU_EARTH_M3_S2
 from relnav.mission import Model, VisionMission
 from relnav.simulation.orbits import J2_EARTH, place_chaser, relative_state, runge_kutta_step
@@ -79,10 +80,10 @@ def reference(start: float, final: float, speed: float, t: float) -> tuple[float
     """
     brake = min(speed / BANDWIDTH_RAD_S, start - final)
     cruise = (start - final - brake) / speed
-    if t <= cruise:
-        return start - speed * t, -speed, 0.0
-    left = brake * math.exp(-BANDWIDTH_RAD_S * (t - cruise))
-    return final + left, -BANDWIDTH_RAD_S * left, BANDWIDTH_RAD_S**2 * left
+    left, steady = brake * math.exp(-BANDWIDTH_RAD_S * max(t - cruise, 0.0)), t <= cruise
+    reach = select(steady, start - speed * t, final + left)
+    rate = select(steady, -speed, -BANDWIDTH_RAD_S * left)
+    return reach, rate, select(steady, 0.0, BANDWIDTH_RAD_S**2 * left)
 
 
 @long_kernel
@@ -93,6 +94,7 @@ def _fly(
     dcm_dock: Matrix,
     port: Vector,
     profile: Vector,
+    hold: int,
     dt: float,
     noise: Vector,
     draws: Matrix,
@@ -102,13 +104,12 @@ def _fly(
 ) -> None:
     """Write truth (m, 6) and the commanded acceleration over the interval that ends at each row, (m, 3).
 
-    profile: start range, final range, speed, guidance steps, thrust scale error, thrust turn (3). noise: amplitudes of
-    the white acceleration, and of the control's errors in size and direction; draws (m, 7): standard normal, or (0, 7).
-    scratch (28, 3): zeros.
+    profile: start range, final range, speed, thrust scale error, thrust turn (3); hold: rows of a guidance step.
+    noise: amplitudes of the white acceleration, and of the control's errors in size and direction; draws (m, 7):
+    standard normal, or (0, 7). scratch (28, 3): zeros.
     """
     axes, work, order, executed = scratch[0:3], scratch[3:26], scratch[26], scratch[27]
     relative_state(y, axes, state[0])
-    hold = int(profile[3])
     for row in range(1, state.shape[0]):
         if (row - 1) % hold == 0:
             x = state[row - 1]
@@ -123,12 +124,48 @@ def _fly(
         for i in range(3):
             j, k = (i + 1) % 3, (i + 2) % 3
             command[row, i] = order[i]
-            executed[i] = order[i] * (1.0 + profile[4]) + profile[5 + j] * order[k] - profile[5 + k] * order[j]
+            executed[i] = order[i] * (1.0 + profile[3]) + profile[4 + j] * order[k] - profile[4 + k] * order[j]
             if draws.shape[0] > 0:  # a x draw has covariance |a|^2 I - a a^T
                 across = order[j] * draws[row, 4 + k] - order[k] * draws[row, 4 + j]
                 executed[i] += noise[0] * draws[row, i] + noise[1] * order[i] * draws[row, 3] + noise[2] * across
         runge_kutta_step(y, executed, environment, dt, work)
         relative_state(y, axes, state[row])
+
+
+@long_entry
+def _fly_together(
+    y: Stack,
+    environment: Vector,
+    n: float,
+    dcm_dock: Matrix,
+    port: Vector,
+    profile: Matrix,
+    hold: int,
+    dt: float,
+    noise: Vector,
+    draws: Stack,
+    state: Stack,
+    command: Stack,
+    scratch: Stack,
+) -> bool:
+    """`_fly` of RUNS runs; whether all went the same way."""
+    divided, _ = attempt(
+        _fly,
+        lanes_of(y),
+        environment,
+        n,
+        dcm_dock,
+        port,
+        lanes_of(profile),
+        hold,
+        dt,
+        noise,
+        lanes_of(draws),
+        lanes_of(state),
+        lanes_of(command),
+        lanes_of(scratch),
+    )
+    return divided == 0
 
 
 @dataclass(frozen=True)
@@ -181,47 +218,66 @@ def fly_disturbed(
     t_s (m,), truth (m, 6) in `lvlh_ccsds`, commanded acceleration (m, 3) m/s^2 held over the interval that ends at
     each row.
     """
-    count, dt = epochs_of(approach), 1.0 / approach.rate_hz
+    y, profile = _beginning(model, approach, disturbances)
+    count = epochs_of(approach)
+    state, command = np.empty((count, 6)), np.zeros((count, 3))
+    _fly(y, *_setting(model, approach, profile), disturbances.draws, state, command, np.zeros((28, 3)))
+    _check_flown(state)
+    return np.arange(count, dtype=np.float64) / approach.rate_hz, state, command
+
+
+def fly_together(
+    model: Model | VisionMission, runs: list[tuple[Approach, Disturbances]]
+) -> tuple[Vector, Matrix, Matrix]:
+    """RUNS approaches of one scenario at once, each to the bit as `fly_disturbed` flies it.
+
+    Returns
+    -------
+    t_s (m,), truth (m, 6, RUNS), commanded acceleration (m, 3, RUNS).
+    """
+    approach, disturbances = runs[0]
+    count = epochs_of(approach)
+    y, profile, draws = new_lanes(4, 3), new_lanes(7), new_lanes(*disturbances.draws.shape)
+    for lane, run in enumerate(runs):
+        y[..., lane], profile[..., lane] = _beginning(model, *run)
+        draws[..., lane] = run[1].draws
+    state, command = new_lanes(count, 6), new_lanes(count, 3)
+    agreed = _fly_together(y, *_setting(model, approach, profile), draws, state, command, new_lanes(28, 3))
+    assert agreed, "nothing in a flight is decided by its numbers"
+    _check_flown(state)
+    return np.arange(count, dtype=np.float64) / approach.rate_hz, state, command
+
+
+def _beginning(model: Model | VisionMission, approach: Approach, disturbances: Disturbances) -> tuple[Matrix, Vector]:
+    """Inertial states (4, 3) of target and chaser at the start, and the profile, as `_fly` wants them."""
     y = np.zeros((4, 3))
     y[0], y[1] = _target_start(model, approach)
-    dcm_dock, port = model.dcm_dock_from_lvlh, model.port_position_m
-    start = np.concatenate([port + dcm_dock.T @ np.array(approach.start_m), disturbances.velocity_m_s])
-    place_chaser(y, start, np.empty((3, 3)))
-    environment = np.array(
-        [
-            MU_EARTH_M3_S2,
-            J2_EARTH if approach.j2 else 0.0,
-            approach.air_density_kg_m3,
-            approach.target_ballistic_m2_kg,
-            approach.chaser_ballistic_m2_kg,
-        ]
-    )
-    profile = np.array(
-        [
-            approach.start_m[0],
-            min(approach.final_range_m, approach.start_m[0]),
-            approach.speed_m_s,
-            max(1.0, round(GUIDANCE_PERIOD_S * approach.rate_hz)),
-            approach.thrust_scale_error,
-            *disturbances.thrust_turn_rad,
-        ]
-    )
+    place = model.port_position_m + model.dcm_dock_from_lvlh.T @ np.array(approach.start_m)
+    place_chaser(y, np.concatenate([place, disturbances.velocity_m_s]), np.empty((3, 3)))
+    final_range = min(approach.final_range_m, approach.start_m[0])
+    profile = [approach.start_m[0], final_range, approach.speed_m_s, approach.thrust_scale_error]
+    return y, np.array([*profile, *disturbances.thrust_turn_rad])
+
+
+def _setting(
+    model: Model | VisionMission, approach: Approach, profile: Vector
+) -> tuple[Vector, float, Matrix, Vector, Vector, int, float, Vector]:
+    """What else `_fly` wants, up to the draws."""
+    dt, density = 1.0 / approach.rate_hz, model.process_noise
+    environment = [MU_EARTH_M3_S2, J2_EARTH if approach.j2 else 0.0, approach.air_density_kg_m3]
+    environment += [approach.target_ballistic_m2_kg, approach.chaser_ballistic_m2_kg]
     # White noise of density q, held over dt, has variance q / dt.
-    density = model.process_noise
     error = math.sqrt(density.control_correlation_time_s / dt)
-    noise = np.array(
-        [
-            math.sqrt(density.acceleration_noise_density_m2_s3 / dt),
-            density.control_magnitude_sigma * error,
-            density.control_direction_sigma_rad * error,
-        ]
-    )
-    state, command, draws = np.empty((count, 6)), np.zeros((count, 3)), disturbances.draws
-    n = model.orbit.mean_motion_rad_s
-    _fly(y, environment, n, dcm_dock, port, profile, dt, noise, draws, state, command, np.zeros((28, 3)))
+    noise = [math.sqrt(density.acceleration_noise_density_m2_s3 / dt)]
+    noise += [density.control_magnitude_sigma * error, density.control_direction_sigma_rad * error]
+    hold = max(1, round(GUIDANCE_PERIOD_S * approach.rate_hz))
+    n, dock, port = model.orbit.mean_motion_rad_s, model.dcm_dock_from_lvlh, model.port_position_m
+    return np.array(environment), n, dock, port, profile, hold, dt, np.array(noise)
+
+
+def _check_flown(state: Matrix) -> None:
     if not np.isfinite(state).all():
         raise ValueError("the chaser flew out of all numbers: speed, air density or range are beyond any spacecraft")
-    return np.arange(count, dtype=np.float64) / approach.rate_hz, state, command
 
 
 def _target_start(model: Model | VisionMission, approach: Approach) -> tuple[Vector, Vector]:
