@@ -22,6 +22,8 @@ MOST_RUNS_OF_A_BATCH = 4000
 WORTH_COMPILING = 5e7
 """Epochs of a campaign for which it is worth 20 s to compile what flies runs together: that saves 1 us of each, half
 of it where two threads fly."""
+LONGEST_TOGETHER = 20_000
+"""Epochs of a run: eight of them side by side take 5.5 kB an epoch, which are 110 MB for each thread."""
 SHARES = 16
 """A short campaign is cut into this many batches at least, for several workers."""
 
@@ -80,10 +82,10 @@ class Plan:
     @cached_property
     def together(self) -> bool:
         """Whether runs are flown together: to the same bits, faster, but for what it takes to compile that once."""
-        at_hand = self.kind.together_at_hand
-        if at_hand is None or not is_compiled():
+        at_hand, epochs = self.kind.together_at_hand, self.kind.epochs(self.model, self.scenario)
+        if at_hand is None or epochs > LONGEST_TOGETHER or not is_compiled():
             return False
-        return at_hand() or self.runs * self.kind.epochs(self.model, self.scenario) >= WORTH_COMPILING
+        return at_hand() or self.runs * epochs >= WORTH_COMPILING
 
     @property
     def starts(self) -> range:

@@ -162,6 +162,8 @@ def test_what_has_to_be_compiled_first_is_compiled_where_it_is_worth_it(model, m
         kind = dataclasses.replace(BEACONS, together_at_hand=lambda at_hand=at_hand: at_hand)
         monkeypatch.setattr(campaign_plan, "kind_of", lambda _model, kind=kind: kind)
         assert plan(runs).together is expected
+    hours = Scenario(dataclasses.replace(APPROACH, duration_s=campaign_plan.LONGEST_TOGETHER / 10.0 + 1.0))
+    assert not Plan(model, hours, "fix", 3, 8).together
     monkeypatch.setattr(campaign_plan, "is_compiled", lambda: False)
     assert plan(8).together is False
 
