@@ -18,7 +18,7 @@ from relnav.navigation.arguments import choose
 from relnav.navigation.log import Epochs, Rows, run_rows
 from relnav.navigation.memory import lasting_part, starts_at, step_parts, views
 
-EVERY = 2**RUNS - 1
+EVERY = (1 << RUNS) - 1
 """All lanes, as bits."""
 SELDOM, CALM = 10, 3
 """What epochs leave to the next is kept every so many of them, to go back to where runs do not go the same way; every
@@ -98,12 +98,19 @@ def _with_unseen(spots: Stack) -> int:
 
 
 @kernel
+def _count(bits: int) -> int:
+    """How many lanes there are in bits."""
+    count = 0
+    for lane in range(RUNS):
+        count += (bits >> lane) & 1
+    return count
+
+
+@kernel
 def _smaller_part(divided: int, left: int) -> int:
     """Of the lanes left, as bits, those that go another way than most of them."""
-    held, others, more = divided & left, left & ~divided, 0
-    for lane in range(RUNS):
-        more += ((held >> lane) & 1) - ((others >> lane) & 1)
-    return held if more <= 0 else others
+    held, others = divided & left, left & ~divided
+    return held if _count(held) <= _count(others) else others
 
 
 @kernel
@@ -179,12 +186,25 @@ def _try_without(w: Together, e: int, out: int) -> int:
 
 
 @kernel
+def _step_each(w: Together, e: int) -> int:
+    """Step an epoch, every run alone; returns the bits of all."""
+    for lane in range(RUNS):
+        _take_out(w, e, lane, lane)
+        run_rows(w.alone[lane], lane, lane + 1, w.own)
+        _put_back(w, e, lane)
+    return EVERY
+
+
+@kernel
 def _step_divided(w: Together, e: int, divided: int) -> int:
     """Step an epoch at which the lanes divide, from what was kept right before it; returns the bits of those alone."""
     out = 0
     while divided != 0:
-        out |= _smaller_part(divided, EVERY & ~out)
+        odd = _smaller_part(divided, EVERY & ~out)
+        out |= odd
         _go_back(w)
+        if odd == 0 or _count(out) >= RUNS - 1:
+            return _step_each(w, e)
         divided = _try_without(w, e, out)
     return out
 
@@ -210,8 +230,7 @@ def _run_all(w: Together) -> int:
                 _go_back(w)
                 m.step["dt"], e = np.nan, kept_at
                 continue
-        for lane in range(RUNS):
-            alone += (out >> lane) & 1
+        alone += _count(out)
         e += 1
     return alone
 

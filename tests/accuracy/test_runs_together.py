@@ -89,6 +89,18 @@ def test_with_what_a_calibration_leaves(model):
     assert_same(filtered(told, "spots", logs), told, "spots", logs)
 
 
+def test_a_sigma_that_is_left_out_stays_what_it_was(model):
+    """Of a run that is stepped alone as well: its beacons' last sigmas go with it."""
+    rng, logs = np.random.default_rng(1), []
+    for run in range(RUNS):
+        log = fly_run(model, SCENARIOS["by power"], 5, run).log
+        gone = rng.random(len(log.t_s)) < 0.5
+        told = np.where(gone[:, None, None], np.nan, log.sigma_m * rng.uniform(0.5, 2.0, log.sigma_m.shape))
+        logs.append(dataclasses.replace(log, sigma_m=told))
+    for method in ("spots", "fix"):
+        assert_same(filtered(model, method, logs), model, method, logs)
+
+
 def test_memory_is_used_again_and_nothing_is_left_in_it(model):
     logs = [[fly_run(model, SCENARIOS["faults"], 5, run + first).log for run in range(RUNS)] for first in (0, RUNS)]
     together = filtered(model, "spots", logs[0])
