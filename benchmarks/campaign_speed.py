@@ -3,6 +3,8 @@
     python benchmarks/campaign_speed.py --out campaign_speed.json
     python benchmarks/campaign_speed.py --parts                      what an epoch is made of, one thread
 
+With NUMBA_CACHE_DIR set to an empty folder the first line says what it takes to compile.
+
 One thread and as many as there are processors, in one process, in turn with the filterpy user of `speed.py`, whose
 answers are checked there, and who only filters spots that are at hand. Processor time of a thread for one thread, wall
 time for several; minimum and median of the rounds. Only the ratios mean anything on another machine.
@@ -90,8 +92,13 @@ def main() -> None:
     alone = {key: [] for key in plans}
     together = {key: [] for key in plans}
     theirs = []
+    clock = [time.process_time()]
     for plan in plans.values():
-        fly_batch(plan, range(RUNS), together=True)
+        for as_one in (False, True):
+            fly_batch(plan, range(RUNS), together=as_one)
+            clock.append(time.process_time())
+    first, eight = np.diff(clock)[:2]
+    print(f"first runs {first:.0f} s, then eight together {eight:.0f} s, with compilation where it was not at hand")
     with ThreadPoolExecutor(threads) as pool:
         for _ in range(options.rounds):
             began = time.thread_time()

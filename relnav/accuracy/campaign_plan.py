@@ -20,7 +20,7 @@ EPOCHS_OF_A_BATCH = 1_000_000
 """About a second or two of work."""
 MOST_RUNS_OF_A_BATCH = 4000
 WORTH_COMPILING = 5e7
-"""Epochs of a campaign for which it is worth 20 s to compile what flies runs together: that saves 1 us of each, half
+"""Epochs of a campaign for which it is worth 25 s to compile what flies runs together: that saves 1 us of each, half
 of it where two threads fly."""
 LONGEST_TOGETHER = 20_000
 """Epochs of a run: eight of them side by side take 5.5 kB an epoch, which are 110 MB for each thread."""
