@@ -18,7 +18,7 @@ from relnav.navigation.logs_together import LogsTogether, is_together_at_hand
 from relnav.navigation.memory import METHODS
 from relnav.navigation.record import DIAGONAL
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING, EpochStatus
-from relnav.simulation.dispersed import Flight, check_flyable, fly_run, fly_runs
+from relnav.simulation.dispersed import Flight, Flights, check_flyable, fly_run, fly_runs
 from relnav.simulation.dispersions import Scenario
 from relnav.simulation.run_draws import built_names
 
@@ -248,34 +248,35 @@ class RunScorer:
         nees, told, truth = np.empty(n), np.empty((n, 4)), flight.log.truth
         _score(epochs.state, epochs.factor, truth, self._dock, self._offset, nees, told, np.empty((3, 6)))
         of_one = Epochs(*(getattr(epochs, one.name)[..., None] for one in fields(epochs)))
-        return self._scored([flight], of_one, nees[:, None], told[..., None], [self._filter.restarts])[0]
+        restarts = [self._filter.restarts]
+        return self._scored(
+            flight.log.t_s, [flight.drawn], truth[-1:].T, of_one, nees[:, None], told[..., None], restarts
+        )[0]
 
     def runs(
         self, numbers: Sequence[int], given: Sequence[Mapping[str, float] | None]
     ) -> list[tuple[RunStatus, Vector]]:
         """The same of RUNS runs."""
-        flights, truth = fly_runs(self.model, self.scenario, self.seed, numbers, given)
-        return self.scored(flights, truth, self.filtered(flights))
+        flights = fly_runs(self.model, self.scenario, self.seed, numbers, given)
+        return self.scored(flights, self.filtered(flights))
 
-    def filtered(self, flights: Sequence[Flight]) -> LogsTogether:
+    def filtered(self, flights: Flights) -> LogsTogether:
         """RUNS flights through the filter."""
         if self._logs is None:
-            n = len(flights[0].log.t_s)
-            self._logs = LogsTogether(self.model, self.method, n, innovations=False)
-        for lane, flight in enumerate(flights):
-            log = flight.log
-            self._logs.take(lane, log.t_s, log.spots_m, log.acceleration_m_s2, log.sigma_m)
+            self._logs = LogsTogether(self.model, self.method, len(flights.t_s), innovations=False)
+        self._logs.take(flights.t_s, flights.spots_m, flights.acceleration_m_s2, flights.sigma_m)
         self._logs.run()
         return self._logs
 
-    def scored(self, flights: Sequence[Flight], truth: Stack, logs: LogsTogether) -> list[tuple[RunStatus, Vector]]:
-        """Status and figures of RUNS flights that were filtered; truth (n, 6, RUNS)."""
-        n, epochs = len(truth), logs.epochs
-        nees, told = new_lanes(n), new_lanes(n, 4)
+    def scored(self, flights: Flights, logs: LogsTogether) -> list[tuple[RunStatus, Vector]]:
+        """Status and figures of RUNS flights that were filtered."""
+        truth, epochs = flights.truth, logs.epochs
+        n = len(truth)
+        nees, told = new_lanes(n, make=np.empty), new_lanes(n, 4, make=np.empty)
         frame = self._dock, self._offset
         if not _score_together(epochs.state, epochs.factor, truth, *frame, nees, told, new_lanes(3, 6)):
             raise ArithmeticError("figures of runs were decided by their numbers")
-        return self._scored(flights, epochs, nees, told, logs.restarts)
+        return self._scored(flights.t_s, flights.drawn, truth[-1], epochs, nees, told, logs.restarts)
 
     def _filtered_alone(self, flight: Flight) -> Epochs:
         log, n = flight.log, len(flight.log.t_s)
@@ -288,10 +289,20 @@ class RunScorer:
         return self._epochs
 
     def _scored(
-        self, flights: Sequence[Flight], epochs: Epochs, nees: Matrix, told: Stack, restarts: Sequence[int]
+        self,
+        t: Vector,
+        drawn: Sequence[dict[str, float]],
+        end: Matrix,
+        epochs: Epochs,
+        nees: Matrix,
+        told: Stack,
+        restarts: Sequence[int],
     ) -> list[tuple[RunStatus, Vector]]:
-        """Status and figures of runs that stand side by side in epochs, nees (n, runs) and told (n, 4, runs)."""
-        t, edges, count = flights[0].log.t_s, np.array(self.scenario.range_edges_m), len(flights)
+        """Status and figures of runs that stand side by side in epochs, nees (n, runs) and told (n, 4, runs).
+
+        drawn: of each; end (6, runs): their last true states.
+        """
+        edges, count = np.array(self.scenario.range_edges_m), len(drawn)
         n, size = len(t), len(edges) - 1
         settled = int(np.searchsorted(t, self.scenario.results.settling_s))
         bins, variances = np.zeros((2, count, size, 4))
@@ -302,50 +313,49 @@ class RunScorer:
         frame = self._dock, self.model.port_position_m, self._lever
         every, scratch = max(1, n // SIGMA_SAMPLES), (np.empty(6), np.empty(factor_size(6)))
         _look_at(settled, every, edges, epochs.state, epochs.factor, told, *frame, variances, views, *scratch)
-        done = []
-        for run, flight in enumerate(flights):
-            figures = {f"drawn_{name}": value for name, value in flight.drawn.items()}
-            figures |= self._outcome(t, counts[run], totals[run]) | self._by_bin(bins[run], variances[run])
-            for k in np.flatnonzero(first[run] >= 0).tolist():
-                figures[f"bin{k}_nees"] = float(nees[first[run, k], run])
-            figures["restarts"], figures["final_range_m"] = float(restarts[run]), float(told[-1, 0, run])
-            figures["final_nees"] = float(nees[-1, run]) if settled < n else math.nan
-            error, sigma = epochs.state[-1, :, run] - flight.log.truth[-1], np.sqrt(views[run, 9:][DIAGONAL])
-            for k, name in enumerate(STATE):
-                figures[f"final_error_{name}"], figures[f"final_sigma_{name}"] = float(error[k]), float(sigma[k])
-            if math.isnan(figures["started_s"]):
-                outcome = RunStatus.NOT_STARTED
-            else:
-                outcome = RunStatus.LOST if epochs.codes[-1, 1, run] == WAITING else RunStatus.OK
-            done.append((outcome, np.array([figures.get(name, math.nan) for name in self._names])))
-        return done
+        figures = {f"drawn_{name}": np.array([numbers[name] for numbers in drawn]) for name in drawn[0]}
+        figures |= self._outcome(t, counts, totals) | self._by_bin(bins, variances)
+        at_first = np.where(first >= 0, nees[first, np.arange(count)[:, None]], math.nan)
+        figures |= {f"bin{k}_nees": at_first[:, k] for k in range(size)}
+        figures["restarts"], figures["final_range_m"] = np.array(restarts, dtype=np.float64), told[-1, 0]
+        figures["final_nees"] = nees[-1] if settled < n else np.full(count, math.nan)
+        errors, sigmas = epochs.state[-1] - end, np.sqrt(views[:, 9:][:, DIAGONAL])
+        for k, name in enumerate(STATE):
+            figures[f"final_error_{name}"], figures[f"final_sigma_{name}"] = errors[k], sigmas[:, k]
+        values = np.stack([figures[name] for name in self._names], axis=1)
+        lost, waits = np.isnan(figures["started_s"]), epochs.codes[-1, 1] == WAITING
+        outcomes = np.select([lost, waits], [RunStatus.NOT_STARTED, RunStatus.LOST], RunStatus.OK)
+        return [(RunStatus(int(outcome)), row) for outcome, row in zip(outcomes, values, strict=True)]
 
     @staticmethod
-    def _by_bin(bins: Matrix, variances: Matrix) -> dict[str, float]:
-        """Root mean squares by bin: of the errors, and of sigma where the filter was looked at."""
+    def _by_bin(bins: Stack, variances: Stack) -> dict[str, Vector]:
+        """Root mean squares by bin, (runs,): of the errors, and of sigma where the filter was looked at."""
+        there = bins[..., :1] > 0.0
+        with np.errstate(invalid="ignore"):  # of what was never seen there is no mean
+            rms, sigma = (np.sqrt(sums[..., 1:] / sums[..., :1]) * DEGREES for sums in (bins, variances))
+        sigma = np.where(there, sigma, math.nan)
         figures = {}
-        for k, (one, looked) in enumerate(zip(bins.tolist(), variances.tolist(), strict=True)):
-            figures[f"bin{k}_epochs"] = one[0]
-            for j, (name, unit) in enumerate(zip(DOCKING, DEGREES, strict=True), 1):
-                if one[0] > 0.0:
-                    figures[f"bin{k}_rms_{name}"] = math.sqrt(one[j] / one[0]) * unit
-                if one[0] > 0.0 and looked[0] > 0.0:
-                    figures[f"bin{k}_sigma_{name}"] = math.sqrt(looked[j] / looked[0]) * unit
+        for k in range(bins.shape[1]):
+            figures[f"bin{k}_epochs"] = bins[:, k, 0]
+            for j, name in enumerate(DOCKING):
+                figures[f"bin{k}_rms_{name}"], figures[f"bin{k}_sigma_{name}"] = rms[:, k, j], sigma[:, k, j]
         return figures
 
     @staticmethod
-    def _outcome(t: Vector, counts: Codes, totals: Vector) -> dict[str, float]:
-        started, looked = int(totals[STARTED_AT]), totals[NEES_EPOCHS]
+    def _outcome(t: Vector, counts: Codes, totals: Matrix) -> dict[str, Vector]:
+        started, looked = totals[:, STARTED_AT].astype(int), totals[:, NEES_EPOCHS]
+        with np.errstate(invalid="ignore"):
+            nees = totals[:, NEES_SUM] / looked
         return {
-            "started_s": float(t[started]) if started >= 0 else math.nan,
-            "epochs": float(len(t)),
-            "epochs_partial": float(counts[PARTIAL]),
-            "epochs_rejected": float(counts[REJECTED]),
-            "epochs_predicted": float(counts[PREDICTED]),
-            "epochs_waiting": float(counts[WAITING]),
-            "nis_sum": float(totals[NIS_SUM]),
-            "nis_dof": float(totals[NIS_DOF]),
-            "nees_mean": float(totals[NEES_SUM] / looked) if looked > 0.0 else math.nan,
+            "started_s": np.where(started >= 0, t[started], math.nan),
+            "epochs": np.full(len(counts), float(len(t))),
+            "epochs_partial": counts[:, PARTIAL],
+            "epochs_rejected": counts[:, REJECTED],
+            "epochs_predicted": counts[:, PREDICTED],
+            "epochs_waiting": counts[:, WAITING],
+            "nis_sum": totals[:, NIS_SUM],
+            "nis_dof": totals[:, NIS_DOF],
+            "nees_mean": nees,
         }
 
 

@@ -34,7 +34,7 @@ from relnav.codegen.lanes import (
     lane_kind,
     of_lanes,
 )
-from relnav.codegen.together import RUNS, anywhere, attempt, lanes_of, select
+from relnav.codegen.together import RUNS, anywhere, attempt, held, lanes_of, select
 
 Kinds = Callable[[Any], Any]
 """From the types of inputs that of all of them, as the code wants them, and that of the result; or None."""
@@ -249,11 +249,30 @@ def _indexed(name: Any) -> None:
             agreed = _agreed_index(index)
             if agreed is None or not isinstance(array, types.Array):
                 return None
+            if name is operator.getitem and index == LONGS and array.ndim == 1 and array.dtype == DOUBLES:
+                return signature(DOUBLES, array, LONGS)
             return self.context.resolve_function_type(name, (array, agreed, *value), {})
 
 
 _indexed(operator.getitem)
 _indexed(operator.setitem)
+
+
+@lower_builtin(operator.getitem, types.Array, LONGS)
+def _gathered(context: Any, builder: Any, signed: Any, inputs: Any) -> Any:
+    """Each lane's number of an array (n,), where it has an index of its own."""
+    array = context.make_array(signed.args[0])(context, builder, inputs[0])
+    (size,), (stride,) = cgutils.unpack_tuple(builder, array.shape), cgutils.unpack_tuple(builder, array.strides)
+    first = builder.bitcast(array.data, ir.IntType(8).as_pointer())
+
+    def one(index: Any, lane: Any) -> Any:
+        from_end = builder.icmp_signed("<", index, LONG(0))
+        place = builder.mul(builder.select(from_end, builder.add(index, size), index), stride)
+        number = builder.gep(first, [builder.add(place, lane)])
+        return builder.load(builder.bitcast(number, ir.DoubleType().as_pointer()))
+
+    lanes = ir.Constant(VECTORS[LONGS], [8 * lane for lane in range(RUNS)])
+    return each(builder, one, inputs[1], lanes)
 
 
 @infer_global(select)
@@ -288,6 +307,19 @@ def _lower_anywhere(_context: Any, builder: Any, signed: Any, inputs: Any) -> An
         return inputs[0]
     bits = as_bits(builder, inputs[0])
     return builder.icmp_unsigned("!=", bits, bits.type(0))
+
+
+@infer_global(held)
+class _Held(_Template):
+    key = held
+
+    def generic(self, arguments: Any, _keywords: Any) -> Any:
+        return signature(BITS if arguments[0] == BITS else types.literal(True), *arguments)
+
+
+@lower_builtin(held, types.Any)
+def _lower_held(context: Any, _builder: Any, signed: Any, inputs: Any) -> Any:
+    return inputs[0] if signed.args[0] == BITS else context.get_constant(types.boolean, True)
 
 
 @infer_global(lanes_of)

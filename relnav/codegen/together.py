@@ -2,7 +2,7 @@
 
 A kernel that is compiled for such numbers does its lines for RUNS runs at once. It may decide by them only what all
 runs decide alike. What a run has for itself is chosen with `select`; what all may do if one has to is asked with
-`anywhere`; comparisons are joined with `&` and `|`, which decide nothing.
+`anywhere` and done with `held`; comparisons are joined with `&` and `|`, which decide nothing.
 """
 
 import math
@@ -34,6 +34,11 @@ def anywhere(condition: bool) -> bool:
     return condition
 
 
+def held(condition: bool) -> bool:
+    """A condition after `if anywhere(condition)`: for a single run it holds there, and no choice by it is left over."""
+    return condition
+
+
 def lanes_of(array: Any) -> Any:
     """An array (..., RUNS) of `new_lanes` as one of numbers that stand side by side; in compiled code alone."""
     raise NotImplementedError(f"numbers side by side are for compiled code; got an array of shape {array.shape}")
@@ -47,9 +52,9 @@ def attempt(function: Callable[..., R], *arguments: Any) -> tuple[int, R]:
     return 0, function(*arguments)
 
 
-def new_lanes(*shape: int, dtype: Any = np.float64) -> Any:
-    """Zeros (..., RUNS), that begin where a processor can take RUNS of them at once."""
+def new_lanes(*shape: int, dtype: Any = np.float64, make: Callable[..., Any] = np.zeros) -> Any:
+    """Zeros (..., RUNS), that begin where a processor can take RUNS of them at once; `np.empty` makes any numbers."""
     size, line = math.prod(shape) * RUNS, 8 * RUNS
-    room = np.zeros(size + RUNS, dtype=dtype)
+    room = make(size + RUNS, dtype=dtype)
     first = -room.ctypes.data % line // 8
     return room[first : first + size].reshape(*shape, RUNS)

@@ -14,6 +14,7 @@ The innovation shows E e less what the estimate has taken up of it, (E - H S) e:
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, square, straight_line, vector
+from relnav.codegen.together import anywhere, held, select
 from relnav.codegen.trace import Shape
 from relnav.estimation.factored import add_rank_one
 from relnav.estimation.rows import Observed, row_pattern
@@ -25,7 +26,8 @@ def is_felt(row: Vector) -> bool:
     size = 0.0
     for i in range(row.shape[0]):
         size += abs(row[i])
-    return size > 0.0
+    felt: bool = size > 0.0
+    return felt
 
 
 def _rows(n: int) -> Shape:
@@ -99,24 +101,27 @@ def update_sensitivities(ld: Matrix, seen: Observed, by_error: Matrix, news: Mat
     correlated = seen.noise.shape[0] > 0
     for g in range(seen.groups.shape[0]):
         one = seen.independent[g] if correlated else seen.groups[g]
-        if one["tested"] == 0:
+        tested = one["tested"] > 0
+        if not anywhere(tested):
             continue
         gradient = one["gradient"]
         for k in range(one["rows"]):
             i, variance = 2 * g + k, one["variance"][k]
-            if variance <= 0.0:
+            used = tested & (variance > 0.0)
+            if not anywhere(used):
                 continue
+            used = held(used)
             if correlated:
                 for j in range(i):
                     if seen.independent[j // 2]["tested"] > 0 and seen.independent[j // 2]["variance"][j % 2] > 0.0:
                         for c in range(news.shape[0]):
                             by_error[i, c] -= seen.factor[i, j] * by_error[j, c]
             for c in range(news.shape[0]):
-                weight = by_error[i, c] / variance
-                if weight != 0.0:
+                weight = select(used, by_error[i, c] / variance, 0.0)
+                if anywhere(weight != 0.0):
                     _add_row(gradient, gradient[k], weight, news[c])
     for c in range(news.shape[0]):
-        if is_felt(news[c]):
+        if anywhere(is_felt(news[c])):
             add_covariance_times(ld, news[c], sensitivities[c])
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
+from relnav.codegen.together import anywhere, held, select
 from relnav.estimation.rows import pair_covariance
 
 LONG_S = 3.0
@@ -31,26 +32,24 @@ RETURNING = [
 
 @kernel
 def note_pair(
-    known: Record, ld: Matrix, gradient: Matrix, variance: Vector, covariance: float, residual: Vector
+    known: Record, ld: Matrix, gradient: Matrix, variance: Vector, covariance: float, residual: Vector, seen: bool
 ) -> None:
-    """Note by how much a pair is off as predicted; covariance: of the noise of the two rows."""
+    """Note by how much a pair that is seen is off as predicted; covariance: of the noise of the two rows."""
     x, y, off = residual[0], residual[1], known["off"]
     along, length2 = x * off[0] + y * off[1], off[0] * off[0] + off[1] * off[1]
-    if known["refused"] > LONG_S:
+    long = seen & (known["refused"] > LONG_S)
+    if anywhere(long):
         xx, xy, yy = pair_covariance(ld, gradient, variance, covariance)
         surprise = (x * x * yy - 2.0 * x * y * xy + y * y * xx) / (xx * yy - xy * xy)
-        known["surprise"] = math.inf if along > LEFT * length2 else surprise
-    weight = REMEMBERED if known["refused"] > 0.0 else 1.0
-    off[0], off[1] = off[0] + weight * (x - off[0]), off[1] + weight * (y - off[1])
+        known["surprise"] = select(held(long), select(along > LEFT * length2, math.inf, surprise), known["surprise"])
+    weight = select(known["refused"] > 0.0, REMEMBERED, 1.0)
+    for k in range(2):
+        off[k] = select(seen, off[k] + weight * (residual[k] - off[k]), off[k])
 
 
 @kernel
 def returns_wrong(known: Record, used: bool, refused: bool, dt: float) -> bool:
     """Count how long a pair is refused, others not; whether it was for long and is used though it surprises."""
-    wrong = False
-    if used:
-        wrong = known["refused"] > LONG_S and known["surprise"] > SURPRISE
-        known["refused"] = 0.0
-    elif refused:
-        known["refused"] += dt
+    wrong: bool = used & (known["refused"] > LONG_S) & (known["surprise"] > SURPRISE)
+    known["refused"] = select(used, 0.0, select(refused, known["refused"] + dt, known["refused"]))
     return wrong

@@ -18,7 +18,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, square, straight_line, variant, vector
-from relnav.codegen.together import quotient
+from relnav.codegen.together import anywhere, held, quotient, select
 from relnav.codegen.trace import Shape
 from relnav.estimation.factored import innovation_variance, scalar_update
 
@@ -90,14 +90,35 @@ def take(state: Vector, ld: Matrix, at: Vector, h: Vector, variance: float, resi
     return e * e, scalar_update(state, ld, h, variance, e)
 
 
-@straight_line(state=vector, ld=square, at=vector, h=_seen_twice, residual=(2,), variance=(2,))
+@straight_line(state=vector, ld=square, at=vector, h=_seen_twice, residual=(2,))
 def take_pair(
-    state: Vector, ld: Matrix, at: Vector, h: Matrix, residual: Vector, variance: Vector
+    state: Vector, ld: Matrix, at: Vector, h: Matrix, residual: Vector, variance_first: float, variance_second: float
 ) -> tuple[float, float, float, float]:
     """`take` two rows."""
-    first, alpha_first = take(state, ld, at, h[0], variance[0], residual[0])
-    second, alpha_second = take(state, ld, at, h[1], variance[1], residual[1])
+    first, alpha_first = take(state, ld, at, h[0], variance_first, residual[0])
+    second, alpha_second = take(state, ld, at, h[1], variance_second, residual[1])
     return first, alpha_first, second, alpha_second
+
+
+@kernel
+def say_nothing(group: Record, where: bool) -> None:
+    """Let the rows of a group say nothing, where that is so of one run, and another goes on with them."""
+    if anywhere(where):
+        residual, gradient = group["residual"], group["gradient"]
+        for k in range(group["rows"]):
+            residual[k] = select(where, 0.0, residual[k])
+            for j in range(gradient.shape[1]):
+                gradient[k, j] = select(where, 0.0, gradient[k, j])
+
+
+@kernel
+def give_back(track: Record, work: Record, where: bool) -> None:
+    """Let the update in work be the track as it was, where that is so of one run, and others are updated."""
+    if anywhere(where):
+        for i in range(track["state"].shape[0]):
+            work["state"][i] = select(where, track["state"][i], work["state"][i])
+            for j in range(i + 1):
+                work["ld"][i, j] = select(where, track["ld"][i, j], work["ld"][i, j])
 
 
 class Observed(NamedTuple):
@@ -161,21 +182,32 @@ def sweep(track: Record, at: Vector, seen: Observed, work: Record) -> tuple[floa
         groups = seen.independent
     for i in range(groups.shape[0]):
         group = groups[i]
-        if group["tested"] == 0:
+        tested = group["tested"] > 0
+        if not anywhere(tested):
             continue
         variance, residual, h, spread = group["variance"], group["residual"], group["gradient"], group["spread"]
-        if group["rows"] == 2 and variance[0] > 0.0 and variance[1] > 0.0:
-            e2, alpha, f2, beta = take_pair(state, ld, at, h, residual, variance)
-            spread[0], spread[1] = alpha, beta
-            nis += e2 / alpha + f2 / beta
-            dof += 2
-        else:
-            for k in range(group["rows"]):
-                if variance[k] > 0.0:
-                    e2, alpha = take(state, ld, at, h[k], variance[k], residual[k])
-                    spread[k] = alpha
-                    nis += e2 / alpha
-                    dof += 1
+        first, second = variance[0] > 0.0, variance[1] > 0.0
+        if group["rows"] == 2 and ((first & second) | (not (first | second))):
+            taken = tested & first
+            if anywhere(taken):  # of a run that does not take them in the rows say nothing (`say_nothing`)
+                taken = held(taken)
+                own_first, own_second = select(taken, variance[0], 1.0), select(taken, variance[1], 1.0)
+                e2, alpha, f2, beta = take_pair(state, ld, at, h, residual, own_first, own_second)
+                spread[0], spread[1] = alpha, beta
+                nis += e2 / alpha + f2 / beta
+                dof = select(taken, dof + 2, dof)
+            continue
+        begin, end = 0, group["rows"]
+        if group["rows"] == 2:  # one coordinate
+            begin, end = (0, 1) if first else (1, 2)
+        for k in range(begin, end):
+            taken = tested & (variance[k] > 0.0)
+            if anywhere(taken):
+                taken = held(taken)
+                e2, alpha = take(state, ld, at, h[k], select(taken, variance[k], 1.0), residual[k])
+                spread[k] = alpha
+                nis += e2 / alpha
+                dof = select(taken, dof + 1, dof)
     return nis, dof
 
 
@@ -193,7 +225,7 @@ def log_determinant(seen: Observed) -> float:
 def credible(track: Record, seen: Observed, gate: Vector, work: Record) -> tuple[bool, float]:
     """Whether the groups under test agree with the prior and one another; their NIS."""
     nis, dof = sweep(track, track["state"], seen, work)
-    return dof > 0 and nis <= gate[dof - 1], nis
+    return (dof > 0) & (nis <= gate[dof - 1]), nis
 
 
 @kernel
@@ -249,16 +281,17 @@ def _alone(ld: Matrix, seen: Observed, i: int) -> tuple[float, int]:
     """NIS and degrees of freedom of a group of two rows by itself."""
     group = seen.groups[i]
     variance, residual, h = group["variance"], group["residual"], group["gradient"]
-    if variance[0] > 0.0 and variance[1] > 0.0:
+    first, second = variance[0] > 0.0, variance[1] > 0.0
+    if not anywhere(first | second):
+        return 0.0, 0
+    if (first & second) | (not (first | second)):
         if seen.noise.shape[0] == 0:
-            return pair_nis(ld, h, residual, variance), 2
+            return pair_nis(ld, h, residual, variance), select(first, 2, 0)
         xx, xy, yy = pair_covariance(ld, h, variance, seen.noise[2 * i, 2 * i + 1])
         x, y = residual[0], residual[1]
-        return (x * x * yy - 2.0 * x * y * xy + y * y * xx) / (xx * yy - xy * xy), 2
-    for k in range(2):
-        if variance[k] > 0.0:
-            return residual[k] ** 2 / (innovation_variance(ld, h[k], h[k]) + variance[k]), 1
-    return 0.0, 0
+        return (x * x * yy - 2.0 * x * y * xy + y * y * xx) / (xx * yy - xy * xy), select(first, 2, 0)
+    k = 0 if first else 1
+    return residual[k] ** 2 / (innovation_variance(ld, h[k], h[k]) + variance[k]), 1
 
 
 @kernel
@@ -270,26 +303,32 @@ def gate_groups(track: Record, seen: Observed, gate: Vector, work: Record, nis: 
     """
     groups = seen.groups
     if groups.shape[0] == 1:
-        groups[0]["tested"] = 1 if nis <= gate[dof - 1] else 0
-        return 1 if nis <= gate[dof - 1] else 0
+        good = nis <= gate[dof - 1]
+        groups[0]["tested"] = select(good, 1, 0)
+        if anywhere(good):
+            say_nothing(groups[0], not held(good))
+        return select(good, 1, 0)
     passing, usable = 0, 0
     for i in range(groups.shape[0]):
         alone, numbers = _alone(track["ld"], seen, i)
-        good = numbers > 0 and alone <= gate[numbers - 1]
-        groups[i]["tested"] = 1 if good else 0
-        usable += 1 if numbers > 0 else 0
-        passing += 1 if good else 0
-    if passing == usable and nis <= gate[dof - 1]:
+        good = (numbers > 0) & (alone <= gate[numbers - 1])
+        groups[i]["tested"] = select(good, 1, 0)
+        usable, passing = select(numbers > 0, usable + 1, usable), select(good, passing + 1, passing)
+        if anywhere(good):
+            say_nothing(groups[i], not held(good))
+    if not anywhere(not ((passing == usable) & (nis <= gate[dof - 1]))):
         return passing
+    together = False
     if passing > 0:
         together, _ = credible(track, seen, gate, work)
         if not together:
             passing = _agreeing(track, seen, gate, work, passing)
     for i in range(groups.shape[0]):
-        if passing == 0 or groups[i]["tested"] == 0:
-            groups[i]["tested"] = 0
-            if seen.noise.shape[0] == 0:
-                groups[i]["variance"][0], groups[i]["variance"][1] = 0.0, 0.0
-    if passing > 0:
+        out = (passing == 0) | (groups[i]["tested"] == 0)
+        groups[i]["tested"] = select(out, 0, 1)
+        if seen.noise.shape[0] == 0:
+            variance = groups[i]["variance"]
+            variance[0], variance[1] = select(out, 0.0, variance[0]), select(out, 0.0, variance[1])
+    if passing > 0 and not together:
         sweep(track, track["state"], seen, work)
     return passing

@@ -71,8 +71,14 @@ def _learn(group: Record, dt: float, learns: bool) -> None:
 
 
 @kernel
-def follow(group: Record, k: int, dt: float) -> float:
-    """Carry the mean of a row's value on, also while nothing is watched: where its next one will be."""
+def newest_share(dt: float) -> float:
+    """Weight of the newest value, dt s after the last, in the mean that `follow` carries on."""
+    return dt / (dt + FAST_S)
+
+
+@kernel
+def follow(group: Record, k: int, share: float, seen: bool) -> float:
+    """Carry the mean of a row's value on where it is seen, watched or not: where its next one will be."""
     offset = group["offset"]
-    offset[k] += dt / (dt + FAST_S) * (group["value"][k] - offset[k])
+    offset[k] = select(seen, offset[k] + share * (group["value"][k] - offset[k]), offset[k])
     return float(offset[k])

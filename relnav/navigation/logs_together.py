@@ -1,10 +1,11 @@
 """Logs of RUNS runs filtered together: each to the bit as when it is filtered alone.
 
 What is an epoch of one run elsewhere is one of RUNS runs here, at one instruction for all of them (`codegen/lanes.py`).
-Where a few do not go the way of the others (one does not see a spot, or leaves a glint out) they are stepped alone.
-Their lanes then go along with another one's numbers, so that the rest can still be done together.
+Where a few do not go the way of the others (one starts later, or leaves an image out) they are stepped alone. Their
+lanes then go along with another one's numbers, so that the rest can still be done together.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,13 +26,19 @@ SELDOM, CALM = 10, 3
 one right after such an epoch, and one fewer for every so many without."""
 
 
+SPIKE = 0.03
+"""Of the detector's size: a spot that is so far from where it is before and after is a glint, most likely. This only
+saves time: whether it is one is for the filter to say."""
+
+
 class Together(NamedTuple):
     """Memories of RUNS filters, what they are told and what they say.
 
     block (size, RUNS): the memories side by side; kept (last - first, RUNS): what an epoch left to the next, `first` to
     `last` of block, some epochs ago; alone (RUNS, size): memories to step one of them in; step_first to step_last, and
     on to step_whole what depends on its length alone: where the prepared step stands; rows (n, ..., RUNS): of all; own
-    (RUNS, ...): of those that are stepped alone.
+    (RUNS, ...): of those that are stepped alone; apart: whether those that do not see a spot had better be; spike2:
+    how far a spot jumps, squared, whose run had better be.
     """
 
     block: Matrix
@@ -44,6 +51,8 @@ class Together(NamedTuple):
     step_whole: int
     rows: Rows
     own: Rows
+    apart: bool
+    spike2: float
 
 
 @kernel
@@ -87,14 +96,21 @@ def _go_back(w: Together) -> None:
 
 
 @kernel
-def _with_unseen(spots: Stack) -> int:
-    """The lanes, as bits, of which a spot of spots (n, 2, RUNS) is not seen; 0 where that is so of all."""
-    bits = 0
-    for i in range(spots.shape[0]):
+def _is_odd(spots: Stack, e: int, spike2: float, apart: bool) -> bool:
+    """Whether a spot of an image (n, 2), of spots (epochs, n, 2), is elsewhere than before and after, or `apart`."""
+    before, after, odd = max(e - 1, 0), min(e + 1, spots.shape[0] - 1), False
+    for i in range(spots.shape[1]):
         for k in range(2):
-            for lane in range(RUNS):
-                bits |= int(spots[i, k, lane] != spots[i, k, lane]) << lane
-    return bits if bits != EVERY else 0
+            x = spots[e, i, k]
+            odd = odd | (apart & (x != x)) | ((x - spots[before, i, k]) * (x - spots[after, i, k]) > spike2)
+    return bool(odd)
+
+
+@kernel
+def _odd_ones(w: Together, e: int) -> int:
+    """The lanes, as bits, of which an image is odd; 0 where that is so of all."""
+    divided, _ = attempt(_is_odd, lanes_of(w.rows.spots), e, w.spike2, w.apart)
+    return divided
 
 
 @kernel
@@ -222,11 +238,11 @@ def _run_all(w: Together) -> int:
             out = _step_divided(w, e, found)
             kept_at = e + 1 - SELDOM
         else:
-            unseen = _with_unseen(w.rows.spots[e])
-            out = _smaller_part(unseen, EVERY) if unseen != 0 else 0
+            odd = _odd_ones(w, e)
+            out = _smaller_part(odd, EVERY) if odd != 0 else 0
             divided = _try(w, e) if out == 0 else _try_without(w, e, out)
             if divided != 0:  # go back to where all is known, and come here again
-                failed, found = e, divided if out == 0 else unseen
+                failed, found = e, divided if out == 0 else odd
                 _go_back(w)
                 m.step["dt"], e = np.nan, kept_at
                 continue
@@ -244,6 +260,8 @@ def _run_together(
     step_first: int,
     step_last: int,
     step_whole: int,
+    apart: int,
+    spike: float,
     t: Vector,
     spots: Stack,
     control: Stack,
@@ -275,8 +293,9 @@ def _run_together(
         t_1, spots_1, control_1, quaternion_1, sigma_1, lasting_1,
         state_1, factor_1, innovation_1, nis_1, codes_1, considered_1,
     )  # fmt: skip
+    last, odd = first + kept.shape[0], (apart > 0, spike * spike)
     return _run_all(
-        Together(block, kept, alone, first, first + kept.shape[0], step_first, step_last, step_whole, rows, own)
+        Together(block, kept, alone, first, last, step_first, step_last, step_whole, rows, own, odd[0], odd[1])
     )
 
 
@@ -301,31 +320,27 @@ class LogsTogether:
         n, beacons, self._model, self.alone = epochs, len(model.beacons_lvlh_m), model, 0
         self._fresh = choose(model, method, None, "compiled")
         first, last = lasting_part(self._fresh)
-        self._part = first, *step_parts()
+        apart = model.calibration is not None or model.attitude.mode != "lvlh_hold"
+        spike = SPIKE * min(model.sensor.detector_size_m) if method == "fix" else math.inf
+        self._part = first, *step_parts(), int(apart), spike
         self._block, self._kept = new_lanes(len(self._fresh)), new_lanes(last - first)
         self._memories = np.tile(self._fresh, (RUNS, 1))
-        self._t, self._spots, self._control = np.empty(n), new_lanes(n, beacons, 2), new_lanes(n, MOTION)
+        self._t, self._spots, self._control = np.empty(n), new_lanes(0, beacons, 2), new_lanes(n, MOTION)
         self._sigma, self._lasting = new_lanes(0, beacons, 2), new_lanes(0, beacons)
         codes, considered = new_lanes(n, 4, dtype=np.int64), new_lanes(n, 0, MOTION)
         numbers = new_lanes(n, MOTION), new_lanes(n, factor_size(MOTION))
         off = new_lanes(n, 2 * beacons if innovations else 0)
         self.epochs = Epochs(*numbers, off, new_lanes(n), codes, considered)
 
-    def take(
-        self, lane: int, t_s: Vector, spots_m: Stack, acceleration_m_s2: Matrix, sigma_m: Stack | None = None
-    ) -> None:
-        """Take the log of a run: (n,), (n, beacons, 2), (n, 3), and (n, beacons, 2) of the spots' noise."""
-        self._t, spots = t_s, spots_m
-        if self._model.calibration is not None:
-            spots, lasting = self._model.calibration.corrected(spots_m)
-            if len(self._lasting) == 0:
-                self._lasting = new_lanes(*lasting.shape)
-            self._lasting[..., lane] = lasting
+    def take(self, t_s: Vector, spots_m: Stack, acceleration_m_s2: Stack, sigma_m: Stack | None = None) -> None:
+        """Take logs of `new_lanes`: (n,), (n, beacons, 2, RUNS), (n, 3, RUNS), and the spots' noise as these."""
+        self._t, self._spots, self._control[:, :3] = t_s, spots_m, acceleration_m_s2
         if sigma_m is not None:
-            if len(self._sigma) == 0:
-                self._sigma = new_lanes(*sigma_m.shape)
-            self._sigma[..., lane] = sigma_m
-        self._spots[..., lane], self._control[:, :3, lane] = spots, acceleration_m_s2
+            self._sigma = sigma_m
+        if self._model.calibration is not None:
+            spots, lasting = self._model.calibration.corrected(np.moveaxis(spots_m, 2, -1))
+            self._spots, self._lasting = new_lanes(*spots_m.shape[:-1]), new_lanes(*spots_m.shape[:2])
+            self._spots[:], self._lasting[:] = np.moveaxis(spots, -1, 2), lasting
 
     def run(self) -> None:
         """Filter the logs that were taken."""

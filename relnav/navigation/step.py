@@ -16,6 +16,7 @@ import math
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, shared_entry
+from relnav.codegen.together import anywhere, select
 from relnav.estimation.rows import copy_rows, copy_track
 from relnav.navigation.memory import Memory, views
 from relnav.navigation.observation.beacon_geometry import prior_is_tight, uses_coordinates
@@ -68,8 +69,7 @@ def _look_for_start(m: Memory, spots: Matrix) -> bool:
 def _half_rejected(spots: Matrix, used: int) -> bool:
     seen = 0
     for i in range(spots.shape[0]):
-        if spots[i, 0] == spots[i, 0] or spots[i, 1] == spots[i, 1]:
-            seen += 1
+        seen = select((spots[i, 0] == spots[i, 0]) | (spots[i, 1] == spots[i, 1]), seen + 1, seen)
     return 2 * used <= seen
 
 
@@ -109,17 +109,17 @@ def step(block: Vector, t: float, spots: Matrix) -> int:
     if running:
         status = correct(m, m.track, m.sensitivities, spots, True)
         running = status != LOST
-        clock["running"] = 1 if running else 0
+        clock["running"] = select(running, 1, 0)
     if running:
         watch(m, spots, dt, status)
         anew = m.watch["restart"] > 0
-        if status == REJECTED or (status == PARTIAL and _half_rejected(spots, result["used"])):
-            clock["rejected"] += 1
-        else:  # used, or nothing seen: what was rejected is not consecutive any more
-            clock["rejected"] = 0
-            if not anew:
-                clock["trial"] = 0
-        if clock["rejected"] < m.fixed["restart_after"] and not anew:
+        refused = status == REJECTED
+        if anywhere(status == PARTIAL):
+            refused = refused | ((status == PARTIAL) & _half_rejected(spots, result["used"]))
+        # used, or nothing seen: what was rejected is not consecutive any more
+        clock["rejected"] = select(refused, clock["rejected"] + 1, 0)
+        clock["trial"] = select(refused | anew, clock["trial"], 0)
+        if (clock["rejected"] < m.fixed["restart_after"]) & (not anew):
             result["status"] = status
             return status
         aside = m.fixed["set_aside"]

@@ -8,10 +8,10 @@ import math
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
-from relnav.codegen.together import anywhere
+from relnav.codegen.together import anywhere, held, select
 from relnav.dynamics.error_state import MOTION
 from relnav.estimation.factored import innovation_variance
-from relnav.estimation.rows import copy_track, gate_groups, sweep
+from relnav.estimation.rows import copy_track, gate_groups, give_back, sweep
 from relnav.navigation.memory import Memory
 from relnav.navigation.observation.attitude_check import attitude_is_credible
 from relnav.navigation.observation.beacon_considered import add_considered_noise, consider, look_at_errors, observed
@@ -50,9 +50,8 @@ def _lone_beacon_is_telling(m: Memory, ld: Matrix) -> bool:
     lone, beacons = 0, 0
     for i in range(m.groups.shape[0]):
         variance = m.groups[i]["variance"]
-        if variance[0] > 0.0 or variance[1] > 0.0:
-            lone = i
-            beacons += 1
+        used = (variance[0] > 0.0) | (variance[1] > 0.0)
+        lone, beacons = select(used, i, lone), select(used, beacons + 1, beacons)
     if beacons != 1:
         return True
     hx, hy, sigma = m.groups[lone]["gradient"][0], m.groups[lone]["gradient"][1], m.beacons[lone]["spot_sigma"]
@@ -78,13 +77,11 @@ def _keep_innovations(m: Memory) -> None:
         for i in range(m.groups.shape[0]):
             variance, residual = m.groups[i]["variance"], m.groups[i]["residual"]
             for k in range(2):
-                if variance[k] > 0.0:
-                    m.innovations[2 * i + k] = residual[k]
+                m.innovations[2 * i + k] = select(variance[k] > 0.0, residual[k], m.innovations[2 * i + k])
     else:
         variance, innovation = m.groups[0]["variance"], m.groups[0]["innovation"]
         for k in range(3):
-            if variance[k] > 0.0:
-                m.innovations[k] = innovation[k]
+            m.innovations[k] = select(variance[k] > 0.0, innovation[k], m.innovations[k])
 
 
 @kernel
@@ -99,10 +96,10 @@ def correct(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix, watc
         return LOST
     seen, usable, reason = observe(m, x, spots)
     result["reason"] = reason
-    if seen == 0:
-        return PREDICTED
-    if usable == 0:
-        return REJECTED
+    tells = usable > 0
+    if not anywhere(tells):
+        return select(seen == 0, PREDICTED, REJECTED)
+    tells = held(tells)
     coordinates = uses_coordinates(m.sensor)
     if coordinates:
         add_considered_noise(m, x, sensitivities, spots)
@@ -111,17 +108,22 @@ def correct(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix, watc
         return PREDICTED
     _keep_innovations(m)
     nis, dof = sweep(track, x, image, work)
-    result["nis"], result["dof"] = nis, dof
+    result["nis"], result["dof"] = select(tells, nis, math.nan), dof
     if watched:
-        gather_rows(m, track, spots)
+        gather_rows(m, track, spots, tells)
     passed = seen
     # a part's NIS is at most the whole's, and no whole beacon has fewer than two degrees of freedom
-    if not coordinates or usable < 2 * seen or anywhere(not nis <= m.gate[1]):
+    if not coordinates or anywhere((usable < 2 * seen) | (not nis <= m.gate[1])):
         passed = gate_groups(track, image, m.gate, work, nis, dof)
-    if passed > 0 and not coordinates and not attitude_is_credible(m, work, spots):
-        result["reason"], passed = MISALIGNED, 0
-    if passed == 0:
-        return REJECTED
+    taken = tells & (passed > 0)
+    if not coordinates and anywhere(taken):
+        turned = not attitude_is_credible(m, work, spots, held(taken))
+        result["reason"], taken = select(turned, MISALIGNED, reason), taken & (not turned)
+    not_taken = select(seen == 0, PREDICTED, REJECTED)
+    if not anywhere(taken):
+        return not_taken
+    taken = held(taken)
+    give_back(track, work, not taken)
     at, carried = m.fixed["at"], work["state"]
     for j in range(MOTION):
         at[j] = x[j]
@@ -135,10 +137,10 @@ def correct(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix, watc
             break
         sweep(track, at, image, work)
         iterations += 1
-    result["iterations"], result["used"] = iterations, passed
+    result["iterations"], result["used"] = select(taken, iterations, 0), select(taken, passed, 0)
     copy_track(work, track)
     if sensitivities.shape[0] > 0:
         if coordinates and iterations > 1:
             look_at_errors(m, at, sensitivities, spots)
         consider(m, track["ld"], at, image, sensitivities, spots)
-    return UPDATED if passed == seen else PARTIAL
+    return select(taken, select(passed == seen, UPDATED, PARTIAL), not_taken)

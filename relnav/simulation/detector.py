@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relnav.arrays import Matrix, Stack, Vector
-from relnav.codegen.kernel import long_kernel
+from relnav.arrays import Codes, Matrix, Stack, Vector
+from relnav.codegen.kernel import kernel, long_entry, long_kernel
+from relnav.codegen.together import attempt, lanes_of, new_lanes, select
 from relnav.mission import Model
 from relnav.sensors.three_beacon.psd import spot_sigma
 from relnav.simulation.distortion import Distortion
@@ -44,18 +45,74 @@ def beacons_in_camera(model: Model, state: Matrix, dcm_cam_from_lvlh: Stack | No
     return points
 
 
+@kernel
+def _project_one(state: Vector, dcm: Matrix, lever: Vector, beacons: Matrix, focal_length: float, out: Matrix) -> None:
+    """Write central projections (beacons, 2) of beacons from a state (6,)."""
+    for b in range(beacons.shape[0]):
+        u, v, w = beacons[b, 0] - state[0], beacons[b, 1] - state[1], beacons[b, 2] - state[2]
+        x = -lever[0] + dcm[0, 0] * u + dcm[0, 1] * v + dcm[0, 2] * w
+        y = -lever[1] + dcm[1, 0] * u + dcm[1, 1] * v + dcm[1, 2] * w
+        z = -lever[2] + dcm[2, 0] * u + dcm[2, 1] * v + dcm[2, 2] * w
+        depth = select(z > 0.0, z, math.nan)
+        out[b, 0], out[b, 1] = focal_length * (x / depth), focal_length * (y / depth)
+
+
+@kernel
+def _detect_one(noise: Matrix, sigma: float, half: Vector, spots: Matrix) -> None:
+    """Add noise (beacons, 2), in sigma, to spots; NaN where one then is beside the detector."""
+    for b in range(spots.shape[0]):
+        x, y = spots[b, 0] + noise[b, 0] * sigma, spots[b, 1] + noise[b, 1] * sigma
+        seen = (abs(x) <= half[0]) & (abs(y) <= half[1])
+        spots[b, 0], spots[b, 1] = select(seen, x, math.nan), select(seen, y, math.nan)
+
+
 @long_kernel
 def _project(state: Matrix, dcm: Stack, lever: Vector, beacons: Matrix, focal_length: float, out: Stack) -> None:
-    """Write central projections (n, beacons, 2) of beacons; dcm (n, 3, 3) or (1, 3, 3)."""
+    """`_project_one` of n states; dcm (n, 3, 3) or (1, 3, 3)."""
     for e in range(state.shape[0]):
-        c = dcm[e if dcm.shape[0] > 1 else 0]
-        for b in range(beacons.shape[0]):
-            u, v, w = beacons[b, 0] - state[e, 0], beacons[b, 1] - state[e, 1], beacons[b, 2] - state[e, 2]
-            x = -lever[0] + c[0, 0] * u + c[0, 1] * v + c[0, 2] * w
-            y = -lever[1] + c[1, 0] * u + c[1, 1] * v + c[1, 2] * w
-            z = -lever[2] + c[2, 0] * u + c[2, 1] * v + c[2, 2] * w
-            depth = z if z > 0.0 else math.nan
-            out[e, b, 0], out[e, b, 1] = focal_length * (x / depth), focal_length * (y / depth)
+        _project_one(state[e], dcm[e if dcm.shape[0] > 1 else 0], lever, beacons, focal_length, out[e])
+
+
+@long_kernel
+def _detect(noise: Stack, sigma: float, half: Vector, spots: Stack) -> None:
+    """`_detect_one` of n images."""
+    for e in range(spots.shape[0]):
+        _detect_one(noise[e], sigma, half, spots[e])
+
+
+@kernel
+def _image(
+    state: Matrix,
+    dcm: Matrix,
+    lever: Vector,
+    beacons: Matrix,
+    focal_length: float,
+    noise: Stack,
+    sigma: float,
+    half: Vector,
+    out: Stack,
+) -> None:
+    for e in range(state.shape[0]):
+        _project_one(state[e], dcm, lever, beacons, focal_length, out[e])
+        _detect_one(noise[e], sigma, half, out[e])
+
+
+@long_entry
+def _image_together(
+    state: Stack,
+    dcm: Matrix,
+    lever: Vector,
+    beacons: Matrix,
+    focal_length: float,
+    noise: Stack,
+    sigma: float,
+    half: Vector,
+    out: Stack,
+) -> bool:
+    """What is seen of the beacons in RUNS runs; whether all went the same way."""
+    lanes = lanes_of(state), lanes_of(noise), lanes_of(out)
+    divided, _ = attempt(_image, lanes[0], dcm, lever, beacons, focal_length, lanes[1], sigma, half, lanes[2])
+    return divided == 0
 
 
 def project_beacons(model: Model, state: Matrix, dcm_cam_from_lvlh: Stack | None = None) -> Stack:
@@ -132,40 +189,23 @@ def spot_sigmas(model: Model, state: Matrix, dcm_cam_from_lvlh: Stack | None = N
     )
 
 
-@long_kernel
-def _take_away(
-    spots: Stack, half: Vector, outliers: float, glint: Matrix, place: Stack, dropout: float, unseen: Matrix
-) -> None:
-    """Let glints stand where spots (n, beacons, 2) were, and NaN where they are not seen or beside the detector."""
-    for e in range(spots.shape[0]):
-        for i in range(spots.shape[1]):
-            x, y = spots[e, i, 0], spots[e, i, 1]
-            if outliers > 0.0 and glint[e, i] < outliers:
-                x, y = place[e, i, 0] * half[0], place[e, i, 1] * half[1]
-            seen = abs(x) <= half[0] and abs(y) <= half[1]
-            if dropout > 0.0 and unseen[e, i] < dropout:
-                seen = False
-            spots[e, i, 0], spots[e, i, 1] = (x, y) if seen else (math.nan, math.nan)
-
-
 @dataclass(frozen=True)
-class SpotDraws:
-    """Random numbers of the images of n epochs.
+class Happens:
+    """What goes wrong with the spots of n epochs, of (n beacons,) spots.
 
     Attributes
     ----------
-    noise : (n, beacons, 2)
-        Standard normal.
-    place : (n, beacons, 2)
-        Uniform within -1 and 1: where a glint is on the detector.
-    glint, unseen : (n, beacons)
-        Uniform within 0 and 1: what is below the probability happens.
+    glints : (k,)
+        Which spots are elsewhere.
+    places : (k, 2)
+        Where, in half widths of the detector.
+    unseen : (m,)
+        Which are not seen.
     """
 
-    noise: Stack
-    place: Stack | None
-    glint: Matrix | None
-    unseen: Matrix | None
+    glints: Codes
+    places: Matrix
+    unseen: Codes
 
 
 def image(
@@ -175,26 +215,41 @@ def image(
 
     sigma_m: noise of each coordinate, (n, 3, 2) or one number; the sensor's `spot_noise_m` if left out.
     """
-    spots = misplaced(model, project_beacons(model, state), rng)
-    noise, place = rng.normal(size=spots.shape), rng.uniform(-1.0, 1.0, size=spots.shape)
-    glint, unseen = rng.uniform(size=spots.shape[:2]), rng.uniform(size=spots.shape[:2])
-    return imaged(model, spots, faults, SpotDraws(noise, place, glint, unseen), sigma_m)
-
-
-def imaged(
-    model: Model, spots_m: Stack, faults: Faults, draws: SpotDraws, sigma_m: Stack | float | None = None
-) -> Stack:
-    """Spots (n, 3, 2) m where the detector says that they are, of those where its light falls; NaN = not seen.
-
-    The draws of faults that do not happen may be None.
-    """
-    sigma = np.asarray(model.sensor.spot_noise_m if sigma_m is None else sigma_m)
-    half, nothing = 0.5 * np.array(model.sensor.detector_size_m), np.empty((0, 0))
-    outliers, glint, place, dropout, unseen = 0.0, nothing, np.empty((0, 0, 2)), 0.0, nothing
-    if draws.glint is not None and draws.place is not None:
-        outliers, glint, place = faults.outliers, draws.glint, draws.place
-    if draws.unseen is not None:
-        dropout, unseen = faults.dropout, draws.unseen
-    spots: Stack = spots_m + draws.noise * sigma
-    _take_away(spots, half, outliers, glint, place, dropout, unseen)
+    places = misplaced(model, project_beacons(model, state), rng)
+    noise, aside = rng.normal(size=places.shape), rng.uniform(-1.0, 1.0, size=places.shape)
+    glint, unseen = rng.uniform(size=places[..., 0].size), rng.uniform(size=places[..., 0].size)
+    glints = np.flatnonzero(glint < faults.outliers)
+    spots = detected(model, places, noise, sigma_m)
+    happen(model, spots, Happens(glints, aside.reshape(-1, 2)[glints], np.flatnonzero(unseen < faults.dropout)))
     return spots
+
+
+def detected(model: Model, places_m: Stack, noise: Stack, sigma_m: Stack | float | None = None) -> Stack:
+    """Spots (n, 3, 2) m where the detector says that they are, of those where its light falls; NaN beside it.
+
+    noise (n, 3, 2): standard normal; sigma_m as in `image`.
+    """
+    sigma, spots = model.sensor.spot_noise_m if sigma_m is None else sigma_m, np.array(places_m)
+    if isinstance(sigma, np.ndarray):
+        noise, sigma = noise * sigma, 1.0
+    _detect(np.ascontiguousarray(noise), float(sigma), 0.5 * np.array(model.sensor.detector_size_m), spots)
+    return spots
+
+
+def detected_together(model: Model, state: Stack, noise: Stack) -> Stack:
+    """What is `detected` of true states (n, 6, RUNS), each to the bit as alone; noise and result (n, 3, 2, RUNS)."""
+    beacons, sensor = model.beacons_lvlh_m, model.sensor
+    out, half = new_lanes(len(state), len(beacons), 2, make=np.empty), 0.5 * np.array(sensor.detector_size_m)
+    geometry = model.dcm_cam_from_lvlh, model.camera_lever_cam_m, beacons, sensor.focal_length_m
+    agreed = _image_together(state, *geometry, noise, sensor.spot_noise_m, half, out)
+    assert agreed, "nothing in an image is decided by its numbers"
+    return out
+
+
+def happen(model: Model, spots: Stack, what: Happens) -> None:
+    """Let faults happen to spots (n, 3, 2) m, in place."""
+    beacons = spots.shape[1]
+    if len(what.glints):
+        half = 0.5 * np.array(model.sensor.detector_size_m)
+        spots[what.glints // beacons, what.glints % beacons] = what.places * half
+    spots[what.unseen // beacons, what.unseen % beacons] = np.nan

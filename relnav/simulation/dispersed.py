@@ -7,9 +7,18 @@ from typing import Any, overload
 import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
+from relnav.codegen.together import new_lanes
 from relnav.mission import Model, VisionMission
 from relnav.simulation.as_built import built
-from relnav.simulation.detector import SpotDraws, imaged, misplaced, project_beacons, spot_sigmas
+from relnav.simulation.detector import (
+    Happens,
+    detected,
+    detected_together,
+    happen,
+    misplaced,
+    project_beacons,
+    spot_sigmas,
+)
 from relnav.simulation.dispersed_markers import fly_marker_run
 from relnav.simulation.dispersed_vehicle import default_scenario, fly_vehicle_run
 from relnav.simulation.dispersions import Scenario
@@ -37,6 +46,26 @@ class Flight:
 
     log: SimulatedLog
     drawn: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Flights:
+    """RUNS runs of a scenario, side by side.
+
+    Attributes
+    ----------
+    t_s, spots_m, acceleration_m_s2, truth, sigma_m : (n,), (n, 3, 2, RUNS), (n, 3, RUNS), (n, 6, RUNS), as spots_m
+        As `SimulatedLog`.
+    drawn : list of dict
+        Of each, as `Flight`.
+    """
+
+    t_s: Vector
+    spots_m: Stack
+    acceleration_m_s2: Stack
+    truth: Stack
+    sigma_m: Stack | None
+    drawn: list[dict[str, float]]
 
 
 @overload
@@ -111,25 +140,37 @@ def fly_run(model: Model, scenario: Scenario, seed: int, run: int, given: Mappin
     """Draw what is uncertain of a run, fly it and image it; given: numbers that replace what is drawn once, by name."""
     check_model(model, scenario)
     draws, drawn = Draws(seed, run), dict[str, float]()
-    return _imaged(
-        model, scenario, draws, drawn, given, *fly_disturbed(model, *disturbed(model, scenario, draws, drawn, given))
-    )
+    t, truth, command = fly_disturbed(model, *disturbed(model, scenario, draws, drawn, given))
+    spots, sigma = _images(model, scenario, draws, drawn, given, truth)
+    _let_happen(model, scenario, draws, t, spots)
+    return Flight(SimulatedLog(t, spots, command, truth, sigma), drawn)
 
 
 def fly_runs(
     model: Model, scenario: Scenario, seed: int, runs: Sequence[int], given: Sequence[Mapping[str, float] | None]
-) -> tuple[list[Flight], Stack]:
-    """`fly_run` of RUNS runs at once, to the bit; and their truth side by side, (n, 6, RUNS)."""
+) -> Flights:
+    """`fly_run` of RUNS runs at once, to the bit."""
     check_model(model, scenario)
-    draws, drawn = [Draws(seed, run) for run in runs], [dict[str, float]() for _ in runs]
+    draws, drawn, sigma = [Draws(seed, run) for run in runs], [dict[str, float]() for _ in runs], None
     t, truth, command = fly_together(
         model, [disturbed(model, scenario, *one) for one in zip(draws, drawn, given, strict=True)]
     )
-    flights = []
-    for lane, one in enumerate(zip(draws, drawn, given, strict=True)):
-        flown = np.ascontiguousarray(truth[..., lane]), np.ascontiguousarray(command[..., lane])
-        flights.append(_imaged(model, scenario, *one, t, *flown))
-    return flights, truth
+    shape = len(t), len(model.beacons_lvlh_m), 2
+    if scenario.as_built.any or model.calibration is not None or scenario.images.by_received_power:
+        spots = new_lanes(*shape)
+        for lane, one in enumerate(zip(draws, drawn, given, strict=True)):
+            spots[..., lane], own = _images(model, scenario, *one, np.ascontiguousarray(truth[..., lane]))
+            if own is not None:
+                sigma = new_lanes(*shape) if sigma is None else sigma
+                sigma[..., lane] = own
+    else:
+        noise = new_lanes(*shape, make=np.empty)
+        for lane, one in enumerate(draws):
+            noise[..., lane] = one.normals(Stream.SPOT_NOISE, shape)
+        spots = detected_together(model, truth, noise)
+    for lane, one in enumerate(draws):
+        _let_happen(model, scenario, one, t, spots[..., lane])
+    return Flights(t, spots, command, truth, sigma, drawn)
 
 
 def check_model(model: Model, scenario: Scenario) -> None:
@@ -142,32 +183,32 @@ def check_model(model: Model, scenario: Scenario) -> None:
     check_flyable(model, scenario)
 
 
-def _imaged(
+def _images(
     model: Model,
     scenario: Scenario,
     draws: Draws,
     drawn: dict[str, float],
     given: Mapping[str, float] | None,
-    t: Vector,
     truth: Matrix,
-    command: Matrix,
-) -> Flight:
-    """The images of a run that was flown."""
-    flown, images = _as_built(model, scenario, draws, drawn, given), scenario.images
-    sigma = spot_sigmas(flown, truth) if images.by_received_power else None
+) -> tuple[Stack, Stack | None]:
+    """Spots of a run that was flown, and their sigma where it is by received power."""
+    flown = _as_built(model, scenario, draws, drawn, given)
+    sigma = spot_sigmas(flown, truth) if scenario.images.by_received_power else None
     places = project_beacons(flown, truth)
     if flown.calibration is not None:
         places = misplaced(flown, places, draws.generator(Stream.FIGURE))
-    shape = places.shape[:2]
-    numbers = SpotDraws(
-        draws.normals(Stream.SPOT_NOISE, (*shape, 2)),
-        2.0 * draws.uniforms(Stream.GLINT_PLACE, (*shape, 2)) - 1.0 if images.outliers else None,
-        draws.uniforms(Stream.GLINT, shape) if images.outliers else None,
-        draws.uniforms(Stream.DROPOUT, shape) if images.dropout else None,
-    )
-    spots = imaged(flown, places, images, numbers, sigma)
+    return detected(flown, places, draws.normals(Stream.SPOT_NOISE, places.shape), sigma), sigma
+
+
+def _let_happen(model: Model, scenario: Scenario, draws: Draws, t: Vector, spots: Stack) -> None:
+    """What goes wrong with the spots (n, beacons, 2) of a run, in place."""
+    images, size = scenario.images, spots.shape[0] * spots.shape[1]
+    glints = draws.below(Stream.GLINT, size if images.outliers else 0, images.outliers)
+    both = (2 * glints[:, None] + (0, 1)).ravel()
+    places = 2.0 * draws.uniforms_at(Stream.GLINT_PLACE, both).reshape(-1, 2) - 1.0
+    unseen = draws.below(Stream.DROPOUT, size if images.dropout else 0, images.dropout)
+    happen(model, spots, Happens(glints, places, unseen))
     lose(scenario, draws, t, spots)
-    return Flight(SimulatedLog(t, spots, command, truth, sigma), drawn)
 
 
 def _as_built(

@@ -96,7 +96,8 @@ def _share(word: int) -> float:
 def _middle(q: float) -> float:
     """Normal deviate of the share 0.5 + q, where |q| <= MIDDLE; relative error 1e-16.
 
-    This and `_outside`: Wichura (1988), "Algorithm AS 241: the percentage points of the normal distribution", PPND16.
+    This, `_tail` and `_far_tail`: Wichura (1988), "Algorithm AS 241: the percentage points of the normal
+    distribution", PPND16.
     """
     r = 0.180625 - q * q
     above = 2.5090809287301226727e3 * r + 3.3430575583588128105e4
@@ -111,30 +112,53 @@ def _middle(q: float) -> float:
 
 
 @kernel
-def _outside(p: float, q: float) -> float:
-    """The same of p = 0.5 + q elsewhere, 0 < p < 1."""
-    r = math.sqrt(-math.log(min(p, 1.0 - p)))
-    if r <= 5.0:
-        r -= 1.6
-        above = 7.74545014278341407640e-4 * r + 2.27238449892691845833e-2
-        above = (above * r + 2.41780725177450611770e-1) * r + 1.27045825245236838258e0
-        above = (above * r + 3.64784832476320460504e0) * r + 5.76949722146069140550e0
-        above = (above * r + 4.63033784615654529590e0) * r + 1.42343711074968357734e0
-        below = 1.05075007164441684324e-9 * r + 5.47593808499534494600e-4
-        below = (below * r + 1.51986665636164571966e-2) * r + 1.48103976427480074590e-1
-        below = (below * r + 6.89767334985100004550e-1) * r + 1.67638483018380384940e0
-        below = (below * r + 2.05319162663775882187e0) * r + 1.0
+def _root(p: float) -> float:
+    """Of what the tails are rational functions, for the share p."""
+    return math.sqrt(-math.log(min(p, 1.0 - p)))
+
+
+@kernel
+def _tail(r: float) -> float:
+    """Size of the normal deviate of a share elsewhere, r = `_root` <= 5: 1.4e-11 and more from 0 and 1."""
+    r -= 1.6
+    above = 7.74545014278341407640e-4 * r + 2.27238449892691845833e-2
+    above = (above * r + 2.41780725177450611770e-1) * r + 1.27045825245236838258e0
+    above = (above * r + 3.64784832476320460504e0) * r + 5.76949722146069140550e0
+    above = (above * r + 4.63033784615654529590e0) * r + 1.42343711074968357734e0
+    below = 1.05075007164441684324e-9 * r + 5.47593808499534494600e-4
+    below = (below * r + 1.51986665636164571966e-2) * r + 1.48103976427480074590e-1
+    below = (below * r + 6.89767334985100004550e-1) * r + 1.67638483018380384940e0
+    below = (below * r + 2.05319162663775882187e0) * r + 1.0
+    return above / below
+
+
+@kernel
+def _far_tail(r: float) -> float:
+    """The same of r > 5."""
+    r -= 5.0
+    above = 2.01033439929228813265e-7 * r + 2.71155556874348757815e-5
+    above = (above * r + 1.24266094738807843860e-3) * r + 2.65321895265761230930e-2
+    above = (above * r + 2.96560571828504891230e-1) * r + 1.78482653991729133580e0
+    above = (above * r + 5.46378491116411436990e0) * r + 6.65790464350110377720e0
+    below = 2.04426310338993978564e-15 * r + 1.42151175831644588870e-7
+    below = (below * r + 1.84631831751005468180e-5) * r + 7.86869131145613259100e-4
+    below = (below * r + 1.48753612908506148525e-2) * r + 1.36929880922735805310e-1
+    below = (below * r + 5.99832206555887937690e-1) * r + 1.0
+    return above / below
+
+
+@kernel
+def _sizes(roots: Vector) -> None:
+    """Replace what `_root` says of tails (n,) by their sizes."""
+    farthest = 0.0
+    for j in range(roots.shape[0]):
+        farthest = max(farthest, roots[j])
+    if farthest > 5.0:  # because of one number in 3.6e10
+        for j in range(roots.shape[0]):
+            roots[j] = _far_tail(roots[j]) if roots[j] > 5.0 else _tail(roots[j])
     else:
-        r -= 5.0
-        above = 2.01033439929228813265e-7 * r + 2.71155556874348757815e-5
-        above = (above * r + 1.24266094738807843860e-3) * r + 2.65321895265761230930e-2
-        above = (above * r + 2.96560571828504891230e-1) * r + 1.78482653991729133580e0
-        above = (above * r + 5.46378491116411436990e0) * r + 6.65790464350110377720e0
-        below = 2.04426310338993978564e-15 * r + 1.42151175831644588870e-7
-        below = (below * r + 1.84631831751005468180e-5) * r + 7.86869131145613259100e-4
-        below = (below * r + 1.48753612908506148525e-2) * r + 1.36929880922735805310e-1
-        below = (below * r + 5.99832206555887937690e-1) * r + 1.0
-    return -above / below if q < 0.0 else above / below
+        for j in range(roots.shape[0]):
+            roots[j] = _tail(roots[j])
 
 
 @long_kernel
@@ -157,11 +181,38 @@ def _uniforms_into(key: Words, out: Vector) -> None:
 
 
 @long_kernel
-def _normals_into(key: Words, uniform: Vector, tails: Codes, out: Vector) -> None:
-    """Fill out (n,) with standard normal numbers; uniform (n,) and tails (n + 1,) are scratch.
+def _below(key: Words, limit: int, n: int, places: Codes) -> int:
+    """Write which of the first n numbers of a stream are below a limit, 2^52 times a probability; returns how many.
 
-    Loops without choices first, of which the compiler makes one instruction for several numbers; then the tails, which
-    are gathered because a processor cannot guess where they are.
+    places (n + 4,); key as above. Which they are a processor cannot guess: each is written, and kept or written over.
+    """
+    count, one, counter = 0, key[3], key[4]
+    for block in range((n + 3) // 4):
+        counter = wrapped_sum(counter, one)
+        a, b, c, d = _block(key[0], key[1], key[2], counter)
+        for k, word in enumerate((a, b, c, d)):
+            places[count] = 4 * block + k
+            count += 1 if np.int64(word >> 12) < limit else 0
+    while count > 0 and places[count - 1] >= n:
+        count -= 1
+    return count
+
+
+@long_kernel
+def _uniforms_at(key: Words, places: Codes, out: Vector) -> None:
+    """Fill out (n,) with the numbers of these places of a stream alone; key as above."""
+    for k in range(out.shape[0]):
+        a, b, c, d = _block(key[0], key[1], key[2], wrapped_sum(key[3], places[k] // 4))
+        place = places[k] % 4
+        out[k] = _share(a if place == 0 else b if place == 1 else c if place == 2 else d)
+
+
+@long_kernel
+def _normals_into(key: Words, uniform: Vector, tails: Codes, size: Vector, out: Vector) -> None:
+    """Fill out (n,) with standard normal numbers; uniform (n,), tails (n + 1,) and size (n,) are scratch.
+
+    Loops without choices, of which the compiler makes one instruction for several numbers; tails are gathered, because
+    a processor cannot guess where they are.
     """
     _uniforms_into(key, uniform)
     for k in range(out.shape[0]):
@@ -171,8 +222,11 @@ def _normals_into(key: Words, uniform: Vector, tails: Codes, out: Vector) -> Non
         tails[count] = k
         count += 1 if abs(uniform[k] - 0.5) > MIDDLE else 0
     for j in range(count):
+        size[j] = _root(uniform[tails[j]])
+    _sizes(size[:count])
+    for j in range(count):
         k = tails[j]
-        out[k] = _outside(uniform[k], uniform[k] - 0.5)
+        out[k] = -size[j] if uniform[k] < 0.5 else size[j]
 
 
 class Draws:
@@ -192,10 +246,23 @@ class Draws:
         _uniforms_into(self._key, out)
         return out.reshape(shape)
 
+    def below(self, stream: int, count: int, probability: float) -> Codes:
+        """Places, among the first `count` numbers of a stream, of those below a probability."""
+        places, self._key[2] = np.empty(count + 4, dtype=np.int64), stream
+        limit = math.ceil(probability / SMALLEST_STEP - 0.5)  # (word + 0.5) SMALLEST_STEP < probability; exact
+        return places[: _below(self._key, limit, count, places)]
+
+    def uniforms_at(self, stream: int, places: Codes) -> Vector:
+        """Numbers of a stream by their places (n,) in it, counted from 0."""
+        out, self._key[2] = np.empty(len(places)), stream
+        _uniforms_at(self._key, places, out)
+        return out
+
     def normals(self, stream: int, shape: tuple[int, ...]) -> Vector:
         """The same as standard normal numbers."""
         out, self._key[2] = np.empty(math.prod(shape)), stream
-        _normals_into(self._key, np.empty(len(out)), np.empty(len(out) + 1, dtype=np.int64), out)
+        uniform, size = np.empty((2, len(out)))
+        _normals_into(self._key, uniform, np.empty(len(out) + 1, dtype=np.int64), size, out)
         return out.reshape(shape)
 
     def generator(self, stream: int) -> np.random.Generator:

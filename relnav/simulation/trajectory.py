@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from relnav.arrays import Matrix, Stack, Vector
 from relnav.codegen.kernel import kernel, long_entry, long_kernel
 from relnav.codegen.together import attempt, lanes_of, new_lanes, select
 from relnav.dynamics.two_body import MU_EARTH_M3_S2
-from relnav.mission import Model, VisionMission
+from relnav.mission import Model, Orbit, VisionMission
 from relnav.simulation.orbits import J2_EARTH, place_chaser, relative_state, runge_kutta_step
 
 
@@ -237,11 +238,12 @@ def fly_together(
     """
     approach, disturbances = runs[0]
     count = epochs_of(approach)
-    y, profile, draws = new_lanes(4, 3), new_lanes(7), new_lanes(*disturbances.draws.shape)
+    y, profile, draws = new_lanes(4, 3), new_lanes(7), new_lanes(*disturbances.draws.shape, make=np.empty)
     for lane, run in enumerate(runs):
         y[..., lane], profile[..., lane] = _beginning(model, *run)
         draws[..., lane] = run[1].draws
-    state, command = new_lanes(count, 6), new_lanes(count, 3)
+    state, command = new_lanes(count, 6, make=np.empty), new_lanes(count, 3, make=np.empty)
+    command[0] = 0.0  # before it there is no interval
     agreed = _fly_together(y, *_setting(model, approach, profile), draws, state, command, new_lanes(28, 3))
     assert agreed, "nothing in a flight is decided by its numbers"
     _check_flown(state)
@@ -251,7 +253,7 @@ def fly_together(
 def _beginning(model: Model | VisionMission, approach: Approach, disturbances: Disturbances) -> tuple[Matrix, Vector]:
     """Inertial states (4, 3) of target and chaser at the start, and the profile, as `_fly` wants them."""
     y = np.zeros((4, 3))
-    y[0], y[1] = _target_start(model, approach)
+    y[0], y[1] = _target_start(model.orbit, approach.true_anomaly_deg, approach.inclination_deg)
     place = model.port_position_m + model.dcm_dock_from_lvlh.T @ np.array(approach.start_m)
     place_chaser(y, np.concatenate([place, disturbances.velocity_m_s]), np.empty((3, 3)))
     final_range = min(approach.final_range_m, approach.start_m[0])
@@ -280,16 +282,18 @@ def _check_flown(state: Matrix) -> None:
         raise ValueError("the chaser flew out of all numbers: speed, air density or range are beyond any spacecraft")
 
 
-def _target_start(model: Model | VisionMission, approach: Approach) -> tuple[Vector, Vector]:
-    """Inertial position and velocity of the target: perigee on the line of nodes."""
-    n, e = model.orbit.mean_motion_rad_s, model.orbit.eccentricity
+@lru_cache(maxsize=8)
+def _target_start(orbit: Orbit, true_anomaly_deg: float | None, inclination_deg: float) -> tuple[Vector, Vector]:
+    """Inertial position and velocity of the target: perigee on the line of nodes. Of every run of a scenario alike."""
+    n, e = orbit.mean_motion_rad_s, orbit.eccentricity
     a = (MU_EARTH_M3_S2 / n**2) ** (1.0 / 3.0)
     p = a * (1.0 - e * e)
-    given = approach.true_anomaly_deg
-    theta = model.orbit.true_anomaly_rad if given is None else math.radians(given)
-    i = math.radians(approach.inclination_deg)
+    theta = orbit.true_anomaly_rad if true_anomaly_deg is None else math.radians(true_anomaly_deg)
+    i = math.radians(inclination_deg)
     in_plane = np.array([[1.0, 0.0], [0.0, math.cos(i)], [0.0, math.sin(i)]])
     direction = np.array([math.cos(theta), math.sin(theta)])
     r = p / (1.0 + e * math.cos(theta)) * in_plane @ direction
     v = math.sqrt(MU_EARTH_M3_S2 / p) * in_plane @ np.array([-math.sin(theta), e + math.cos(theta)])
-    return np.asarray(r, dtype=np.float64), np.asarray(v, dtype=np.float64)
+    for vector in (r, v):
+        vector.setflags(write=False)
+    return r, v

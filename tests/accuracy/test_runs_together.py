@@ -11,7 +11,7 @@ from relnav.accuracy import campaign_plan, run_score
 from relnav.accuracy.campaign_plan import Plan, fly_batch, prepare
 from relnav.accuracy.run_score import BEACONS, RunScorer, RunStatus
 from relnav.codegen.kernel import is_compiled
-from relnav.codegen.together import RUNS
+from relnav.codegen.together import RUNS, new_lanes
 from relnav.navigation.log import LogFilter
 from relnav.navigation.logs_together import LogsTogether
 from relnav.navigation.status import PARTIAL, REJECTED
@@ -53,10 +53,20 @@ def alone(model, method, log):
 
 def filtered(model, method, logs):
     together = LogsTogether(model, method, len(logs[0].t_s))
-    for lane, log in enumerate(logs):
-        together.take(lane, log.t_s, log.spots_m, log.acceleration_m_s2, log.sigma_m)
+    together.take(*side_by_side(logs))
     together.run()
     return together
+
+
+def side_by_side(logs):
+    """Logs as they are taken together."""
+    told = [np.stack([getattr(log, of) for log in logs], -1) for of in ("spots_m", "acceleration_m_s2")]
+    sigma = None if logs[0].sigma_m is None else np.stack([log.sigma_m for log in logs], -1)
+    lanes = [None if of is None else new_lanes(*of.shape[:-1]) for of in (*told, sigma)]
+    for made, of in zip(lanes, (*told, sigma), strict=True):
+        if of is not None:
+            made[:] = of
+    return logs[0].t_s, *lanes
 
 
 def assert_same(together, model, method, logs):
@@ -104,21 +114,23 @@ def test_a_sigma_that_is_left_out_stays_what_it_was(model):
 def test_memory_is_used_again_and_nothing_is_left_in_it(model):
     logs = [[fly_run(model, SCENARIOS["faults"], 5, run + first).log for run in range(RUNS)] for first in (0, RUNS)]
     together = filtered(model, "spots", logs[0])
-    for lane, log in enumerate(logs[1]):
-        together.take(lane, log.t_s, log.spots_m, log.acceleration_m_s2)
+    together.take(*side_by_side(logs[1]))
     together.run()
     assert_same(together, model, "spots", logs[1])
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_flights_are_flown_to_the_bits_of_each_alone(model, name):
-    flights, truth = fly_runs(model, SCENARIOS[name], 5, range(RUNS), [None] * RUNS)
-    for run, flight in enumerate(flights):
+    flights = fly_runs(model, SCENARIOS[name], 5, range(RUNS), [None] * RUNS)
+    for run in range(RUNS):
         expected = fly_run(model, SCENARIOS[name], 5, run)
-        for field in ("t_s", "truth", "acceleration_m_s2", "spots_m"):
-            np.testing.assert_array_equal(getattr(flight.log, field), getattr(expected.log, field), err_msg=field)
-        np.testing.assert_array_equal(truth[..., run], expected.log.truth)
-        assert flight.drawn == expected.drawn
+        np.testing.assert_array_equal(flights.t_s, expected.log.t_s)
+        for field in ("truth", "acceleration_m_s2", "spots_m", "sigma_m"):
+            got, alone = getattr(flights, field), getattr(expected.log, field)
+            assert (got is None) == (alone is None)
+            if got is not None:
+                np.testing.assert_array_equal(got[..., run], alone, err_msg=field)
+        assert flights.drawn[run] == expected.drawn
 
 
 @pytest.mark.parametrize("design", [0, 5])

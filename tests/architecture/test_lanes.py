@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from relnav.codegen.kernel import is_compiled, kernel, long_entry
-from relnav.codegen.together import RUNS, anywhere, attempt, lanes_of, new_lanes, select
+from relnav.codegen.together import RUNS, anywhere, attempt, held, lanes_of, new_lanes, select
 
 pytestmark = pytest.mark.skipif(not is_compiled(), reason="side by side only in compiled code")
 SPECIAL = [0.0, -0.0, 1.0, -1.0, math.inf, -math.inf, math.nan, 0.5, 1e-300, 3.0]
@@ -69,6 +69,43 @@ def test_every_operation_gives_each_lane_the_bits_that_it_has_alone():
         signs = np.signbit(one) & ~np.isnan(one)
         np.testing.assert_array_equal(np.signbit(out[..., lane]) & ~np.isnan(one), signs)
         np.testing.assert_array_equal(whole[..., lane], ones)
+
+
+@kernel
+def ask(table, k, out):
+    """Each lane's own entry of its own array, from either end; and what a few have to do."""
+    out[0], some = table[k], table[k] > 2.0
+    if anywhere(some):
+        out[1] = select(held(some), out[0], -1.0)
+
+
+@long_entry
+def ask_of_one(table, k, out):
+    for case in range(k.shape[0]):
+        ask(table[case], k[case], out[case])
+
+
+@long_entry
+def ask_in_lanes(table, k, out):
+    divided = 0
+    for case in range(k.shape[0]):
+        found, _ = attempt(ask, lanes_of(table)[case], lanes_of(k)[case], lanes_of(out)[case])
+        divided |= found
+    return divided
+
+
+def test_each_lane_has_an_index_of_its_own():
+    rng, cases, size = np.random.default_rng(2), 200, 5
+    table, k, out = new_lanes(cases, size), new_lanes(cases, dtype=np.int64), new_lanes(cases, 2)
+    table[:], k[:] = rng.uniform(0.0, 4.0, table.shape), rng.integers(-size, size, k.shape)
+    assert ask_in_lanes(table, k, out) == 0
+    some = np.take_along_axis(table, k[:, None] % size, axis=1)[:, 0] > 2.0
+    for lane in range(RUNS):
+        one = np.zeros((cases, 2))
+        ask_of_one(np.ascontiguousarray(table[..., lane]), np.ascontiguousarray(k[:, lane]), one)
+        np.testing.assert_array_equal(out[:, 0, lane], one[:, 0])
+        expected = np.where(some[:, lane], one[:, 1], np.where(some.any(axis=1), -1.0, 0.0))
+        np.testing.assert_array_equal(out[:, 1, lane], expected)
 
 
 @kernel

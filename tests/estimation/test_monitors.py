@@ -180,7 +180,9 @@ def test_without_motion_nothing_is_late(filled, grouped):
 
 def test_a_mean_is_followed(filled):
     group = filled(watched_type(), value=(0.0, 5.0, 0.0), offset=(9.0, 1.0, 9.0))
-    assert watched_means.follow(group, 1, 3.0) == 4.0  # three quarters of the way
+    assert watched_means.follow(group, 1, watched_means.newest_share(3.0), True) == 4.0  # three quarters of the way
+    assert list(group["offset"]) == [9.0, 4.0, 9.0]
+    assert watched_means.follow(group, 2, 0.75, False) == 9.0  # not seen: nothing new of it
     assert list(group["offset"]) == [9.0, 4.0, 9.0]
 
 

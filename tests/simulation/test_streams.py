@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import ndtri
 
-from relnav.simulation.streams import Draws, Stream, _outside
+from relnav.simulation.streams import Draws, Stream, _root, _sizes
 
 WORD = st.integers(min_value=0, max_value=2**64 - 1)
 
@@ -38,9 +38,15 @@ def test_normal_numbers_are_exact_quantiles():
 
 def test_far_tails_are_exact_quantiles():
     """Down to the smallest number that is drawn, 2^-53, and beyond."""
-    for p in np.geomspace(1e-16, 0.07, 60):
-        assert _outside(p, p - 0.5) == pytest.approx(ndtri(p), rel=4e-15)
-        assert _outside(1.0 - p, 0.5 - p) == pytest.approx(-ndtri(1.0 - (1.0 - p)), rel=1e-9 if p < 1e-7 else 1e-12)
+    shares = np.geomspace(1e-16, 0.07, 60)
+    below, above = (np.array([_root(p) for p in places]) for places in (shares, 1.0 - shares))
+    near = below[below < 5.0]
+    for sizes in (below, above, near):
+        _sizes(sizes)
+    np.testing.assert_allclose(below, -ndtri(shares), rtol=4e-15)
+    np.testing.assert_array_equal(near, below[-len(near) :])
+    for p, size in zip(shares, above, strict=True):
+        assert size == pytest.approx(-ndtri(1.0 - (1.0 - p)), rel=1e-9 if p < 1e-7 else 1e-12)
 
 
 def test_a_number_depends_on_its_place_alone():
@@ -49,6 +55,26 @@ def test_a_number_depends_on_its_place_alone():
     draws = Draws(5, 6)
     draws.uniforms(Stream.GLINT, (7,))
     assert np.array_equal(draws.normals(Stream.SPOT_NOISE, (3, 4)).ravel()[:6], alone)
+
+
+def test_numbers_are_had_by_their_places():
+    draws = Draws(5, 6)
+    whole, places = draws.uniforms(Stream.GLINT_PLACE, (40,)), np.array([39, 0, 1, 2, 3, 4, 17, 17])
+    assert np.array_equal(draws.uniforms_at(Stream.GLINT_PLACE, places), whole[places])
+    assert len(draws.uniforms_at(Stream.GLINT_PLACE, places[:0])) == 0
+
+
+@settings(derandomize=True, max_examples=40, deadline=None)
+@given(
+    st.integers(min_value=0, max_value=23), st.integers(min_value=0, max_value=23), st.sampled_from([0.0, 0.3, 0.999])
+)
+def test_what_is_below_a_probability(count, number, probability):
+    """Also where it is the number itself, which is not below itself, or the next one."""
+    draws = Draws(11, 12)
+    numbers = draws.uniforms(Stream.DROPOUT, (24,))
+    for limit in (probability, numbers[number], np.nextafter(numbers[number], 1.0)):
+        expected = np.flatnonzero(numbers[:count] < limit)
+        assert np.array_equal(draws.below(Stream.DROPOUT, count, float(limit)), expected)
 
 
 def test_runs_that_an_affine_rule_would_repeat():

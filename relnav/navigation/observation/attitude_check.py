@@ -21,12 +21,21 @@ def _roll_is_credible(sensor: Record, spots: Matrix, predicted: Matrix, noise: f
     across = x * (spots[0, 1] - spots[1, 1]) - y * (spots[0, 0] - spots[1, 0])
     length2 = x * x + y * y
     variance = 2.0 * noise / length2 + sensor["attitude_sigma"] ** 2
-    return bool(across * across <= limit * variance * length2 * length2)
+    credible: bool = across * across <= limit * variance * length2 * length2
+    return credible
 
 
 @kernel
 def _hand_over(
-    m: Memory, residual: Vector, variance: Vector, xx: float, yy: float, predicted: Matrix, spots: Matrix, noise: float
+    m: Memory,
+    residual: Vector,
+    variance: Vector,
+    xx: float,
+    yy: float,
+    predicted: Matrix,
+    spots: Matrix,
+    noise: float,
+    tells: bool,
 ) -> None:
     """Let the monitors have what the image says of the attitude; variance (2,): of noise and attitude, xx and yy whole.
 
@@ -48,12 +57,14 @@ def _hand_over(
         lasting[k] = max(0.0, variance[k] - noise / 3.0) + (turn_across - stated) * f2
     value[2], own[2], state[2] = across / length2, 2.0 * noise / length2 + fresh, 0.0
     lasting[2] = turn + 0.5 * placed / (a * a)
-    gather_attitude(m, value, own, state, lasting, predicted)
+    gather_attitude(m, value, own, state, lasting, predicted, tells)
 
 
 @kernel
-def attitude_is_credible(m: Memory, track: Record, spots: Matrix) -> bool:
-    """Whether the image (n, 2) m agrees with the stated attitude, at the gate's probability; True where none is stated.
+def attitude_is_credible(m: Memory, track: Record, spots: Matrix, tells: bool) -> bool:
+    """Whether the image (n, 2) m agrees with the stated attitude, at the gate's probability.
+
+    True where none is stated, or the image tells nothing.
 
     The mean of the three residuals has the covariance H P H^T + R + sigma^2 E E^T, E = d(spot) / d(small turn of the
     camera): the state's error and the spots' are nearly independent, because the spots' mean says nothing of a fix.
@@ -86,8 +97,7 @@ def attitude_is_credible(m: Memory, track: Record, spots: Matrix) -> bool:
     variance[1] += turn * ((f + v * v / f) ** 2 + (u * v / f) ** 2 + u * u)
     both = turn * u * v * (1.0 + (u * u + v * v) / (f * f))
     xx, xy, yy = pair_covariance(track["ld"], gradient, variance, both)
-    _hand_over(m, residual, variance, xx, yy, predicted, spots, noise)
+    _hand_over(m, residual, variance, xx, yy, predicted, spots, noise, tells)
     x, y = residual[0], residual[1]
-    if x * x * yy - 2.0 * x * y * xy + y * y * xx > m.gate[1] * (xx * yy - xy * xy):
-        return False
-    return _roll_is_credible(sensor, spots, predicted, noise, m.gate[0])
+    lies: bool = x * x * yy - 2.0 * x * y * xy + y * y * xx <= m.gate[1] * (xx * yy - xy * xy)
+    return (lies & _roll_is_credible(sensor, spots, predicted, noise, m.gate[0])) | (not tells)

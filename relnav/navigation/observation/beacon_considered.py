@@ -31,6 +31,7 @@ The noise of the attitude that comes with an image turns all its spots together:
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import entry, kernel
+from relnav.codegen.together import anywhere, held, select
 from relnav.dynamics.error_state import MOTION
 from relnav.estimation.considered import add_covariance_times, subtract_taken, update_sensitivities
 from relnav.estimation.factored import add_rank_one
@@ -79,11 +80,12 @@ def add_considered_noise(m: Memory, x: Vector, sensitivities: Matrix, spots: Mat
     look_at_errors(m, x, sensitivities, spots)
     for i in range(2 * m.groups.shape[0]):
         variance, turn, row = m.groups[i // 2]["variance"], m.turns[i], m.by_error[i]
-        if variance[i % 2] > 0.0:
+        used = variance[i % 2] > 0.0
+        if anywhere(used):
             total = noise * noise * (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
             for j in range(count):
                 total += row[j] * row[j]
-            variance[i % 2] += total
+            variance[i % 2] = select(held(used), variance[i % 2] + total, variance[i % 2])
 
 
 @kernel

@@ -9,24 +9,25 @@ one sigma. The mean is made with the weights of the monitor's own older mean.
 
 from relnav.arrays import Vector
 from relnav.codegen.kernel import kernel
-from relnav.codegen.together import anywhere
+from relnav.codegen.together import anywhere, select
 from relnav.navigation.memory import Memory
 
 
 @kernel
-def lasting_change(m: Memory, row: int, h: Vector, first: int, last: int) -> float:
-    """Write what lasting errors show in a row; returns by how much that differs from before, squared.
+def lasting_change(m: Memory, row: int, h: Vector, first: int, last: int, seen: bool) -> float:
+    """Write what lasting errors show in a row, where it is seen; returns by how much that differs from before, squared.
 
     first, last: rows of errors whose share that the state has taken up is not in `by_error` any more.
     """
     now, usual, changed = m.lasting_now[row], m.lasting_usual[row], 0.0
     for c in range(now.shape[0]):
-        now[c] = m.by_error[row, c]
+        shown = m.by_error[row, c]
         if c < first or c >= last:
             s, taken = m.sensitivities[c], 0.0
             for j in range(s.shape[0]):
                 taken += h[j] * s[j]
-            now[c] -= taken
+            shown -= taken
+        now[c] = select(seen, shown, now[c])
         changed += (now[c] - usual[c]) * (now[c] - usual[c])
     return changed
 

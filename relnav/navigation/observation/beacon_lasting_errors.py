@@ -6,6 +6,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, straight_line
+from relnav.codegen.together import anywhere
 from relnav.geometry.linear_algebra import invert_three
 from relnav.geometry.spherical import range_azimuth_elevation_jacobian
 from relnav.navigation.blocks import ATTITUDE_ERRORS, FIELD_ERRORS, NODES, TOLERANCES_SHARED
@@ -115,7 +116,7 @@ def errors_of_coordinates(m: Memory, x: Vector, spots: Matrix) -> None:
     mount, attitude_sigma = m.kept["mount"], m.sensor["attitude_sigma"]
     for beacon in range(m.beacons.shape[0]):
         variance, gradient = m.groups[beacon]["variance"], m.groups[beacon]["gradient"]
-        if not (variance[0] > 0.0 or variance[1] > 0.0):
+        if not anywhere((variance[0] > 0.0) | (variance[1] > 0.0)):
             continue
         _sight_and_arm(m, x, beacon, sight, arm)
         _rows_by_turn(x, mount, m.beacons[beacon]["position"], gradient, m.turns[2 * beacon : 2 * beacon + 2])

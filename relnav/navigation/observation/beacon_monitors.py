@@ -11,7 +11,7 @@ is not its place, and what the others say depends on how often it is seen.
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
-from relnav.codegen.together import anywhere, select
+from relnav.codegen.together import anywhere, held, select
 from relnav.dynamics.error_state import MOTION
 from relnav.estimation.clock_monitor import doubt_clock, is_doubtful, weigh_jump
 from relnav.estimation.monitors import (
@@ -24,7 +24,7 @@ from relnav.estimation.monitors import (
 from relnav.estimation.repeated_reading import LEAST_MOTION, repeats
 from relnav.estimation.returning import LONG_S, note_pair, returns_wrong
 from relnav.estimation.rows import own_variance
-from relnav.estimation.watched_means import follow
+from relnav.estimation.watched_means import follow, newest_share
 from relnav.navigation.memory import Memory
 from relnav.navigation.observation.beacon_considered import shared_errors
 from relnav.navigation.observation.beacon_geometry import see_beacon, uses_coordinates
@@ -36,84 +36,100 @@ EDGE_SIGMAS = 2.0
 
 
 @kernel
-def _write_row(m: Memory, group: Record, k: int, residual: float, noise: float, lasting: float, h: Vector) -> None:
+def _write_row(
+    m: Memory, group: Record, k: int, residual: float, noise: float, lasting: float, h: Vector, seen: bool
+) -> None:
+    """Hand over a row, where it is seen."""
     x, unseen, taken = m.track["state"], m.fixed["unseen"], 0.0
     if m.watch["doubted"] > 0.0:
         for j in range(MOTION):
             taken += h[j] * (x[j] - unseen[j])
-    group["value"][k], group["noise"][k], group["lasting"][k], group["taken"][k] = residual, noise, lasting, taken
-    group["state"][k] = own_variance(m.track["ld"], h, h)
-    group["motion"][k] = -(h[0] * x[3] + h[1] * x[4] + h[2] * x[5])
+    group["value"][k] = select(seen, residual, group["value"][k])
+    group["noise"][k] = select(seen, noise, group["noise"][k])
+    group["lasting"][k] = select(seen, lasting, group["lasting"][k])
+    group["taken"][k] = select(seen, taken, group["taken"][k])
+    group["state"][k] = select(seen, own_variance(m.track["ld"], h, h), group["state"][k])
+    motion = -(h[0] * x[3] + h[1] * x[4] + h[2] * x[5])
+    group["motion"][k] = select(seen, motion, group["motion"][k])
 
 
 @kernel
-def gather_rows(m: Memory, track: Record, spots: Matrix) -> None:
-    """Hand over the rows of an image as they stand at the prediction."""
+def gather_rows(m: Memory, track: Record, spots: Matrix, tells: bool) -> None:
+    """Hand over the rows of an image that tells something, as they stand at the prediction."""
     half, unseen = m.sensor["half_width"], m.fixed["unseen"]
     if m.watch["doubted"] == 0.0 or is_doubtful(m.watch, m.step["dt"]):
         for j in range(MOTION):
-            unseen[j] = track["state"][j]
+            unseen[j] = select(tells, track["state"][j], unseen[j])
     if not uses_coordinates(m.sensor):
         group, source = m.watched[0], m.groups[0]
-        group["rows"], group["seen"], m.watched[1]["seen"] = 3, 1 if source["variance"][2] > 0.0 else 0, 0
-        if group["seen"] > 0:
+        seen = source["variance"][2] > 0.0
+        group["rows"], group["seen"], m.watched[1]["seen"] = 3, select(seen, 1, 0), 0
+        if anywhere(seen):
+            seen = held(seen)
             for k in range(3):
                 h = source["gradient"][k]
-                _write_row(m, group, k, source["residual"][k], source["variance"][k], 0.0, h)
+                _write_row(m, group, k, source["residual"][k], source["variance"][k], 0.0, h, seen)
         return
     turned = m.sensor["attitude_noise"] ** 2
     first, last = shared_errors(m)
-    calm = m.watch["on"] == 0
+    calm, share = m.watch["on"] == 0, newest_share(m.step["dt"])
     for i in range(m.groups.shape[0]):
         group, source, own = m.watched[i], m.groups[i], m.beacons[i]["spot_sigma"]
         residual, variance = source["residual"], source["variance"]
-        group["rows"], group["seen"] = 2, 1 if variance[0] > 0.0 and variance[1] > 0.0 else 0
-        if group["seen"] == 0:
+        seen = (variance[0] > 0.0) & (variance[1] > 0.0)
+        group["rows"], group["seen"] = 2, select(seen, 1, 0)
+        if not anywhere(seen):
             continue
+        seen = held(seen)
         for k in range(2):
             h, noise = source["gradient"][k], own[k] * own[k]
             if turned > 0.0:
                 turn = m.turns[2 * i + k]
                 noise += turned * (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
-            _write_row(m, group, k, residual[k], noise, max(0.0, variance[k] - noise), h)
-            changed = lasting_change(m, 2 * i + k, h, first, last)
+            _write_row(m, group, k, residual[k], noise, max(0.0, variance[k] - noise), h, seen)
+            changed = lasting_change(m, 2 * i + k, h, first, last, seen)
             if anywhere(calm):  # while an alarm lasts it is held: what follows is not to explain what was found
                 changed = select(group["learnt"] > 0, changed, 0.0)
-                group["changed"][k] = select(calm, changed, group["changed"][k])
-            expected = spots[i, k] - residual[k] + follow(group, k, m.step["dt"])
-            near_edge = abs(expected) > half[k] - EDGE_SIGMAS * own[k]
+                group["changed"][k] = select(calm & seen, changed, group["changed"][k])
+            expected = spots[i, k] - residual[k] + follow(group, k, share, seen)
+            near_edge = seen & (abs(expected) > half[k] - EDGE_SIGMAS * own[k])
             if anywhere(near_edge):
                 m.watch["pause"] = select(near_edge, AWAY_S, m.watch["pause"])
-        note_pair(m.returning[i], m.track["ld"], source["gradient"], variance, 0.0, residual)
+        note_pair(m.returning[i], m.track["ld"], source["gradient"], variance, 0.0, residual, seen)
 
 
 @kernel
-def _note_return(m: Memory, i: int, used: bool, refused: bool, dt: float) -> None:
+def _note_return(m: Memory, i: int, seen: bool, used: bool, refused: bool, dt: float) -> None:
     """Say SHIFTED of a spot that was refused for long and is used though it surprises, until it is refused again.
 
     The state takes up what is wrong with it, so that innovations which are quiet again say nothing.
     """
-    if returns_wrong(m.returning[i], used, refused, dt):
+    if returns_wrong(m.returning[i], seen & used, seen & refused, dt):
         m.watch["returned"], m.watch["on"] = i + 1, 1
-    elif m.watch["returned"] == i + 1 and m.returning[i]["refused"] > LONG_S:
+    elif seen & (m.watch["returned"] == i + 1) & (m.returning[i]["refused"] > LONG_S):
         m.watch["returned"] = 0
-    if m.watch["returned"] > 0:
+    if seen & (m.watch["returned"] > 0):
         m.watch["quiet"] = 0.0
 
 
 @kernel
-def gather_attitude(m: Memory, value: Vector, noise: Vector, state: Vector, lasting: Vector, predicted: Matrix) -> None:
+def gather_attitude(
+    m: Memory, value: Vector, noise: Vector, state: Vector, lasting: Vector, predicted: Matrix, tells: bool
+) -> None:
     """Hand over what an image says of the stated attitude: where it lies and its roll, (3,); predicted spots (3, 2)."""
-    group, half = m.watched[1], m.sensor["half_width"]
-    group["rows"], group["seen"] = 3, 1
+    group, half, share = m.watched[1], m.sensor["half_width"], newest_share(m.step["dt"])
+    group["rows"], group["seen"] = 3, select(tells, 1, 0)
     for k in range(3):
-        group["value"][k], group["noise"][k], group["motion"][k], group["taken"][k] = value[k], noise[k], 0.0, 0.0
-        group["state"][k], group["lasting"][k] = state[k], lasting[k]
+        group["motion"][k], group["taken"][k] = 0.0, 0.0
+        group["value"][k] = select(tells, value[k], group["value"][k])
+        group["noise"][k] = select(tells, noise[k], group["noise"][k])
+        group["state"][k] = select(tells, state[k], group["state"][k])
+        group["lasting"][k] = select(tells, lasting[k], group["lasting"][k])
     for k in range(2):
-        offset = follow(group, k, m.step["dt"])
+        offset = follow(group, k, share, tells)
         for i in range(3):
             expected = predicted[i, k] + offset
-            near_edge = abs(expected) > half[k] - EDGE_SIGMAS * m.beacons[i]["spot_sigma"][k]
+            near_edge = tells & (abs(expected) > half[k] - EDGE_SIGMAS * m.beacons[i]["spot_sigma"][k])
             if anywhere(near_edge):
                 m.watch["pause"] = select(near_edge, AWAY_S, m.watch["pause"])
 
@@ -144,11 +160,14 @@ def watch(m: Memory, spots: Matrix, dt: float, status: int) -> None:
     weigh_jump(m.watch, groups)
     coordinates = uses_coordinates(m.sensor)
     for i in range(groups.shape[0]):
-        used = status == UPDATED or (status == PARTIAL and (not coordinates or m.groups[i]["tested"] > 0))
-        if coordinates and groups[i]["seen"] > 0:
-            _note_return(m, i, used, status == PARTIAL and not used, dt)
-        if not used or (not coordinates and i > 1):
-            groups[i]["seen"] = 0
+        used, seen = (status == UPDATED) | (status == PARTIAL), groups[i]["seen"] > 0
+        if coordinates:
+            used = used & (m.groups[i]["tested"] > 0)
+            if anywhere(seen):
+                _note_return(m, i, seen, used, (status == PARTIAL) & (not used), dt)
+        elif i > 1:
+            seen = False
+        groups[i]["seen"] = select(used & seen, 1, 0)
         if _is_stuck(m, i, spots, dt):
             stuck = True
             m.watch["pulled"] = 1 if used else m.watch["pulled"]

@@ -16,7 +16,9 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, straight_line
+from relnav.codegen.together import anywhere, held, select
 from relnav.estimation.factored import decorrelate
+from relnav.estimation.rows import say_nothing
 from relnav.geometry.spherical import docking_difference, range_azimuth_elevation_jacobian
 from relnav.navigation.memory import FIX, SPOTS, Memory
 from relnav.navigation.observation.beacon_geometry import (
@@ -29,15 +31,15 @@ from relnav.navigation.observation.beacon_geometry import (
     uses_coordinates,
 )
 from relnav.sensors.measurement import BEHIND, DEGENERATE, NO_CONVERGENCE, NOT_SEEN, OFF_DETECTOR, OK, OUTSIDE_DOMAIN
-from relnav.sensors.three_beacon.fix import COORDINATES, PERSPECTIVE, coordinate_usable, image_rays, image_usable
+from relnav.sensors.three_beacon.fix import COORDINATES, PERSPECTIVE, image_rays, image_usable
 from relnav.sensors.three_beacon.implied import turn_of_rays
 from relnav.sensors.three_beacon.invariants import invariants, position_gradient, rays_from_position, spot_gradient
 from relnav.sensors.three_beacon.parallel import solve_parallel_jacobian
 from relnav.sensors.three_beacon.perspective import (
-    chord_step,
     gradient_inverse,
     implicit_jacobian,
     inside_domain,
+    newton_step,
     settle,
 )
 
@@ -49,23 +51,15 @@ def take_in_coordinates(sensor: Record, beacons: Record, groups: Record, spots: 
     half = sensor["half_width"]
     for i in range(beacons.shape[0]):
         sigma, variance = beacons[i]["spot_sigma"], groups[i]["variance"]
-        variance[0], variance[1] = 0.0, 0.0
         groups[i]["tested"], groups[i]["rows"] = 1, 2
         x, y = spots[i, 0], spots[i, 1]
-        if x != x and y != y:
-            continue
-        seen += 1
-        on_x, on_y = coordinate_usable(x, half[0]), coordinate_usable(y, half[1])
-        if (x == x and not on_x) or (y == y and not on_y):
-            status = OFF_DETECTOR
-            continue
-        if on_x:
-            variance[0] = sigma[0] * sigma[0]
-            usable += 1
-        if on_y:
-            variance[1] = sigma[1] * sigma[1]
-            usable += 1
-    return seen, usable, status if seen > 0 else NOT_SEEN
+        on_x, on_y = abs(x) <= half[0], abs(y) <= half[1]
+        beside = ((x == x) & (not on_x)) | ((y == y) & (not on_y))
+        on_x, on_y, status = on_x & (not beside), on_y & (not beside), select(beside, OFF_DETECTOR, status)
+        variance[0], variance[1] = select(on_x, sigma[0] * sigma[0], 0.0), select(on_y, sigma[1] * sigma[1], 0.0)
+        seen = select((x == x) | (y == y), seen + 1, seen)
+        usable = usable + select(on_x, 1, 0) + select(on_y, 1, 0)
+    return seen, usable, select(seen > 0, status, NOT_SEEN)
 
 
 @kernel
@@ -77,11 +71,16 @@ def linearise_coordinates(
     for i in range(beacons.shape[0]):
         group = groups[i]
         variance = group["variance"]
-        if variance[0] > 0.0 or variance[1] > 0.0:
+        used = (variance[0] > 0.0) | (variance[1] > 0.0)
+        if anywhere(used):
             depth = see_beacon(x, mount, beacons[i]["position"], f, spots[i], group["residual"], group["gradient"])
-            if not depth > 0.0:
-                dropped += (1 if variance[0] > 0.0 else 0) + (1 if variance[1] > 0.0 else 0)
-                variance[0], variance[1] = 0.0, 0.0
+            used = held(used)
+            behind = used & (not depth > 0.0)
+            if anywhere(behind):
+                for k in range(2):
+                    dropped = select(behind & (variance[k] > 0.0), dropped + 1, dropped)
+                    variance[k] = select(behind, 0.0, variance[k])
+            say_nothing(group, behind | (not used))
     return dropped
 
 
@@ -158,21 +157,24 @@ def _attitude_of_image(sensor: Record, fix: Record, dcm: Matrix, work: Matrix) -
 
 
 @kernel
-def _fix_near_prediction(m: Memory, place: Vector, work: Matrix, spots: Matrix) -> int:
-    """Position of the image by Newton's method from the predicted place; NO_CONVERGENCE if that does not settle."""
+def _fix_near_prediction(m: Memory, place: Vector, work: Matrix, spots: Matrix, whole: bool) -> int:
+    """Position of the image by Newton's method from the predicted place; NO_CONVERGENCE if that does not settle.
+
+    Where an image is not whole what is predicted takes its place: it is not taken in.
+    """
     sensor, fix = m.sensor, m.fix
-    p, rays, half, inverse, g = fix["position"], fix["rays"], sensor["half_width"], fix["inverse"], fix["value"]
+    p, rays, inverse, g = fix["position"], fix["rays"], fix["inverse"], fix["value"]
     a, b = sensor["half_spacing"], sensor["c_distance"]
-    status = image_usable(spots, half[0], half[1])
-    if status != OK:
-        return status
     image_rays(spots, sensor["focal_length"], rays)
+    if anywhere(not whole):
+        rays_in_camera(place, a, b, sensor["cam_from_dock"], work)
+        for i in range(3):
+            for j in range(3):
+                rays[i, j] = select(whole, rays[i, j], work[i, j])
     invariants(rays, g)
-    if not gradient_inverse(place, a, b, inverse):
-        return NO_CONVERGENCE
     p[0], p[1], p[2] = place[0], place[1], place[2]
-    chord_step(g, a, b, p, inverse, 1.0)
-    if not settle(g, a, b, p, work):
+    regular, _, _ = newton_step(g, a, b, p, inverse, 1.0)
+    if not regular or not settle(g, a, b, p, work):
         return NO_CONVERGENCE
     if not inside_domain(p, b):
         return OUTSIDE_DOMAIN
@@ -180,15 +182,15 @@ def _fix_near_prediction(m: Memory, place: Vector, work: Matrix, spots: Matrix) 
 
 
 @kernel
-def _prepare_position(m: Memory, spots: Matrix) -> int:
-    """Take the closed form (or its invariants) as the measurement, noise at the predicted geometry."""
+def _prepare_position(m: Memory, spots: Matrix, whole: bool) -> int:
+    """Take the closed form (or its invariants) of whole images as the measurement, noise at the predicted geometry."""
     sensor, fix, scratch, place = m.sensor, m.fix, m.scratch, m.prior["place"]
     factor, variance, jacobian, inverse = fix["factor"], m.groups[0]["variance"], fix["jacobian"], fix["inverse"]
     f, a, b = sensor["focal_length"], sensor["half_spacing"], sensor["c_distance"]
     sigma, rays = scratch["three"], scratch["rays"]
     exact = sensor["projection"] == PERSPECTIVE
     tight = prior_is_tight(m.prior)
-    status = _fix_near_prediction(m, place, rays, spots) if exact and tight else NO_CONVERGENCE
+    status = _fix_near_prediction(m, place, rays, spots, whole) if exact and tight else NO_CONVERGENCE
     near = status == OK
     if status in (NO_CONVERGENCE, OUTSIDE_DOMAIN):
         status = fix_of_spots(sensor, m.beacons, scratch["closed_form"], spots, fix["position"], fix["rays"])
@@ -263,32 +265,40 @@ def _prepare_pair(m: Memory, spots: Matrix) -> bool:
 
 
 @kernel
+def _sees_a_pair(spots: Matrix, half: Vector) -> bool:
+    """Whether two spots are there and the third is not."""
+    seen, whole = 0, 0
+    for i in range(3):
+        x, y = spots[i, 0], spots[i, 1]
+        seen = select((x == x) | (y == y), seen + 1, seen)
+        whole = select((abs(x) <= half[0]) & (abs(y) <= half[1]), whole + 1, whole)
+    pair: bool = (seen == 2) & (whole == 2)
+    return pair
+
+
+@kernel
 def prepare_position(m: Memory, spots: Matrix) -> tuple[int, int, int]:
     """Decide what a fix or invariants of the image give, and with which noise, at the predicted place.
 
     Returns (groups seen, rows usable, Status code): the whole image is one group.
     """
-    group, half, seen, whole = m.groups[0], m.sensor["half_width"], 0, 0
+    group, half = m.groups[0], m.sensor["half_width"]
     variance = group["variance"]
     variance[0], variance[1], variance[2] = 0.0, 0.0, 0.0
     group["rows"], group["tested"] = 3, 1
-    for i in range(3):
-        x, y = spots[i, 0], spots[i, 1]
-        if x == x or y == y:
-            seen += 1
-        if coordinate_usable(x, half[0]) and coordinate_usable(y, half[1]):
-            whole += 1
-    if seen == 0:
-        return 0, 0, NOT_SEEN
-    if m.sensor["method"] == SPOTS and seen == 2 and whole == 2 and prior_is_tight(m.prior):
+    if m.sensor["method"] == SPOTS and _sees_a_pair(spots, half) and prior_is_tight(m.prior):
         if _prepare_pair(m, spots):
             return 1, 1, OK
         return 1, 0, DEGENERATE
-    status = _prepare_position(m, spots)
-    if status == OK:
-        return 1, 3, OK
-    variance[0], variance[1], variance[2] = 0.0, 0.0, 0.0
-    return 0 if status == NOT_SEEN else 1, 0, status
+    status = image_usable(spots, half[0], half[1])
+    whole = status == OK
+    if anywhere(whole):
+        whole = held(whole)
+        found = _prepare_position(m, spots, whole)
+        status, whole = select(whole, found, status), whole & (found == OK)
+        for k in range(3):
+            variance[k] = select(whole, variance[k], 0.0)
+    return select(status == NOT_SEEN, 0, 1), select(status == OK, 3, 0), status
 
 
 @straight_line(p=(3,), fix=(3,), dock=(3, 4), factor=(3, 3), h=(3, COORDINATES), residual=(3,), innovation=(3,))
@@ -366,8 +376,10 @@ def observe(m: Memory, x: Vector, spots: Matrix) -> tuple[int, int, int]:
         dropped = linearise_coordinates(m.sensor, m.kept["mount"], m.beacons, m.groups, x, spots)
         return seen, usable - dropped, BEHIND if dropped > 0 else reason
     seen, usable, reason = prepare_position(m, spots)
-    if usable > 0 and not linearise_position(m, x, spots):
-        usable = 0
+    if anywhere(usable > 0):
+        if not linearise_position(m, x, spots):
+            usable = 0
+        say_nothing(m.groups[0], usable == 0)
     return seen, usable, reason
 
 

@@ -72,7 +72,7 @@ def _note_spots(m: PoseMemory, lead: Record, count: int) -> None:
             source["innovation"][k] = speed[k]
         spot["speed"] = math.hypot(speed[0], speed[1])
         covariance = m.noise[2 * g, 2 * g + 1]
-        note_pair(spot, lead["ld"], source["gradient"], source["variance"], covariance, source["residual"])
+        note_pair(spot, lead["ld"], source["gradient"], source["variance"], covariance, source["residual"], True)
 
 
 @kernel

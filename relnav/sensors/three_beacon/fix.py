@@ -6,6 +6,7 @@ import numpy as np
 
 from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.codegen.kernel import kernel, straight_line
+from relnav.codegen.together import select
 from relnav.geometry.spherical import range_azimuth_elevation, range_azimuth_elevation_jacobian
 from relnav.sensors.measurement import DEGENERATE, NOT_SEEN, OFF_DETECTOR, OK
 from relnav.sensors.three_beacon.parallel import solve_parallel, solve_parallel_jacobian
@@ -22,23 +23,14 @@ MEASURE_ROWS = 19
 
 
 @kernel
-def coordinate_usable(value: float, half_size: float) -> bool:
-    """Whether a spot coordinate is a number on the detector (false for NaN and infinity too)."""
-    return abs(value) <= half_size
-
-
-@kernel
 def image_usable(spots: Matrix, half_x: float, half_y: float) -> int:
     """Whether all three spots (3, 2) m are seen and on the detector; a Status code."""
-    status = OK
+    seen, inside = True, True
     for i in range(3):
-        for j in range(2):
-            value = spots[i, j]
-            if value != value:
-                return NOT_SEEN
-            if not coordinate_usable(value, half_x if j == 0 else half_y):
-                status = OFF_DETECTOR
-    return status
+        x, y = spots[i, 0], spots[i, 1]
+        seen = seen & (x == x) & (y == y)
+        inside = inside & (abs(x) <= half_x) & (abs(y) <= half_y)
+    return select(inside, OK, select(seen, OFF_DETECTOR, NOT_SEEN))
 
 
 @straight_line(spots=(3, 2), u=(3, 3))
