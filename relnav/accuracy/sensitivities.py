@@ -30,6 +30,9 @@ class Share:
         interval from resampling (it may lie a little outside 0 to 1).
     total, total_low, total_high : float
         Total index: the share that stays if everything but this cause were known.
+    used : int
+        Base runs of which this is, a power of two: of which all three flights that tell of the cause have a state at
+        the end.
     """
 
     component: str
@@ -40,6 +43,7 @@ class Share:
     total: float
     total_low: float
     total_high: float
+    used: int
 
 
 @dataclass(frozen=True)
@@ -66,9 +70,9 @@ class Sensitivities:
     Attributes
     ----------
     base, used : int
-        Base runs asked for; and of them used, a power of two: without pairs of which a run has no state at the end.
+        Base runs asked for; and used for the cause of which the fewest are, of those that have indices.
     deviation : dict of str to float
-        Standard deviation of each component over the base runs, in its unit.
+        Standard deviation of each component over pairs of base runs that both have a state at the end, in its unit.
     shares : tuple of Share
     shifts : tuple of Shift
     """
@@ -95,9 +99,12 @@ class Sensitivities:
 
     def lines(self) -> list[str]:
         """For a reader: the position's components."""
-        lines = [f"{self.used} of {self.base} base runs used; 95 % intervals from resampling"]
+        most = max((share.used for share in self.shares), default=self.used)
+        used = f"{self.used} to {most}" if most > self.used else str(self.used)
+        lines = [f"{used} of {self.base} base runs used; 95 % intervals from resampling"]
         if self.used < self.base:
-            lines.append("  a base run is used if all its flights end with a state, neither ambiguous, lost nor failed")
+            lines.append("  a base run is used for a cause if the three flights that tell of it end with a state:")
+            lines.append("  neither ambiguous, lost nor failed. So the indices are those of flights that end well")
         if not self.shares:
             lines.append(
                 f"  no indices from fewer than {LEAST}: what one sigma moves is in sensitivities.json; let the flights "
@@ -120,6 +127,7 @@ class Sensitivities:
             shift
             for shift in self.shifts
             if shift.component == share.component
+            and math.isfinite(shift.shift)  # else no flight with it ended with a state
             and (shift.number == share.cause or shift.number.startswith(f"{share.cause}_"))
         ]
         if not own:
@@ -149,34 +157,43 @@ def sum_up(design: Design, components: tuple[str, ...], read: Reader, seed: int)
     values = read(names)
     errors = np.stack([values[name] for name in names])
     mixed = errors[:, : design.mixed].reshape(len(components), 2 + len(design.causes), design.base)
-    good = np.flatnonzero(np.isfinite(mixed).all(axis=(0, 1)))
-    used = 2 ** int(math.log2(len(good))) if len(good) else 0
-    shares: list[Share] = []
+    ends = np.isfinite(mixed).all(axis=0)
+    pairs = ends[0] & ends[1]
     deviation = dict.fromkeys(components, math.nan)
-    if used >= LEAST:
-        chosen = mixed[:, :, good[:used]]
-        deviation = dict(zip(components, np.std(chosen[:, :2], axis=(1, 2)).tolist(), strict=True))
-        shares = _shares(chosen, components, design.causes, seed)
+    if pairs.any():
+        deviation = dict(zip(components, np.std(mixed[:, :2, pairs], axis=(1, 2)).tolist(), strict=True))
+    alike: dict[tuple[int, ...], list[int]] = {}  # causes told of by the same base runs
+    for j in range(len(design.causes)):
+        good = np.flatnonzero(pairs & ends[2 + j])
+        if len(good) >= LEAST:
+            alike.setdefault(tuple(good[: 2 ** int(math.log2(len(good)))].tolist()), []).append(j)
+    shares: list[Share] = []
+    for chosen, causes in alike.items():
+        of = mixed[:, [0, 1, *(2 + j for j in causes)]][:, :, list(chosen)]
+        shares += _shares(of, components, tuple(design.causes[j] for j in causes), seed)
+    used = min((len(chosen) for chosen in alike), default=0)
     alone = errors[:, design.mixed :].reshape(len(components), len(design.numbers), 2, design.repeats)
     return Sensitivities(design.base, used, deviation, tuple(shares), tuple(_shifts(alone, components, design.numbers)))
 
 
 def _shares(mixed: Any, components: tuple[str, ...], causes: tuple[str, ...], seed: int) -> list[Share]:
-    """Sobol' indices of errors (components, 2 + causes, n), A and B first, by scipy; intervals from resampled pairs."""
+    """Sobol' indices of errors (components, 2 + causes, n), A and B first, by scipy; intervals from resampled runs."""
     from scipy.stats import sobol_indices
 
     n, rng = mixed.shape[2], Draws(seed, 0).generator(Stream.DESIGN)
 
     def indices(of: Any) -> Stack:
-        flown: Any = {"f_A": of[:, 0], "f_B": of[:, 1], "f_AB": of[:, 2:].transpose(1, 0, 2)}
+        by_cause = np.concatenate([of[:, 2:], of[:, 2:3]], axis=1)  # scipy cannot do one cause alone: the first twice
+        flown: Any = {"f_A": of[:, 0], "f_B": of[:, 1], "f_AB": by_cause.transpose(1, 0, 2)}
         found = sobol_indices(func=flown, n=n)
-        return np.stack([np.reshape(part, (len(components), -1)) for part in (found.first_order, found.total_order)])
+        both = (np.reshape(part, (len(components), -1)) for part in (found.first_order, found.total_order))
+        return np.stack([part[:, :-1] for part in both])
 
     told = indices(mixed)
     around = np.stack([indices(mixed[:, :, rng.integers(n, size=n)]) for _ in range(RESAMPLES)])
     low, high = np.quantile(around, [0.5 * (1.0 - CONFIDENCE), 0.5 * (1.0 + CONFIDENCE)], axis=0)
     return [
-        Share(name, cause, *(float(part[of, k, j]) for of in (0, 1) for part in (told, low, high)))
+        Share(name, cause, *(float(part[of, k, j]) for of in (0, 1) for part in (told, low, high)), n)
         for k, name in enumerate(components)
         for j, cause in enumerate(causes)
     ]

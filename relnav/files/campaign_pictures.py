@@ -125,7 +125,7 @@ def draw_sensitivities(found: Sensitivities, path: Path) -> None:
             right.set_title(f"{name}: moved by one sigma alone")
         axes[-1, 0].set_xlabel("Sobol' index")
         axes[-1, 1].set_xlabel("shift, in the unit of its component")
-        heading(figure, f"Error at the end, {found.used} base runs: where it comes from")
+        heading(figure, f"Error at the end, {found.base} base runs: where it comes from")
         one_legend(figure)
         save([figure], path)
 

@@ -196,8 +196,18 @@ def test_the_indices_of_a_sum():
         assert told[cause].total == pytest.approx(index, abs=0.06)
         assert told[cause].first_low <= told[cause].first <= told[cause].first_high
     assert {shift.number: shift.shift for shift in found.shifts} == pytest.approx({"a": 3.0, "b": 4.0, "c": 0.0})
-    y[17] = math.nan
-    assert sum_up(design, ("y",), lambda _: {"final_error_y": y}, 5).used == 512
+    y[1024 * 2 + 5] = math.nan  # a flight of A with a taken from B
+    found = sum_up(design, ("y",), lambda _: {"final_error_y": y}, 5)
+    without = {share.cause: share for share in found.shares}
+    assert {cause: share.used for cause, share in without.items()} == {"a": 512, "b": 1024, "c": 1024, NOISE: 1024}
+    assert found.lines()[0].startswith("512 to 1024 of 1024 base runs used")
+    assert without["a"].first == pytest.approx(9 / 25, abs=0.15)
+    assert without["b"].first == pytest.approx(told["b"].first, abs=1e-12)
+    y[design.mixed : design.mixed + 2 * design.repeats] = math.nan  # a moved alone
+    rows = sum_up(design, ("y",), lambda _: {"final_error_y": y}, 5).lines()
+    assert next(row for row in rows if row.startswith("  a    ")).endswith("]   -")
+    y[17] = math.nan  # a flight of A: no cause has it
+    assert {share.used for share in sum_up(design, ("y",), lambda _: {"final_error_y": y}, 5).shares} == {512}
 
 
 def test_the_noise_is_a_cause_of_its_own():
@@ -236,6 +246,6 @@ def test_too_few_base_runs_give_no_indices_and_say_what_to_do():
     """Flights that end without a state, as markers seen from far often do."""
     lines = Sensitivities(64, 4, {"port_x_m": math.nan}, (), ()).lines()
     assert lines[0].startswith("4 of 64 base runs used")
-    assert "all its flights end with a state" in lines[1]
-    assert "no indices from fewer than 8" in lines[2]
-    assert len(lines) == 3
+    assert "the three flights that tell of it end with a state" in lines[1]
+    assert "no indices from fewer than 8" in lines[3]
+    assert len(lines) == 4
