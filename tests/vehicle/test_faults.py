@@ -131,7 +131,7 @@ def test_the_report_is_that_of_its_flights(slow):
         return map(fly, reversed(numbers))
 
     report = vehicle_faults.measure_faults(slow, runs=2, seed=72, flight=FLIGHT, fly_all=backward, progress=told.append)
-    flown = [vehicle_faults.fly_run(slow, FLIGHT, 72, k) for k in (0, 1)]
+    flown = [vehicle_faults.fly_run(slow, FLIGHT, 72, vehicle_faults.cases(slow), k) for k in (0, 1)]
     assert told == [2, 2]
     healthy, lost = report.rows
     assert (healthy.runs, healthy.sensor, healthy.inside) == (2, "", -1)
