@@ -45,7 +45,7 @@ GLINT_RAD, JUMP_S, LATE_S = 0.01, 0.5, 1.5
 WEAK_SHARE, TURN_RAD, LEAK_M_S2 = 0.3, math.radians(10.0), 3e-5
 """Of the thrusters: what is missing, by what they are turned, and what nobody ordered; in a direction that is drawn.
 
-Near the worst: of less the filter takes little harm, and more is an alarm within seconds.
+Near the worst of a sweep: of less the filter takes little harm, and more is an alarm within seconds.
 """
 
 

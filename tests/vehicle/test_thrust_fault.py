@@ -106,7 +106,7 @@ def test_after_a_lock_out_it_expects_the_same(slow):
 
 
 def test_without_a_fault_it_is_honest(slow, runs):
-    """NEES over the port's twelve, two epochs a run: below by up to a half, as nobody pushes as hard as it expects."""
+    """NEES over the port's twelve, two epochs a run: down to a half of them, as nobody pushes as hard as it expects."""
     errors, covariances = [], []
     for run in runs:
         nav, epochs = VehicleNavigator(slow, monitor=False, separation=True), [12.0, 26.0]
