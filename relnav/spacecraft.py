@@ -160,11 +160,15 @@ class Thrust:
     scale_sigma, direction_sigma_rad : float
         1-sigma of the relative error of the size, and of the turn about each axis; both last.
     role : {"estimated", "considered"}
+    largest_m_s2, lasts_s : float
+        Largest acceleration an axis, and how long one lasts: for a filter without commands (`vehicle.separation`).
     """
 
     scale_sigma: NonNegative
     direction_sigma_rad: NonNegative
     role: Role = "estimated"
+    largest_m_s2: Positive = 0.02
+    lasts_s: Positive = 10.0
 
 
 @dataclass(frozen=True)

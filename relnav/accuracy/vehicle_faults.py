@@ -1,4 +1,4 @@
-"""A fault of one sensor of a vehicle at a time, and whether the estimate is ever wrong without a word.
+"""A fault of one sensor of a vehicle or its thrusters at a time, and whether the estimate is ever wrong unsaid.
 
 What goes wrong is in `relnav.simulation.vehicle_faults`. A run is silently wrong if at any second the port's position
 is off by more than its protection level along an axis while no sensor is in alarm. That level is of a vehicle without
@@ -9,7 +9,7 @@ been lost.
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple, TypeAlias
@@ -23,9 +23,9 @@ from relnav.arrays import Vector
 from relnav.estimation.consistency import nees
 from relnav.estimation.gating import gate_limits
 from relnav.simulation.rendezvous import Rendezvous
-from relnav.simulation.vehicle_faults import BEGINS_S, LASTS_S, RAMP_SIGMA, VehicleFault, with_fault
+from relnav.simulation.vehicle_faults import BEGINS_S, LASTS_S, OF_THRUSTERS, RAMP_SIGMA, VehicleFault, with_fault
 from relnav.simulation.vehicle_sensors import VehicleRun, simulate_rendezvous
-from relnav.spacecraft import GYRO, POINTS, Vehicle
+from relnav.spacecraft import GYRO, POINTS, THRUST, Vehicle
 from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.navigator import VehicleNavigator
 
@@ -241,6 +241,7 @@ class VehicleFaultsReport:
             + ", ".join(f"{start_m:g}" for start_m in LOST_FROM_M)
             + " m in turn",
             "error / level: at the alarm, over the level without faults; one fault: until then, over that with one",
+            "of thrusters: from then on, direction drawn once a run; alarms are of sensors, so that none names them",
             "after: median, from its beginning; silent: the port off by more than its protection level, and no alarm",
             "inside: within 3 sigma when the sensor returns; back: the longest until no sigma is a quarter",
             f"larger than usual, s; later: the most times the usual one, from {BACK_S:g} s on",
@@ -257,7 +258,7 @@ class VehicleFaultsReport:
 
 
 def cases(vehicle: Vehicle) -> list[Case]:
-    """Every fault with each sensor that can have it; first a vehicle at which nothing is wrong, its sensor ""."""
+    """Every fault with each sensor, or the thrusters, that can have it; first nothing is wrong, the sensor ""."""
     lights = [name for name in vehicle.sensor if vehicle.kind(name) == POINTS]
     return [
         (VehicleFault.NOTHING, ""),
@@ -265,6 +266,7 @@ def cases(vehicle: Vehicle) -> list[Case]:
         *((VehicleFault.GLINT, name) for name in lights),
         *((VehicleFault.CLOCK, name) for name in vehicle.sensor),
         *((VehicleFault.LATE, name) for name in lights),
+        *((fault, THRUST) for fault in OF_THRUSTERS),
     ]
 
 
@@ -276,8 +278,8 @@ def lost_flight(flight: Rendezvous, k: int) -> Rendezvous:
     return replace(flight, start_m=start_m, final_m=start_m - (RETURNS_S + 3.0 * BACK_S) * flight.fast_m_s)
 
 
-def fly_run(vehicle: Vehicle, flight: Rendezvous, seed: int, k: int) -> Runs:
-    """Run k with every fault of each sensor, and the flight without any where sensors are lost.
+def fly_run(vehicle: Vehicle, flight: Rendezvous, seed: int, chosen: Collection[Case], k: int) -> Runs:
+    """Run k with every fault chosen, and the flight without any where sensors are lost.
 
     Hand-over is where a flight begins.
     """
@@ -290,7 +292,7 @@ def fly_run(vehicle: Vehicle, flight: Rendezvous, seed: int, k: int) -> Runs:
     lost = run if losing == flight else simulated(losing)
     usual = fly_fault(lost, VehicleFault.NOTHING, "", separation=False)
     flown: dict[Case, Flown] = {}
-    for fault, name in cases(vehicle):
+    for fault, name in chosen:
         if k % ONE_IN[fault] == 0:
             way = lost if fault == VehicleFault.LOST else run
             flown[fault, name] = fly_fault(way, fault, name, seed + k, separation=fault not in NOTHING_FALSE)
@@ -304,22 +306,22 @@ def measure_faults(
     seed: int = 7,
     progress: Callable[[int], None] | None = None,
     flight: Rendezvous = FLIGHT,
+    only: Collection[str] | None = None,
     fly_all: Callable[[Callable[[int], Runs], Iterable[int]], Iterable[Runs]] = map,
 ) -> VehicleFaultsReport:
     """Fly a vehicle with each fault of each sensor in turn, and without: alarms, false ones, silence, losses.
 
-    progress: called with the number of cases, once a run; fly_all: how runs are flown, one after the other if left out.
+    progress: called with the number of cases, once a run; only: faults of these alone, "" where nothing is wrong;
+    fly_all: how runs are flown, one after the other if left out.
     """
     done = list[Runs]()
-    for flown in fly_all(partial(fly_run, vehicle, flight, seed), range(runs)):
+    chosen = [(fault, name) for fault, name in cases(vehicle) if only is None or name in only]
+    for flown in fly_all(partial(fly_run, vehicle, flight, seed, chosen), range(runs)):
         done.append(flown)
         if progress is not None:
-            progress(len(cases(vehicle)))
+            progress(len(chosen))
     done.sort(key=lambda flown: flown[0])
-    rows = [
-        _row(*case, [(by_case[case], usual) for _, by_case, usual in done if case in by_case])
-        for case in cases(vehicle)
-    ]
+    rows = [_row(*case, [(by_case[case], usual) for _, by_case, usual in done if case in by_case]) for case in chosen]
     return VehicleFaultsReport(vehicle.name, runs, seed, tuple(rows))
 
 

@@ -183,7 +183,8 @@ class Truth:
             vehicle.start_rate_rad_s,
             pushes,
         )
-        thrust = np.concatenate([self.lasting["thrust.scale"], self.lasting["thrust.direction"]])
+        errors = self.lasting["thrust.scale"], self.lasting["thrust.direction"]
+        thrust = np.concatenate([*errors, [vehicle.thrust.largest_m_s2]])
         ports = np.array([target.port_position_m, vehicle.chaser.port_position_m])
         n = vehicle.orbit.mean_motion_rad_s
         flown = integrate(y, course, turning, self._environment(), thrust, ports, n)

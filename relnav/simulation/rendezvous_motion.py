@@ -15,8 +15,6 @@ GUIDANCE_PERIOD_S = 1.0
 GUIDANCE_STEPS = round(GUIDANCE_PERIOD_S / STEP_S)
 BANDWIDTH_RAD_S = 0.06
 """Of the guidance, critically damped."""
-LARGEST_M_S2 = 0.02
-"""Of a commanded acceleration, each axis."""
 CONTROL_RAD_S, CONTROL_DAMPING = 0.01, 0.9
 """Of the target's attitude."""
 
@@ -43,14 +41,14 @@ def _cross(a: Vector, b: Vector, out: Vector) -> None:
 
 @kernel
 def _command(
-    x: Vector, profile: Vector, chaser: Matrix, target: Matrix, rate: Vector, turn: float, ports: Matrix, work: Matrix,
-    out: Vector,
+    x: Vector, profile: Vector, chaser: Matrix, target: Matrix, rate: Vector, turn: float, ports: Matrix,
+    largest: float, work: Matrix, out: Vector,
 ) -> None:  # fmt: skip
     """Write the acceleration, chaser axes, that brings the chaser's port onto the axis of the target's.
 
     x (6,): relative state; profile (2,): port distance and its rate; chaser and target (3, 3): frame's axes to the
     chaser's, and target's to the frame's; turn: the frame's rate about its y axis; ports (2, 3): target's, chaser's;
-    work (6, 3).
+    largest: that may be ordered along an axis; work (6, 3).
     """
     reach, place, own, turning, speed, across = work[0], work[1], work[2], work[3], work[4], work[5]
     for i in range(3):
@@ -66,7 +64,7 @@ def _command(
     natural = (2.0 * n * x[5], -n * n * x[1], 3.0 * n * n * x[2] - 2.0 * n * x[3])
     for i in range(3):
         order = BANDWIDTH_RAD_S * (BANDWIDTH_RAD_S * (place[i] - own[i] - x[i]) + 2.0 * (speed[i] - x[3 + i]))
-        reach[i] = min(max(order - natural[i], -LARGEST_M_S2), LARGEST_M_S2)
+        reach[i] = min(max(order - natural[i], -largest), largest)
     _times(chaser, reach, out)
 
 
@@ -150,7 +148,8 @@ def _integrate(
     """Write relative states (m, 6), the target's attitudes (m, 3, 3) and rates (m, 3), commands (one a period, 3).
 
     pushed (m, 3): accelerations of the chaser, frame; pushes (m, 3): of the target's rotation, or (0, 3): it controls
-    itself. thrust: errors of scale and direction, (4,). dcm and rate are the target's first, and used up; work (50, 3).
+    itself. thrust (5,): errors of scale and direction, largest command. dcm and rate are the target's first, and used
+    up; work (50, 3).
     """
     axes, order, body, sum_, inertial, push = work[0:3], work[3], work[4], work[5], work[6], work[7]
     target, scratch = work[8:11], work[11:]
@@ -163,10 +162,10 @@ def _integrate(
                 attitudes[k, i, j] = dcm[i, j]
                 target[i, j] = frame[i, 0] * dcm[0, j] + frame[i, 1] * dcm[1, j] + frame[i, 2] * dcm[2, j]
         if k % GUIDANCE_STEPS == 0:
-            _command(track[k], profile[k], chaser[k], target, rate, turns[k], ports, scratch, order)
+            _command(track[k], profile[k], chaser[k], target, rate, turns[k], ports, thrust[4], scratch, order)
             for i in range(3):
                 commands[k // GUIDANCE_STEPS, i] = order[i]
-        _cross(thrust[1:], order, body)
+        _cross(thrust[1:4], order, body)
         for i in range(3):
             body[i] = (1.0 + thrust[0]) * (order[i] + body[i])
         _times_transposed(chaser[k], body, sum_)
@@ -245,8 +244,8 @@ def integrate(
 ) -> Flown:
     """Fly from inertial states y (4, 3), as `orbits` has them and its environment.
 
-    thrust (4,): relative error of size, turn; ports (2, 3) m: target's and chaser's, each in its own axes; n: the
-    stated orbit's mean motion.
+    thrust (5,): relative error of size, turn, largest command along an axis, m/s^2; ports (2, 3) m: target's and
+    chaser's, each in its own axes; n: the stated orbit's mean motion.
     """
     m = len(course.profile)
     flown = Flown(np.empty((m, 6)), np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((-(-m // GUIDANCE_STEPS), 3)))

@@ -1,4 +1,8 @@
-"""What goes wrong with one sensor of a vehicle, done to what was observed."""
+"""What goes wrong with one sensor of a vehicle or with its thrusters, done to what was observed.
+
+A fault of the thrusters leaves the flight as it is: told are the commands that a guidance would have had to give for it
+to thrusters with the fault.
+"""
 
 import math
 from collections.abc import Iterator
@@ -8,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from relnav.arrays import Vector
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.rotation import dcm_from_quaternion, quaternion_from_dcm
 from relnav.geometry.rotation_vector import turned
@@ -27,12 +32,21 @@ class VehicleFault(StrEnum):
     GLINT = "glint in the first image"
     CLOCK = "clock jumps by 0.5 s"
     LATE = "images 1.5 s late"
+    WEAK = "thrust 30 % weak"
+    TURNED = "thrust 10 deg off"
+    LEAK = "leak of 0.03 mm/s^2"
 
 
+OF_THRUSTERS = VehicleFault.WEAK, VehicleFault.TURNED, VehicleFault.LEAK
 BEGINS_S, LASTS_S = 30.0, 60.0
 """When a fault begins, and how long a ramp grows or a sensor is lost."""
 RAMP_SIGMA = 5.0
 GLINT_RAD, JUMP_S, LATE_S = 0.01, 0.5, 1.5
+WEAK_SHARE, TURN_RAD, LEAK_M_S2 = 0.3, math.radians(10.0), 3e-5
+"""Of the thrusters: what is missing, by what they are turned, and what nobody ordered; in a direction that is drawn.
+
+Near the worst of a sweep: of less the filter takes little harm, and more is an alarm within seconds.
+"""
 
 
 def ramp_of(vehicle: Vehicle, name: str) -> float:
@@ -77,13 +91,14 @@ def with_fault(
     begins_s: float | None = None,
     lasts_s: float | None = None,
 ) -> list[Observation]:
-    """What was observed with a fault of this sensor, in the order in which a navigator is to take it.
+    """What was observed with a fault of this sensor, or "thrust", in the order in which a navigator is to take it.
 
     That is the order of time, whatever arrives when, except where images are late. begins_s, lasts_s: `BEGINS_S` and
     `LASTS_S` if left out.
     """
     begins_s, lasts_s = BEGINS_S if begins_s is None else begins_s, LASTS_S if lasts_s is None else lasts_s
     vehicle, full = run.truth.vehicle, ramp_of(run.truth.vehicle, name) if fault == VehicleFault.RAMP else 0.0
+    axis = direction(rng, 3) if fault in OF_THRUSTERS else np.zeros(3)
 
     def faulty() -> Iterator[Observation]:
         first, share = True, 0.0
@@ -100,6 +115,8 @@ def with_fault(
                 yield replace(seen, t_s=seen.t_s + JUMP_S)
             elif fault == VehicleFault.LATE and since_s >= 0.0:
                 yield replace(seen, arrives_s=seen.t_s + LATE_S)
+            elif fault in OF_THRUSTERS and since_s >= 0.0:
+                yield replace(seen, value=_ordered(fault, np.asarray(seen.value), axis))
             elif fault != VehicleFault.LOST or not 0.0 <= since_s < lasts_s:
                 yield seen
             first = first and seen.sensor != name
@@ -108,6 +125,19 @@ def with_fault(
         return seen.arrives_s if fault == VehicleFault.LATE else seen.t_s
 
     return sorted(faulty(), key=by)
+
+
+def _ordered(fault: VehicleFault, given: Vector, axis: Vector) -> Vector:
+    """The command, (3,) m/s^2, of which thrusters with a fault make the acceleration that was given; axis (3,): unit.
+
+    They turn about it, or leak along it.
+    """
+    if fault == VehicleFault.WEAK:
+        return given / (1.0 - WEAK_SHARE)
+    if fault == VehicleFault.TURNED:
+        back: Vector = turned(np.eye(3), -TURN_RAD * axis) @ given
+        return back
+    return given - LEAK_M_S2 * axis
 
 
 def _with_glint(vehicle: Vehicle, seen: Observation, rng: np.random.Generator) -> Any:

@@ -176,16 +176,16 @@ def hypothesis_anew(blind: Estimates, pose: tuple[Matrix, Vector], vehicle: Vehi
     return Hypothesis(at, 0.0)
 
 
-def locked_out(at: Estimates, layout: StateLayout, vehicle: Vehicle) -> Estimates:
-    """What a filter that is locked out still knows: nothing of the target, the thrusters and where lights are seen.
+def locked_out(at: Estimates, layouts: Sequence[StateLayout], vehicle: Vehicle) -> Estimates:
+    """What filters that are locked out still know: nothing of the target, the thrusters and where lights are seen.
 
-    Kept are the chaser's attitude, the gyro's bias and what is off in sensors that see no lights.
+    Kept are the chaser's attitude, the gyro's bias and what is off in sensors that see no lights. layouts: of each.
     """
-    blind, prior = at.copied(), layout.prior
+    blind = at.copied()
     blind_names = {name for name in vehicle.sensor if vehicle.kind(name) != POINTS}
-    for block in layout.blocks:
+    for block, *others in zip(*(layout.blocks for layout in layouts), strict=True):
         if block.name not in KEPT and block.name.partition(".")[0] not in blind_names:
-            _forget(blind.covariance, block.place, float(np.sqrt(prior[block.place.start, block.place.start])))
+            _forget(blind.covariance, block.place, np.array([each.sigma for each in (block, *others)]))
             if block.name != "position":
                 blind.values[:, block.place] = 0.0
     distance = float(np.linalg.norm(at.values[0, POSITION]))
@@ -195,10 +195,10 @@ def locked_out(at: Estimates, layout: StateLayout, vehicle: Vehicle) -> Estimate
     return blind
 
 
-def _forget(covariance: Stack, place: slice, sigma: float) -> None:
-    """Let errors be known to sigma each, and hang together with no others, in covariances (k, n, n)."""
+def _forget(covariance: Stack, place: slice, sigma: float | Vector) -> None:
+    """Let errors be known to sigma each, and hang together with no others, in covariances (k, n, n); sigma (k,)."""
     covariance[:, place, :] = covariance[:, :, place] = 0.0
-    covariance[:, place, place] = sigma**2 * np.eye(place.stop - place.start)
+    covariance[:, place, place] = np.square(sigma)[..., None, None] * np.eye(place.stop - place.start)
 
 
 def found_at_start(start: Estimates, found: Estimates, vehicle: Vehicle, frame: OrbitFrame) -> Estimates:

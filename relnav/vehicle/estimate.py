@@ -48,7 +48,8 @@ class VehicleEstimate:
     restarts : int
         How often it was looked for after a lock-out.
     without : mapping
-        The port as filters without each sensor in turn have it, by the sensor's name; empty unless they are flown.
+        The port as filters without each sensor in turn have it, by the sensor's name, "gyro" and "thrust" too; empty
+        unless they are flown.
     """
 
     t_s: float
@@ -73,7 +74,7 @@ class VehicleEstimate:
     def protection_level_m(self, probability: float = 1e-7, fault_probability: float = FAULT_PROBABILITY) -> Vector:
         """What the port's position error exceeds along each axis with no more than this probability, (3,) m.
 
-        With any one sensor at fault, each with fault_probability (`relnav.vehicle.separation`).
+        With any one sensor, or the thrusters, at fault, each with fault_probability (`relnav.vehicle.separation`).
 
         Raises
         ------

@@ -29,7 +29,7 @@ from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.flying_sensor import Flown, FlyingSensor
 from relnav.vehicle.gyro import FASTEST_RAD_S, GyroSamples
 from relnav.vehicle.health import Fare
-from relnav.vehicle.layout import TARGET_RATE, layout_of
+from relnav.vehicle.layout import TARGET_RATE, layout_of, untold
 from relnav.vehicle.monitor import Sums, all_estimated
 from relnav.vehicle.motion import VehicleMotion
 from relnav.vehicle.orbit_frame import OrbitFrame
@@ -70,7 +70,7 @@ class Tracked(NamedTuple):
 
 
 class VehicleFilters:
-    """The filter that is told, the one that watches it, and those without each sensor and the gyro in turn.
+    """The filter that is told, the one that watches it, and those without each sensor, gyro and thrust in turn.
 
     Attributes
     ----------
@@ -116,9 +116,10 @@ class VehicleFilters:
                 "separation: the target's attitude has to be known at hand-over, so that no filter rests on a sensor "
                 f"that it does not take; hand_over.target_attitude_sigma is above {degrees(FORESEEN_RAD):.3g} deg"
             )
-        self._watched, names = len(layouts), [GYRO, *vehicle.sensor, *more] if separation else []
+        self._watched, names = len(layouts), [*RESERVED, *vehicle.sensor, *more] if separation else []
         self._without = {name: len(layouts) + k for k, name in enumerate(names)}
-        layouts += [self.layout] * len(names)
+        layouts += [untold(self.layout, vehicle) if name == THRUST else self.layout for name in names]
+        self._layouts = layouts
         self.sensors: dict[str, PointSensor | StarTracker | SunSensor | Flown]
         self.sensors = {name: self._sensor(name, len(layouts)) for name in vehicle.sensor}
         self.sensors |= {name: Flown(own, name, self.layout) for name, own in more.items()}
@@ -126,11 +127,12 @@ class VehicleFilters:
         rows = max(sensor.most_rows for sensor in self.sensors.values())
         turning = -vehicle.orbit.mean_motion_rad_s * vehicle.chaser.dcm_chaser_from_lvlh[:, 1]  # held in its orbit
         self.samples = GyroSamples(turning)
-        self.motion = VehicleMotion(vehicle, self.frame, len(layouts), turning, self._without.get(GYRO, -1))
+        lacking = self._without.get(GYRO, -1), self._without.get(THRUST, -1)
+        self.motion = VehicleMotion(vehicle, self.frame, len(layouts), turning, *lacking)
         self._updater = Updater(layouts, vehicle.filter.gate_probability, rows)
         self.places = {name: k for k, name in enumerate([*RESERVED, *self.sensors])}
         motion = np.concatenate([place, speed])
-        start = start_state(vehicle, self.layout, self.frame, number("t_s", t_s), motion, len(layouts))
+        start = start_state(vehicle, layouts, self.frame, number("t_s", t_s), motion)
         fares = dict.fromkeys(self.sensors, Fare(Sums(start.t_s)))
         search = Search(start) if vehicle.seeks_attitude else None
         self.start = Tracked(start, fares, search, trial=Trial(start) if search is None else None)
@@ -204,7 +206,7 @@ class VehicleFilters:
 
     def _anew(self, at: Estimates, event: Event) -> Search:
         """A search that begins with an image that a filter which is locked out refused."""
-        blind = locked_out(at, self.layout, self.vehicle)
+        blind = locked_out(at, self._layouts, self.vehicle)
         return opened(blind, self._explained(blind, event, at), at)
 
     def _explained(self, blind: Estimates, event: Event, before: Estimates | None) -> list[Hypothesis]:

@@ -4,7 +4,7 @@ The first are those of every filter (`dynamics/error_state.py`).
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from relnav.dynamics import error_state
 from relnav.estimation.state_layout import Block, Role, StateLayout
@@ -63,6 +63,13 @@ def layout_of(vehicle: Vehicle, more: Mapping[str, tuple[LastingError, ...]] | N
         for error in errors:
             blocks.append(Block(f"{name}.{error.kind}", slice(at, at + error.size), error.sigma, error.role))
             at += error.size
+    return StateLayout(tuple(blocks))
+
+
+def untold(layout: StateLayout, vehicle: Vehicle) -> StateLayout:
+    """The same errors where no command is told: the slow acceleration is that of thrusts that nobody knows."""
+    sigma = vehicle.thrust.largest_m_s2
+    blocks = (replace(b, sigma=sigma) if b.place == SLOW_ACCELERATION else b for b in layout.blocks)
     return StateLayout(tuple(blocks))
 
 

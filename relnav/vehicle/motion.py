@@ -54,14 +54,19 @@ class VehicleMotion:
         Called with every `Step` of a single filter.
     """
 
-    def __init__(self, vehicle: Vehicle, frame: OrbitFrame, filters: int, held: Vector, without: int = -1) -> None:
-        """Constants; held: the chaser's rate (3,) rad/s where there is no gyro; without: the filter that has none."""
-        gyro, motion = vehicle.gyro, vehicle.motion
+    def __init__(
+        self, vehicle: Vehicle, frame: OrbitFrame, filters: int, held: Vector, without: int = -1, untold: int = -1
+    ) -> None:
+        """Constants; held: the chaser's rate (3,) rad/s where there is no gyro.
+
+        without: the filter that has none; untold: the filter that is told no commands to the thrusters.
+        """
+        gyro, motion, thrust = vehicle.gyro, vehicle.motion, vehicle.thrust
         self.frame = frame
         self.on_step: Callable[[Step], None] | None = None
         self._bias_walk, lost_walk = gyro.bias_walk_rad_s_sqrt_s**2, gyro.lost_rate_walk_rad_s_sqrt_s**2
         self._walks, self._lost_walks = np.full(filters, self._bias_walk), np.full(filters, lost_walk)
-        self._held, self._without = np.array([[-math.inf, *held]]), without
+        self._held, self._without, self._untold = np.array([[-math.inf, *held]]), without, untold
         if without >= 0:
             self._walks[without] = lost_walk
         self._holds_s = gyro.lost_after_periods / gyro.rate_hz
@@ -74,6 +79,8 @@ class VehicleMotion:
             "density": motion.acceleration_noise_density_m2_s3 * np.eye(3),
             "slow_sigma": motion.slow_acceleration_sigma_m_s2,
             "slow_time": motion.slow_acceleration_time_s,
+            "push_sigma": thrust.largest_m_s2,
+            "push_time": thrust.lasts_s,
             "angle_walk": gyro.random_walk_rad_sqrt_s**2,
         }.items():
             self._constants[name] = value
@@ -147,6 +154,7 @@ class VehicleMotion:
             self._walks if lost is None else self._lost_walks,
             self._held,
             self._without,
+            self._untold,
             values,
             target,
             chaser,

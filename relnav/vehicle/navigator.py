@@ -51,8 +51,9 @@ class VehicleNavigator:
         monitor : bool
             Whether a second filter watches the first (`relnav.vehicle.monitor`), for a third more computing.
         separation : bool
-            Whether a filter without each sensor and without the gyro is flown beside, for a protection level with one
-            of them at fault (`relnav.vehicle.separation`), for some three times the computing with five sensors.
+            Whether filters without each sensor, without the gyro and without the thrusters' commands are flown beside,
+            for a protection level with one of them at fault (`relnav.vehicle.separation`), for some three times the
+            computing with five sensors.
 
         Raises
         ------

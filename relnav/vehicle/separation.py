@@ -1,4 +1,4 @@
-"""Protection with one sensor or the gyro at fault: a filter without each in turn, beside the one that is told.
+"""Protection with one sensor, gyro or thrusters at fault: a filter without each in turn, beside the one that is told.
 
 A fault of a sensor, whatever it is and since whenever, is not in the filter that never took it. With d the estimate
 less that of the filter without sensor s, and sigma_s of the latter, the error along an axis is at most
@@ -8,10 +8,17 @@ less that of the filter without sensor s, and sigma_s of the latter, the error a
 so that max(k_0 sigma_0, max over s of |d_s| + k_s sigma_s) bounds it (solution separation, Brown and McBurney 1988,
 Self-contained GPS integrity check using maximum solution separation; Brenner 1996, Integrated GPS/inertial fault
 detection availability; with the separation as it is instead of its threshold). The probability is shared equally among
-"nothing is at fault" and each sensor, the gyro among them: the filter without it holds the chaser's rate, which walks
-as while a gyro is lost. Two sensors at fault at once, and thrusters, are not covered. After a lock-out an image opens
-the search in all filters, also in that without its sensor; but about its pose they know so little (`acquisition`) that
-the images of others alone say where the target is. Which of several poses it was has been decided by all.
+"nothing is at fault" and each sensor, gyro and thrusters among them. The filter without the gyro holds the chaser's
+rate, which walks as while a gyro is lost. The one without the thrusters takes no command, be it true or not: in place
+of the slow acceleration it expects one as of a target that manoeuvres (Singer 1970, Estimating optimal tracking filter
+performance for manned maneuvering targets), Gauss-Markov in `lvlh_ccsds`, `lasts_s` long. Its 1-sigma is all that
+thrusters can give, `largest_m_s2`: Singer's where they push as hard as they can all the time, as a valve stuck open
+does. It is told nothing of thrust at all, so that its level holds for one that is weaker, stronger or turned, and for
+one that nobody ordered.
+
+Two at fault at once are not covered. After a lock-out an image opens the search in all filters, also in that without
+its sensor; but about its pose they know so little (`acquisition`) that the images of others alone say where the target
+is. Which of several poses it was has been decided by all.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,7 +31,7 @@ from relnav.vehicle.port import PortState
 from relnav.vehicle.rows import Rows
 
 FAULT_PROBABILITY = 1e-3
-"""Assumed of each sensor in an approach."""
+"""Assumed of each sensor, the gyro and the thrusters in an approach."""
 
 
 def hide(rows: Rows, filters: Sequence[int]) -> Rows:
@@ -42,11 +49,11 @@ def protection_level_m(
     Parameters
     ----------
     port, without : PortState, mapping
-        As told; of the filters without each sensor, by its name.
+        As told; of the filters without each, by its name.
     probability : float
         Of an error beyond it, an axis.
     fault_probability : float
-        Of a fault of each sensor.
+        Of a fault of each.
 
     Raises
     ------

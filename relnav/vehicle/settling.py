@@ -45,11 +45,13 @@ CONSTANTS = np.dtype(
         ("density", _F, (3, 3)),
         ("slow_sigma", _F, 3),
         ("slow_time", _F, 3),
+        ("push_sigma", _F, 3),
+        ("push_time", _F, 3),
         ("angle_walk", _F),
     ]
 )
 """Of a vehicle: its orbit (`OrbitFrame`), the target (`rigid_body`), densities of white noise, the slow acceleration,
-the gyro's angle random walk squared."""
+what stands in its place where no command is told, the gyro's angle random walk squared."""
 
 SCRATCH = np.dtype(
     [
@@ -63,6 +65,9 @@ SCRATCH = np.dtype(
         ("steps", _F, (50, ROTATION)),
         ("fade", _F, (3, 3)),
         ("drift", _F, (3, 3)),
+        ("push_fade", _F, (3, 3)),
+        ("push_drift", _F, (3, 3)),
+        ("told", _F, 3),
         ("acceleration", _F, 3),
         ("pushed", _F, 3),
         ("to_lvlh", _F, (3, 3)),
@@ -100,7 +105,7 @@ def _push(scratch: Record, dcm_inertial_from_chaser: Matrix, command: Vector, va
 
 
 @kernel
-def _write_transition(scratch: Record, dt: float, command: Vector, now: Matrix, before: Matrix) -> None:
+def _write_transition(scratch: Record, dt: float, command: Vector, fade: Matrix, now: Matrix, before: Matrix) -> None:
     """Write F (MOVING, DRIVING) of all errors that move; now, before: dcm_inertial_from_chaser at both ends."""
     F, to_lvlh = scratch["F"], scratch["to_lvlh"]
     clear(F)
@@ -111,7 +116,7 @@ def _write_transition(scratch: Record, dt: float, command: Vector, now: Matrix, 
             F[_TARGET + i, _TARGET + c] = scratch["turn"][i, c]
     for i in range(3):
         F[i, _SLOW + i], F[_VELOCITY + i, _SLOW + i] = 0.5 * dt * dt, dt
-        F[_SLOW + i, _SLOW + i], F[_BIAS + i, _BIAS + i] = scratch["fade"][i, i], 1.0
+        F[_SLOW + i, _SLOW + i], F[_BIAS + i, _BIAS + i] = fade[i, i], 1.0
         F[_CHASER + i, _BIAS + i] = -dt
         for c in range(3):
             F[_CHASER + i, _CHASER + c] = now[0, i] * before[0, c] + now[1, i] * before[1, c] + now[2, i] * before[2, c]
@@ -126,7 +131,7 @@ def _write_transition(scratch: Record, dt: float, command: Vector, now: Matrix, 
 
 
 @kernel
-def _write_noise(scratch: Record, dt: float, angle_walk: float, bias_walk: float) -> None:
+def _write_noise(scratch: Record, dt: float, drift: Matrix, angle_walk: float, bias_walk: float) -> None:
     """Write Q (MOVING, MOVING)."""
     Q = scratch["Q"]
     clear(Q)
@@ -135,10 +140,26 @@ def _write_noise(scratch: Record, dt: float, angle_walk: float, bias_walk: float
             Q[i, c] = scratch["q"][i, c]
             Q[_TARGET + i, _TARGET + c] = scratch["spread"][i, c]
     for i in range(3):
-        Q[_SLOW + i, _SLOW + i] = scratch["drift"][i, i]
+        Q[_SLOW + i, _SLOW + i] = drift[i, i]
         Q[_CHASER + i, _CHASER + i] = angle_walk * dt + bias_walk * dt * dt * dt / 3.0
         Q[_CHASER + i, _BIAS + i] = Q[_BIAS + i, _CHASER + i] = -0.5 * bias_walk * dt * dt
         Q[_BIAS + i, _BIAS + i] = bias_walk * dt
+
+
+@kernel
+def _add_push_noise(Q: Matrix, dt: float, drift: Matrix) -> None:
+    """Add to Q what an acceleration that gains drift (3, 3) over dt, evenly, has done to motion meanwhile."""
+    for i in range(3):
+        gained = drift[i, i]
+        Q[i, i] += gained * dt**4 / 20.0
+        Q[_VELOCITY + i, _VELOCITY + i] += gained * dt**2 / 3.0
+        for a, b, shared in (
+            (i, _VELOCITY + i, gained * dt**3 / 8.0),
+            (i, _SLOW + i, gained * dt**2 / 6.0),
+            (_VELOCITY + i, _SLOW + i, gained * dt / 2.0),
+        ):
+            Q[a, b] += shared
+            Q[b, a] += shared
 
 
 @kernel
@@ -172,12 +193,14 @@ def _shared(constants: Record, scratch: Record, t: float, dt: float) -> None:
 
 
 @kernel
-def _move(constants: Record, scratch: Record, t: float, dt: float, again: bool, values: Vector, target: Matrix) -> bool:
+def _move(
+    constants: Record, scratch: Record, t: float, dt: float, again: bool, fade: Matrix, values: Vector, target: Matrix
+) -> bool:
     """Carry values (n,) and the target's attitude from t over dt, in place; transitions and noise into scratch.
 
-    again: they are there of another estimate over the same step.
+    again: they are there of another estimate over the same step; fade (3, 3): of the slow acceleration.
     """
-    phi, q, effect, fade = scratch["phi"], scratch["q"], scratch["effect"], scratch["fade"]
+    phi, q, effect = scratch["phi"], scratch["q"], scratch["effect"]
     orbit, a, density = constants["orbit"], scratch["acceleration"], constants["density"]
     if again and relative_motion.depends_on_dt_alone(orbit):
         acceleration_effect_into(orbit[relative_motion.MEAN_MOTION], dt, a, effect)
@@ -211,6 +234,7 @@ def settle_into(
     walks: Vector,
     held: Matrix,
     without: int,
+    untold: int,
     values: Matrix,
     dcm_lvlh_from_target: Stack,
     dcm_inertial_from_chaser: Stack,
@@ -221,10 +245,14 @@ def settle_into(
 
     samples, count: of the gyro, as `GyroSamples`; command (3,) m/s^2, chaser axes; walks (k,): the square of what the
     gyro's bias gains in a second. without: the estimate that has no gyro, and holds the sample of held (1, 4) instead,
-    -1 if there is none. False for a step so long that nothing is known after it.
+    -1 if there is none. untold: the estimate that is told no command, and whose slow acceleration is that of unknown
+    thrusts, -1 if there is none. False for a step so long that nothing is known after it.
     """
-    dt, before = end - t, scratch["before"]
+    dt, before, told = end - t, scratch["before"], scratch["told"]
     _shared(constants, scratch, t, dt)
+    if untold >= 0:
+        sigma, time = constants["push_sigma"], constants["push_time"]
+        gauss_markov.propagate_into(sigma, time, dt, scratch["push_fade"], scratch["push_drift"])
     for f in range(values.shape[0]):
         now = dcm_inertial_from_chaser[f]
         for i in range(3):
@@ -234,11 +262,18 @@ def settle_into(
             _turn_through(held, 1, t, end, values[f, _BIAS : _BIAS + 3], now, scratch)
         else:
             _turn_through(samples, count, t, end, values[f, _BIAS : _BIAS + 3], now, scratch)
-        _push(scratch, now, command, values[f])
-        if not _move(constants, scratch, t, dt, f > 0, values[f], dcm_lvlh_from_target[f]):
+        for i in range(3):
+            told[i] = 0.0 if f == untold else command[i]
+        fade, drift = scratch["fade"], scratch["drift"]
+        if f == untold:
+            fade, drift = scratch["push_fade"], scratch["push_drift"]
+        _push(scratch, now, told, values[f])
+        if not _move(constants, scratch, t, dt, f > 0, fade, values[f], dcm_lvlh_from_target[f]):
             return False
-        _write_transition(scratch, dt, command, now, before)
-        _write_noise(scratch, dt, constants["angle_walk"], walks[f])
+        _write_transition(scratch, dt, told, fade, now, before)
+        _write_noise(scratch, dt, drift, constants["angle_walk"], walks[f])
+        if f == untold:
+            _add_push_noise(scratch["Q"], dt, drift)
         F, Q, product, places = scratch["F"], scratch["Q"], scratch["product"], scratch["places"]
         carry_into(P[f], F, Q, after[f], product, places, scratch["weights"], scratch["counts"])
     return True

@@ -5,6 +5,7 @@ array is the filter, and what is done to one is done to all in one compiled call
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -152,10 +153,10 @@ class Estimates(NamedTuple):
 
 
 def start_state(
-    vehicle: Vehicle, layout: StateLayout, frame: OrbitFrame, t_s: float, motion: Vector, filters: int
+    vehicle: Vehicle, layouts: Sequence[StateLayout], frame: OrbitFrame, t_s: float, motion: Vector
 ) -> Estimates:
     """The estimates at hand-over with this motion (6,): attitudes and rate as held, lasting errors as stated."""
-    values = np.zeros(layout.size)
+    values, filters = np.zeros(layouts[0].size), len(layouts)
     values[:MOTION], values[TARGET_RATE] = motion, vehicle.start_rate_rad_s
     dcm = (vehicle.chaser.dcm_chaser_from_lvlh @ frame.dcm_lvlh_from_inertial(t_s)).T
     return Estimates(
@@ -163,7 +164,7 @@ def start_state(
         values=np.stack([values] * filters),
         dcm_lvlh_from_target=np.stack([vehicle.target.dcm_target_from_lvlh.T] * filters),
         dcm_inertial_from_chaser=np.stack([dcm] * filters),
-        covariance=np.stack([layout.prior] * filters),
+        covariance=np.stack([layout.prior for layout in layouts]),
         command_m_s2=np.zeros(3),
         lost=None,
     )

@@ -42,6 +42,13 @@ CASES = {
         "sensor.camera.model",
         "no model 'three_marker_visoin'",
     ),
+    "thrusters that give nothing": (
+        "largest_m_s2 = { value = 0.02",
+        "largest_m_s2 = { value = 0.0",
+        "thrust.largest_m_s2",
+        "greater than 0",
+    ),
+    "a time that is none": ("lasts_s = { value = 10.0", "lasts_s = { value = -1.0", "thrust.lasts_s", "greater than 0"),
     "a section": ("[hand_over]", "[handover]", "handover", "did you mean [hand_over]?"),
 }
 LATE = {

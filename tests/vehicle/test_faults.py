@@ -10,7 +10,15 @@ from relnav.accuracy import vehicle_faults
 from relnav.accuracy.vehicle_faults import FaultRow, VehicleFaultsReport, back_after_s, cases, fly_fault
 from relnav.simulation import vehicle_faults as vehicle_faults_simulated
 from relnav.simulation.rendezvous import Rendezvous
-from relnav.simulation.vehicle_faults import GLINT_RAD, JUMP_S, LATE_S, VehicleFault, with_fault
+from relnav.simulation.vehicle_faults import (
+    GLINT_RAD,
+    JUMP_S,
+    LATE_S,
+    LEAK_M_S2,
+    WEAK_SHARE,
+    VehicleFault,
+    with_fault,
+)
 from relnav.simulation.vehicle_sensors import simulate_rendezvous
 from relnav.vehicle.navigator import VehicleNavigator
 
@@ -67,6 +75,27 @@ def test_a_clock_jumps_and_stays(run):
     off = [after.t_s - before.t_s for before, after in zip(usual, seen, strict=True)]
     assert off == pytest.approx([JUMP_S if before.t_s >= BEGINS_S else 0.0 for before in usual])
     assert [one.t_s for one in taken] == sorted(one.t_s for one in taken)
+
+
+@pytest.mark.parametrize(("fault", "most"), [(VehicleFault.WEAK, 0.31), (VehicleFault.TURNED, 0.18)])
+def test_faulty_thrusters_give_what_was_flown(run, fault, most):
+    """Told is another command from then on, off by a share of it; a leak is not told at all."""
+    usual, told, _ = changed(run, fault, "thrust")
+    given, ordered = (np.array([seen.value for seen in some]) for some in (usual, told))
+    began = np.array([seen.t_s for seen in usual]) >= BEGINS_S
+    assert 10 < began.sum() < len(began)
+    np.testing.assert_array_equal(ordered[~began], given[~began])
+    made = ordered * (1.0 - WEAK_SHARE) if fault == VehicleFault.WEAK else ordered
+    np.testing.assert_allclose(np.linalg.norm(made[began], axis=1), np.linalg.norm(given[began], axis=1), rtol=1e-12)
+    off = np.linalg.norm((ordered - given)[began], axis=1) / np.linalg.norm(ordered[began], axis=1)
+    assert 0.05 < off.max() < most
+
+
+def test_a_leak_is_one_acceleration_that_nobody_ordered(run):
+    usual, told, _ = changed(run, VehicleFault.LEAK, "thrust")
+    leak = np.array([one.value - other.value for one, other in zip(usual, told, strict=True) if one.t_s >= BEGINS_S])
+    np.testing.assert_allclose(np.linalg.norm(leak, axis=1), LEAK_M_S2, rtol=1e-9)
+    np.testing.assert_allclose(leak, leak[:1].repeat(len(leak), axis=0), atol=1e-15)
 
 
 def test_late_images_end_in_the_same_state(slow, run):
@@ -131,7 +160,7 @@ def test_the_report_is_that_of_its_flights(slow):
         return map(fly, reversed(numbers))
 
     report = vehicle_faults.measure_faults(slow, runs=2, seed=72, flight=FLIGHT, fly_all=backward, progress=told.append)
-    flown = [vehicle_faults.fly_run(slow, FLIGHT, 72, k) for k in (0, 1)]
+    flown = [vehicle_faults.fly_run(slow, FLIGHT, 72, vehicle_faults.cases(slow), k) for k in (0, 1)]
     assert told == [2, 2]
     healthy, lost = report.rows
     assert (healthy.runs, healthy.sensor, healthy.inside) == (2, "", -1)
@@ -140,6 +169,16 @@ def test_the_report_is_that_of_its_flights(slow):
     assert lost.error == max(one["lost for 60 s", "star"].error for _, one, _ in flown)
     assert lost.back_s == max(back_after_s(one["lost for 60 s", "star"], usual) for _, one, usual in flown)
     assert 1.0 <= lost.later < 1.25
+
+
+@pytest.mark.usefixtures("two_cases")
+def test_of_chosen_sensors_alone(slow):
+    """The same rows."""
+    every, some = (
+        vehicle_faults.measure_faults(slow, runs=2, seed=72, flight=FLIGHT, only=only) for only in (None, [""])
+    )
+    assert [row.sensor for row in every.rows] == ["", "star"]
+    assert repr(some.rows) == repr(every.rows[:1])
 
 
 def test_losses_are_flown_from_three_distances():
