@@ -16,7 +16,7 @@ from relnav.navigation.docking_view import VIEW_ROWS, view_epoch
 from relnav.navigation.memory import Memory, views
 from relnav.navigation.observation.beacon_considered import add_considered
 from relnav.navigation.observation.beacon_geometry import attitude_changed
-from relnav.navigation.smoothing import pack_factors
+from relnav.navigation.packed_factors import pack_factors
 from relnav.navigation.step import step, wrong_use
 from relnav.navigation.told import are_credible, is_an_attitude
 

@@ -112,8 +112,6 @@ SCRATCH = np.dtype(
         ("information", _F, (3, 3)),
         ("density", _F, (3, 3)),
         ("six", _F, (MOTION, MOTION)),
-        ("back", _F, (MOTION, MOTION)),  # of smoothing: Phi^-1
-        ("carried", _F, (MOTION, MOTION)),  # of smoothing: factors of Phi^-1 Q Phi^-T
     ]
 )
 CLOCK = np.dtype([("t", _F), ("running", _I), ("trial", _I), ("rejected", _I), ("starts", _I), ("beacons", _I)])
