@@ -208,25 +208,12 @@ class LogFilter:
         lasting = np.empty((0, 0))
         if self.model.calibration is not None:
             spots, lasting = self.model.calibration.corrected(spots)
-        arguments = (
-            self.block,
-            t,
-            spots,
-            control,
-            quaternion,
-            np.empty((0, 0, 2)) if sigma is None else sigma,
-            lasting,
-            epochs.state,
-            epochs.factor,
-            epochs.innovation,
-            epochs.nis,
-            epochs.codes,
-            epochs.considered,
-        )
+        noise = np.empty((0, 0, 2)) if sigma is None else sigma
+        rows = Rows(t, spots, control, quaternion, noise, lasting, *vars(epochs).values())
         if self._reference is None:
-            _run(*arguments)
+            _run(self.block, *rows)
         else:
-            self._reference.run(*arguments[1:])
+            self._reference.run(rows)
 
     def backward(self, t: Vector, control: Matrix, epochs: Epochs, later: Vector) -> None:
         """Smooth filtered epochs in place; `later` is what stands after them, and then what stands at their first."""

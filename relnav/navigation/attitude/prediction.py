@@ -28,9 +28,9 @@ from relnav.estimation.attitude import (
 )
 from relnav.estimation.innovation_sums import INNOVATION, RECENT, SUMS, remember_innovation, sums_are_credible
 from relnav.estimation.unscented_attitude import POINTS, SIGMA_POINTS, gather_points, spread_points
-from relnav.geometry.rotation import are_a_rotation
 from relnav.navigation.attitude.inputs import can_be_used
 from relnav.navigation.status import PREDICTED, REJECTED, UPDATED, WAITING
+from relnav.navigation.told import is_an_attitude
 
 REFUSED, NOT_TAKEN = -1, -2
 """What `look` answers besides a status."""
@@ -236,19 +236,7 @@ def look(
     elif not (
         math.isfinite(t)
         and not t < m["t"]
-        and chaser.shape[0] == 3
-        and chaser.shape[1] == 3
-        and are_a_rotation(
-            chaser[0, 0],
-            chaser[0, 1],
-            chaser[0, 2],
-            chaser[1, 0],
-            chaser[1, 1],
-            chaser[1, 2],
-            chaser[2, 0],
-            chaser[2, 1],
-            chaser[2, 2],
-        )
+        and is_an_attitude(chaser)
         and can_be_used(measured, noise, symmetric, scratch[3:6])
     ):
         return REFUSED
