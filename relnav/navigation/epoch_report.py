@@ -147,13 +147,8 @@ def _view(m: Memory, scratch: Vector, view: Vector) -> None:
 @kernel
 def _describe(view: Vector, out: Record) -> None:
     """Write range, azimuth, elevation and both covariances of a view."""
-    docking, sigma, joint, covariance = (
-        out["docking"],
-        out["docking_sigma"],
-        out["docking_covariance"],
-        out["covariance"],
-    )
-    at = 3
+    docking, sigma, joint = out["docking"], out["docking_sigma"], out["docking_covariance"]
+    covariance, at = out["covariance"], 3
     for i in range(3):
         docking[i] = view[i]
         sigma[i] = math.sqrt(view[at])

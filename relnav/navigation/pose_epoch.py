@@ -120,14 +120,8 @@ def write_epoch(m: PoseMemory, out: Record, apart: Matrix) -> None:
 
     apart (m, 12): room for what considered errors have done, `factor` then being the filter's own; (0, 12): joined.
     """
-    clock, result, lead, push, impulse, chaser = (
-        m.clock,
-        m.result,
-        m.bank[0],
-        out["acceleration"],
-        out["delta_v"],
-        out["chaser"],
-    )
+    clock, result, lead = m.clock, m.result, m.bank[0]
+    push, impulse, chaser = out["acceleration"], out["delta_v"], out["chaser"]
     count = clock["running"]
     for i in range(3):
         push[i], impulse[i] = m.motion["acceleration"][i], m.motion["delta_v"][i]

@@ -98,23 +98,18 @@ class PoseNavigator:
         self._reference = for_markers(engine, mission)
         self.memory = new_pose_memory(mission)
         self._named = pose_views(self.memory)
-        self._held, self._nothing, self._report = (
-            mission.dcm_chaser_from_lvlh,
-            np.zeros(3),
-            new_report(len(mission.markers.positions_m)),
-        )
+        self._held, self._nothing = mission.dcm_chaser_from_lvlh, np.zeros(3)
+        self._report = new_report(len(mission.markers.positions_m))
         self._timeline: Timeline[Vector, Event, Vector | None] = Timeline(self.memory.copy(), math.nan)
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything but the views, which are of this memory, and by which version it is laid out."""
-        return {name: value for name, value in self.__dict__.items() if name != "_named"} | {
-            "version": version("relnav")
-        }
+        return {**self.__dict__, "_named": None, "version": version("relnav")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """As it was saved; ValueError if another version of relnav saved it."""
-        refuse_another_version(state["version"])
-        self.__dict__.update({name: value for name, value in state.items() if name != "version"})
+        refuse_another_version(state.pop("version"))
+        self.__dict__.update(state)
         self._named = pose_views(self.memory)
 
     @property
@@ -149,10 +144,8 @@ class PoseNavigator:
             For another shape, what is not finite, an invalid attitude or covariance. The filter is then unchanged.
         """
         t, motion, ld = start_values(t_s, state, covariance, POSE)
-        attitude, rate = (
-            np.array(numbers("dcm_lvlh_from_target", dcm_lvlh_from_target)),
-            _vector("rate_rad_s", rate_rad_s),
-        )
+        attitude = np.array(numbers("dcm_lvlh_from_target", dcm_lvlh_from_target))
+        rate = _vector("rate_rad_s", rate_rad_s)
         if not is_rotation(attitude):
             raise ValueError("dcm_lvlh_from_target is a rotation matrix (3, 3)")
         if t < self.last_t_s:

@@ -127,14 +127,8 @@ def advance(memory: Record, t: float) -> int:
     """
     m = memory[0]
     # [:] makes all arrays of one kind: a kernel is compiled once for each kind that it is given
-    body, points, phi, noise, before, after = (
-        m["body"],
-        m["points"],
-        m["phi"][:],
-        m["noise"][:],
-        m["before"],
-        m["after"],
-    )
+    body, points, phi, noise = m["body"], m["points"], m["phi"][:], m["noise"][:]
+    before, after = m["before"], m["after"]
     sigma, density, unscented, work = m["inertia_sigma"], m["density"], m["unscented"] > 0, m["work"][:]
     narrow, dt, m["t"] = work[0:14, 0:3], t - m["t"], t
     for which in range(2):
