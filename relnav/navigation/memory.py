@@ -107,7 +107,6 @@ SCRATCH = np.dtype(
         ("normal", _F, (5, 3)),
         ("covariance", _F, (MOTION, MOTION)),
         ("columns", _F, (3, COORDINATES)),
-        ("information", _F, (3, 3)),
         ("density", _F, (3, 3)),
         ("six", _F, (MOTION, MOTION)),
     ]
