@@ -127,6 +127,12 @@ def one_piece(name: str, value: ArrayLike) -> NDArray[np.float64]:
     return array if flags.c_contiguous and flags.writeable else array.copy(order="C")
 
 
+def frozen(array: NDArray[Any]) -> NDArray[Any]:
+    """The array itself, from now on read-only."""
+    array.setflags(write=False)
+    return array
+
+
 def _is_masked(value: Any) -> bool:
     """Whether there is a mask in an array, or in an array or number of a list."""
     if "numpy.ma" not in sys.modules:  # nobody can have made one, and importing it takes time

@@ -9,7 +9,7 @@ compiled code such a memory is a pointer and its counts, and a part costs a sum 
 import math
 import re
 from collections.abc import Callable
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar, get_type_hints
 
 import numpy as np
 
@@ -42,30 +42,23 @@ class Part(NamedTuple):
 class Layout(Generic[M]):
     """Where the parts of a memory stand."""
 
-    def __init__(
-        self,
-        memory: type[M],
-        fixed: Any,
-        counts: dict[str, str],
-        within: dict[str, str],
-        parts: dict[str, tuple[Any, ...]],
-    ) -> None:
+    def __init__(self, memory: type[M], fixed: Any, counts: dict[str, str], within: dict[str, str]) -> None:
         """Take the parts in their order.
 
-        memory: a named tuple of all parts, `fixed` among them; fixed: dtype of the record in front; counts: where in
-        that record each count stands ("kept.clock.beacons"); within: records of it under a name of their own; parts:
-        shapes, ("2n", 3) of numbers or (dtype, "n") of records.
+        memory: a named tuple of all parts, `fixed` among them, and those behind it with their shapes:
+        Annotated[Matrix, "2n", 3] of numbers or Annotated[Record, dtype, "n"] of records; fixed: dtype of the record in
+        front; counts: where in that record each count stands ("kept.clock.beacons"); within: records of it under a name
+        of their own.
         """
         self.memory, self.fixed, self.counts = memory, fixed, counts
-        names: tuple[str, ...] = memory._fields  # type: ignore[attr-defined]  # a named tuple
-        self.parts_in_order = names
         self.parts: dict[str, Part] = {}
-        for name in names:
-            if name not in parts:
+        self.length: Polynomial = {(): fixed.itemsize // WORD}
+        for name, hint in get_type_hints(memory, include_extras=True).items():
+            shape = getattr(hint, "__metadata__", None)
+            if shape is None:
                 dtype, offset = self.within("" if name == "fixed" else within.get(name, name))
                 self.parts[name] = Part(dtype, None, {(): offset // WORD})
-        self.length: Polynomial = {(): fixed.itemsize // WORD}
-        for name, shape in parts.items():
+                continue
             of_records = isinstance(shape[0], np.dtype)
             dtype = shape[0] if of_records else np.dtype(np.float64)
             sizes = shape[1:] if of_records else shape
@@ -73,7 +66,6 @@ class Layout(Generic[M]):
             self.parts[name] = Part(dtype, shape_of, dict(self.length))
             product, factor = _product(shape_of)
             self.length[product] = self.length.get(product, 0) + factor * dtype.itemsize // WORD
-        assert set(self.parts) == set(names), set(self.parts) ^ set(names)
         self.views = self._reader()
         before_compiling(self._tell_numba)
 
@@ -105,8 +97,8 @@ class Layout(Generic[M]):
     def _places(self, counts: dict[str, int]) -> list[tuple[slice, Any, tuple[int, ...] | None]]:
         """Of each part: its numbers, its type if it is of records, and its shape."""
         places = []
-        for name in self.parts_in_order:
-            part, start = self.parts[name], value_of(self.parts[name].start, counts)
+        for part in self.parts.values():
+            start = value_of(part.start, counts)
             shape = None if part.shape is None else tuple(value_of(size, counts) for size in part.shape)
             end = start + math.prod(shape or ()) * part.dtype.itemsize // WORD
             places.append((slice(start, end), part.dtype if part.dtype.fields else None, shape))

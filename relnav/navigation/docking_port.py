@@ -72,22 +72,10 @@ def docking_states(
     if by_chaser is None:
         by_chaser = np.zeros((count, 3, POSE))
     values, C_TB, whole = np.empty((count, 3, 3)), np.empty((count, 3, 3)), np.empty((count, POSE, POSE))
-    _write_docking(
-        np.ascontiguousarray(motion),
-        np.ascontiguousarray(dcm_lvlh_from_target),
-        np.ascontiguousarray(rate_rad_s),
-        np.ascontiguousarray(covariance),
-        np.ascontiguousarray(dcm_chaser_from_lvlh),
-        np.ascontiguousarray(own),
-        turn,
-        np.ascontiguousarray(by_chaser),
-        ports,
-        np.array([chaser.attitude_sigma_rad, chaser.attitude_noise_rad]),
-        values,
-        C_TB,
-        whole,
-        np.empty((3 * POSE, POSE)),
-    )
+    told = motion, dcm_lvlh_from_target, rate_rad_s, covariance, dcm_chaser_from_lvlh, own, turn, by_chaser, ports
+    sigma = np.array([chaser.attitude_sigma_rad, chaser.attitude_noise_rad])
+    arguments = [*map(np.ascontiguousarray, told), sigma, values, C_TB, whole, np.empty((3 * POSE, POSE))]
+    _write_docking(*arguments)
     return DockingState(values[:, ARM], values[:, VELOCITY], C_TB, values[:, RATE], whole)
 
 

@@ -14,7 +14,7 @@ from relnav.codegen.together import select
 from relnav.dynamics.error_state import MOTION, factor_size
 from relnav.estimation.factored import compose_into
 from relnav.geometry.spherical import range_azimuth_elevation, range_azimuth_elevation_jacobian
-from relnav.navigation.smoothing import unpack_factors
+from relnav.navigation.packed_factors import unpack_factors
 
 DOCKING_ROWS = slice(3, 3 + factor_size(3))
 STATE_ROWS = slice(DOCKING_ROWS.stop, DOCKING_ROWS.stop + factor_size(MOTION))

@@ -16,7 +16,7 @@ from relnav.navigation.docking_view import VIEW_ROWS, view_epoch
 from relnav.navigation.memory import Memory, views
 from relnav.navigation.observation.beacon_considered import add_considered
 from relnav.navigation.observation.beacon_geometry import attitude_changed
-from relnav.navigation.smoothing import pack_factors
+from relnav.navigation.packed_factors import pack_factors
 from relnav.navigation.step import step, wrong_use
 from relnav.navigation.told import are_credible, is_an_attitude
 
@@ -128,29 +128,27 @@ def take_inputs(
 
 
 @kernel
-def _describe_state(m: Memory, out: Record, scratch: Vector) -> None:
-    """State, covariance, and both as the docking sensor sees them."""
+def _view(m: Memory, scratch: Vector, view: Vector) -> None:
+    """Write the state, with what is considered, as the docking sensor sees it (`docking_view`)."""
     track, mount, dock = m.track, m.kept["mount"], m.kept["dock"]
     ld = track["ld"]
     if m.sensitivities.shape[0] > 0:
         copy_track(track, m.work)
         ld = m.work["ld"]
         add_considered(ld, m.sensitivities)
-    view, packed = scratch[:VIEW_ROWS], scratch[VIEW_ROWS : VIEW_ROWS + _LOWER_SIZE]
-    lever, port = scratch[VIEW_ROWS + _LOWER_SIZE : _SCRATCH - 3], scratch[_SCRATCH - 3 : _SCRATCH]
+    packed, lever, port = scratch[:_LOWER_SIZE], scratch[_LOWER_SIZE : _LOWER_SIZE + 3], scratch[_LOWER_SIZE + 3 :]
     for i in range(3):
         lever[i] = mount[0, i] * mount[0, 3] + mount[1, i] * mount[1, 3] + mount[2, i] * mount[2, 3]
         port[i] = dock[i, 3]
     pack_factors(ld, packed)
     view_epoch(track["state"], packed, dock[:, :3], port, lever, view)
-    docking, sigma, joint, state, covariance = (
-        out["docking"],
-        out["docking_sigma"],
-        out["docking_covariance"],
-        out["state"],
-        out["covariance"],
-    )
-    at = 3
+
+
+@kernel
+def _describe(view: Vector, out: Record) -> None:
+    """Write range, azimuth, elevation and both covariances of a view."""
+    docking, sigma, joint = out["docking"], out["docking_sigma"], out["docking_covariance"]
+    covariance, at = out["covariance"], 3
     for i in range(3):
         docking[i] = view[i]
         sigma[i] = math.sqrt(view[at])
@@ -158,29 +156,9 @@ def _describe_state(m: Memory, out: Record, scratch: Vector) -> None:
             joint[i, k], joint[k, i] = view[at], view[at]
             at += 1
     for i in range(MOTION):
-        state[i] = track["state"][i]
         for k in range(i, MOTION):
             covariance[i, k], covariance[k, i] = view[at], view[at]
             at += 1
-
-
-@kernel
-def _describe_nothing(out: Record) -> None:
-    docking, sigma, joint, state, covariance = (
-        out["docking"],
-        out["docking_sigma"],
-        out["docking_covariance"],
-        out["state"],
-        out["covariance"],
-    )
-    for i in range(3):
-        docking[i], sigma[i] = math.nan, math.nan
-        for k in range(3):
-            joint[i, k] = math.nan
-    for i in range(MOTION):
-        state[i] = math.nan
-        for k in range(MOTION):
-            covariance[i, k] = math.nan
 
 
 @entry
@@ -193,13 +171,19 @@ def write_report(block: Vector, report: Vector) -> None:
     out["status"], out["reason"], out["rejected"] = result["status"], result["reason"], clock["rejected"]
     out["has_state"] = clock["running"]
     out["alarm"] = m.watch["alarm"] if clock["running"] > 0 else 0
-    numbers = m.innovations.shape[0]
+    numbers, state = m.innovations.shape[0], out["state"]
     for k in range(numbers):
         report[REPORT_SIZE + k] = m.innovations[k]
+    scratch = report[REPORT_SIZE + numbers :]
+    view = scratch[:VIEW_ROWS]
     if clock["running"] > 0:
-        _describe_state(m, out, report[REPORT_SIZE + numbers :])
+        _view(m, scratch[VIEW_ROWS:], view)
     else:
-        _describe_nothing(out)
+        for k in range(VIEW_ROWS):
+            view[k] = math.nan
+    _describe(view, out)
+    for i in range(MOTION):
+        state[i] = m.track["state"][i] if clock["running"] > 0 else math.nan
 
 
 @entry

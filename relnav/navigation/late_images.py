@@ -2,8 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,9 +15,8 @@ from relnav.sensors.measurement import TOO_LATE
 _CONTROL = ACCELERATION | DELTA_V
 
 
-@dataclass(frozen=True)
-class Inputs:
-    """What a step is told beside time and spots, as `navigate` takes it: `told` says which of it counts."""
+class Inputs(NamedTuple):
+    """What a step is told beside time and spots, in the order of `navigate`: `told` says which of it counts."""
 
     told: int
     acceleration: Vector
@@ -30,11 +28,10 @@ class Inputs:
 
     def only(self, told: int) -> "Inputs":
         """The same with less of it told."""
-        return replace(self, told=self.told & told)
+        return self._replace(told=self.told & told)
 
 
-@dataclass(frozen=True)
-class Image:
+class Image(NamedTuple):
     """An epoch: spots (n, 2) m, all NaN where there is none, and their lasting errors, (n,) m, if the model says so."""
 
     t_s: float
@@ -113,7 +110,7 @@ class LateImages:
             nothing = np.full(image.spots_m.shape, np.nan)
             line.insert(t_s, Image(t_s, nothing, None, own.only(_CONTROL | ATTITUDE)), self._apply)
         too_late = image.t_s < oldest or image.t_s < line.start_s  # False for NaN: nothing was forgotten
-        said = None if too_late else self._insert(replace(image, inputs=own.only(~_CONTROL)))
+        said = None if too_late else self._insert(image._replace(inputs=own.only(~_CONTROL)))
         line.forget(oldest)
         return self._with_outcome(line.passed[-1].result, said)
 
@@ -123,25 +120,23 @@ class LateImages:
         at = line.number(image.t_s)
         if at is not None:  # there is an epoch without an image
             held = line.passed[at].event.inputs
-            both = replace(
-                own, told=own.told | held.told & _CONTROL, acceleration=held.acceleration, delta_v=held.delta_v
+            own = own._replace(
+                told=own.told | held.told & (_CONTROL | ATTITUDE),
+                acceleration=held.acceleration,
+                delta_v=held.delta_v,
+                dcm=own.dcm if own.told & ATTITUDE else held.dcm,
             )
-            if held.told & ATTITUDE and not own.told & ATTITUDE:
-                both = replace(both, told=both.told | ATTITUDE, dcm=held.dcm)
-            return line.replace(at, replace(image, inputs=both), self._apply)
+            return line.replace(at, image._replace(inputs=own), self._apply)
         following = line.following(image.t_s)
         if following is not None and following.inputs.told & ACCELERATION:  # held over the interval that it divides
-            push = following.inputs.acceleration
-            image = replace(image, inputs=replace(own, told=own.told | ACCELERATION, acceleration=push))
-        return line.insert(image.t_s, image, self._apply)
+            own = own._replace(told=own.told | ACCELERATION, acceleration=following.inputs.acceleration)
+        return line.insert(image.t_s, image._replace(inputs=own), self._apply)
 
     def _apply(self, before: Vector, image: Image) -> tuple[Vector, Vector]:
-        own = image.inputs
         self._block[:] = before
         if image.lasting_m is not None:
             self._beacons["lasting_sigma"] = image.lasting_m
-        inputs = own.acceleration, own.delta_v, own.dcm, own.spot_sigma, own.attitude_noise, own.attitude_sigma
-        taken = self._navigate(self._block, image.t_s, image.spots_m, own.told, *inputs, self._report)
+        taken = self._navigate(self._block, image.t_s, image.spots_m, *image.inputs, self._report)
         assert taken is True  # all of it was checked when it came
         return self._block.copy(), self._kept.copy()
 

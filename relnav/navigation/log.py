@@ -21,9 +21,10 @@ from relnav.navigation.lasting_words import lasting_words
 from relnav.navigation.memory import Memory, views
 from relnav.navigation.observation.beacon_considered import add_considered
 from relnav.navigation.observation.beacon_geometry import attitude_changed
+from relnav.navigation.packed_factors import pack_factors, unpack_factors
 from relnav.navigation.record import Solution
 from relnav.navigation.reference import for_beacons
-from relnav.navigation.smoothing import new_models, nothing_later, pack_factors, smooth_run, unpack_factors
+from relnav.navigation.smoothing import nothing_later, smooth_run
 from relnav.navigation.step import step
 
 CHUNK = 65_536
@@ -207,31 +208,18 @@ class LogFilter:
         lasting = np.empty((0, 0))
         if self.model.calibration is not None:
             spots, lasting = self.model.calibration.corrected(spots)
-        arguments = (
-            self.block,
-            t,
-            spots,
-            control,
-            quaternion,
-            np.empty((0, 0, 2)) if sigma is None else sigma,
-            lasting,
-            epochs.state,
-            epochs.factor,
-            epochs.innovation,
-            epochs.nis,
-            epochs.codes,
-            epochs.considered,
-        )
+        noise = np.empty((0, 0, 2)) if sigma is None else sigma
+        rows = Rows(t, spots, control, quaternion, noise, lasting, *vars(epochs).values())
         if self._reference is None:
-            _run(*arguments)
+            _run(self.block, *rows)
         else:
-            self._reference.run(*arguments[1:])
+            self._reference.run(rows)
 
     def backward(self, t: Vector, control: Matrix, epochs: Epochs, later: Vector) -> None:
         """Smooth filtered epochs in place; `later` is what stands after them, and then what stands at their first."""
         self._named.motion["acceleration"], self._named.motion["delta_v"] = 0.0, 0.0
         state, factor, considered = epochs.state, epochs.factor, epochs.considered
-        smooth_run(self.block, t, control, epochs.codes, state, factor, considered, later, new_models())
+        smooth_run(self.block, t, control, epochs.codes, state, factor, considered, later)
         if self._considered:
             _join(state, factor, considered, np.empty((MOTION, MOTION)))
 

@@ -1,7 +1,7 @@
 """The memory of the beacon filter: one array (`codegen.memory_layout`), and the names of its parts."""
 
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -18,8 +18,6 @@ from relnav.mission import FilterSettings, Model, Orbit, ProcessNoise
 from relnav.navigation.blocks import considered_errors
 from relnav.sensors.three_beacon.fix import COORDINATES, WORK_ROWS
 from relnav.sensors.three_beacon.measure import PROJECTIONS
-
-"""One record of a structured type: its fields are numbers, arrays or records."""
 
 METHODS = {"spots": 0, "fix": 1}
 SPOTS = METHODS["spots"]
@@ -109,11 +107,8 @@ SCRATCH = np.dtype(
         ("normal", _F, (5, 3)),
         ("covariance", _F, (MOTION, MOTION)),
         ("columns", _F, (3, COORDINATES)),
-        ("information", _F, (3, 3)),
         ("density", _F, (3, 3)),
         ("six", _F, (MOTION, MOTION)),
-        ("back", _F, (MOTION, MOTION)),  # of smoothing: Phi^-1
-        ("carried", _F, (MOTION, MOTION)),  # of smoothing: factors of Phi^-1 Q Phi^-T
     ]
 )
 CLOCK = np.dtype([("t", _F), ("running", _I), ("trial", _I), ("rejected", _I), ("starts", _I), ("beacons", _I)])
@@ -158,7 +153,10 @@ the parts behind it (`LASTING`)."""
 
 
 class Memory(NamedTuple):
-    """A filter's memory by names: records, and arrays of a length of their own (n beacons, m lasting errors)."""
+    """A filter's memory by names: records, and arrays of a length of their own (n beacons, m lasting errors).
+
+    In memory the arrays stand behind the records, in this order.
+    """
 
     fixed: Record
     sensor: Record
@@ -175,24 +173,24 @@ class Memory(NamedTuple):
     track: Record
     result: Record
     watch: Record
-    innovations: Vector  # (2 n,)
-    sensitivities: Matrix  # (m, 6), of the track
-    news: Matrix  # (m, 6), scratch
-    trial_sensitivities: Matrix  # (m, 6)
-    innovations_aside: Vector  # (2 n,)
-    gate: Vector  # (2 n,), chi-square limits
-    beacons: Record  # (n,)
-    groups: Record  # (n,)
-    independent: Record  # (n,), scratch
-    by_error: Matrix  # (2 n, m), what one sigma of each lasting error does to each row
-    lasting_now: Matrix  # (2 n, m), what it shows in the innovations of `spots`
-    lasting_usual: Matrix  # (2 n, m), and has usually shown
-    turns: Matrix  # (2 n, 3), each row by a turn of the camera
-    noise: Matrix  # (2 n, 2 n), of coordinates that share the attitude's noise
-    factor: Matrix  # (2 n, 2 n), scratch
-    watched: Record  # (n,), groups of rows under watch
-    returning: Record  # (n,), how long each spot was refused, and how far off
-    nothing: Matrix  # (0, 0)
+    innovations: Annotated[Vector, "2n"]
+    sensitivities: Annotated[Matrix, "m", MOTION]  # of the track
+    trial_sensitivities: Annotated[Matrix, "m", MOTION]
+    watched: Annotated[Record, WATCHED, "n"]  # groups of rows under watch
+    returning: Annotated[Record, RETURN, "n"]  # how long each spot was refused, and how far off
+    lasting_usual: Annotated[Matrix, "2n", "m"]  # what each lasting error has usually shown in innovations of `spots`
+    beacons: Annotated[Record, BEACON, "n"]
+    lasting_now: Annotated[Matrix, "2n", "m"]  # and shows now
+    news: Annotated[Matrix, "m", MOTION]  # scratch
+    innovations_aside: Annotated[Vector, "2n"]
+    gate: Annotated[Vector, "2n"]  # chi-square limits
+    groups: Annotated[Record, GROUP, "n"]
+    independent: Annotated[Record, GROUP, "n"]  # scratch
+    by_error: Annotated[Matrix, "2n", "m"]  # what one sigma of each lasting error does to each row
+    turns: Annotated[Matrix, "2n", 3]  # each row by a turn of the camera
+    noise: Annotated[Matrix, "2n", "2n"]  # of coordinates that share the attitude's noise
+    factor: Annotated[Matrix, "2n", "2n"]  # scratch
+    nothing: Annotated[Matrix, 0, 0]
 
 
 _LAYOUT = Layout(
@@ -200,26 +198,6 @@ _LAYOUT = Layout(
     FIXED,
     {"n": "kept.clock.beacons", "m": "considered"},
     {"clock": "kept.clock", "track": "kept.track", "result": "kept.result"},
-    {
-        "innovations": ("2n",),
-        "sensitivities": ("m", MOTION),
-        "trial_sensitivities": ("m", MOTION),
-        "watched": (WATCHED, "n"),
-        "returning": (RETURN, "n"),
-        "lasting_usual": ("2n", "m"),
-        "beacons": (BEACON, "n"),
-        "lasting_now": ("2n", "m"),
-        "news": ("m", MOTION),
-        "innovations_aside": ("2n",),
-        "gate": ("2n",),
-        "groups": (GROUP, "n"),
-        "independent": (GROUP, "n"),
-        "by_error": ("2n", "m"),
-        "turns": ("2n", 3),
-        "noise": ("2n", "2n"),
-        "factor": ("2n", "2n"),
-        "nothing": (0, 0),
-    },
 )
 views = _LAYOUT.views
 """The memory by names."""

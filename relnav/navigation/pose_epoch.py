@@ -6,13 +6,14 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import entry, kernel
-from relnav.dynamics.error_state import MOTION, POSE
+from relnav.dynamics.error_state import MOTION, POSE, factor_size
 from relnav.estimation.considered import join_considered
 from relnav.estimation.factored import compose_into
 from relnav.estimation.rows import copy_rows
+from relnav.navigation.packed_factors import pack_factors, unpack_factors
 from relnav.navigation.pose_memory import PoseMemory, pose_views
+from relnav.navigation.pose_propagation import copy_place
 
-PACKED = POSE * (POSE + 1) // 2
 LOWER = np.tril_indices(POSE)
 """Rows and columns of packed factors."""
 
@@ -27,7 +28,7 @@ EPOCH = np.dtype(
         ("motion", _F, MOTION),
         ("dcm", _F, (3, 3)),
         ("rate", _F, 3),
-        ("factor", _F, PACKED),  # lower triangle of `ld`, row by row
+        ("factor", _F, factor_size(POSE)),  # lower triangle of `ld`, row by row
         ("by_chaser", _F, (3, POSE)),  # what one sigma of the chaser's attitude error, each axis, has done to the state
         ("acceleration", _F, 3),  # over the interval that ends here
         ("delta_v", _F, 3),
@@ -73,26 +74,6 @@ def _spans_a_plane(s: Matrix, used_s: Vector, t: float, limit_s: float) -> bool:
 
 
 @kernel
-def pack_pose(ld: Matrix, packed: Vector) -> None:
-    """Write the lower triangle of ld (12, 12), row by row, into packed (78,)."""
-    at = 0
-    for i in range(ld.shape[0]):
-        for j in range(i + 1):
-            packed[at] = ld[i, j]
-            at += 1
-
-
-@kernel
-def unpack_pose(packed: Vector, ld: Matrix) -> None:
-    """Write packed factors (78,) into the lower triangle of ld (12, 12)."""
-    at = 0
-    for i in range(ld.shape[0]):
-        for j in range(i + 1):
-            ld[i, j] = packed[at]
-            at += 1
-
-
-@kernel
 def write_covariance(
     ld: Matrix, sensitivities: Matrix, apart: Matrix, work: Matrix, factor: Vector, by_chaser: Matrix
 ) -> None:
@@ -105,11 +86,11 @@ def write_covariance(
             by_chaser[c, i] = sensitivities[c, i]
     if apart.shape[0] > 0:
         copy_rows(sensitivities, apart)
-        pack_pose(ld, factor)
+        pack_factors(ld, factor)
         return
     copy_rows(ld, work)
     join_considered(work, sensitivities)
-    pack_pose(work, factor)
+    pack_factors(work, factor)
 
 
 @kernel
@@ -139,14 +120,8 @@ def write_epoch(m: PoseMemory, out: Record, apart: Matrix) -> None:
 
     apart (m, 12): room for what considered errors have done, `factor` then being the filter's own; (0, 12): joined.
     """
-    clock, result, lead, push, impulse, chaser = (
-        m.clock,
-        m.result,
-        m.bank[0],
-        out["acceleration"],
-        out["delta_v"],
-        out["chaser"],
-    )
+    clock, result, lead = m.clock, m.result, m.bank[0]
+    push, impulse, chaser = out["acceleration"], out["delta_v"], out["chaser"]
     count = clock["running"]
     for i in range(3):
         push[i], impulse[i] = m.motion["acceleration"][i], m.motion["delta_v"][i]
@@ -162,27 +137,12 @@ def write_epoch(m: PoseMemory, out: Record, apart: Matrix) -> None:
     for i in range(m.accepted.shape[0]):
         used += 1 if m.accepted[i] > 0.0 else 0
     out["used"] = used
-    motion, dcm, rate, factor = out["motion"], out["dcm"], out["rate"], out["factor"]
     if count > 0:
-        for i in range(MOTION):
-            motion[i] = lead["motion"][i]
-        for i in range(3):
-            rate[i] = lead["rate"][i]
-            for j in range(3):
-                dcm[i, j] = lead["dcm"][i, j]
-        write_covariance(lead["ld"], m.bank_sensitivities[0], apart, m.work["ld"], factor, out["by_chaser"])
+        copy_place(lead, out)
+        write_covariance(lead["ld"], m.bank_sensitivities[0], apart, m.work["ld"], out["factor"], out["by_chaser"])
         return
-    for c in range(apart.shape[0]):
-        for i in range(POSE):
-            apart[c, i] = math.nan
-    for i in range(MOTION):
-        motion[i] = math.nan
-    for i in range(3):
-        rate[i] = math.nan
-        for j in range(3):
-            dcm[i, j] = math.nan
-    for i in range(factor.shape[0]):
-        factor[i] = math.nan
+    motion, dcm, rate, factor = out["motion"], out["dcm"], out["rate"], out["factor"]
+    motion[:], dcm[:], rate[:], factor[:], apart[:] = math.nan, math.nan, math.nan, math.nan, math.nan
 
 
 @entry
@@ -199,7 +159,7 @@ def _compose(packed: Matrix, work: Record, covariances: Stack) -> None:
     """Write covariances (n, 12, 12) of packed factors (n, 78); work: `_SQUARES`."""
     ld, p = work["ld"], work["p"]
     for e in range(packed.shape[0]):
-        unpack_pose(packed[e], ld)
+        unpack_factors(packed[e], ld)
         compose_into(ld, p)
         copy_rows(p, covariances[e])
 

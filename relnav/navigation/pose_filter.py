@@ -19,15 +19,14 @@ import math
 
 from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import kernel, shared_entry
-from relnav.dynamics.error_state import MOTION, POSE, RATE, THETA
+from relnav.dynamics.error_state import POSE
 from relnav.estimation.rows import copy_rows
-from relnav.geometry.rotation_vector import rotation_vector_into
 from relnav.navigation.observation.marker_exchange import gates_share, is_exchanged
 from relnav.navigation.observation.marker_monitors import gather_markers, let_pass, watch_markers, watch_new_track
 from relnav.navigation.observation.marker_rows import aim_camera, has_spot
 from relnav.navigation.pose_epoch import SETTLED_S
 from relnav.navigation.pose_memory import PoseMemory, pose_views
-from relnav.navigation.pose_propagation import MEMORY_S, advance_bank, copy_pose, is_wide
+from relnav.navigation.pose_propagation import MEMORY_S, advance_bank, copy_pose, errors_between, is_wide
 from relnav.navigation.pose_update import spot_update
 from relnav.navigation.propagation import prepare_step
 from relnav.navigation.status import EXCHANGED, PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
@@ -55,13 +54,8 @@ CONTRADICTED, GOES_ON, CONFIRMED = 0, 1, 2
 @kernel
 def _distance2(e: Vector, one: Record, other: Record) -> float:
     """Chi-square of twelve between two hypotheses, by the covariance of the first; e (12,) is scratch."""
-    ld = one["ld"]
-    for i in range(MOTION):
-        e[i] = other["motion"][i] - one["motion"][i]
-    rotation_vector_into(other["dcm"], one["dcm"], e[THETA:RATE])
-    for i in range(3):
-        e[RATE + i] = other["rate"][i] - one["rate"][i]
-    total = 0.0
+    ld, total = one["ld"], 0.0
+    errors_between(one, other, e)
     for i in range(POSE):
         for j in range(i):
             e[i] -= ld[i, j] * e[j]

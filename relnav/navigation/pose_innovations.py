@@ -16,14 +16,15 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import entry, kernel
-from relnav.dynamics.error_state import MOTION, POSE
+from relnav.dynamics.error_state import POSE
 from relnav.estimation.rows import pair_covariance
 from relnav.mission import VisionMission
 from relnav.navigation.observation.marker_rows import aim_camera, observe_markers
+from relnav.navigation.packed_factors import unpack_factors
 from relnav.navigation.pose_call import NO_COVARIANCES
-from relnav.navigation.pose_epoch import EPOCH, unpack_pose
+from relnav.navigation.pose_epoch import EPOCH
 from relnav.navigation.pose_memory import PoseMemory, new_pose_memory, pose_views
-from relnav.navigation.pose_propagation import advance_pose, carry_sensitivities
+from relnav.navigation.pose_propagation import advance_pose, carry_sensitivities, copy_place
 from relnav.navigation.pose_record import PoseSolution
 from relnav.navigation.propagation import prepare_step
 from relnav.navigation.status import PARTIAL, REJECTED, UPDATED
@@ -35,14 +36,10 @@ def _predict(m: PoseMemory, before: Record, epoch: Record) -> bool:
     track, effects, dt = m.bank[0], m.bank_sensitivities[0], epoch["t"] - before["t"]
     if before["hypotheses"] == 0 or not dt >= 0.0:
         return False
-    for i in range(MOTION):
-        track["motion"][i] = before["motion"][i]
     for i in range(3):
-        track["rate"][i] = before["rate"][i]
         m.motion["acceleration"][i], m.motion["delta_v"][i] = epoch["acceleration"][i], epoch["delta_v"][i]
-        for j in range(3):
-            track["dcm"][i, j] = before["dcm"][i, j]
-    unpack_pose(before["factor"], track["ld"])
+    copy_place(before, track)
+    unpack_factors(before["factor"], track["ld"])
     for c in range(effects.shape[0]):
         for j in range(POSE):
             effects[c, j] = before["by_chaser"][c, j] if c < 3 else 0.0

@@ -19,7 +19,7 @@ from relnav.navigation.pose_memory import pose_views
 from relnav.navigation.pose_record import PoseSolution
 from relnav.navigation.pose_roots import look_for_roots
 from relnav.navigation.pose_smoothing import PoseSmoother
-from relnav.navigation.relative_pose import Outcome, PoseNavigator
+from relnav.navigation.relative_pose import PoseNavigator
 
 CHUNK = 4096
 
@@ -122,7 +122,7 @@ class MarkerLogFilter(PoseNavigator):
                 dcm_chaser_from_lvlh=dcm_from_quaternion(quaternion[k]) if len(quaternion) else None,
             ).epoch
 
-    def _passed(self, events: list[Passed[Vector, Event, Outcome | None]]) -> None:
+    def _passed(self, events: list[Passed[Vector, Event, Vector | None]]) -> None:
         if self._keep:
             epochs, apart = np.zeros(len(events), EPOCH), self._room(len(events))
             for k, one in enumerate(events):

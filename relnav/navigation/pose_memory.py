@@ -4,7 +4,7 @@ Twelve errors (drho, dv, theta, dw) about motion (rho, v; `lvlh_ccsds`), C = dcm
 inertial rate, target axes), the true attitude being C exp([theta x]).
 """
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -160,72 +160,37 @@ class PoseMemory(NamedTuple):
     clock: Record
     result: Record
     watch: Record
-    bank: Record  # (MOST_POSES,), the most credible first
-    trial: Record  # (MOST_POSES,)
-    spare: Record  # (MOST_POSES,), scratch
-    gate: Vector  # (2 n,), chi-square limits
-    points: Matrix  # (n, 3), the markers, target axes
-    used_s: Vector  # (n,), when each was last used, NaN = never
-    trial_used_s: Vector  # (n,)
-    accepted: Vector  # (n,), 1 = its spot was used
-    accepted_aside: Vector  # (n,)
-    which: Vector  # (n,), marker of each group
-    turns: Matrix  # (2 n, 3), rows by the chaser's attitude error
-    nearer: Matrix  # (n, 6), d(depth) / depth by (drho, theta)
-    by_marker: Matrix  # (2 n, 3)
-    bends: Matrix  # (2 n, 36), second order times covariance
-    noise: Matrix  # (2 n, 2 n)
-    factor: Matrix  # (2 n, 2 n)
-    groups: Record  # (n,)
-    independent: Record  # (n,)
-    bank_sensitivities: Stack  # (MOST_POSES, m, 12), what one sigma of each lasting error does to a hypothesis
-    trial_sensitivities: Stack
-    spare_sensitivities: Stack
-    by_error: Matrix  # (2 n, m), what it does to each row
-    news: Matrix  # (m, 12), scratch
-    exchanged: Matrix  # (n, 2), spots that have changed places, scratch
-    watched: Record  # (2 n,), groups of rows under watch, of which n + 1 are used
-    past: Record  # (3,), the track as it was; `added`: when
-    past_sensitivities: Stack  # (3, m, 12)
-    spots: Record  # (n,), what is known of each marker's spot
+    bank: Annotated[Record, POSE_TRACK, MOST_POSES]  # the most credible first
+    trial: Annotated[Record, POSE_TRACK, MOST_POSES]
+    spare: Annotated[Record, POSE_TRACK, MOST_POSES]  # scratch
+    gate: Annotated[Vector, "2n"]  # chi-square limits
+    points: Annotated[Matrix, "n", 3]  # the markers, target axes
+    used_s: Annotated[Vector, "n"]  # when each was last used, NaN = never
+    trial_used_s: Annotated[Vector, "n"]
+    accepted: Annotated[Vector, "n"]  # 1 = its spot was used
+    accepted_aside: Annotated[Vector, "n"]
+    which: Annotated[Vector, "n"]  # marker of each group
+    turns: Annotated[Matrix, "2n", 3]  # rows by the chaser's attitude error
+    nearer: Annotated[Matrix, "n", SEEN]  # d(depth) / depth by (drho, theta)
+    by_marker: Annotated[Matrix, "2n", 3]
+    bends: Annotated[Matrix, "2n", SEEN * SEEN]  # second order times covariance
+    noise: Annotated[Matrix, "2n", "2n"]
+    factor: Annotated[Matrix, "2n", "2n"]
+    groups: Annotated[Record, POSE_GROUP, "n"]
+    independent: Annotated[Record, POSE_GROUP, "n"]
+    bank_sensitivities: Annotated[Stack, MOST_POSES, "m", POSE]  # by one sigma of each lasting error, of a hypothesis
+    trial_sensitivities: Annotated[Stack, MOST_POSES, "m", POSE]
+    spare_sensitivities: Annotated[Stack, MOST_POSES, "m", POSE]
+    by_error: Annotated[Matrix, "2n", "m"]  # what it does to each row
+    news: Annotated[Matrix, "m", POSE]  # scratch
+    exchanged: Annotated[Matrix, "n", 2]  # spots that have changed places, scratch
+    watched: Annotated[Record, WATCHED, "2n"]  # groups of rows under watch, of which n + 1 are used
+    past: Annotated[Record, POSE_TRACK, 3]  # the track as it was; `added`: when
+    past_sensitivities: Annotated[Stack, 3, "m", POSE]
+    spots: Annotated[Record, SPOT, "n"]  # what is known of each marker's spot
 
 
-_LAYOUT = Layout(
-    PoseMemory,
-    POSE_FIXED,
-    {"n": "clock.markers", "m": "considered"},
-    {},
-    {
-        "bank": (POSE_TRACK, MOST_POSES),
-        "trial": (POSE_TRACK, MOST_POSES),
-        "spare": (POSE_TRACK, MOST_POSES),
-        "gate": ("2n",),
-        "points": ("n", 3),
-        "used_s": ("n",),
-        "trial_used_s": ("n",),
-        "accepted": ("n",),
-        "accepted_aside": ("n",),
-        "which": ("n",),
-        "turns": ("2n", 3),
-        "nearer": ("n", SEEN),
-        "by_marker": ("2n", 3),
-        "bends": ("2n", SEEN * SEEN),
-        "noise": ("2n", "2n"),
-        "factor": ("2n", "2n"),
-        "groups": (POSE_GROUP, "n"),
-        "independent": (POSE_GROUP, "n"),
-        "bank_sensitivities": (MOST_POSES, "m", POSE),
-        "trial_sensitivities": (MOST_POSES, "m", POSE),
-        "spare_sensitivities": (MOST_POSES, "m", POSE),
-        "by_error": ("2n", "m"),
-        "news": ("m", POSE),
-        "exchanged": ("n", 2),
-        "watched": (WATCHED, "2n"),
-        "past": (POSE_TRACK, 3),
-        "past_sensitivities": (3, "m", POSE),
-        "spots": (SPOT, "n"),
-    },
-)
+_LAYOUT = Layout(PoseMemory, POSE_FIXED, {"n": "clock.markers", "m": "considered"}, {})
 pose_views = _LAYOUT.views
 """The memory by names."""
 

@@ -13,6 +13,7 @@ from relnav.dynamics.yamanaka_ankersen import PHI_PATTERN
 from relnav.estimation.considered import is_felt
 from relnav.estimation.factored import factorize_into, time_update_into
 from relnav.estimation.rows import copy_rows, copy_track
+from relnav.geometry.rotation_vector import rotation_vector_into
 from relnav.navigation.propagation import carry_state_eccentric, multiply
 
 rotate_into = rigid_body.propagate_into
@@ -48,16 +49,32 @@ def carry_sensitivities(phi: Matrix, sensitivities: Matrix) -> None:
 
 
 @kernel
-def copy_pose(source: Record, target: Record) -> None:
-    """Copy a hypothesis."""
-    copy_track(source, target)
+def copy_place(source: Record, target: Record) -> None:
+    """Copy motion, attitude and rate, of a hypothesis or of an epoch."""
     for i in range(MOTION):
         target["motion"][i] = source["motion"][i]
     for i in range(3):
         target["rate"][i] = source["rate"][i]
         for j in range(3):
             target["dcm"][i, j] = source["dcm"][i, j]
+
+
+@kernel
+def copy_pose(source: Record, target: Record) -> None:
+    """Copy a hypothesis."""
+    copy_track(source, target)
+    copy_place(source, target)
     target["score"], target["doubt"], target["added"] = source["score"], source["doubt"], source["added"]
+
+
+@kernel
+def errors_between(one: Record, other: Record, errors: Vector) -> None:
+    """Write by what errors (12,) another hypothesis is off one."""
+    for i in range(MOTION):
+        errors[i] = other["motion"][i] - one["motion"][i]
+    rotation_vector_into(other["dcm"], one["dcm"], errors[THETA:RATE])
+    for i in range(3):
+        errors[RATE + i] = other["rate"][i] - one["rate"][i]
 
 
 @kernel

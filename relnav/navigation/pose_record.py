@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from relnav.arrays import Codes, Flags, Matrix, Record, Stack, Vector
+from relnav.arrays import Codes, Flags, Matrix, Record, Stack, Vector, frozen
 from relnav.dynamics.error_state import MOTION, POSE
 from relnav.estimation.consistency import Consistency, nis_consistency
 from relnav.mission import VisionMission
@@ -19,11 +19,6 @@ from relnav.navigation.status import Alarm, EpochStatus
 _FLOAT = np.dtype(np.float64)
 _AT = {name: place for name, (_, place, *_) in EPOCH.fields.items()}  # type: ignore[union-attr]  # it has fields
 _PARTIAL, _REJECTED = int(EpochStatus.PARTIAL), int(EpochStatus.REJECTED)
-
-
-def _frozen(array: Any) -> Any:
-    array.setflags(write=False)
-    return array
 
 
 class PoseRecord:
@@ -84,7 +79,7 @@ class PoseRecord:
             rate,
             np.ndarray((1, 3, POSE), _FLOAT, self._memory, _AT["by_chaser"]),
         )
-        return DockingState(*(_frozen(values[0]) for values in vars(whole).values()))
+        return DockingState(*(frozen(values[0]) for values in vars(whole).values()))
 
     @property
     def nis(self) -> float:
@@ -102,9 +97,7 @@ class PoseRecord:
     @property
     def accepted(self) -> Flags:
         """Which markers' spots were used, (n,)."""
-        flags: Flags = np.frombuffer(self._memory, _FLOAT, offset=EPOCH.itemsize + 8 * POSE * POSE) > 0.0
-        flags.setflags(write=False)
-        return flags
+        return frozen(np.frombuffer(self._memory, _FLOAT, offset=EPOCH.itemsize + 8 * POSE * POSE) > 0.0)
 
     @property
     def status(self) -> EpochStatus:

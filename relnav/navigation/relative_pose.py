@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import LARGEST, Flags, Matrix, Stack, Vector, number, numbers
+from relnav.arrays import LARGEST, Matrix, Stack, Vector, number, numbers
 from relnav.dynamics.error_state import POSE
 from relnav.dynamics.relative_motion import frame_rate
 from relnav.dynamics.rigid_body import lvlh_rate
@@ -37,9 +37,8 @@ from relnav.navigation.pose_call import (
     new_report,
     views_of_report,
 )
-from relnav.navigation.pose_epoch import covariances_of
 from relnav.navigation.pose_filter import NOTHING
-from relnav.navigation.pose_memory import PoseMemory, new_pose_memory, pose_views, watch_markers_anew
+from relnav.navigation.pose_memory import new_pose_memory, pose_views, watch_markers_anew
 from relnav.navigation.pose_record import PoseRecord
 from relnav.navigation.pose_roots import look_for_roots, mission_as_told
 from relnav.navigation.pose_state import PoseState
@@ -99,23 +98,18 @@ class PoseNavigator:
         self._reference = for_markers(engine, mission)
         self.memory = new_pose_memory(mission)
         self._named = pose_views(self.memory)
-        self._held, self._nothing, self._report = (
-            mission.dcm_chaser_from_lvlh,
-            np.zeros(3),
-            new_report(len(mission.markers.positions_m)),
-        )
-        self._timeline: Timeline[Vector, Event, Outcome | None] = Timeline(self.memory.copy(), math.nan)
+        self._held, self._nothing = mission.dcm_chaser_from_lvlh, np.zeros(3)
+        self._report = new_report(len(mission.markers.positions_m))
+        self._timeline: Timeline[Vector, Event, Vector | None] = Timeline(self.memory.copy(), math.nan)
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything but the views, which are of this memory, and by which version it is laid out."""
-        return {name: value for name, value in self.__dict__.items() if name != "_named"} | {
-            "version": version("relnav")
-        }
+        return {**self.__dict__, "_named": None, "version": version("relnav")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """As it was saved; ValueError if another version of relnav saved it."""
-        refuse_another_version(state["version"])
-        self.__dict__.update({name: value for name, value in state.items() if name != "version"})
+        refuse_another_version(state.pop("version"))
+        self.__dict__.update(state)
         self._named = pose_views(self.memory)
 
     @property
@@ -150,10 +144,8 @@ class PoseNavigator:
             For another shape, what is not finite, an invalid attitude or covariance. The filter is then unchanged.
         """
         t, motion, ld = start_values(t_s, state, covariance, POSE)
-        attitude, rate = (
-            np.array(numbers("dcm_lvlh_from_target", dcm_lvlh_from_target)),
-            _vector("rate_rad_s", rate_rad_s),
-        )
+        attitude = np.array(numbers("dcm_lvlh_from_target", dcm_lvlh_from_target))
+        rate = _vector("rate_rad_s", rate_rad_s)
         if not is_rotation(attitude):
             raise ValueError("dcm_lvlh_from_target is a rotation matrix (3, 3)")
         if t < self.last_t_s:
@@ -245,9 +237,10 @@ class PoseNavigator:
         self._timeline.insert(t_s, event, self._take)
         too_late = exposed < oldest or exposed < self._timeline.start_s  # False for NaN: nothing was forgotten
         image = event._replace(t_s=exposed, spots_px=spots, covariance_px2=covariance)
-        outcome = nothing_used(len(spots)) if too_late else self._insert(image)
+        said = None if too_late else self._insert(image)
         self._passed(self._timeline.forget(oldest))
-        return self._record_after_late(event, outcome, rate, t_s - exposed, too_late=too_late)
+        self._add_late(said)
+        return self._record(event, rate, t_s - exposed)
 
     def _image(self, spots_px: ArrayLike | None, covariance: ArrayLike | None) -> tuple[Matrix, Stack]:
         """Spots and covariances of an `Event`."""
@@ -267,18 +260,17 @@ class PoseNavigator:
 
     def _in_order(self, event: Event, rate: Vector | None, delay_s: float) -> PoseRecord:
         """Take an event in that is not before any other: the memory is the state before it."""
-        if self._reference is not None:
-            before, outcome = self._take(self.memory, event)
-            self._timeline.append(event.t_s, event, before, outcome)
-            self._timeline.forget(event.t_s)
-            return self._record_after_late(event, outcome, rate, delay_s, too_late=False)
         self._navigate(event)
         self._timeline.append(event.t_s, event, self.memory.copy(), None)
         self._passed(self._timeline.forget(event.t_s - self.mission.filter.longest_delay_s))
         return self._record(event, rate, delay_s)
 
     def _navigate(self, event: Event) -> None:
-        """The compiled step, and what it wants of the closed form; the epoch is written."""
+        """The step, and what it wants of the closed form; the report is written."""
+        if self._reference is not None:
+            self._report[:] = 0.0
+            self._reference.take(event, *views_of_report(self._report))
+            return
         wants = navigate_pose(self.memory, *event[:-1], self._report, NOTHING_APART)
         if wants == REFUSED:
             _vector("acceleration_m_s2", event.acceleration_m_s2)
@@ -288,27 +280,20 @@ class PoseNavigator:
             look_for_roots(self._named, self.mission, event, wants)
             describe_pose(self.memory, self._report, NOTHING_APART)
 
-    def _take(self, before: Vector, event: Event) -> "tuple[Vector, Outcome]":
-        """Take an event into the filter as it was."""
-        if self._reference is not None:
-            errors = event.attitude_noise_rad, event.attitude_sigma_rad
-            image = event.dcm_chaser_from_lvlh, *errors, event.spots_px, event.covariance_px2
-            done = self._reference.take(event.t_s, *image, event.acceleration_m_s2, event.delta_v_m_s)
-            return before, Outcome(EpochStatus(done.status), done.accepted, done.nis, done.dof, done.alarm)
+    def _take(self, before: Vector, event: Event) -> tuple[Vector, Vector]:
+        """Take an event into the filter as it was; what is reported of it."""
         self.memory[:] = before
         self._navigate(event)
-        return self.memory.copy(), outcome_of(self._named)
+        return self.memory.copy(), self._report.copy()
 
-    def _insert(self, image: Event) -> "Outcome":
+    def _insert(self, image: Event) -> Vector | None:
         """Take a late image in; the acceleration is that held over the interval that it divides."""
         following = self._timeline.following(image.t_s)
         push = self._nothing if following is None else following.acceleration_m_s2
         late = image._replace(acceleration_m_s2=push, delta_v_m_s=self._nothing, row=False)
-        outcome = self._timeline.insert(image.t_s, late, self._take)
-        assert outcome is not None
-        return outcome
+        return self._timeline.insert(image.t_s, late, self._take)
 
-    def _passed(self, events: "list[Passed[Vector, Event, Outcome | None]]") -> None:
+    def _passed(self, events: list[Passed[Vector, Event, Vector | None]]) -> None:
         """Events that no late image can come before any more: for those who keep them."""
 
     def _record(self, event: Event, rate: Vector | None, delay_s: float) -> PoseRecord:
@@ -322,49 +307,21 @@ class PoseNavigator:
             dcm = turned(dcm.T, min(delay_s, LARGEST) * relative).T
         return PoseRecord(self._report.tobytes(), mission, dcm, rate)
 
-    def _record_after_late(
-        self, event: Event, outcome: "Outcome", rate: Vector | None, delay_s: float, *, too_late: bool
-    ) -> PoseRecord:
-        """The state of now, with what became of the late image."""
-        one, covariance, accepted = views_of_report(self._report)
-        if self._reference is None:
-            describe_pose(self.memory, self._report, NOTHING_APART)
+    def _add_late(self, said: Vector | None) -> None:
+        """Add to the report of now what was reported of a late image; None: it came too late."""
+        one, _, accepted = views_of_report(self._report)
+        if said is None:
+            one["nis"], one["dof"], one["used"], one["too_late"] = math.nan, 0, 0, 1
+            one["status"], accepted[:] = EpochStatus.PREDICTED, 0.0
         else:
-            self._report[:] = 0.0
-            self._reference.write_epoch(one)
-            covariance[:] = covariances_of(one["factor"][None])[0]
-        status, running, one["alarm"] = outcome.status, one["hypotheses"] > 0, outcome.alarm | int(one["alarm"])
-        if too_late or not running:
-            status = EpochStatus.PREDICTED if running else EpochStatus.WAITING
-        elif status is EpochStatus.WAITING:  # a trial that a later image, here before it, has confirmed
-            status = EpochStatus.STARTED
-        one["nis"], one["dof"] = outcome.nis, outcome.dof
-        one["status"], one["too_late"], one["used"] = int(status), too_late, np.count_nonzero(outcome.accepted)
-        accepted[:] = outcome.accepted
-        return self._record(event, rate, delay_s)
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What an event did to the leading hypothesis."""
-
-    status: EpochStatus
-    accepted: Flags
-    nis: float
-    dof: int
-    alarm: int = 0
-
-
-def nothing_used(markers: int) -> Outcome:
-    """Of an image that came too late."""
-    return Outcome(EpochStatus.PREDICTED, np.zeros(markers, dtype=bool), math.nan, 0)
-
-
-def outcome_of(m: PoseMemory) -> Outcome:
-    """Of the last event."""
-    result = m.result
-    status, alarm = EpochStatus(int(result["status"])), int(result["alarm"])
-    return Outcome(status, m.accepted > 0.0, float(result["nis"]), int(result["dof"]), alarm)
+            image, _, accepted[:] = views_of_report(said)
+            for name in ("nis", "dof", "used", "status"):
+                one[name] = image[name]
+            one["alarm"] |= image["alarm"]
+        if one["hypotheses"] == 0:
+            one["status"] = EpochStatus.WAITING
+        elif one["status"] == EpochStatus.WAITING:  # a trial that a later image, here before it, has confirmed
+            one["status"] = EpochStatus.STARTED
 
 
 def _or_stated(name: str, told: float | None, stated: float) -> float:

@@ -263,16 +263,16 @@ class Navigator:
                 return FilterRecord(self._kept.tobytes())
         except OverflowError:  # a time beyond all floats: refused below
             pass
-        inputs = self._checked(acceleration_m_s2, delta_v_m_s, dcm_cam_from_lvlh, spot_sigma_m)
+        arrays = self._checked(acceleration_m_s2, delta_v_m_s, dcm_cam_from_lvlh, spot_sigma_m)
+        inputs = Inputs(told, *arrays, noise, lasting)
         if self._late is not None:
-            a, v, dcm, sigma = inputs
-            return self._take_late(self._late, t_s, spots_m, image_t_s, Inputs(told, a, v, dcm, sigma, noise, lasting))
+            return self._take_late(self._late, t_s, spots_m, image_t_s, inputs)
         if image_t_s is not None and number("image_t_s", image_t_s) != number("t_s", t_s):
             raise ValueError(
                 f"image_t_s {image_t_s!r} is not t_s = {t_s!r}: images come at once here; for late ones give the "
                 "model's [filter] a longest_delay_s (engine='filterpy' takes none)"
             )
-        self._take(t_s, spots_m, told, (*inputs, noise, lasting))
+        self._take(t_s, spots_m, inputs)
         return FilterRecord(self._kept.tobytes())
 
     def _take_late(
@@ -288,7 +288,7 @@ class Navigator:
             spots, lasting = self._calibration.corrected(spots)
         return FilterRecord(late.take(t, Image(exposed, spots, lasting, inputs)))
 
-    def _take(self, t_s: float, spots_m: ArrayLike, told: int, inputs: tuple[Any, ...]) -> None:
+    def _take(self, t_s: float, spots_m: ArrayLike, inputs: Inputs) -> None:
         """Take an image whose numbers are of any type, or that is to be corrected, or say what is wrong with it."""
         t, spots, before = number("t_s", t_s), one_piece("spots_m", spots_m), self._block.copy()
         if self._calibration is not None:
@@ -297,7 +297,7 @@ class Navigator:
                 self._named.beacons["lasting_sigma"] = lasting
                 if self._reference is not None:
                     self._reference.optics.lasting = lasting
-        if spots.ndim != 2 or self._navigate(self._block, t, spots, told, *inputs, self._report) is not True:
+        if spots.ndim != 2 or self._navigate(self._block, t, spots, *inputs, self._report) is not True:
             self._block[:] = before
             raise self._wrong_use(t_s, spots)
 
@@ -325,7 +325,7 @@ class Navigator:
         delta_v: ArrayLike | None,
         dcm: ArrayLike | None,
         spot_sigma: ArrayLike | None,
-    ) -> tuple[Matrix, ...]:
+    ) -> tuple[Matrix, Matrix, Matrix, Matrix]:
         """What is told as arrays in one piece, empty where nothing is; ValueError for what cannot be taken."""
         a = NOTHING if acceleration is None else vector("acceleration_m_s2", acceleration, (3,))
         v = NOTHING if delta_v is None else vector("delta_v_m_s", delta_v, (3,))
@@ -339,15 +339,15 @@ class Navigator:
             raise ValueError(
                 f"spot_sigma_m has shape ({self._beacons}, 2), above zero, up to {LARGEST:g}; got {sigma.tolist()}"
             )
-        return tuple(np.ascontiguousarray(value) for value in (a, v, c, sigma))
+        return np.ascontiguousarray(a), np.ascontiguousarray(v), np.ascontiguousarray(c), np.ascontiguousarray(sigma)
 
-    def _by_reference(self, block: Vector, t: float, spots: Matrix, told: int, *more: Any) -> bool:
+    def _by_reference(self, block: Vector, t: float, spots: Matrix, *more: Any) -> bool:
         """`navigate` with the reference engine's step."""
         *inputs, report = more
         assert self._reference is not None
-        if plain(wrong_use)(self._named, t, spots) != 0 or not take_inputs(block, told, *inputs):
+        if plain(wrong_use)(self._named, t, spots) != 0 or not take_inputs(block, *inputs):
             return False
-        self._reference.tell(told, *inputs)
+        self._reference.tell(*inputs)
         self._reference.step(t, spots)
         write_report(block, report)
         return True

@@ -22,12 +22,7 @@ class EpochStatus(IntEnum):
     """A start was confirmed at this epoch (the first, or after a lock-out)."""
 
 
-WAITING = int(EpochStatus.WAITING)
-UPDATED = int(EpochStatus.UPDATED)
-PARTIAL = int(EpochStatus.PARTIAL)
-REJECTED = int(EpochStatus.REJECTED)
-PREDICTED = int(EpochStatus.PREDICTED)
-STARTED = int(EpochStatus.STARTED)
+WAITING, UPDATED, PARTIAL, REJECTED, PREDICTED, STARTED = map(int, EpochStatus)
 LOST = -1
 """Within one step: the track was worthless and has been dropped."""
 

@@ -13,7 +13,7 @@ from relnav.files.filter_file import filter_file
 from relnav.files.simulated import write_log
 from relnav.navigation.log import LogFilter
 from relnav.navigation.memory import views
-from relnav.navigation.smoothing import new_models, smooth_run
+from relnav.navigation.smoothing import smooth_run
 from relnav.navigation.status import STARTED
 from relnav.sensors.three_beacon.calibrate import calibrate
 from relnav.sensors.three_beacon.calibration import Calibration
@@ -94,7 +94,7 @@ def run(model, log, spots, method="spots", *, smooth=False):
     if smooth:
         views(filter_.block).motion["acceleration"] = 0.0
         forward = epochs.codes, epochs.state, epochs.factor, epochs.considered
-        smooth_run(filter_.block, log.t_s, control, *forward, filter_.nothing_later(), new_models())
+        smooth_run(filter_.block, log.t_s, control, *forward, filter_.nothing_later())
     return epochs
 
 

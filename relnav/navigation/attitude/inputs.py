@@ -3,7 +3,7 @@
 from relnav.arrays import Matrix
 from relnav.codegen.kernel import entry
 from relnav.geometry.linear_algebra import cholesky
-from relnav.geometry.rotation import are_a_rotation
+from relnav.navigation.told import is_an_attitude
 
 ASYMMETRY, LEAST_PIVOT = 1e-9, 1e-12
 LARGEST_RAD2 = 1e100
@@ -16,11 +16,7 @@ def can_be_used(dcm: Matrix, covariance: Matrix, symmetric: Matrix, factor: Matr
 
     Writes the covariance, symmetric to the last bit, into symmetric (3, 3); factor (3, 3) is scratch.
     """
-    if dcm.shape[0] != 3 or dcm.shape[1] != 3 or covariance.shape[0] != 3 or covariance.shape[1] != 3:
-        return False
-    if not are_a_rotation(
-        dcm[0, 0], dcm[0, 1], dcm[0, 2], dcm[1, 0], dcm[1, 1], dcm[1, 2], dcm[2, 0], dcm[2, 1], dcm[2, 2]
-    ):
+    if covariance.shape[0] != 3 or covariance.shape[1] != 3 or not is_an_attitude(dcm):
         return False
     largest, apart = 0.0, 0.0
     for i in range(3):

@@ -28,9 +28,9 @@ from relnav.estimation.attitude import (
 )
 from relnav.estimation.innovation_sums import INNOVATION, RECENT, SUMS, remember_innovation, sums_are_credible
 from relnav.estimation.unscented_attitude import POINTS, SIGMA_POINTS, gather_points, spread_points
-from relnav.geometry.rotation import are_a_rotation
 from relnav.navigation.attitude.inputs import can_be_used
 from relnav.navigation.status import PREDICTED, REJECTED, UPDATED, WAITING
+from relnav.navigation.told import is_an_attitude
 
 REFUSED, NOT_TAKEN = -1, -2
 """What `look` answers besides a status."""
@@ -127,14 +127,8 @@ def advance(memory: Record, t: float) -> int:
     """
     m = memory[0]
     # [:] makes all arrays of one kind: a kernel is compiled once for each kind that it is given
-    body, points, phi, noise, before, after = (
-        m["body"],
-        m["points"],
-        m["phi"][:],
-        m["noise"][:],
-        m["before"],
-        m["after"],
-    )
+    body, points, phi, noise = m["body"], m["points"], m["phi"][:], m["noise"][:]
+    before, after = m["before"], m["after"]
     sigma, density, unscented, work = m["inertia_sigma"], m["density"], m["unscented"] > 0, m["work"][:]
     narrow, dt, m["t"] = work[0:14, 0:3], t - m["t"], t
     for which in range(2):
@@ -236,19 +230,7 @@ def look(
     elif not (
         math.isfinite(t)
         and not t < m["t"]
-        and chaser.shape[0] == 3
-        and chaser.shape[1] == 3
-        and are_a_rotation(
-            chaser[0, 0],
-            chaser[0, 1],
-            chaser[0, 2],
-            chaser[1, 0],
-            chaser[1, 1],
-            chaser[1, 2],
-            chaser[2, 0],
-            chaser[2, 1],
-            chaser[2, 2],
-        )
+        and is_an_attitude(chaser)
         and can_be_used(measured, noise, symmetric, scratch[3:6])
     ):
         return REFUSED

@@ -2,12 +2,11 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Record, Vector, numbers
+from relnav.arrays import Matrix, Record, Vector, frozen, numbers
 from relnav.estimation.attitude import ATTITUDE_TRACK, CHASER, COMPARED, LASTING, TURNING
 from relnav.estimation.factored import compose
 from relnav.geometry.linear_algebra import cross_matrix
@@ -17,11 +16,6 @@ from relnav.navigation.status import EpochStatus
 
 NOT_COMPARED = np.full(1, np.nan, COMPARED).tobytes()
 NOT_KNOWN = np.full(1, np.nan, ATTITUDE_TRACK).tobytes()
-
-
-def _frozen(array: Any) -> Any:
-    array.setflags(write=False)
-    return array
 
 
 @dataclass(frozen=True)
@@ -85,33 +79,28 @@ class AttitudeRecord:
     @property
     def dcm_lvlh_from_target(self) -> Matrix:
         """Attitude of the target, (3, 3); NaN with the rest while WAITING."""
-        dcm: Matrix = _frozen(self._track["dcm"].copy())
-        return dcm
+        return frozen(self._track["dcm"].copy())
 
     @property
     def rate_rad_s(self) -> Vector:
         """Inertial rate of the target, target axes, (3,)."""
-        rate: Vector = _frozen(self._track["rate"].copy())
-        return rate
+        return frozen(self._track["rate"].copy())
 
     @cached_property
     def covariance(self) -> Matrix:
         """Of (theta, rate error), rad and rad/s, target axes, (6, 6): the true attitude is dcm exp([theta x])."""
         track = self._track
-        covariance: Matrix = _frozen(compose(track["ld"]) + track["lasting"] @ track["lasting"].T)
-        return covariance
+        return frozen(compose(track["ld"]) + track["lasting"] @ track["lasting"].T)
 
     @property
     def innovation_rad(self) -> Vector:
         """Rotation vector from prediction to measured attitude, (3,); NaN with the next two where none was compared."""
-        innovation: Vector = _frozen(self._compared["innovation"].copy())
-        return innovation
+        return frozen(self._compared["innovation"].copy())
 
     @property
     def innovation_covariance(self) -> Matrix:
         """What was expected of it, rad^2, (3, 3)."""
-        covariance: Matrix = _frozen(self._compared["innovation_covariance"].copy())
-        return covariance
+        return frozen(self._compared["innovation_covariance"].copy())
 
     @property
     def nis(self) -> float:
@@ -178,7 +167,7 @@ class AttitudeRecord:
         covariance = carried @ compose(track["ld"]) @ carried.T + lasting @ lasting.T
         covariance[3:, 3:] += rate_sigma**2 * np.eye(3)
         rate = track["rate"] - turning
-        return RelativeAttitude(_frozen(dcm.T.copy()), _frozen(rate), _frozen(0.5 * (covariance + covariance.T)))
+        return RelativeAttitude(frozen(dcm.T.copy()), frozen(rate), frozen(0.5 * (covariance + covariance.T)))
 
     def __repr__(self) -> str:
         """One line for the console."""

@@ -93,11 +93,7 @@ def _open_trial(memory: Record, measured: Matrix, noise: Matrix, chaser: Matrix,
         sigma = max(sigma, min(LARGEST_RATE_SIGMA_RAD_S, UNKNOWN_TURN_RAD / interval_s))
     covariance = sigma**2 * np.eye(TURNING)
     covariance[:3, :3] = noise
-    trial["dcm"], trial["rate"], trial["ld"] = (
-        measured,
-        lvlh_rate(measured, m["body"][MEAN_MOTION, 0]),
-        factorize(covariance),
-    )
-    trial["lasting"] = 0.0
+    trial["dcm"], trial["rate"] = measured, lvlh_rate(measured, m["body"][MEAN_MOTION, 0])
+    trial["ld"], trial["lasting"] = factorize(covariance), 0.0
     trial["lasting"][:3, CHASER] = m["chaser_sigma"] * (chaser @ measured).T
     m["has_trial"], m["agreed"], m["chance"] = 1, 0, 1.0

@@ -98,15 +98,9 @@ class TargetAttitude:
         self.memory = np.zeros(1, MEMORY)
         self._chaser_sigma = not_negative("chaser_attitude_sigma_rad", chaser_attitude_sigma_rad)
         m = self.memory[0]
-        m["body"], m["density"], m["rate_sigma"] = (
-            self.body.matrix,
-            rate_noise_density_rad2_s3,
-            initial_rate_sigma_rad_s,
-        )
-        m["gate"], m["trial_gate"] = (
-            chi_square_limit(number("gate_probability", gate_probability), 3),
-            chi_square_limit(TRIAL_PROBABILITY, 3),
-        )
+        m["body"], m["density"] = self.body.matrix, rate_noise_density_rad2_s3
+        m["rate_sigma"], m["trial_gate"] = initial_rate_sigma_rad_s, chi_square_limit(TRIAL_PROBABILITY, 3)
+        m["gate"] = chi_square_limit(number("gate_probability", gate_probability), 3)
         m["sum_limit"] = chi_square_limit(LIMIT_PROBABILITY, 3)
         m["chaser_sigma"], m["restart_after"] = chaser_attitude_sigma_rad, restart_after
         m["unscented"] = method == "unscented"

@@ -81,11 +81,8 @@ def prior_is_tight(prior: Record) -> bool:
 @kernel
 def _image_spread2(sensor: Record, beacons: Record, range2: float) -> float:
     """(sigma r / (f a))^2 of the spots of A and B: twice the variance of the range, over its square, of one image."""
-    first, second, size = (
-        beacons[0]["spot_sigma"],
-        beacons[1]["spot_sigma"],
-        sensor["focal_length"] * sensor["half_spacing"],
-    )
+    first, second = beacons[0]["spot_sigma"], beacons[1]["spot_sigma"]
+    size = sensor["focal_length"] * sensor["half_spacing"]
     sigma2 = 0.25 * (first[0] ** 2 + first[1] ** 2 + second[0] ** 2 + second[1] ** 2)
     return float(sigma2 * range2 / (size * size))
 

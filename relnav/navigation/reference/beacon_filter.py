@@ -9,11 +9,11 @@ alarm is UNWATCHED). On well-conditioned logs both engines agree to 1e-9 sigma.
 import copy
 import math
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from relnav.arrays import Codes, Matrix, Stack, Vector
+from relnav.arrays import Codes, Matrix, Vector
 from relnav.estimation.factored import compose, factorize
 from relnav.estimation.gating import gate_limits
 from relnav.estimation.monitors import UNWATCHED
@@ -31,8 +31,9 @@ from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDA
 from relnav.navigation.update import LONE_GATE_SHARE, MAX_ITERATIONS
 from relnav.sensors.measurement import MISALIGNED, OK
 
-_TOLD = "spot_sigma", "lasting", "attitude_noise", "attitude_sigma", "dcm", "known"
-"""What a caller changes of the optics."""
+if TYPE_CHECKING:
+    from relnav.navigation.log import Rows
+
 NOTHING_SAID = {"nis": math.nan, "status": 0, "dof": 0, "reason": 0, "iterations": 0, "used": 0}
 
 
@@ -59,16 +60,11 @@ class ReferenceEngine:
 
     def saved(self) -> dict[str, Any]:
         """What `restore` needs, as values."""
-        optics = self.optics
-        said = {name: getattr(optics, name) for name in _TOLD}
-        own = {"t_s": self.t_s, "streak": self.streak, "starts": self.starts}
-        return copy.deepcopy({"optics": said, "own": own, "tracks": (_values(self.track), _values(self.trial))})
+        return copy.deepcopy({name: value for name, value in self.__dict__.items() if name != "_out"})
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Go on from what `saved` gave."""
-        self.optics.__dict__.update(copy.deepcopy(saved["optics"]))
-        self.__dict__.update(saved["own"])
-        self.track, self.trial = (_track(values) for values in saved["tracks"])
+        self.__dict__.update(copy.deepcopy(saved))
 
     def tell(
         self,
@@ -269,22 +265,9 @@ class ReferenceEngine:
         seen = sorted(set(image.groups.tolist()))
         return rows(believed(seen, lambda beacons: self._update(track, image, x, x, p, rows(beacons)), limit))
 
-    def run(
-        self,
-        t: Vector,
-        spots: Stack,
-        control: Matrix,
-        quaternion: Matrix,
-        sigma: Stack,
-        lasting: Matrix,
-        state: Matrix,
-        factor: Matrix,
-        innovation: Matrix,
-        nis: Vector,
-        codes: Codes,
-        considered: Stack,
-    ) -> None:
-        """The log loop, with the arguments of the compiled one behind its memory."""
+    def run(self, rows: "Rows") -> None:
+        """The log loop: what rows are told is taken in, and what comes out is written into them."""
+        t, spots, control, quaternion, sigma, lasting, state, factor, innovation, nis, codes, considered = rows
         nothing, none = np.zeros(3), np.zeros((0, 0))
         for e in range(len(t)):
             told = (ACCELERATION | DELTA_V if len(control) else 0) | (ATTITUDE if len(quaternion) else 0)
@@ -306,15 +289,3 @@ class ReferenceEngine:
                 continue
             own = track.covariance if considered.shape[1] else track.covariance + track.considered.T @ track.considered
             factor[e] = factorize(0.5 * (own + own.T))[LOWER]
-
-
-def _values(track: ReferenceTrack | None) -> tuple[Vector, Matrix, Matrix] | None:
-    return None if track is None else (track.state.copy(), track.covariance.copy(), track.considered.copy())
-
-
-def _track(values: tuple[Vector, Matrix, Matrix] | None) -> ReferenceTrack | None:
-    if values is None:
-        return None
-    track = ReferenceTrack(*values[:2])
-    track.considered = values[2]
-    return track

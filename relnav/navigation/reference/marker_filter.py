@@ -16,13 +16,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from relnav.arrays import Flags, Matrix, Record, Stack, Vector
+from relnav.arrays import Flags, Matrix, Record, Vector
 from relnav.estimation.factored import factorize
 from relnav.estimation.gating import gate_limits
 from relnav.estimation.monitors import UNWATCHED
 from relnav.mission import VisionMission
 from relnav.navigation.observation.marker_poses import COVERED, view_at
-from relnav.navigation.pose_epoch import LOWER, SETTLED_S
+from relnav.navigation.pose_call import Event
+from relnav.navigation.pose_epoch import LOWER, SETTLED_S, covariances_of
 from relnav.navigation.pose_filter import AGREED, BLURRED, DROP, RENEWED_BLURRED_S, RENEWED_S, TELLING_SHARE
 from relnav.navigation.pose_memory import MOST_POSES
 from relnav.navigation.pose_propagation import LARGEST_SHARE_OF_RANGE, LARGEST_TURN_RAD, MEMORY_S
@@ -77,7 +78,7 @@ class ReferencePose:
         self._limits = gate_limits(self.mission.filter.gate_probability, 2 * count)
         self._used_s, self._trial_used_s = np.full(count, np.nan), np.full(count, np.nan)
         self.result = Result(np.zeros(count, dtype=bool))
-        self._control, self._chaser = np.zeros(6), self.mission.dcm_chaser_from_lvlh
+        self._control = np.zeros(6)
 
     def start(self, t_s: float, motion: Vector, dcm: Matrix, rate: Vector, covariance: Matrix) -> None:
         """Begin from a state that is known otherwise."""
@@ -87,22 +88,14 @@ class ReferencePose:
         self.blurred_s = self.tried_s = -math.inf
         self._used_s[:] = t_s
 
-    def take(
-        self,
-        t_s: float,
-        chaser: Matrix,
-        attitude_noise: float,
-        attitude_sigma: float,
-        spots: Matrix,
-        covariances: Stack,
-        acceleration: Vector,
-        delta_v: Vector,
-    ) -> Result:
-        """Go on to an image (`Exposure`), or to a time without one (spots (0, 2)), the control acting until then."""
-        image = Exposure(t_s, chaser, attitude_noise, spots, covariances)
-        self.optics.attitude_sigma = attitude_sigma
+    def take(self, event: Event, out: Record, covariance: Matrix, accepted: Vector) -> None:
+        """Go on to an event, the control acting until then; write what is then known (`pose_call.views_of_report`)."""
+        image = Exposure(
+            event.t_s, event.dcm_chaser_from_lvlh, event.attitude_noise_rad, event.spots_px, event.covariance_px2
+        )
+        self.optics.attitude_sigma = event.attitude_sigma_rad
         self.result = Result(np.zeros(len(self._used_s), dtype=bool))
-        self._control, self._chaser = np.concatenate([acceleration, delta_v]), image.chaser
+        self._control = np.concatenate([event.acceleration_m_s2, event.delta_v_m_s])
         self._advance(image.t_s)
         seen, running = image.seen, bool(self.bank)
         if not running:
@@ -115,7 +108,9 @@ class ReferencePose:
         elif not running or self._use(image):
             self._look_for_start(image)
         self.result.alarm |= UNWATCHED
-        return self.result
+        out["chaser"], accepted[:] = image.chaser, self.result.accepted
+        self._write_epoch(out)
+        covariance[:] = covariances_of(out["factor"][None])[0]
 
     def _advance(self, t_s: float) -> None:
         """Carry bank and trial to t, the control acting."""
@@ -227,12 +222,12 @@ class ReferencePose:
             if len(self.bank) < MOST_POSES and all(_attitudes_apart(other, one) > COVERED for other in held):
                 self.bank.append(replace(one, score=held[0].score, added=image.t_s))
 
-    def write_epoch(self, out: Record) -> None:
-        """Write what is known after the last event (`pose_epoch.EPOCH`)."""
+    def _write_epoch(self, out: Record) -> None:
+        """Write what is known after the last event (`pose_epoch.EPOCH`), but for the chaser."""
         result, t = self.result, self.t_s
         out["t"], out["nis"], out["dof"], out["used"] = t, result.nis, result.dof, result.used
         out["status"], out["alarm"], out["row"] = result.status, result.alarm, 1
-        out["acceleration"], out["delta_v"], out["chaser"] = self._control[:3], self._control[3:], self._chaser
+        out["acceleration"], out["delta_v"] = self._control[:3], self._control[3:]
         out["hypotheses"], out["observable"] = len(self.bank), bool(self.bank) and self._is_observable()
         others = [one.score - one.doubt - self.bank[0].score for one in self.bank[1:]]
         odds = min(others, default=math.inf)
