@@ -8,7 +8,7 @@ import numpy as np
 
 from relnav.accuracy.campaign_summary import Reader
 from relnav.accuracy.sensitivity_design import Design
-from relnav.arrays import Stack, Vector, whole
+from relnav.arrays import Flags, Stack, Vector, whole
 from relnav.simulation.streams import Draws, Stream
 
 CONFIDENCE, RESAMPLES = 0.95, 400
@@ -25,25 +25,25 @@ class Share:
     Attributes
     ----------
     component, cause : str
+    used : int
+        Base runs of which this is, a power of two: of which all three flights that tell of the cause have a state at
+        the end.
     first, first_low, first_high : float
         First-order Sobol' index: the share of the variance that goes if this cause alone were known, with its 95 %
         interval from resampling (it may lie a little outside 0 to 1).
     total, total_low, total_high : float
         Total index: the share that stays if everything but this cause were known.
-    used : int
-        Base runs of which this is, a power of two: of which all three flights that tell of the cause have a state at
-        the end.
     """
 
     component: str
     cause: str
+    used: int
     first: float
     first_low: float
     first_high: float
     total: float
     total_low: float
     total_high: float
-    used: int
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ def sum_up(design: Design, components: tuple[str, ...], read: Reader, seed: int)
     values = read(names)
     errors = np.stack([values[name] for name in names])
     mixed = errors[:, : design.mixed].reshape(len(components), 2 + len(design.causes), design.base)
-    ends = np.isfinite(mixed).all(axis=0)
+    ends: Flags = np.isfinite(mixed.sum(axis=0))
     pairs = ends[0] & ends[1]
     deviation = dict.fromkeys(components, math.nan)
     if pairs.any():
@@ -193,7 +193,7 @@ def _shares(mixed: Any, components: tuple[str, ...], causes: tuple[str, ...], se
     around = np.stack([indices(mixed[:, :, rng.integers(n, size=n)]) for _ in range(RESAMPLES)])
     low, high = np.quantile(around, [0.5 * (1.0 - CONFIDENCE), 0.5 * (1.0 + CONFIDENCE)], axis=0)
     return [
-        Share(name, cause, *(float(part[of, k, j]) for of in (0, 1) for part in (told, low, high)), n)
+        Share(name, cause, n, *(float(part[of, k, j]) for of in (0, 1) for part in (told, low, high)))
         for k, name in enumerate(components)
         for j, cause in enumerate(causes)
     ]

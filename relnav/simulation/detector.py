@@ -239,7 +239,8 @@ def detected(model: Model, places_m: Stack, noise: Stack, sigma_m: Stack | float
 def detected_together(model: Model, state: Stack, noise: Stack) -> Stack:
     """What is `detected` of true states (n, 6, RUNS), each to the bit as alone; noise and result (n, 3, 2, RUNS)."""
     beacons, sensor = model.beacons_lvlh_m, model.sensor
-    out, half = new_lanes(len(state), len(beacons), 2, make=np.empty), 0.5 * np.array(sensor.detector_size_m)
+    half = 0.5 * np.array(sensor.detector_size_m)
+    out: Stack = new_lanes(len(state), len(beacons), 2, make=np.empty)
     geometry = model.dcm_cam_from_lvlh, model.camera_lever_cam_m, beacons, sensor.focal_length_m
     agreed = _image_together(state, *geometry, noise, sensor.spot_noise_m, half, out)
     assert agreed, "nothing in an image is decided by its numbers"

@@ -165,11 +165,11 @@ def fly_runs(
                 sigma[..., lane] = own
     else:
         noise = new_lanes(*shape, make=np.empty)
-        for lane, one in enumerate(draws):
-            noise[..., lane] = one.normals(Stream.SPOT_NOISE, shape)
+        for lane, own_draws in enumerate(draws):
+            noise[..., lane] = own_draws.normals(Stream.SPOT_NOISE, shape)
         spots = detected_together(model, truth, noise)
-    for lane, one in enumerate(draws):
-        _let_happen(model, scenario, one, t, spots[..., lane])
+    for lane, own_draws in enumerate(draws):
+        _let_happen(model, scenario, own_draws, t, spots[..., lane])
     return Flights(t, spots, command, truth, sigma, drawn)
 
 
