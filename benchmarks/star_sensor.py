@@ -98,10 +98,30 @@ def patent(count, seed):
     columns = (", ".join(f"{row[k]:.3f}" for row in rates) for k in range(3))
     text = ", ".join(str(spots) for spots in FALSE_SPOTS)
     names = ("solved by pairs", "by the patent's method", "by it with 90 deg -+ a")
-    return {"frames": count, "false_spots": FALSE_SPOTS, "rates": rates}, [
+    bars = [
         Bar(f"{name}, {text} false", measured, "1 each" if k == 0 else "", k > 0 or min(ours) == 1.0)
         for k, (name, measured) in enumerate(zip(names, columns, strict=True))
     ]
+    fewest, known = refused(model, conditions, count, seed)
+    shown = f"{len(fewest)} of {count * len(conditions)}; {max(fewest, default=0)}"
+    bars.append(Bar("no attitude by pairs; true stars in the poorer field, at most", shown))
+    bars.append(Bar("of these solved if the fold is known exactly", f"{known} of {len(fewest)}"))
+    return {"frames": count, "false_spots": FALSE_SPOTS, "rates": rates, "refused_stars": fewest}, bars
+
+
+def refused(model, conditions, count, seed):
+    """Of the frames of `identification_rates` without an attitude: true stars in the poorer field, solved if told."""
+    rng, exact, fewest, known = np.random.default_rng(seed), calibrated(model), [], 0
+    velocity = random_velocity(rng)
+    for each in conditions:
+        simulator = StarFieldSimulator(model, each)
+        for _ in range(count):
+            frame = simulator.frame(rng, velocity_km_s=velocity)
+            arguments = {"magnitude": frame.magnitude, "velocity_km_s": velocity}
+            if not relnav.dual_field.measure(frame.spots_px, model, **arguments).ok:
+                fewest.append(int(np.bincount(frame.field[frame.field >= 0], minlength=2).min()))
+                known += relnav.dual_field.measure(frame.spots_px, exact, **arguments).ok
+    return fewest, known
 
 
 def blind(count, seed):
