@@ -35,8 +35,8 @@ def faults(tests, runs, seed):
         bad = np.flatnonzero((wrong > 3) | (waits > 10))
         print(
             f"{name:<36} {each} runs: relied on beyond 5 sigma at most {wrong.max()} epochs [0, 3], "
-            f"after the fault {waits.max()} images to a state [1, 10]; {len(bad)} runs missed"
-            + (f", seeds {(seed + bad[:8]).tolist()}" if len(bad) else ""),
+            f"after the fault {waits.max()} images to a state [1, 10], in {np.sum(waits == waits.max())} of them; "
+            f"{len(bad)} runs missed" + (f", seeds {(seed + bad[:8]).tolist()}" if len(bad) else ""),
             flush=True,
         )
     return good
