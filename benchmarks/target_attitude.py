@@ -1,10 +1,12 @@
 """The target-attitude filter: a thousand starts and bursts of outliers, and what a call costs.
 
     python benchmarks/target_attitude.py faults --runs 1000
+    python benchmarks/target_attitude.py inertia --runs 40
     python benchmarks/target_attitude.py speed
 
 `faults` flies what the tests fly a tenth of, with bounds; exit code 1 if one is missed. Then targets that turn faster
-than was told. `speed` is for information: the fastest of many batches, and the processor time of the first calls with
+than was told. `inertia`: targets whose moments are off by the stated 5 %, drawn once a run, at two rates; for
+information. `speed` is too: the fastest of many batches, and the processor time of the first calls with
 nothing compiled.
 """
 
@@ -43,12 +45,17 @@ def new_filter(method):
     )
 
 
-def faults(runs: int) -> bool:
-    """Starts among outliers and bursts of them."""
+def tests_module():
+    """What the tests fly with."""
     spec = importlib.util.spec_from_file_location("honesty", TESTS)
     tests = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(tests)
-    good = True
+    return tests
+
+
+def faults(runs: int) -> bool:
+    """Starts among outliers and bursts of them."""
+    tests, good = tests_module(), True
     for method in METHODS:
         for rate_hz in (10.0, 1.0):
             worst, waits = tests.fly_through_faults(method, runs, seed=11, rate_hz=rate_hz)
@@ -70,6 +77,32 @@ def faults(runs: int) -> bool:
                 flush=True,
             )
     return good
+
+
+def inertia(runs: int) -> None:
+    """NEES where the stated 5 % of the moments are what is off: joint and by component, from 20 s on."""
+    tests, sigma = tests_module(), 0.05 * INERTIA
+    for deg_s, duration_s in ((0.5, 100.0), (2.0, 200.0)):
+        rng, t = np.random.default_rng(6), np.arange(0.0, duration_s, 0.5)
+        off = INERTIA + sigma * rng.normal(size=(runs, 1, 3))
+        dcm, rate = tests.slow_targets(t, runs, rng, deg_s, off)
+        noise, joint, each = math.radians(0.1) ** 2 * np.eye(3), [], []
+        for run in range(runs):
+            nav = tests.make("multiplicative", told_deg_s=deg_s, inertia_sigma_kg_m2=sigma)
+            seen = (
+                dcm[:, run] @ tests.Rotation.from_rotvec(math.radians(0.1) * rng.normal(size=(len(t), 3))).as_matrix()
+            )
+            for k, now in enumerate(t):
+                record = nav.step(now, seen[k], noise)
+                if now >= 20.0 and k % 20 == 0 and tests.is_relied_on(record):
+                    error = tests.error_of(record, dcm[k, run], rate[k, run])
+                    joint.append(error @ np.linalg.solve(record.covariance, error) / len(error))
+                    each.append(error**2 / np.diag(record.covariance))
+        by = np.mean(each, axis=0)
+        print(
+            f"moments 5 % off, {deg_s:g} deg/s (1-sigma an axis), {duration_s:g} s, {runs} runs: "
+            f"NEES by component {by.min():.2f} to {by.max():.2f}, joint NEES / 6 {np.mean(joint):.1f}"
+        )
 
 
 def fastest_us(call, batches=200, calls=10):
@@ -112,11 +145,11 @@ def speed() -> None:
 def main() -> int:
     """Fly or time."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("faults", "speed"))
+    parser.add_argument("what", choices=("faults", "inertia", "speed"))
     parser.add_argument("--runs", type=int, default=1000)
     options = parser.parse_args()
-    if options.what == "speed":
-        speed()
+    if options.what != "faults":
+        speed() if options.what == "speed" else inertia(options.runs)
         return 0
     return 0 if faults(options.runs) else 1
 
