@@ -28,7 +28,7 @@ BARS = (
     ("target rate, deg/s", slice(9, 12), np.degrees(1.0), 0.006),
     ("velocity, mm/s", slice(3, 6), 1e3, 0.15),
 )
-"""Name, which of the port's twelve, unit, and the bar at the last distance."""
+"""Name, which of the port's twelve, unit, and the goal at the last distance."""
 
 
 PIECE_S = 10.0
@@ -88,7 +88,7 @@ def main() -> None:
         print(f"at {range_m:g} m, {given.runs} runs")
         for name, part, scale, bar in BARS:
             reached, said = 3.0 * scale * error[part], 3.0 * scale * sigma[part]
-            note = f"  (bar {bar:g})" if range_m == RANGES_M[-1] else ""
+            note = f"  (goal {bar:g})" if range_m == RANGES_M[-1] else ""
             print(f"  {name:<20} {np.round(reached, 4)}, says {np.round(said, 4)}{note}")
         for name, blocks in groups_of(vehicle).items():
             ratio, dof = honesty(points, places, blocks)

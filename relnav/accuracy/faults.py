@@ -84,7 +84,7 @@ class FaultRow:
 
     @property
     def ok(self) -> bool:
-        """Whether the bars are met: silent shares, and false alarms of healthy runs."""
+        """Whether the goals are met: silent shares, and false alarms of healthy runs."""
         if self.fault == Fault.HEALTHY and self.alarmed > max(1.0, FALSE_ALARM_SHARE * self.runs):
             return False
         return not self.observable or self.silent <= SILENT_SHARE * self.runs
@@ -101,7 +101,7 @@ class FaultsReport:
 
     @property
     def ok(self) -> bool:
-        """Whether every row meets its bar."""
+        """Whether every row meets its goal."""
         return all(row.ok for row in self.rows)
 
     def to_dict(self) -> dict[str, Any]:
@@ -123,12 +123,12 @@ class FaultsReport:
             bounds = f"{row.silent_low:.3f} .. {row.silent_high:.3f}"
             recovery = f"{row.recovery_s:5.1f} {row.recovery_worst_s:6.1f}" if row.recovery_s == row.recovery_s else ""
             verdict = "" if row.observable else "  not observable"
-            verdict = verdict if row.ok else "  BAR NOT MET"
+            verdict = verdict if row.ok else "  GOAL NOT MET"
             out.append(
                 f"  {row.fault:<36}{row.method:<7}{row.beyond:>7}{row.alarmed:>9}{row.silent:>8}  {bounds}"
                 f"  {recovery:<12}{verdict}".rstrip()
             )
-        out.append("every bar is met" if self.ok else "SOME BARS ARE NOT MET")
+        out.append("every goal is met" if self.ok else "SOME GOALS ARE NOT MET")
         return out
 
 

@@ -208,7 +208,7 @@ class FaultRow:
             f"  {self.sensor or 'nothing is wrong':<24}{self.alarmed:>7}{self.named if self.sensor else '-':>11}"
             f"{told(self.alarm_s, '.0f'):>10}{self.error:>15.2f}{told(self.one_fault, '.2f'):>11}"
             f"{self.silent:>8}  {self.silent_low:.3f} .. {self.silent_high:.3f}{inside}".rstrip()
-            + ("" if self.ok else "  BAR NOT MET")
+            + ("" if self.ok else "  GOAL NOT MET")
         )
 
 
@@ -223,7 +223,7 @@ class VehicleFaultsReport:
 
     @property
     def ok(self) -> bool:
-        """Whether every row meets its bar."""
+        """Whether every row meets its goal."""
         return all(row.ok for row in self.rows)
 
     def to_dict(self) -> dict[str, Any]:
@@ -253,7 +253,7 @@ class VehicleFaultsReport:
                 head = f"{fault:<26}alarmed  naming it  after, s  error / level  one fault  silent  95 % bounds{lost}"
                 out.append(head.rstrip())
             out.append(row.line())
-        out.append("every bar is met" if self.ok else "SOME BARS ARE NOT MET")
+        out.append("every goal is met" if self.ok else "SOME GOALS ARE NOT MET")
         return out
 
 

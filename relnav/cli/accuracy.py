@@ -100,7 +100,7 @@ def _draw(report: Any, path: Path) -> None:
 
 
 def _faults(mission: Any, runs: int | None, seed: int, json_path: Path | None, plot: Path | None, quiet: bool) -> int:
-    """Faults that last; exit code 1 if a bar is not met."""
+    """Faults that last; exit code 1 if a goal is not met."""
     from relnav.accuracy import faults, marker_faults, vehicle_faults
     from relnav.cli import NOT_MET
     from relnav.errors import UsageError

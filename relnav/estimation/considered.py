@@ -16,17 +16,16 @@ from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, square, straight_line, vector
 from relnav.codegen.together import anywhere, held, select
 from relnav.codegen.trace import Shape
-from relnav.estimation.factored import add_rank_one
+from relnav.estimation.factored import add_rank_one, add_three_rank_ones
 from relnav.estimation.rows import Observed, row_pattern
 
 
 @kernel
 def is_felt(row: Vector) -> bool:
     """Whether an error moves the estimate at all."""
-    size = 0.0
+    felt = False
     for i in range(row.shape[0]):
-        size += abs(row[i])
-    felt: bool = size > 0.0
+        felt = felt | (row[i] != 0.0)
     return felt
 
 
@@ -128,6 +127,11 @@ def update_sensitivities(ld: Matrix, seen: Observed, by_error: Matrix, news: Mat
 @kernel
 def join_considered(ld: Matrix, sensitivities: Matrix) -> None:
     """Replace a filter's own factors by those of what is reported, L D L^T + S^T S."""
-    for c in range(sensitivities.shape[0]):
+    count = sensitivities.shape[0]
+    threes = count - count % 3
+    for c in range(0, threes, 3):
+        if is_felt(sensitivities[c]) or is_felt(sensitivities[c + 1]) or is_felt(sensitivities[c + 2]):
+            add_three_rank_ones(ld, sensitivities[c : c + 3])
+    for c in range(threes, count):
         if is_felt(sensitivities[c]):
             add_rank_one(ld, sensitivities[c])

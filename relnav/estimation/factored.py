@@ -16,6 +16,7 @@ import numpy as np
 from relnav.arrays import Flags, Matrix, Vector
 from relnav.codegen.kernel import entry, square, straight_line, vector
 from relnav.codegen.together import quotient, select
+from relnav.codegen.trace import Shape
 
 
 @entry
@@ -192,6 +193,32 @@ def add_rank_one(ld: Matrix, v: Vector) -> None:
         for i in range(j + 1, n):
             rest[i] -= p * ld[i, j]
             ld[i, j] += along * rest[i]
+
+
+def _three(n: int) -> Shape:
+    return 3, n
+
+
+@straight_line(ld=square, v=_three)
+def add_three_rank_ones(ld: Matrix, v: Matrix) -> None:
+    """`add_rank_one` of the rows of v (3, n), to the bit: column by column, so that none waits for another to end."""
+    n = ld.shape[0]
+    rest, c = np.zeros((3, n)), np.zeros(3)
+    for k in range(3):
+        c[k] = 1.0
+        for i in range(n):
+            rest[k, i] = v[k, i]
+    for j in range(n):
+        for k in range(3):
+            p, d = rest[k, j], ld[j, j]
+            total = d + c[k] * p * p
+            inverse = quotient(1.0, total, 0.0)
+            along = c[k] * p * inverse
+            c[k] *= select(total > 0.0, d * inverse, 1.0)
+            ld[j, j] = total
+            for i in range(j + 1, n):
+                rest[k, i] -= p * ld[i, j]
+                ld[i, j] += along * rest[k, i]
 
 
 @straight_line(ld=square, h1=vector, h2=vector)

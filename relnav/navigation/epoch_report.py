@@ -11,10 +11,10 @@ import numpy as np
 from relnav.arrays import LARGEST, Matrix, Record, Vector
 from relnav.codegen.kernel import entry, kernel
 from relnav.dynamics.error_state import MOTION, factor_size
+from relnav.estimation.considered import join_considered
 from relnav.estimation.rows import copy_track
 from relnav.navigation.docking_view import VIEW_ROWS, view_epoch
 from relnav.navigation.memory import Memory, views
-from relnav.navigation.observation.beacon_considered import add_considered
 from relnav.navigation.observation.beacon_geometry import attitude_changed
 from relnav.navigation.packed_factors import pack_factors
 from relnav.navigation.step import step, wrong_use
@@ -135,7 +135,7 @@ def _view(m: Memory, scratch: Vector, view: Vector) -> None:
     if m.sensitivities.shape[0] > 0:
         copy_track(track, m.work)
         ld = m.work["ld"]
-        add_considered(ld, m.sensitivities)
+        join_considered(ld, m.sensitivities)
     packed, lever, port = scratch[:_LOWER_SIZE], scratch[_LOWER_SIZE : _LOWER_SIZE + 3], scratch[_LOWER_SIZE + 3 :]
     for i in range(3):
         lever[i] = mount[0, i] * mount[0, 3] + mount[1, i] * mount[1, 3] + mount[2, i] * mount[2, 3]

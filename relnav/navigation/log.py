@@ -13,13 +13,13 @@ from relnav.arrays import LARGEST, Codes, Matrix, Stack, Vector, one_piece
 from relnav.codegen.kernel import entry, kernel, long_entry
 from relnav.codegen.together import select
 from relnav.dynamics.error_state import MOTION, factor_size
+from relnav.estimation.considered import join_considered
 from relnav.estimation.rows import copy_track
 from relnav.geometry.rotation import dcm_from_quaternion_into
 from relnav.mission import Model
 from relnav.navigation.arguments import choose, controls, quaternions
 from relnav.navigation.lasting_words import lasting_words
 from relnav.navigation.memory import Memory, views
-from relnav.navigation.observation.beacon_considered import add_considered
 from relnav.navigation.observation.beacon_geometry import attitude_changed
 from relnav.navigation.packed_factors import pack_factors, unpack_factors
 from relnav.navigation.record import Solution
@@ -124,7 +124,7 @@ def run_rows(block: Vector, begin: int, end: int, rows: Rows) -> None:
                 state[e, i] = m.track["state"][i]
             if sensitivities.shape[0] > apart:
                 copy_track(m.track, m.work)
-                add_considered(reported, sensitivities)
+                join_considered(reported, sensitivities)
             pack_factors(reported, factor[e])
             for k in range(apart):
                 for i in range(MOTION):
@@ -168,7 +168,7 @@ def _join(state: Matrix, factor: Matrix, considered: Stack, ld: Matrix) -> None:
     for e in range(factor.shape[0]):
         if state[e, 0] == state[e, 0]:
             unpack_factors(factor[e], ld)
-            add_considered(ld, considered[e])
+            join_considered(ld, considered[e])
             pack_factors(ld, factor[e])
 
 

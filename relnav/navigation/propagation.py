@@ -11,6 +11,7 @@ from relnav.dynamics.error_state import MOTION, VELOCITY
 from relnav.dynamics.process_noise import add_execution_error
 from relnav.dynamics.relative_motion import depends_on_dt_alone, propagate_into
 from relnav.dynamics.yamanaka_ankersen import PHI_PATTERN as ECCENTRIC_PATTERN
+from relnav.estimation.considered import is_felt
 from relnav.estimation.factored import factorize_into, time_update_into
 
 TICKS_PER_S = 2.0**33
@@ -94,12 +95,6 @@ def carry(state: Vector, ld: Matrix, phi: Matrix, effect: Vector, noise: Matrix)
     time_update_into(ld, phi, noise)
 
 
-@kernel
-def moves(sensitivity: Vector) -> bool:
-    """Whether an error moves the position at all: of most nodes of a detector's field no spot comes near."""
-    return bool(sensitivity[0] != 0.0 or sensitivity[1] != 0.0 or sensitivity[2] != 0.0)
-
-
 carry_eccentric = variant(carry, "carry_eccentric", phi=ECCENTRIC_PATTERN)
 carry_state_eccentric = variant(carry_state, "carry_state_eccentric", phi=ECCENTRIC_PATTERN)
 multiply_eccentric = variant(multiply, "multiply_eccentric", phi=ECCENTRIC_PATTERN)
@@ -114,7 +109,7 @@ def advance(step: Record, orbit: Vector, track: Record, sensitivities: Matrix) -
     else:
         carry_eccentric(track["state"], track["ld"], phi, step["effect"], step["noise"])
     for j in range(sensitivities.shape[0]):
-        if moves(sensitivities[j]):
+        if is_felt(sensitivities[j]):  # of most nodes of a detector's field no spot comes near
             if circular:
                 multiply(phi, sensitivities[j])
             else:

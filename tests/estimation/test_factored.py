@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from relnav.estimation.factored import (
     add_rank_one,
+    add_three_rank_ones,
     compose,
     compose_into,
     factorize,
@@ -178,3 +179,17 @@ def test_rank_one():
         add_rank_one(ld, v)
         np.testing.assert_allclose(compose(ld), a @ a.T + np.outer(v, v), atol=1e-12)
         assert (np.diag(ld) >= 0.0).all()
+
+
+@pytest.mark.parametrize("size", [6, 12])
+def test_three_at_once_are_three_one_after_another(size):
+    rng = np.random.default_rng(4)
+    for rank in (size, size - 2, 0):
+        a, v = rng.normal(size=(size, rank)), rng.normal(size=(3, size))
+        v[1, 0] = v[2] = 0.0
+        one_by_one = factorize(a @ a.T)
+        at_once = one_by_one.copy()
+        for row in v:
+            add_rank_one(one_by_one, row)
+        add_three_rank_ones(at_once, v)
+        np.testing.assert_array_equal(at_once, one_by_one)

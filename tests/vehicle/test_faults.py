@@ -229,5 +229,5 @@ def test_every_bar_can_fail(change):
     assert not row.ok
     report = VehicleFaultsReport("demo", 200, 7, (GOOD, row))
     assert not report.ok
-    assert sum("BAR NOT MET" in line for line in report.lines()) == 1
-    assert "SOME BARS ARE NOT MET" in report.lines()[-1]
+    assert sum("GOAL NOT MET" in line for line in report.lines()) == 1
+    assert "SOME GOALS ARE NOT MET" in report.lines()[-1]

@@ -30,7 +30,7 @@ The noise of the attitude that comes with an image turns all its spots together:
 """
 
 from relnav.arrays import Matrix, Record, Vector
-from relnav.codegen.kernel import entry, kernel
+from relnav.codegen.kernel import kernel
 from relnav.codegen.together import anywhere, held, select
 from relnav.dynamics.error_state import MOTION
 from relnav.estimation.considered import add_covariance_times, subtract_taken, update_sensitivities
@@ -47,7 +47,6 @@ from relnav.navigation.observation.beacon_lasting_errors import (
     place_in_field,
     position_by_beacon,
 )
-from relnav.navigation.propagation import moves
 
 
 @kernel
@@ -176,11 +175,3 @@ def add_attitude_noise(m: Memory, track: Record) -> None:
         add_covariance_times(track["ld"], news[axis], effect[axis])
     for axis in range(3):
         add_rank_one(track["ld"], effect[axis])
-
-
-@entry
-def add_considered(ld: Matrix, sensitivities: Matrix) -> None:
-    """Replace a filter's own factors (6, 6) by those of what is reported, P + S S^T."""
-    for j in range(sensitivities.shape[0]):
-        if moves(sensitivities[j]):
-            add_rank_one(ld, sensitivities[j])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from relnav.sensors.three_marker import project
-from relnav.sensors.three_marker.camera import normalise, unit_rays
+from relnav.sensors.three_marker.camera import is_covariance, normalise, unit_rays
 
 
 def points_in_front(n=40, seed=1):
@@ -87,3 +87,19 @@ def test_the_unit_of_length_moves_no_spot(with_lens, scale):
     near, scaled = project(p, with_lens.camera), project(scale * p, with_lens.camera)
     np.testing.assert_array_equal(scaled.visible, near.visible)
     np.testing.assert_allclose(scaled.spots_px, near.spots_px, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "good"),
+    [
+        ((2.0, 0.5, 0.5, 1.0), True),
+        ((2.0, 0.5, 0.4, 1.0), False),  # not symmetric
+        ((1.0, 1.0, 1.0, 1.0), False),  # not definite
+        ((-2.0, 0.0, 0.0, -1.0), False),
+        ((np.inf, 0.0, 0.0, 1.0), False),
+        ((1.0, 0.0, 0.0, np.inf), False),
+        ((1.0, np.nan, 0.0, 1.0), False),
+    ],
+)
+def test_what_is_a_covariance(matrix, good):
+    assert is_covariance(*matrix) == good
