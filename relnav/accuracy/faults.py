@@ -84,10 +84,10 @@ class FaultRow:
 
     @property
     def ok(self) -> bool:
-        """Whether the goals are met: silent shares, and false alarms of healthy runs."""
+        """Whether the goals are met: silent shares, and false alarms of healthy runs. One run tells no share yet."""
         if self.fault == Fault.HEALTHY and self.alarmed > max(1.0, FALSE_ALARM_SHARE * self.runs):
             return False
-        return not self.observable or self.silent <= SILENT_SHARE * self.runs
+        return not self.observable or self.silent <= max(1.0, SILENT_SHARE * self.runs)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,9 @@ Truth is flown by `relnav.simulation`, which shares nothing with the filter; wha
 of `docs/validation.md` come from `relnav accuracy MODEL --faults`; here a few runs of each class.
 """
 
+import dataclasses
+import math
+
 import numpy as np
 import pytest
 from scipy.stats import chi2, norm
@@ -11,7 +14,7 @@ from scipy.stats import chi2, norm
 import relnav
 from relnav.accuracy import faults
 from relnav.accuracy.campaign import SEED_STRIDE
-from relnav.accuracy.faults import BUILT, DRAWN, TOLD, judge, measure_faults, run_once
+from relnav.accuracy.faults import BUILT, DRAWN, TOLD, FaultRow, judge, measure_faults, run_once
 from relnav.accuracy.statistics import wilson_bounds
 from relnav.estimation.monitors import _sum_limit
 from relnav.navigation.status import ALARM_TABLE, PREDICTED, REJECTED, STARTED, Alarm, EpochStatus
@@ -256,3 +259,12 @@ def test_the_limit_of_a_sum_is_as_improbable_as_it_says(rows, sigmas):
     """Within 8 % of the probability's logarithm: Wilson and Hilferty's cube is an approximation."""
     reached, wanted = chi2.logsf(_sum_limit(rows, sigmas), rows), norm.logsf(sigmas)
     assert reached == pytest.approx(wanted, rel=0.08)
+
+
+@pytest.mark.parametrize(("runs", "silent", "met"), [(40, 1, True), (40, 2, False), (400, 8, True), (400, 9, False)])
+def test_one_silent_run_of_a_few_tells_no_share(runs, silent, met):
+    row = FaultRow("as drawn", Fault.STUCK, "fix", runs, silent, 0, silent, 0.0, 1.0, math.nan, math.nan, True)
+    assert row.ok is met
+    assert dataclasses.replace(row, observable=False).ok
+    healthy = dataclasses.replace(row, fault=Fault.HEALTHY, silent=0, alarmed=2)
+    assert healthy.ok is (runs == 400)
