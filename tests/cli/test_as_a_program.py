@@ -29,8 +29,9 @@ def test_a_long_log_shows_no_bar_when_piped(program, vbar_log, tmp_path):
     assert log.stat().st_size > 5_000_000
     done = program("filter", log, *MODEL)
     assert done.returncode == 0
-    assert done.stderr == ""
-    assert "\r" not in done.stdout
+    said = [line for line in done.stderr.splitlines() if "compiling for this processor" not in line]  # where it has to
+    assert said == []
+    assert "\r" not in done.stdout + done.stderr
     assert "#" not in done.stdout
 
 
