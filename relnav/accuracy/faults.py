@@ -84,10 +84,17 @@ class FaultRow:
 
     @property
     def ok(self) -> bool:
-        """Whether the goals are met: silent shares, and false alarms of healthy runs. One run tells no share yet."""
-        if self.fault == Fault.HEALTHY and self.alarmed > max(1.0, FALSE_ALARM_SHARE * self.runs):
-            return False
-        return not self.observable or self.silent <= max(1.0, SILENT_SHARE * self.runs)
+        """Whether the goals are met: silent shares, and false alarms of healthy runs."""
+        return not self._alarms_falsely and (not self.observable or self.silent <= SILENT_SHARE * self.runs)
+
+    @property
+    def may_be_chance(self) -> bool:
+        """Whether so few runs would be silent by chance too, if the goal were met."""
+        return not self._alarms_falsely and self.silent_low < SILENT_SHARE
+
+    @property
+    def _alarms_falsely(self) -> bool:
+        return self.fault == Fault.HEALTHY and self.alarmed > max(1.0, FALSE_ALARM_SHARE * self.runs)
 
 
 @dataclass(frozen=True)
@@ -129,6 +136,8 @@ class FaultsReport:
                 f"  {recovery:<12}{verdict}".rstrip()
             )
         out.append("every goal is met" if self.ok else "SOME GOALS ARE NOT MET")
+        if not self.ok and all(row.ok or row.may_be_chance for row in self.rows):
+            out.append(f"with {self.runs} runs a row that may be chance: more runs (--runs 400) decide")
         return out
 
 

@@ -97,11 +97,16 @@ class Sensitivities:
         """Causes of a component, the largest total first."""
         return sorted((one for one in self.shares if one.component == component), key=lambda one: -one.total)
 
-    def lines(self) -> list[str]:
-        """For a reader: the position's components."""
+    @property
+    def runs_used(self) -> str:
+        """How many base runs the indices are of, in words."""
         most = max((share.used for share in self.shares), default=self.used)
         used = f"{self.used} to {most}" if most > self.used else str(self.used)
-        lines = [f"{used} of {self.base} base runs used; 95 % intervals from resampling"]
+        return f"{used} of {self.base} base runs used"
+
+    def lines(self) -> list[str]:
+        """For a reader: the position's components."""
+        lines = [f"{self.runs_used}; 95 % intervals from resampling"]
         if self.used < self.base:
             lines.append("  a base run is used for a cause if the three flights that tell of it end with a state:")
             lines.append("  neither ambiguous, lost nor failed. So the indices are those of flights that end well")

@@ -122,10 +122,12 @@ def draw_sensitivities(found: Sensitivities, path: Path) -> None:
             spread = [one.spread if np.isfinite(one.spread) else 0.0 for one in moved]
             right.barh([one.number for one in moved], [one.shift for one in moved], xerr=spread, color=SPREAD)
             right.axvline(0.0, color="0.5", lw=0.8)
+            right.locator_params(axis="x", nbins=6)
+            right.ticklabel_format(axis="x", style="sci", scilimits=(-3, 3))
             right.set_title(f"{name}: moved by one sigma alone")
         axes[-1, 0].set_xlabel("Sobol' index")
         axes[-1, 1].set_xlabel("shift, in the unit of its component")
-        heading(figure, f"Error at the end, {found.base} base runs: where it comes from")
+        heading(figure, f"Error at the end: where it comes from; {found.runs_used}")
         one_legend(figure)
         save([figure], path)
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -80,21 +81,23 @@ def _detect(noise: Stack, sigma: float, half: Vector, spots: Stack) -> None:
         _detect_one(noise[e], sigma, half, spots[e])
 
 
+class _Detector(NamedTuple):
+    """What images are seen with, as the functions above take it."""
+
+    dcm: Matrix
+    lever: Vector
+    beacons: Matrix
+    focal_length: float
+    sigma: float
+    half: Vector
+
+
 @kernel
-def _image(
-    state: Matrix,
-    dcm: Matrix,
-    lever: Vector,
-    beacons: Matrix,
-    focal_length: float,
-    noise: Stack,
-    sigma: float,
-    half: Vector,
-    out: Stack,
-) -> None:
+def _image(state: Matrix, seen_by: _Detector, noise: Stack, out: Stack) -> None:
+    """What is seen of the beacons from n states."""
     for e in range(state.shape[0]):
-        _project_one(state[e], dcm, lever, beacons, focal_length, out[e])
-        _detect_one(noise[e], sigma, half, out[e])
+        _project_one(state[e], seen_by.dcm, seen_by.lever, seen_by.beacons, seen_by.focal_length, out[e])
+        _detect_one(noise[e], seen_by.sigma, seen_by.half, out[e])
 
 
 @long_entry
@@ -104,14 +107,14 @@ def _image_together(
     lever: Vector,
     beacons: Matrix,
     focal_length: float,
-    noise: Stack,
     sigma: float,
     half: Vector,
+    noise: Stack,
     out: Stack,
 ) -> bool:
-    """What is seen of the beacons in RUNS runs; whether all went the same way."""
-    lanes = lanes_of(state), lanes_of(noise), lanes_of(out)
-    divided, _ = attempt(_image, lanes[0], dcm, lever, beacons, focal_length, lanes[1], sigma, half, lanes[2])
+    """`_image` of RUNS runs; whether all went the same way."""
+    seen_by = _Detector(dcm, lever, beacons, focal_length, sigma, half)
+    divided, _ = attempt(_image, lanes_of(state), seen_by, lanes_of(noise), lanes_of(out))
     return divided == 0
 
 
@@ -242,7 +245,7 @@ def detected_together(model: Model, state: Stack, noise: Stack) -> Stack:
     half = 0.5 * np.array(sensor.detector_size_m)
     out: Stack = new_lanes(len(state), len(beacons), 2, make=np.empty)
     geometry = model.dcm_cam_from_lvlh, model.camera_lever_cam_m, beacons, sensor.focal_length_m
-    agreed = _image_together(state, *geometry, noise, sensor.spot_noise_m, half, out)
+    agreed = _image_together(state, *geometry, sensor.spot_noise_m, half, noise, out)
     assert agreed, "nothing in an image is decided by its numbers"
     return out
 

@@ -27,11 +27,11 @@ def test_a_long_log_shows_no_bar_when_piped(program, vbar_log, tmp_path):
     log = tmp_path / "long.csv"
     log.write_text("\n".join([lines[0], *rows]))
     assert log.stat().st_size > 5_000_000
+    program("filter", log, *MODEL)  # what is not at hand is compiled, and that is said, once
     done = program("filter", log, *MODEL)
     assert done.returncode == 0
-    said = [line for line in done.stderr.splitlines() if "compiling for this processor" not in line]  # where it has to
-    assert said == []
-    assert "\r" not in done.stdout + done.stderr
+    assert done.stderr == ""
+    assert "\r" not in done.stdout
     assert "#" not in done.stdout
 
 
