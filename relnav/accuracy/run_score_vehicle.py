@@ -76,7 +76,7 @@ class VehicleScorer:
             "epochs_rejected": float(counts.rejected),
             "epochs_predicted": 0.0,
             "epochs_waiting": 0.0,
-            "alarms": float(sum(health.alarm for health in found[-1].sensors.values())) if self._watched else math.nan,
+            "alarms": float(len(found[-1].alarms)) if self._watched else math.nan,
             "nis_sum": counts.nis,
             "nis_dof": float(counts.dof),
         }

@@ -128,10 +128,9 @@ class Summary:
             self._last = estimate
             self._estimates += 1
             self._ambiguous += estimate.ambiguous
-            for name, health in estimate.sensors.items():
-                if health.alarm:
-                    first, count = self._alarms.get(name, (estimate.t_s, 0))
-                    self._alarms[name] = first, count + 1
+            for name in estimate.alarms:
+                first, count = self._alarms.get(name, (estimate.t_s, 0))
+                self._alarms[name] = first, count + 1
             if progress is not None:
                 progress(1)
             yield estimate
@@ -216,6 +215,6 @@ def _lines(figures: dict[str, Any], name: str) -> list[str]:
     for sensor, alarm in figures["alarms"].items():
         lines.append(
             f"ALARM {sensor} in {alarm['estimates']} of {figures['estimates']} estimates, first at "
-            f"{alarm['first_s']:.2f} s: it contradicts the others, do not use the states there"
+            f"{alarm['first_s']:.2f} s: it may be at fault, do not use the states there"
         )
     return lines

@@ -266,6 +266,32 @@ def take_gated(
 
 
 @kernel
+def take_sensitivities(
+    H: Matrix, chosen: Codes, work: Matrix, places: Codes, sensitivity: Matrix, told: Matrix
+) -> int:
+    """Let the rows that `take_gated` took in correct what k constants do to the errors, sensitivity (n, k), in place.
+
+    H (m, n); chosen, work and places as it had them; no error considered. Writes what each does to the whitened
+    innovations into told (m, k), without gaps: C^-1 H sensitivity. Returns how many rows were taken in.
+    """
+    m, columns = len(chosen), sensitivity.shape[1]
+    factor, weights = work[2 * m : 3 * m, :m], work[3 * m + 1]
+    for i in range(m):
+        for c in range(columns):
+            told[i, c] = 0.0
+        if chosen[i] > 0:
+            _add_rows(told[i], weights, places, _pick(H[i], places, weights), sensitivity, 0)
+    count = _whiten(told, columns, chosen, factor)
+    for i in range(count):
+        places[i] = i
+    for a in range(len(sensitivity)):
+        for i in range(count):
+            weights[i] = -work[i, a]
+        _add_rows(sensitivity[a], weights, places, count, told, 0)
+    return count
+
+
+@kernel
 def take_chosen(
     P: Matrix,
     considered: Flags,
@@ -343,6 +369,21 @@ def carry_into(
         row, lasting = after[a, a:], P[a, a:]
         for c in range(len(row)):
             row[c] = lasting[c]
+
+
+@kernel
+def carry_sensitivities(places: Codes, weights: Matrix, counts: Codes, sensitivity: Matrix, moved: Matrix) -> None:
+    """Carry what k constants do to the errors, sensitivity (n, k), over a step, in place; moved (m, k) scratch.
+
+    places, weights (m, n or fewer) and counts (m,): the entries of F that are not zero, as `carry_into` leaves them.
+    """
+    for i in range(len(moved)):
+        for c in range(moved.shape[1]):
+            moved[i, c] = 0.0
+        _add_rows(moved[i], weights[i], places[i], counts[i], sensitivity, 0)
+    for i in range(len(moved)):
+        for c in range(moved.shape[1]):
+            sensitivity[i, c] = moved[i, c]
 
 
 @kernel

@@ -7,11 +7,13 @@ import numpy as np
 
 from relnav.files.report_page import tile
 from relnav.files.run_view import PORTS, RunView
+from relnav.spacecraft import RESERVED
 from relnav.vehicle.monitor import ALARM_SIGMA, FADES_S
 
 SENSORS_SAID = (
     f"Squared innovations of some {FADES_S:g} s above what is expected, in the monitoring filter, in sigma: beyond "
-    f"{ALARM_SIGMA:g} is an alarm. NIS per degree of freedom, before the gate, is that of the filter itself, averaged "
+    f"{ALARM_SIGMA:g} is an alarm. Drift: how far the innovations look like a drift of each sensor, the gyro or the "
+    "thrusters, with the same limit. NIS per degree of freedom, before the gate, is that of the filter itself, averaged "
     "over ten observations: its mean is one; constant errors make it drift."
 )
 TIMELINE_SAID = "Which sensor was used when: a mark for each row of the track with an accepted observation."
@@ -37,24 +39,29 @@ def vehicle_tiles(view: RunView) -> list[str]:
 def sensor_charts(view: RunView) -> list[dict[str, Any]]:
     """Charts of the section of measurements: what is watched, and NIS."""
     charts: list[dict[str, Any]] = []
-    for name in view.sensors:
-        deviation, nis = f"deviation_{name}", f"nis_{name}"
-        if view.has(deviation):
-            lines: list[dict[str, Any]] = [
-                {"column": deviation, "label": "deviation", "colour": "estimate"},
-                {"constant": ALARM_SIGMA, "label": f"alarm, {ALARM_SIGMA:g}", "colour": "gate", "dash": True},
-            ]
-            low, high = _ends(view, deviation)
-            limits = [min(-3.5, 1.1 * low), max(1.15 * ALARM_SIGMA, 1.08 * high)]
-            charts.append(_chart(f"{name}: deviation", "sigma", lines, limits))
+    for name in [*view.sensors, *RESERVED]:
+        nis = f"nis_{name}"
+        for what in ("deviation", "drift"):
+            column = f"{what}_{name}"
+            if view.has(column):
+                low, high = _ends(view, column)
+                limits = [min(-3.5, 1.1 * low), max(1.15 * ALARM_SIGMA, 1.08 * high)]
+                charts.append(_chart(f"{name}: {what}", "sigma", _with_limit(column, what), limits))
         if view.has(nis):
-            lines = [
+            lines: list[dict[str, Any]] = [
                 {"column": nis, "label": "NIS per dof", "colour": "spread"},
                 {"constant": 1.0, "label": "expected", "colour": "soft", "dash": True},
             ]
             limits = [0.0, max(2.0, 1.08 * _ends(view, nis)[1])]
             charts.append(_chart(f"{name}: NIS per degree of freedom", "NIS per dof", lines, limits))
     return charts
+
+
+def _with_limit(column: str, label: str) -> list[dict[str, Any]]:
+    return [
+        {"column": column, "label": label, "colour": "estimate"},
+        {"constant": ALARM_SIGMA, "label": f"alarm, {ALARM_SIGMA:g}", "colour": "gate", "dash": True},
+    ]
 
 
 def _ends(view: RunView, column: str) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from relnav.accuracy.rendezvous import true_port
 from relnav.dynamics.in_frame import AXES, frame_words
 from relnav.files.tables import Table, Writer, relnav_version, write_table
 from relnav.simulation.vehicle_sensors import VehicleRun
-from relnav.spacecraft import Vehicle
+from relnav.spacecraft import RESERVED, Vehicle
 from relnav.vehicle.estimate import VehicleEstimate
 
 _UPPER = np.triu_indices(12)
@@ -21,7 +21,8 @@ _ATTITUDE = tuple(f"q_target_from_chaser_{axis}" for axis in "xyzw")
 _PORT = tuple(f"{_NAMES[k]}_{_UNITS[k]}" for k in (0, 1, 2, 3, 4, 5, 9, 10, 11))
 TRUTH_COLUMNS = ("t_s", *_PORT, *_ATTITUDE)
 PROTECTION_COLUMNS = tuple(f"protection_{axis}_m" for axis in "xyz")
-OF_A_SENSOR = ("used", "refused", "nis", "deviation", "alarm")
+OF_A_SENSOR = ("used", "refused", "nis", "deviation", "drift", "alarm")
+OF_NO_SENSOR = ("drift", "alarm")
 SEEKING = "ambiguous"
 TRACK_COLUMNS = (
     *TRUTH_COLUMNS,
@@ -35,7 +36,8 @@ TRACK_COLUMNS = (
 
 `ambiguous` is 1 while the target is looked for, at a start or after a lock-out: the state is not to be used. Of every
 sensor there follow `OF_A_SENSOR`, as in `used_camera`: whether something of it was believed since the row before (0 or
-1), observations in a row refused, NIS per degree of freedom, deviation in the filter that watches, alarm.
+1), observations in a row refused, NIS per degree of freedom, deviation of the squared innovations and of its drift in
+the filter that watches, and whether it is among what may be at fault. Of gyro and thrusters there follow `OF_NO_SENSOR`.
 """
 _CENTRE = tuple(f"{_NAMES[k]}_{_UNITS[k]}" for k in range(6))
 _DEGREES = np.array([1.0] * 6 + [180.0 / math.pi] * 6)
@@ -79,15 +81,16 @@ class TrackRows:
     def __init__(self, vehicle: Vehicle, frame: str | None = None) -> None:
         """Take the names of the sensors, and a frame for further columns."""
         self._last, self._frame = dict.fromkeys(vehicle.sensor, math.nan), frame
-        of_sensors = (f"{what}_{name}" for name in self._last for what in OF_A_SENSOR)
+        of_sensors = [f"{what}_{name}" for name in self._last for what in OF_A_SENSOR]
+        of_sensors += [f"{what}_{name}" for name in RESERVED for what in OF_NO_SENSOR]
         self.columns = (*TRACK_COLUMNS, *of_sensors, *frame_columns(frame))
 
     @property
     def whole_numbers(self) -> tuple[int, ...]:
         """Which columns hold whole numbers."""
-        of_sensors = (f"{what}_{name}" for name in self._last for what in ("used", "refused", "alarm"))
-        whole = ("gyro_lost", SEEKING, *of_sensors)
-        return tuple(k for k, name in enumerate(self.columns) if name in whole)
+        whole = ("used", "refused", "alarm")
+        of_sensors = {f"{what}_{name}" for name in self._last for what in whole} | {f"alarm_{name}" for name in RESERVED}
+        return tuple(k for k, name in enumerate(self.columns) if name in {"gyro_lost", SEEKING} | of_sensors)
 
     def of(self, estimate: VehicleEstimate) -> list[float]:
         """The row of the next one."""
@@ -96,11 +99,15 @@ class TrackRows:
         row = [estimate.t_s, *port.position_m, *port.velocity_m_s, *np.degrees(port.rate_rad_s), *attitude]
         row += [*(_DEGREES * port.sigma), float(estimate.gyro_lost), *port.protection_level_m()]
         row += [*port.covariance[_UPPER], float(estimate.ambiguous)]
+        alarms, drifts = estimate.alarms, estimate.drifts.deviations
         for name, before in self._last.items():
             health = estimate.sensors[name]
             used = health.last_used_s == health.last_used_s and health.last_used_s != before
             self._last[name] = health.last_used_s
-            row += [float(used), health.refused, health.nis_ratio, health.deviation, float(health.alarm)]
+            row += [float(used), health.refused, health.nis_ratio, health.deviation]
+            row += [drifts.get(name, math.nan), float(name in alarms)]
+        for name in RESERVED:
+            row += [drifts.get(name, math.nan), float(name in alarms)]
         return row if self._frame is None else [*row, *_framed_row(estimate, self._frame)]
 
 

@@ -11,7 +11,7 @@ from relnav.files.models import load_published
 from relnav.files.port_columns import RENAMED
 from relnav.files.run_view import Event, Row, RunView, RunWatcher, Spans
 from relnav.files.vehicle_track import SEEKING, TrackRows
-from relnav.spacecraft import Vehicle
+from relnav.spacecraft import RESERVED, Vehicle
 from relnav.vehicle.estimate import VehicleEstimate
 
 ROWS_AT_ONCE = 256
@@ -68,7 +68,8 @@ class VehicleWatcher(RunWatcher):
     def _told_of(self, columns: Mapping[str, Any]) -> list[tuple[str, str]]:
         """Columns of which stretches are told, and in which words."""
         words = {"used": "{} used", "refused": "{} refused", "alarm": "ALARM {}"}
-        said = [(f"{what}_{s}", text.format(s)) for s in self._sensors for what, text in words.items()]
+        names = [*self._sensors, *RESERVED]
+        said = [(f"{what}_{s}", text.format(s)) for s in names for what, text in words.items()]
         more = [("gyro_lost", "gyro lost"), (SEEKING, "target looked for")]
         return [(name, text) for name, text in [*said, *more] if name in columns]
 

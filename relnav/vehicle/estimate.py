@@ -11,6 +11,7 @@ from relnav.dynamics.error_state import POSE
 from relnav.dynamics.in_frame import FramedTrack, in_frame
 from relnav.estimation.state_layout import StateLayout
 from relnav.spacecraft import Vehicle
+from relnav.vehicle.drift_test import Drifts
 from relnav.vehicle.health import SensorHealth
 from relnav.vehicle.port import PortState
 from relnav.vehicle.separation import FAULT_PROBABILITY, protection_level_m
@@ -35,6 +36,8 @@ class VehicleEstimate:
     sensors : mapping
         How each fares, by name.
     gyro_lost : bool
+    drifts : Drifts
+        How far what was seen looks like a drift of each sensor, the gyro or the thrusters.
     final_before_s : float
         No observation is taken that is older: what the filter made of the time before stands.
     vehicle : Vehicle
@@ -64,6 +67,7 @@ class VehicleEstimate:
     layout: StateLayout
     sensors: Mapping[str, SensorHealth]
     gyro_lost: bool
+    drifts: Drifts
     final_before_s: float
     vehicle: Vehicle = field(repr=False)
     ambiguous: bool = False
@@ -109,5 +113,12 @@ class VehicleEstimate:
 
     @property
     def alarms(self) -> tuple[str, ...]:
-        """Sensors in alarm: while there is one do not use the estimate."""
-        return tuple(name for name, health in self.sensors.items() if health.alarm)
+        """What may be at fault, the most likely first: while there is anything do not use the estimate.
+
+        Sensors, "gyro" and "thrust" of which one drifts (`relnav.vehicle.drift_test`). Where no drift explains it,
+        sensors that contradict the others (`SensorHealth.alarm`), the furthest off first.
+        """
+        if self.drifts.suspects:
+            return self.drifts.suspects
+        off = {name: health.deviation for name, health in self.sensors.items() if health.alarm}
+        return tuple(sorted(off, key=lambda name: -off[name]))

@@ -25,6 +25,7 @@ from relnav.vehicle.acquisition import (
     opened,
 )
 from relnav.vehicle.directions import StarTracker, SunSensor
+from relnav.vehicle.drift_test import Drifts, drives_of, watched_drifts
 from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.flying_sensor import Flown, FlyingSensor
 from relnav.vehicle.gyro import FASTEST_RAD_S, GyroSamples
@@ -128,11 +129,14 @@ class VehicleFilters:
         turning = -vehicle.orbit.mean_motion_rad_s * vehicle.chaser.dcm_chaser_from_lvlh[:, 1]  # held in its orbit
         self.samples = GyroSamples(turning)
         lacking = self._without.get(GYRO, -1), self._without.get(THRUST, -1)
-        self.motion = VehicleMotion(vehicle, self.frame, len(layouts), turning, *lacking)
-        self._updater = Updater(layouts, vehicle.filter.gate_probability, rows)
+        drifts = watched_drifts(self.layout, self.sensors) if monitor else {}
+        drives, watched = drives_of(drifts), 1 if monitor else -1
+        self._drifts = {name: place.stop - place.start for name, place in drifts.items()}
+        self.motion = VehicleMotion(vehicle, self.frame, len(layouts), turning, *lacking, watched, drives)
+        self._updater = Updater(layouts, vehicle.filter.gate_probability, rows, watched, len(drives))
         self.places = {name: k for k, name in enumerate([*RESERVED, *self.sensors])}
         motion = np.concatenate([place, speed])
-        start = start_state(vehicle, layouts, self.frame, number("t_s", t_s), motion)
+        start = start_state(vehicle, layouts, self.frame, number("t_s", t_s), motion, len(drives))
         fares = dict.fromkeys(self.sensors, Fare(Sums(start.t_s)))
         search = Search(start) if vehicle.seeks_attitude else None
         self.start = Tracked(start, fares, search, trial=Trial(start) if search is None else None)
@@ -282,6 +286,10 @@ class VehicleFilters:
         """The same at t_s, not before its own time."""
         return tracked.moved(lambda at: self.motion.settled(at, self.samples, t_s))
 
+    def drifts(self, at: Estimates) -> Drifts:
+        """How far what was seen until then looks like drifts."""
+        return Drifts(self._drifts, at.drift.score.copy(), at.drift.information.copy())
+
     def estimate(self, tracked: Tracked, t_s: float, final_before_s: float) -> VehicleEstimate:
         """What is told of t_s, not before the time of `tracked`."""
         at = self.motion.settled(tracked.estimates, self.samples, t_s)
@@ -300,6 +308,7 @@ class VehicleFilters:
             layout=self.layout,
             sensors={name: fare.health for name, fare in tracked.fares.items()},
             gyro_lost=at.lost is not None,
+            drifts=self.drifts(at),
             final_before_s=final_before_s,
             vehicle=self.vehicle,
             ambiguous=tracked.search is not None or (tracked.trial is not None and tracked.trial.image is not None),

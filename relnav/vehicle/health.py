@@ -34,7 +34,10 @@ class SensorHealth:
 
     @property
     def alarm(self) -> bool:
-        """Whether what it says no longer agrees with what is believed of it (`relnav.vehicle.monitor`)."""
+        """Whether what it says no longer agrees with what is believed of it (`relnav.vehicle.monitor`).
+
+        The sensor that it contradicts may be the one at fault: `VehicleEstimate.alarms` names what may be.
+        """
         return self.deviation > ALARM_SIGMA
 
 

@@ -10,6 +10,8 @@ X is then nearly M / nu times a chi-square of nu = 2 M^2 / V degrees of freedom,
 1 - 2 / (9 nu) with variance 2 / (9 nu) (Wilson and Hilferty 1931, The distribution of chi-square): a deviation above
 ALARM_SIGMA is an alarm. One that ends there has a probability of 3e-6. A single observation counts for no more than the
 gate lets pass: one glint is no lasting fault.
+
+Such a sum sees whatever is odd, and a slow drift late. `drift_test` looks for that, in the innovations of this filter.
 """
 
 import math
@@ -17,9 +19,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from relnav.estimation.state_layout import StateLayout
+from relnav.vehicle.drift_sums import FADES_S
 from relnav.vehicle.update import Outcome
 
-FADES_S = 10.0
 ALARM_SIGMA = 4.5
 
 
@@ -47,8 +49,13 @@ class Sums(NamedTuple):
         """How far the sum lies above what is expected, in 1-sigma; NaN before the first observation."""
         if self.dof == 0.0:
             return math.nan
-        share = self.variance / (9.0 * self.dof**2)  # 2 / (9 nu)
-        return float(((self.nis / self.dof) ** (1.0 / 3.0) - 1.0 + share) / math.sqrt(share))
+        return deviation_of(self.nis / self.dof, 2.0 * self.dof**2 / self.variance)
+
+
+def deviation_of(ratio: float, dof: float) -> float:
+    """How far a chi-square over its degrees of freedom lies above what is expected, 1-sigma (Wilson and Hilferty)."""
+    share = 2.0 / (9.0 * dof)
+    return float((ratio ** (1.0 / 3.0) - 1.0 + share) / math.sqrt(share))
 
 
 def all_estimated(layout: StateLayout) -> StateLayout:

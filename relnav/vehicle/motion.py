@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Codes, Matrix, Vector
 from relnav.dynamics.rigid_body import RigidBody
 from relnav.spacecraft import Vehicle
 from relnav.vehicle.gyro import GyroSamples, found_at, lost_at
@@ -55,11 +55,20 @@ class VehicleMotion:
     """
 
     def __init__(
-        self, vehicle: Vehicle, frame: OrbitFrame, filters: int, held: Vector, without: int = -1, untold: int = -1
+        self,
+        vehicle: Vehicle,
+        frame: OrbitFrame,
+        filters: int,
+        held: Vector,
+        without: int = -1,
+        untold: int = -1,
+        watched: int = -1,
+        drives: Codes | None = None,
     ) -> None:
         """Constants; held: the chaser's rate (3,) rad/s where there is no gyro.
 
-        without: the filter that has none; untold: the filter that is told no commands to the thrusters.
+        without: the filter that has none; untold: the filter that is told no commands to the thrusters; watched: the
+        filter of which drifts are looked for, of the errors drives (k,).
         """
         gyro, motion, thrust = vehicle.gyro, vehicle.motion, vehicle.thrust
         self.frame = frame
@@ -69,6 +78,8 @@ class VehicleMotion:
         self._held, self._without, self._untold = np.array([[-math.inf, *held]]), without, untold
         if without >= 0:
             self._walks[without] = lost_walk
+        self._watched, self._drives = watched, np.zeros(0, dtype=np.int64) if drives is None else drives
+        self._moved = np.empty((MOVING, len(self._drives)))
         self._holds_s = gyro.lost_after_periods / gyro.rate_hz
         self._constants, self._scratch = np.zeros((), CONSTANTS)[()], np.zeros((), SCRATCH)[()]
         for name, value in {
@@ -128,6 +139,7 @@ class VehicleMotion:
             new.values[f, GYRO_BIAS], covariance = bias, new.covariance[f]
             covariance[GYRO_BIAS, :] = covariance[:, GYRO_BIAS] = 0.0
             covariance[GYRO_BIAS, GYRO_BIAS] = np.diag(variance + self._bias_walk * silent_s)
+        new.drift.sensitivity[GYRO_BIAS] = 0.0
         F, Q = np.eye(MOVING, DRIVING), np.zeros((MOVING, MOVING))
         F[GYRO_BIAS] = 0.0
         Q[GYRO_BIAS, GYRO_BIAS] = new.covariance[0, GYRO_BIAS, GYRO_BIAS]
@@ -141,7 +153,8 @@ class VehicleMotion:
 
     def _step(self, at: Estimates, samples: GyroSamples, t_s: float) -> Estimates:
         """All from at.t_s to t_s in one piece."""
-        begin_s, values, target, chaser, covariance, command, lost = at
+        begin_s, values, target, chaser, covariance, command, lost, drift = at
+        drift = drift.copied()
         values, target, chaser, after = values.copy(), target.copy(), chaser.copy(), np.empty_like(covariance)
         known = settle_into(
             self._constants,
@@ -160,11 +173,15 @@ class VehicleMotion:
             chaser,
             covariance,
             after,
+            self._watched,
+            self._drives,
+            *drift,
+            self._moved,
         )
         if not known:
             rate = np.linalg.norm(at.values[:, TARGET_RATE], axis=1).max()
             raise ValueError(f"the target's rate, {rate:.3g} rad/s, is no longer known: start anew")
-        new = Estimates(t_s, values, target, chaser, after, command, lost)
+        new = Estimates(t_s, values, target, chaser, after, command, lost, drift)
         if self.on_step is not None:
             self._tell(at, self._scratch["F"], self._scratch["Q"], new)
         return new

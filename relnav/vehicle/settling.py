@@ -10,15 +10,16 @@ the slow acceleration. Relative motion and the target's turn bring their own tra
 
 import numpy as np
 
-from relnav.arrays import Matrix, Record, Stack, Vector
+from relnav.arrays import Codes, Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import entry, kernel
 from relnav.dynamics import gauss_markov, relative_motion, rigid_body
 from relnav.dynamics.clohessy_wiltshire import acceleration_effect_into
 from relnav.dynamics.error_state import MOTION, ROTATION
 from relnav.dynamics.process_noise import NODES
 from relnav.dynamics.rigid_body import BODY_ROWS, MEAN_MOTION
-from relnav.estimation.schmidt import carry_into, clear
+from relnav.estimation.schmidt import carry_into, carry_sensitivities, clear
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
+from relnav.vehicle.drift_sums import carry_drifts
 from relnav.vehicle.gyro import holding_at
 from relnav.vehicle.layout import (
     CHASER_ATTITUDE,
@@ -240,13 +241,20 @@ def settle_into(
     dcm_inertial_from_chaser: Stack,
     P: Stack,
     after: Stack,
+    watched: int,
+    drives: Codes,
+    sensitivity: Matrix,
+    score: Vector,
+    information: Matrix,
+    moved: Matrix,
 ) -> bool:
     """Carry k estimates from t to end, s: values (k, n) and attitudes (k, 3, 3) in place, P (k, n, n) into after.
 
     samples, count: of the gyro, as `GyroSamples`; command (3,) m/s^2, chaser axes; walks (k,): the square of what the
     gyro's bias gains in a second. without: the estimate that has no gyro, and holds the sample of held (1, 4) instead,
     -1 if there is none. untold: the estimate that is told no command, and whose slow acceleration is that of unknown
-    thrusts, -1 if there is none. False for a step so long that nothing is known after it.
+    thrusts, -1 if there is none. watched, drives: the estimate whose drifts are looked for, -1 if there is none, with
+    sums as of `drift_sums.carry_drifts`, in place; moved (MOVING, m) scratch. False for a step so long that nothing is known after it.
     """
     dt, before, told = end - t, scratch["before"], scratch["told"]
     _shared(constants, scratch, t, dt)
@@ -276,4 +284,7 @@ def settle_into(
             _add_push_noise(scratch["Q"], dt, drift)
         F, Q, product, places = scratch["F"], scratch["Q"], scratch["product"], scratch["places"]
         carry_into(P[f], F, Q, after[f], product, places, scratch["weights"], scratch["counts"])
+        if f == watched:
+            carry_sensitivities(places, scratch["weights"], scratch["counts"], sensitivity, moved)
+            carry_drifts(dt, drives, sensitivity, score, information)
     return True

@@ -20,6 +20,7 @@ the way back comes to it.
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +31,7 @@ from relnav.codegen.kernel import entry, kernel
 from relnav.geometry.linear_algebra import cholesky, solve_lower, solve_lower_transposed
 from relnav.geometry.rotation_vector import rotation_vector_between
 from relnav.spacecraft import GYRO, Vehicle
+from relnav.vehicle.drift_test import Drifts
 from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.filters import Tracked, VehicleFilters, three
 from relnav.vehicle.flying_sensor import FlyingSensor
@@ -51,6 +53,7 @@ class _Told(NamedTuple):
 
     t_s: float
     fares: Mapping[str, Fare]
+    drifts: Drifts
     restarts: int
     searching: VehicleEstimate | None
 
@@ -115,7 +118,7 @@ class VehicleSmoother:
     def estimates(self, times_s: ArrayLike) -> list[VehicleEstimate]:
         """The smoothed estimates at these times, in their order, which is that of time.
 
-        `sensors` and `gyro_lost` are what the filter said then; `final_before_s` is infinite.
+        `sensors`, `drifts` and `gyro_lost` are what the filter said then; `final_before_s` is infinite.
 
         Raises
         ------
@@ -173,7 +176,8 @@ class VehicleSmoother:
             else:
                 tracked = filters.settled(tracked, t_s)
                 said = None if tracked.search is None else filters.estimate(tracked, t_s, math.inf)
-                told.append(_Told(t_s, tracked.fares, tracked.restarts, said))
+                drifts = filters.drifts(tracked.estimates)
+                told.append(_Told(t_s, tracked.fares, drifts, tracked.restarts, said))
             if found.search is None and tracked.search is not None:  # what this event is a part of is no longer tracked
                 pieces.append(_Piece(begin, k, _first(before), _first(found).estimates))
             elif tracked.search is None and (found.search is not None or k + 1 - begin == CHUNK):
@@ -201,7 +205,8 @@ class VehicleSmoother:
         return steps, marks
 
     def _estimate(self, at: Estimates, told: _Told) -> VehicleEstimate:
-        return self._alone.estimate(Tracked(at, told.fares, restarts=told.restarts), told.t_s, math.inf)
+        estimate = self._alone.estimate(Tracked(at, told.fares, restarts=told.restarts), told.t_s, math.inf)
+        return replace(estimate, drifts=told.drifts)
 
 
 def _first(tracked: Tracked) -> Tracked:

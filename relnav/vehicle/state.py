@@ -17,6 +17,7 @@ from relnav.estimation.schmidt import reset_into
 from relnav.estimation.state_layout import StateLayout
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
 from relnav.spacecraft import Vehicle
+from relnav.vehicle.drift_sums import DriftSums, no_sums
 from relnav.vehicle.layout import CHASER_ATTITUDE, TARGET_ATTITUDE, TARGET_RATE
 from relnav.vehicle.orbit_frame import OrbitFrame
 
@@ -107,6 +108,8 @@ class Estimates(NamedTuple):
         To the thrusters, chaser axes.
     lost : Lost or None
         What is known of the gyro while it is lost.
+    drift : DriftSums
+        Of the filter that watches; of nothing without one.
     """
 
     t_s: float
@@ -116,6 +119,7 @@ class Estimates(NamedTuple):
     covariance: Stack
     command_m_s2: Vector
     lost: Lost | None
+    drift: DriftSums
 
     def of(self, filter_: int) -> VehicleState:
         """That of one filter."""
@@ -133,6 +137,7 @@ class Estimates(NamedTuple):
             dcm_inertial_from_chaser=self.dcm_inertial_from_chaser[f].copy(),
             covariance=self.covariance[f].copy(),
             lost=None if lost is None else lost._replace(bias=lost.bias[f], variance=lost.variance[f]),
+            drift=no_sums(self.values.shape[1], 0),
         )
 
     def copied(self) -> "Estimates":
@@ -142,6 +147,7 @@ class Estimates(NamedTuple):
             dcm_lvlh_from_target=self.dcm_lvlh_from_target.copy(),
             dcm_inertial_from_chaser=self.dcm_inertial_from_chaser.copy(),
             covariance=self.covariance.copy(),
+            drift=self.drift.copied(),
         )
 
     def corrected(self, corrections: Matrix) -> "Estimates":
@@ -153,9 +159,12 @@ class Estimates(NamedTuple):
 
 
 def start_state(
-    vehicle: Vehicle, layouts: Sequence[StateLayout], frame: OrbitFrame, t_s: float, motion: Vector
+    vehicle: Vehicle, layouts: Sequence[StateLayout], frame: OrbitFrame, t_s: float, motion: Vector, drifting: int
 ) -> Estimates:
-    """The estimates at hand-over with this motion (6,): attitudes and rate as held, lasting errors as stated."""
+    """The estimates at hand-over with this motion (6,): attitudes and rate as held, lasting errors as stated.
+
+    drifting: how many errors are watched for a drift.
+    """
     values, filters = np.zeros(layouts[0].size), len(layouts)
     values[:MOTION], values[TARGET_RATE] = motion, vehicle.start_rate_rad_s
     dcm = (vehicle.chaser.dcm_chaser_from_lvlh @ frame.dcm_lvlh_from_inertial(t_s)).T
@@ -167,4 +176,5 @@ def start_state(
         covariance=np.stack([layout.prior for layout in layouts]),
         command_m_s2=np.zeros(3),
         lost=None,
+        drift=no_sums(layouts[0].size, drifting),
     )

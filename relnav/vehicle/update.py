@@ -18,6 +18,7 @@ from relnav.estimation.schmidt import (
     take_gated,
 )
 from relnav.estimation.state_layout import StateLayout
+from relnav.vehicle.drift_sums import forget_drifts, take_drifts
 from relnav.vehicle.layout import CHASER_ATTITUDE, DRIVING, POSITION, TARGET_ATTITUDE
 from relnav.vehicle.rows import Rows
 from relnav.vehicle.state import Estimates, correct_into, correct_one
@@ -75,12 +76,18 @@ def take_into(
     turned: Matrix,
     work: Matrix,
     places: Codes,
+    watched: int,
+    sensitivity: Matrix,
+    score: Vector,
+    information: Matrix,
+    seen_drifts: Matrix,
 ) -> bool:
     """Gate the rows of k filters and take in, in place, what is credible; whether an estimate is left to be iterated.
 
     Estimates as in `Estimates`; considered (k, n); rows (k, m), (k, m, n), (k, m, m) and the rest as for
     `schmidt.gate_rows`; chosen (k, m or more). Writes told (k, _TOLD). A wide estimate is not corrected: P before goes
-    into prior (k, n, n), the correction into corrections (k, n).
+    into prior (k, n, n), the correction into corrections (k, n). watched: the filter whose drifts are looked for, with
+    sums as of `drift_sums.take_drifts`; -1 for none.
     """
     m, again = residual.shape[1], False
     for f in range(len(values)):
@@ -99,6 +106,10 @@ def take_into(
             again = True
         _volumes_into(P[f], gains)
         take_gated(P[f], considered[f], DRIVING, believed, work, places, corrections[f])
+        if f == watched and wide:
+            forget_drifts(sensitivity, score, information)
+        elif f == watched:
+            take_drifts(H[f], believed, work, places, sensitivity, score, information, seen_drifts)
         _gains_into(gains, P[f])
         if not wide:
             correct_one(values[f], targets[f], chasers[f], P[f], corrections[f], turned)
@@ -165,13 +176,17 @@ class Outcome(NamedTuple):
 class Updater:
     """Gate and update of filters of the same errors, each with its own roles."""
 
-    def __init__(self, layouts: Sequence[StateLayout], gate_probability: float, most_rows: int) -> None:
+    def __init__(
+        self, layouts: Sequence[StateLayout], gate_probability: float, most_rows: int, watched: int, drifting: int
+    ) -> None:
+        """Of these errors; watched: the filter whose drifting errors, so many, are looked for, -1 for none."""
         filters, n = len(layouts), layouts[0].size
         self._considered = np.stack([layout.considered for layout in layouts])
         self._limits = np.concatenate([[0.0], gate_limits(gate_probability, most_rows)])
         self._chosen = np.zeros((filters, most_rows), dtype=np.int64)
         self._prior, self._corrections = np.empty((filters, n, n)), np.empty((filters, n))
         self._told, self._turned = np.empty((filters, _TOLD)), np.empty((3, 3))
+        self._watched, self._seen_drifts = watched, np.empty((most_rows, drifting))
         self._scratch = np.empty((4 * most_rows + 3, max(n, most_rows))), np.empty(max(n, most_rows), dtype=np.int64)
 
     def take(self, at: Estimates, rows_at: Callable[[Estimates], Rows]) -> list[Outcome]:
@@ -192,6 +207,9 @@ class Updater:
             told,
             self._turned,
             *self._scratch,
+            self._watched,
+            *at.drift,
+            self._seen_drifts,
         )
         if again:
             self._iterate(at, rows_at)

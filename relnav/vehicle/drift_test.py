@@ -1,0 +1,88 @@
+"""Which sensor the innovations say is drifting: the sums of `drift_sums` judged, one hypothesis beside the other.
+
+Looked for is a drift of the first lasting error of each sensor (of those of the vehicle file the mounting: all that it
+sees shifts), of the gyro's bias, and of the slow acceleration, which is what faulty thrusters leave to be explained. A
+chi-square as far out as a sum of squared innovations in alarm (`monitor`) is an alarm. Often one drift looks like
+another: a star sensor that turns away is, without a third that knows the attitude as well, a gyro whose bias is off.
+Then the chi-square of the other is the squared cosine between what the two do to the innovations, times that of the
+right one, so that every one with LEAST_SHARE of the largest is named.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from math import nan
+
+import numpy as np
+
+from relnav.arrays import Codes, Matrix, Vector
+from relnav.estimation.state_layout import StateLayout
+from relnav.spacecraft import GYRO, THRUST
+from relnav.vehicle.layout import GYRO_BIAS, SLOW_ACCELERATION
+from relnav.vehicle.monitor import ALARM_SIGMA, deviation_of
+
+LEAST_SHARE = 0.5
+"""Of the largest chi-square: two drifts that differ by less than 45 deg in what they do to innovations."""
+LEAST_PIVOT = 1e-9
+"""Share of the largest eigenvalue of the information below which a direction of a drift is not seen at all."""
+
+
+def watched_drifts(layout: StateLayout, sensors: Iterable[str]) -> dict[str, slice]:
+    """The errors that are watched for a drift, by the name of what would be at fault."""
+    drifts = dict[str, slice]()
+    for name in sensors:
+        own = next((block.place for block in layout.blocks if block.name.startswith(f"{name}.")), None)
+        if own is not None:
+            drifts[name] = own
+    return drifts | {GYRO: GYRO_BIAS, THRUST: SLOW_ACCELERATION}
+
+
+def drives_of(drifts: Mapping[str, slice]) -> Codes:
+    """The error that each column of the sums lets drift, (k,)."""
+    return np.array([k for place in drifts.values() for k in range(place.start, place.stop)], dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class Drifts:
+    """How far the innovations of the last seconds look like drifts.
+
+    Attributes
+    ----------
+    sizes : mapping
+        Errors that are watched, by the name of a sensor, "gyro" or "thrust"; empty without a filter that watches.
+    score, information : (k,), (k, k)
+        As of `drift_sums.DriftSums`.
+    """
+
+    sizes: Mapping[str, int]
+    score: Vector
+    information: Matrix
+
+    @cached_property
+    def _tests(self) -> dict[str, tuple[float, int]]:
+        """Chi-square and degrees of freedom of each."""
+        tests, at = dict[str, tuple[float, int]](), 0
+        for name, size in self.sizes.items():
+            columns = slice(at, at + size)
+            at += size
+            values, axes = np.linalg.eigh(self.information[columns, columns])
+            seen = values > LEAST_PIVOT * values[-1]
+            along = (axes.T @ self.score[columns])[seen]
+            tests[name] = float(along @ (along / values[seen])), int(seen.sum())
+        return tests
+
+    @cached_property
+    def deviations(self) -> dict[str, float]:
+        """How far each chi-square lies above what is expected, 1-sigma; NaN before anything was seen."""
+        tests = self._tests.items()
+        return {name: deviation_of(chi_square / dof, dof) if dof else nan for name, (chi_square, dof) in tests}
+
+    @cached_property
+    def suspects(self) -> tuple[str, ...]:
+        """What drifts if anything does, the most likely first; empty without an alarm."""
+        if not any(deviation > ALARM_SIGMA for deviation in self.deviations.values()):
+            return ()
+        chi_squares = {name: chi_square for name, (chi_square, _) in self._tests.items()}
+        least = LEAST_SHARE * max(chi_squares.values())
+        named = [name for name, chi_square in chi_squares.items() if chi_square >= least]
+        return tuple(sorted(named, key=lambda name: -chi_squares[name]))
