@@ -9,7 +9,7 @@ been lost.
 """
 
 import math
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple, TypeAlias
@@ -38,6 +38,8 @@ WITHIN, INSIDE_SHARE = 0.9973, 0.99
 """Probability of the ellipsoid of 3 sigma, and in how many runs the port has to be in it when a sensor returns."""
 BACK_S, BACK_SHARE = 10.0, 1.25
 """How long it may take then until no sigma of the port is more than this many times that of a flight without loss."""
+POSE = (0, 1, 2, 6, 7, 8)
+"""Position and attitude among the port's twelve."""
 RETURNS_S = round(BEGINS_S + LASTS_S)
 ONE_IN = dict.fromkeys(VehicleFault, 1) | {VehicleFault.LATE: 20}
 """Runs of which one is flown: late images end in the bits of images in time, for twenty times the computing."""
@@ -47,6 +49,9 @@ MISSED_SHARE = 2 / 200
 """In how many runs a ramp may raise no alarm."""
 TO_THE_END = (VehicleFault.NOTHING, VehicleFault.LOST)
 """Flown on after an alarm."""
+
+
+HEAD = "alarmed  naming it  alone  after, s  error / level  one fault  silent  95 % bounds"
 
 
 Case: TypeAlias = tuple[VehicleFault, str]
@@ -125,9 +130,12 @@ def _after_second(run: VehicleRun, told: Flown, now: VehicleEstimate, second: in
     return told._replace(error=error, one_fault=one_fault, silent=told.silent or error > 1.0)
 
 
-def back_after_s(lost: Flown, usual: Flown) -> float:
-    """How long after a sensor returned no sigma of the port is above `BACK_SHARE` times that of the usual flight, s."""
-    worse = [s for s, sigma in lost.sigma.items() if (sigma > BACK_SHARE * usual.sigma[s]).any()]
+def back_after_s(lost: Flown, usual: Flown, of: Sequence[int] = range(12)) -> float:
+    """How long after a sensor returned no sigma of the port is above `BACK_SHARE` times that of the usual flight, s.
+
+    of: which of the port's twelve.
+    """
+    worse = [s for s, sigma in lost.sigma.items() if (sigma > BACK_SHARE * usual.sigma[s])[[*of]].any()]
     return float(max(worse, default=RETURNS_S - 1) + 1 - RETURNS_S)
 
 
@@ -158,8 +166,9 @@ class FaultRow:
         Of a loss: runs within the ellipsoid of 3 sigma at its end; -1 of other faults.
     inside_low, inside_high : float
         95 % bounds of their share (Wilson); NaN of other faults.
-    back_s : float
-        The longest that the port's sigmas took to be about as usual again; NaN of other faults.
+    pose_back_s, back_s : float
+        The longest that the port's sigmas took to be about as usual again, those of position and attitude, and all; NaN
+        of other faults.
     later : float
         The largest of them over the usual one, from ten seconds after the return on; NaN of other faults.
     """
@@ -179,6 +188,7 @@ class FaultRow:
     inside: int
     inside_low: float
     inside_high: float
+    pose_back_s: float
     back_s: float
     later: float
 
@@ -206,13 +216,15 @@ class FaultRow:
 
         lost = self.inside >= 0
         inside = (
-            f"{self.inside:>8}  {self.inside_low:.3f} .. {self.inside_high:.3f}{self.back_s:>6.0f}{self.later:>7.2f}"
+            f"{self.inside:>8}  {self.inside_low:.3f} .. {self.inside_high:.3f}{self.pose_back_s:>6.0f}"
+            f"{self.back_s:>5.0f}{self.later:>7.2f}"
             if lost
             else ""
         )
+        named = f"{self.named:>11}{self.alone:>7}" if self.sensor else f"{'-':>11}{'-':>7}"
         return (
-            f"  {self.sensor or 'nothing is wrong':<24}{self.alarmed:>7}{self.named if self.sensor else '-':>11}"
-            f"{self.alone if self.sensor else '-':>8}{told(self.alarm_s, '.0f'):>10}{self.error:>15.2f}{told(self.one_fault, '.2f'):>11}"
+            f"  {self.sensor or 'nothing is wrong':<24}{self.alarmed:>7}{named}"
+            f"{told(self.alarm_s, '.0f'):>10}{self.error:>15.2f}{told(self.one_fault, '.2f'):>11}"
             f"{self.silent:>8}  {self.silent_low:.3f} .. {self.silent_high:.3f}{inside}".rstrip()
             + ("" if self.ok else "  GOAL NOT MET")
         )
@@ -250,15 +262,15 @@ class VehicleFaultsReport:
             "of thrusters: from then on, direction drawn once a run",
             "naming it, alone: the first alarm has it among what may be at fault, and has nothing else",
             "after: median, from its beginning; silent: the port off by more than its protection level, and no alarm",
-            "inside: within 3 sigma when the sensor returns; back: the longest until no sigma is a quarter",
-            f"larger than usual, s; later: the most times the usual one, from {BACK_S:g} s on",
+            "inside: within 3 sigma when the sensor returns; pose, all: the longest until no sigma of position and",
+            "attitude, and of all twelve, is a quarter larger than usual, s; later: the most times the usual one, from",
+            f"{BACK_S:g} s on",
         ]
         fault = None
         for row in self.rows:
             if row.fault != fault:
-                fault, lost = row.fault, "     inside  95 % bounds     back  later" if row.inside >= 0 else ""
-                head = f"{fault:<26}alarmed  naming it   alone  after, s  error / level  one fault  silent  95 % bounds{lost}"
-                out.append(head.rstrip())
+                fault, lost = row.fault, "     inside  95 % bounds     pose  all  later" if row.inside >= 0 else ""
+                out.append(f"{fault:<26}{HEAD}{lost}")
             out.append(row.line())
         out.append("every goal is met" if self.ok else "SOME GOALS ARE NOT MET")
         return out
@@ -356,6 +368,7 @@ def _row(fault: VehicleFault, name: str, pairs: list[tuple[Flown, Flown]]) -> Fa
         inside=inside if lost else -1,
         inside_low=inside_low,
         inside_high=inside_high,
+        pose_back_s=max(back_after_s(*pair, POSE) for pair in pairs) if lost else math.nan,
         back_s=max(back_after_s(*pair) for pair in pairs) if lost else math.nan,
         later=max(worse_later(*pair) for pair in pairs) if lost else math.nan,
     )

@@ -266,9 +266,7 @@ def take_gated(
 
 
 @kernel
-def take_sensitivities(
-    H: Matrix, chosen: Codes, work: Matrix, places: Codes, sensitivity: Matrix, told: Matrix
-) -> int:
+def take_sensitivities(H: Matrix, chosen: Codes, work: Matrix, places: Codes, sensitivity: Matrix, told: Matrix) -> int:
     """Let the rows that `take_gated` took in correct what k constants do to the errors, sensitivity (n, k), in place.
 
     H (m, n); chosen, work and places as it had them; no error considered. Writes what each does to the whitened

@@ -15,8 +15,10 @@ DEVIATION_TITLE = (
     f"Squared innovations of some {FADES_S:g} s above what is expected, in the monitoring filter: "
     f"beyond {ALARM_SIGMA:g} sigma is an alarm"
 )
-DRIFT_TITLE = f"How far innovations look like a drift of each, in the monitoring filter: beyond {ALARM_SIGMA:g} sigma is an alarm"
-NIS_TITLE = "NIS per degree of freedom before the gate, averaged over ten observations; constant errors make it drift"
+DRIFT_TITLE = (
+    f"How far innovations look like a drift of each, in the monitoring filter: beyond {ALARM_SIGMA:g} sigma is an alarm"
+)
+NIS_TITLE = "NIS per degree of freedom before the gate, averaged over ten observations; constant errors move it from 1"
 
 
 def draw_sensors(figure: Any, view: RunView) -> None:

@@ -13,8 +13,8 @@ from relnav.vehicle.monitor import ALARM_SIGMA, FADES_S
 SENSORS_SAID = (
     f"Squared innovations of some {FADES_S:g} s above what is expected, in the monitoring filter, in sigma: beyond "
     f"{ALARM_SIGMA:g} is an alarm. Drift: how far the innovations look like a drift of each sensor, the gyro or the "
-    "thrusters, with the same limit. NIS per degree of freedom, before the gate, is that of the filter itself, averaged "
-    "over ten observations: its mean is one; constant errors make it drift."
+    "thrusters, with the same limit. NIS per degree of freedom, before the gate, is that of the filter itself, "
+    "averaged over ten observations: its mean is one, and constant errors move it from there."
 )
 TIMELINE_SAID = "Which sensor was used when: a mark for each row of the track with an accepted observation."
 

@@ -37,7 +37,7 @@ TRACK_COLUMNS = (
 `ambiguous` is 1 while the target is looked for, at a start or after a lock-out: the state is not to be used. Of every
 sensor there follow `OF_A_SENSOR`, as in `used_camera`: whether something of it was believed since the row before (0 or
 1), observations in a row refused, NIS per degree of freedom, deviation of the squared innovations and of its drift in
-the filter that watches, and whether it is among what may be at fault. Of gyro and thrusters there follow `OF_NO_SENSOR`.
+the filter that watches, and whether it is among what may be at fault. Of gyro and thrusters `OF_NO_SENSOR` follow.
 """
 _CENTRE = tuple(f"{_NAMES[k]}_{_UNITS[k]}" for k in range(6))
 _DEGREES = np.array([1.0] * 6 + [180.0 / math.pi] * 6)
@@ -89,7 +89,9 @@ class TrackRows:
     def whole_numbers(self) -> tuple[int, ...]:
         """Which columns hold whole numbers."""
         whole = ("used", "refused", "alarm")
-        of_sensors = {f"{what}_{name}" for name in self._last for what in whole} | {f"alarm_{name}" for name in RESERVED}
+        of_sensors = {f"{what}_{name}" for name in self._last for what in whole} | {
+            f"alarm_{name}" for name in RESERVED
+        }
         return tuple(k for k, name in enumerate(self.columns) if name in {"gyro_lost", SEEKING} | of_sensors)
 
     def of(self, estimate: VehicleEstimate) -> list[float]:

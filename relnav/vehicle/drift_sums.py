@@ -25,8 +25,7 @@ import numpy as np
 from relnav.arrays import Codes, Matrix, Vector
 from relnav.codegen.kernel import kernel
 from relnav.estimation.schmidt import clear, take_sensitivities
-
-FADES_S = 10.0
+from relnav.vehicle.monitor import FADES_S
 
 
 class DriftSums(NamedTuple):

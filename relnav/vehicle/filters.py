@@ -229,8 +229,8 @@ class VehicleFilters:
         if source == THRUST:
             return at._replace(command_m_s2=value), []
         sensor = self.sensors[source]
-        if at is before:
-            at = before.copied()
+        if at.values is before.values:  # the same arrays, though the gyro may be lost since
+            at = at.copied()
         hidden = [self._without[source]] if self._without else []
         return at, self._updater.take(at, lambda estimates: hide(sensor.rows(estimates, value, noise), hidden))
 

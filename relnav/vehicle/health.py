@@ -67,7 +67,8 @@ class Fare(NamedTuple):
         nis, dof, groups, used, *_ = outcomes[0]
         sums, last_used_s, refused, mean, agreed_s, doubted = self
         for watched in outcomes[1:2]:
-            sums = sums.after_outcome(t_s, watched)
+            if watched.groups > 0 and not watched.wide:  # while the start is wide it tells nothing
+                sums = sums.after(t_s, min(watched.nis, watched.largest_credible), watched.dof)
         if groups == 0:
             return Fare(sums, last_used_s, refused, mean, agreed_s, doubted)
         mean = nis / dof if isnan(mean) else 0.9 * mean + 0.1 * nis / dof

@@ -19,9 +19,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from relnav.estimation.state_layout import StateLayout
-from relnav.vehicle.drift_sums import FADES_S
-from relnav.vehicle.update import Outcome
 
+FADES_S = 10.0
 ALARM_SIGMA = 4.5
 
 
@@ -37,12 +36,6 @@ class Sums(NamedTuple):
         """The same with one observation more, the older ones faded."""
         fade = math.exp((self.t_s - t_s) / FADES_S)
         return Sums(t_s, fade * self.nis + nis, fade * self.dof + dof, fade * fade * self.variance + 2.0 * dof)
-
-    def after_outcome(self, t_s: float, outcome: Outcome) -> "Sums":
-        """The same with what the filter that watches made of one; while the start was wide it tells nothing."""
-        if outcome.groups == 0 or outcome.wide:
-            return self
-        return self.after(t_s, min(outcome.nis, outcome.largest_credible), outcome.dof)
 
     @property
     def deviation(self) -> float:

@@ -254,7 +254,8 @@ def settle_into(
     gyro's bias gains in a second. without: the estimate that has no gyro, and holds the sample of held (1, 4) instead,
     -1 if there is none. untold: the estimate that is told no command, and whose slow acceleration is that of unknown
     thrusts, -1 if there is none. watched, drives: the estimate whose drifts are looked for, -1 if there is none, with
-    sums as of `drift_sums.carry_drifts`, in place; moved (MOVING, m) scratch. False for a step so long that nothing is known after it.
+    sums as of `drift_sums.carry_drifts`, in place; moved (MOVING, m) scratch. False for a step so long that nothing is
+    known after it.
     """
     dt, before, told = end - t, scratch["before"], scratch["told"]
     _shared(constants, scratch, t, dt)

@@ -17,7 +17,6 @@ from relnav.cli.vehicle import Summary
 from relnav.files.model_folders import find_model
 from relnav.files.vehicle_log import attitude_note, filter_vehicle_log, smoothed_rows
 from relnav.vehicle.health import SensorHealth
-from relnav.vehicle.monitor import ALARM_SIGMA
 
 HEADER = "t_s,sensor,v0,v1,v2,v3,v4,v5,v6,v7,v8,v9,v10,v11"
 
@@ -221,11 +220,11 @@ def test_alarms_are_in_the_summary():
     """Of each sensor: when first, and in how many estimates."""
     vehicle = relnav.load_model("rendezvous_demo")
     port = SimpleNamespace(sigma=np.ones(12), position_m=np.zeros(3))
-    good, bad = SensorHealth(1.0, 0, 1.0, 0.5), SensorHealth(1.0, 0, 9.0, ALARM_SIGMA + 1.0)
+    good = {"camera": SensorHealth(1.0, 0, 1.0, 0.5)}
     summary = Summary(vehicle)
-    for t_s, camera in ((10.0, good), (11.0, bad), (12.0, bad), (13.0, good)):
-        sensors = {"camera": camera, "star": good}
-        list(summary.passing([SimpleNamespace(t_s=t_s, sensors=sensors, port=port, ambiguous=False, restarts=0)]))
+    for t_s, alarms in ((10.0, ()), (11.0, ("camera",)), (12.0, ("camera",)), (13.0, ())):
+        told = {"t_s": t_s, "sensors": good, "alarms": alarms, "port": port, "ambiguous": False, "restarts": 0}
+        list(summary.passing([SimpleNamespace(**told)]))
     assert summary.figures()["alarms"] == {"camera": {"first_s": 11.0, "estimates": 2}}
     (said,) = [line for line in summary.lines("log.csv") if line.startswith("ALARM")]
     assert said.startswith("ALARM camera in 2 of 4 estimates, first at 11.00 s")

@@ -11,7 +11,7 @@ import relnav
 import relnav.cli
 from relnav.files.model_folders import find_model
 from relnav.files.run_view import PORT_MOTION, PORTS
-from relnav.files.sensor_picture import DEVIATION_TITLE, NIS_TITLE, TIMELINE_TITLE
+from relnav.files.sensor_picture import DEVIATION_TITLE, DRIFT_TITLE, NIS_TITLE, TIMELINE_TITLE
 from relnav.files.track_file import TrackFile
 from relnav.files.track_picture import track_figures
 from relnav.files.vehicle_view import vehicle_watcher
@@ -95,7 +95,7 @@ def test_the_track_says_how_sensors_fare(folder):
 def test_sheets_of_a_vehicle(view, sheets):
     approach, space, ports, sensors = sheets
     assert [axis.name for axis in space.axes] == ["3d"]
-    assert [len(sheet.axes) for sheet in (approach, ports, sensors)] == [8, 18, 3]
+    assert [len(sheet.axes) for sheet in (approach, ports, sensors)] == [8, 18, 4]
     titles = [axis.get_title(loc="left") for axis in (*approach.axes, *ports.axes)]
     for quantity in (*PORTS, *PORT_MOTION):
         (axis,) = [a for a in (*approach.axes, *ports.axes) if a.get_title(loc="left") == quantity.label]
@@ -120,9 +120,15 @@ def test_published_figure_and_protection_level_beside_the_sigma(view, sheets):
 
 
 def test_sensors_when_and_alarms(view, sheets):
-    timeline, watched, nis = sheets[3].axes
-    titles = [axis.get_title(loc="left") for axis in (timeline, watched, nis)]
-    assert titles == [TIMELINE_TITLE, DEVIATION_TITLE, NIS_TITLE]
+    timeline, watched, drifting, nis = sheets[3].axes
+    titles = [axis.get_title(loc="left") for axis in (timeline, watched, drifting, nis)]
+    assert titles == [TIMELINE_TITLE, DEVIATION_TITLE, DRIFT_TITLE, NIS_TITLE]
+    assert {line.get_label() for line in drifting.lines} >= {
+        *SENSORS,
+        "gyro",
+        "thrust",
+        f"alarm, {ALARM_SIGMA:g} sigma",
+    }
     labels = [text.get_text() for text in timeline.get_yticklabels()]
     assert [label.split(" ")[0] for label in labels if "used" in label] == [*reversed(SENSORS)]
     assert labels[0] == "ALARM star (2)"
@@ -158,7 +164,7 @@ def test_page_of_a_vehicles_track(folder, alarmed):
     data = data_of(page)
     sections = [chart["section"] for chart in data["charts"]]
     counted = {name: sections.count(name) for name in dict.fromkeys(sections)}
-    assert counted == {"docking": 6, "ports": 18, "measurements": 10, "timeline": 1}
+    assert counted == {"docking": 6, "ports": 18, "measurements": 17, "timeline": 1}
     rows = next(chart["rows"] for chart in data["charts"] if "rows" in chart)
     assert {"ALARM star (2)", *(f"{name} used" for name in SENSORS)} <= {row["label"] for row in rows} | {
         row["label"].rpartition(" (")[0] for row in rows
@@ -177,7 +183,7 @@ def test_page_of_a_vehicles_track(folder, alarmed):
 def test_a_track_without_its_sensors_has_a_page_too(folder):
     lines = [line.split(",") for line in (folder / "track.csv").read_text().splitlines()]
     head = next(k for k, cells in enumerate(lines) if cells[0] == "t_s")
-    more = ("used_", "refused_", "nis_", "deviation_", "alarm_", "protection_", "gyro_")
+    more = ("used_", "refused_", "nis_", "deviation_", "drift_", "alarm_", "protection_", "gyro_")
     kept = [k for k, name in enumerate(lines[head]) if not name.startswith(more) or name == "gyro_lost"]
     rows = [",".join(cells[k] for k in kept) for cells in lines[head:]]
     (folder / "few.csv").write_text("\n".join(rows) + "\n")

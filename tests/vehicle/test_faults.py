@@ -125,7 +125,7 @@ def test_a_lost_sensor_is_no_alarm_and_comes_back(run, name):
     usual, lost = fly_fault(run, VehicleFault.NOTHING, ""), fly_fault(run, VehicleFault.LOST, name)
     assert lost.inside
     assert not lost.silent
-    assert lost.named == ""
+    assert lost.named == ()
     assert 0.0 <= back_after_s(lost, usual) <= 8.0
 
 
@@ -140,7 +140,7 @@ def test_a_clock_that_jumps_is_told_before_the_port_is_lost(run, name):
 @pytest.mark.parametrize("name", ["camera", "psd"])
 def test_a_glint_in_the_first_image_does_no_harm(run, name):
     flown = fly_fault(run, VehicleFault.GLINT, name, seed=3)
-    assert (flown.silent, flown.named) == (False, "")
+    assert (flown.silent, flown.named) == (False, ())
     assert flown.one_fault < 1.0
 
 
@@ -192,25 +192,27 @@ def test_losses_are_flown_from_three_distances():
 
 def test_how_long_it_takes_to_be_back():
     def flown(*sigmas):
-        seconds = {round(BEGINS_S + LASTS_S) + k: np.array([1.0, sigma]) for k, sigma in enumerate(sigmas)}
-        return vehicle_faults.Flown(math.nan, "", 0.0, False, 0.0, True, seconds)
+        """The first of twelve as usual, the second not."""
+        seconds = {round(BEGINS_S + LASTS_S) + k: np.array([1.0, sigma, *[1.0] * 10]) for k, sigma in enumerate(sigmas)}
+        return vehicle_faults.Flown(math.nan, (), 0.0, False, 0.0, True, seconds)
 
     usual = flown(1.0, 1.0, 1.0, 1.0)
     assert back_after_s(usual, usual) == 0.0
     assert back_after_s(flown(2.0, 1.3, 1.2, 1.0), usual) == 2.0
     assert back_after_s(flown(1.0, 1.0, 1.0, 1.3), usual) == 4.0
+    assert back_after_s(flown(2.0, 1.3, 1.2, 1.0), usual, (0,)) == 0.0
 
 
 def test_how_much_is_missing_later():
     first = round(BEGINS_S + LASTS_S)
     usual, lost = (
-        vehicle_faults.Flown(math.nan, "", 0.0, False, 0.0, True, {first + k: np.array([1.0, s]) for k, s in sigmas})
+        vehicle_faults.Flown(math.nan, (), 0.0, False, 0.0, True, {first + k: np.array([1.0, s]) for k, s in sigmas})
         for sigmas in ([(0, 2.0), (10, 2.0), (11, 2.0)], [(0, 8.0), (10, 2.2), (11, 2.6)])
     )
     assert vehicle_faults.worse_later(lost, usual) == 1.3
 
 
-GOOD = FaultRow("lost for 60 s", "psd", 200, 0, 0, 0, 0.0, 0.02, math.nan, 0.4, 0.3, 199, 0.97, 0.999, 4.0, 1.2)
+GOOD = FaultRow("lost for 60 s", "psd", 200, 0, 0, 0, 0, 0.0, 0.02, math.nan, 0.4, 0.3, 199, 0.97, 0.999, 2.0, 4.0, 1.2)
 
 
 @pytest.mark.parametrize(
@@ -221,6 +223,7 @@ GOOD = FaultRow("lost for 60 s", "psd", 200, 0, 0, 0, 0.0, 0.02, math.nan, 0.4, 
         {"inside_high": 0.98},
         {"back_s": 11.0},
         {"sensor": "", "alarmed": 9},
+        {"fault": "ramp", "alarmed": 190},
     ],
 )
 def test_every_bar_can_fail(change):

@@ -17,7 +17,11 @@ def numbers_of(estimate):
     """Everything a navigator says, as bytes."""
     port = [getattr(estimate.port, field.name).tobytes() for field in dataclasses.fields(estimate.port)]
     arrays = ("motion", "dcm_lvlh_from_target", "dcm_inertial_from_chaser", "values", "covariance")
-    return port + [getattr(estimate, name).tobytes() for name in arrays] + [repr(dict(estimate.sensors))]
+    return (
+        port
+        + [getattr(estimate, name).tobytes() for name in arrays]
+        + [repr(dict(estimate.sensors)), repr(estimate.drifts.deviations)]
+    )
 
 
 def fed(vehicle, observations):
