@@ -221,7 +221,7 @@ GOOD = FaultRow("lost for 60 s", "psd", 200, 0, 0, 0, 0, 0.0, 0.02, math.nan, 0.
         {"silent_low": 0.03},
         {"one_fault": 1.01},
         {"inside_high": 0.98},
-        {"back_s": 11.0},
+        {"pose_back_s": 11.0},
         {"sensor": "", "alarmed": 9},
         {"fault": "ramp", "alarmed": 190},
     ],
