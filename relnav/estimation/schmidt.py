@@ -397,17 +397,3 @@ def reset_into(P: Matrix, theta: Vector, at: int) -> None:
     for k in range(P.shape[0]):
         x, y, z = P[k, at], P[k, at + 1], P[k, at + 2]
         P[k, at], P[k, at + 1], P[k, at + 2] = x + c * y - b * z, y + a * z - c * x, z + b * x - a * y
-
-
-@kernel
-def information_gained(before: float, after: float) -> float:
-    """Half the logarithm by which the squared volume (`squared_volume`) of an ellipsoid of errors shrank, nats."""
-    return 0.5 * math.log(max(before / after, 1e-300))
-
-
-@kernel
-def squared_volume(P: Matrix, at: int) -> float:
-    """Determinant of three rows and columns of a covariance."""
-    a, b, c = P[at, at], P[at, at + 1], P[at, at + 2]
-    d, e, f = P[at + 1, at + 1], P[at + 1, at + 2], P[at + 2, at + 2]
-    return float(a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d))

@@ -9,11 +9,10 @@ import numpy as np
 from relnav.arrays import Codes, Flags, Matrix, Stack, Vector
 from relnav.codegen.kernel import entry, kernel
 from relnav.estimation.gating import gate_limits
+from relnav.estimation.information import information_gained, squared_volume
 from relnav.estimation.schmidt import (
     copy_into,
     gate_rows,
-    information_gained,
-    squared_volume,
     take_chosen,
     take_gated,
 )

@@ -6,9 +6,7 @@ import pytest
 from relnav.estimation.schmidt import (
     carry_into,
     gate_rows,
-    information_gained,
     reset_into,
-    squared_volume,
     take_chosen,
     take_gated,
 )
@@ -50,15 +48,6 @@ def test_a_step_of_the_errors_that_move():
     np.testing.assert_allclose(after[right], expected[right], rtol=0.0, atol=1e-12 * np.abs(expected).max())
     np.testing.assert_allclose(after[:6, :6], expected[:6, :6], rtol=0.0, atol=1e-12 * np.abs(expected).max())
     assert counts.tolist() == np.count_nonzero(F, axis=1).tolist()
-
-
-def test_volumes_and_what_they_shrink_by():
-    P = covariance(7, 5)
-    for at in (0, 2, 4):
-        block = P[at : at + 3, at : at + 3]
-        assert squared_volume(P, at) == pytest.approx(np.linalg.det(block), rel=1e-12)
-    assert information_gained(8.0, 2.0) == pytest.approx(np.log(2.0), rel=1e-15)
-    assert information_gained(1.0, 1.0) == 0.0
 
 
 class Rows:
