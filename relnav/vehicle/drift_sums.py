@@ -15,83 +15,66 @@ have covariance J without a drift, and d^T J^-1 d is a chi-square: the score tes
 statistical hypotheses), as of a generalised likelihood ratio for jumps (Willsky and Jones 1976, A generalized
 likelihood ratio approach to the detection and estimation of jumps in linear systems). S fades too, so that what is
 looked for is a drift of the last FADES_S. Any G leaves the chi-square as it is without a drift.
+
+Of k errors that may drift the sums are one matrix (n + 1 + k, k), a column each: S (n, k), below it d, and below that J
+of all together, in which that of one drift is its block on the diagonal. One matrix is copied in a third of the time of
+three.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from relnav.arrays import Codes, Matrix, Vector
 from relnav.codegen.kernel import kernel
-from relnav.estimation.schmidt import clear, take_sensitivities
+from relnav.estimation.schmidt import carry_sensitivities, clear, take_sensitivities
 from relnav.vehicle.monitor import FADES_S
 
 
-class DriftSums(NamedTuple):
-    """Of the drifts that are looked for, k errors in all.
-
-    Attributes
-    ----------
-    sensitivity : (n, k)
-        S above, a column each.
-    score, information : (k,), (k, k)
-        d, and J of all together: that of one drift is its block on the diagonal.
-    """
-
-    sensitivity: Matrix
-    score: Vector
-    information: Matrix
-
-    def copied(self) -> "DriftSums":
-        """The same in arrays of its own."""
-        return DriftSums(self.sensitivity.copy(), self.score.copy(), self.information.copy())
-
-
-def no_sums(errors: int, drifting: int) -> DriftSums:
+def no_sums(errors: int, drifting: int) -> Matrix:
     """Sums of nothing yet, of so many errors that may drift."""
-    return DriftSums(np.zeros((errors, drifting)), np.zeros(drifting), np.zeros((drifting, drifting)))
+    return np.zeros((errors + 1 + drifting, drifting))
+
+
+def score_of(sums: Matrix) -> tuple[Vector, Matrix]:
+    """Score d (k,) and information J (k, k) of all drifts."""
+    drifting = sums.shape[1]
+    below = sums[len(sums) - drifting - 1 :].copy()
+    return below[0], below[1:]
 
 
 @kernel
-def forget_drifts(sensitivity: Matrix, score: Vector, information: Matrix) -> None:
-    """Begin anew: a drift before now is not looked for."""
-    clear(sensitivity)
-    clear(information)
-    for j in range(len(score)):
-        score[j] = 0.0
-
-
-@kernel
-def carry_drifts(dt: float, drives: Codes, sensitivity: Matrix, score: Vector, information: Matrix) -> None:
-    """Carry sums over a step of dt, in place, of which sensitivity has been carried by F; drives (k,): what drifts."""
-    fades = math.exp(-dt / FADES_S)
-    for i in range(len(sensitivity)):
-        for j in range(len(drives)):
-            sensitivity[i, j] *= fades
-    for j in range(len(drives)):
-        sensitivity[drives[j], j] += dt
-        score[j] *= fades
-        for c in range(len(drives)):
-            information[j, c] *= fades * fades
-
-
-@kernel
-def take_drifts(
-    H: Matrix,
-    chosen: Codes,
-    work: Matrix,
-    places: Codes,
-    sensitivity: Matrix,
-    score: Vector,
-    information: Matrix,
-    told: Matrix,
+def carry_drifts(
+    sums: Matrix, dt: float, drives: Codes, places: Codes, weights: Matrix, counts: Codes, moved: Matrix
 ) -> None:
-    """Take in the rows H (m, n) that `schmidt.take_gated` took in, with its chosen, work and places; told (m, k)."""
-    count = take_sensitivities(H, chosen, work, places, sensitivity, told)
-    y = work[3 * len(chosen)]
-    for i in range(count):
-        for j in range(len(score)):
+    """Carry sums over a step of dt, in place; drives (k,): the errors that drift; moved (m, k) scratch.
+
+    places, weights, counts: F, as of `schmidt.carry_sensitivities`.
+    """
+    n = sums.shape[0] - 1 - len(drives)
+    carry_sensitivities(places, weights, counts, sums[:n], moved)
+    fades = math.exp(-dt / FADES_S)
+    for i in range(len(sums)):
+        fading = fades * fades if i > n else fades
+        for j in range(len(drives)):
+            sums[i, j] *= fading
+    for j in range(len(drives)):
+        sums[drives[j], j] += dt
+
+
+@kernel
+def take_drifts(H: Matrix, chosen: Codes, work: Matrix, places: Codes, wide: bool, sums: Matrix, told: Matrix) -> None:
+    """Take in the rows H (m, n) that `schmidt.take_gated` took in, with its chosen, work and places; told (m, k).
+
+    wide: rows bent within what was known, so that the sums begin anew: a drift before now is not looked for.
+    """
+    if wide:
+        clear(sums)
+        return
+    n, drifting = H.shape[1], sums.shape[1]
+    score, information, y = sums[n], sums[n + 1 :], work[3 * len(chosen)]
+    for i in range(take_sensitivities(H, chosen, work, places, sums[:n], told)):
+        for j in range(drifting):
             score[j] += told[i, j] * y[i]
-            for c in range(len(score)):
+            for c in range(drifting):
                 information[j, c] += told[i, j] * told[i, c]

@@ -51,7 +51,7 @@ class Drifts:
     sizes : mapping
         Errors that are watched, by the name of a sensor, "gyro" or "thrust"; empty without a filter that watches.
     score, information : (k,), (k, k)
-        As of `drift_sums.DriftSums`.
+        d and J of `drift_sums`.
     """
 
     sizes: Mapping[str, int]

@@ -25,6 +25,7 @@ from relnav.vehicle.acquisition import (
     opened,
 )
 from relnav.vehicle.directions import StarTracker, SunSensor
+from relnav.vehicle.drift_sums import score_of
 from relnav.vehicle.drift_test import Drifts, drives_of, watched_drifts
 from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.flying_sensor import Flown, FlyingSensor
@@ -288,7 +289,7 @@ class VehicleFilters:
 
     def drifts(self, at: Estimates) -> Drifts:
         """How far what was seen until then looks like drifts."""
-        return Drifts(self._drifts, at.drift.score.copy(), at.drift.information.copy())
+        return Drifts(self._drifts, *score_of(at.drift))
 
     def estimate(self, tracked: Tracked, t_s: float, final_before_s: float) -> VehicleEstimate:
         """What is told of t_s, not before the time of `tracked`."""

@@ -139,7 +139,7 @@ class VehicleMotion:
             new.values[f, GYRO_BIAS], covariance = bias, new.covariance[f]
             covariance[GYRO_BIAS, :] = covariance[:, GYRO_BIAS] = 0.0
             covariance[GYRO_BIAS, GYRO_BIAS] = np.diag(variance + self._bias_walk * silent_s)
-        new.drift.sensitivity[GYRO_BIAS] = 0.0
+        new.drift[GYRO_BIAS] = 0.0
         F, Q = np.eye(MOVING, DRIVING), np.zeros((MOVING, MOVING))
         F[GYRO_BIAS] = 0.0
         Q[GYRO_BIAS, GYRO_BIAS] = new.covariance[0, GYRO_BIAS, GYRO_BIAS]
@@ -154,7 +154,7 @@ class VehicleMotion:
     def _step(self, at: Estimates, samples: GyroSamples, t_s: float) -> Estimates:
         """All from at.t_s to t_s in one piece."""
         begin_s, values, target, chaser, covariance, command, lost, drift = at
-        drift = drift.copied()
+        drift = drift.copy() if self._watched >= 0 else drift
         values, target, chaser, after = values.copy(), target.copy(), chaser.copy(), np.empty_like(covariance)
         known = settle_into(
             self._constants,
@@ -175,7 +175,7 @@ class VehicleMotion:
             after,
             self._watched,
             self._drives,
-            *drift,
+            drift,
             self._moved,
         )
         if not known:

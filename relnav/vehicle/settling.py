@@ -17,7 +17,7 @@ from relnav.dynamics.clohessy_wiltshire import acceleration_effect_into
 from relnav.dynamics.error_state import MOTION, ROTATION
 from relnav.dynamics.process_noise import NODES
 from relnav.dynamics.rigid_body import BODY_ROWS, MEAN_MOTION
-from relnav.estimation.schmidt import carry_into, carry_sensitivities, clear
+from relnav.estimation.schmidt import carry_into, clear
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
 from relnav.vehicle.drift_sums import carry_drifts
 from relnav.vehicle.gyro import holding_at
@@ -243,9 +243,7 @@ def settle_into(
     after: Stack,
     watched: int,
     drives: Codes,
-    sensitivity: Matrix,
-    score: Vector,
-    information: Matrix,
+    drift_sums: Matrix,
     moved: Matrix,
 ) -> bool:
     """Carry k estimates from t to end, s: values (k, n) and attitudes (k, 3, 3) in place, P (k, n, n) into after.
@@ -286,6 +284,5 @@ def settle_into(
         F, Q, product, places = scratch["F"], scratch["Q"], scratch["product"], scratch["places"]
         carry_into(P[f], F, Q, after[f], product, places, scratch["weights"], scratch["counts"])
         if f == watched:
-            carry_sensitivities(places, scratch["weights"], scratch["counts"], sensitivity, moved)
-            carry_drifts(dt, drives, sensitivity, score, information)
+            carry_drifts(drift_sums, dt, drives, places, scratch["weights"], scratch["counts"], moved)
     return True

@@ -17,7 +17,7 @@ from relnav.estimation.schmidt import reset_into
 from relnav.estimation.state_layout import StateLayout
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
 from relnav.spacecraft import Vehicle
-from relnav.vehicle.drift_sums import DriftSums, no_sums
+from relnav.vehicle.drift_sums import no_sums
 from relnav.vehicle.layout import CHASER_ATTITUDE, TARGET_ATTITUDE, TARGET_RATE
 from relnav.vehicle.orbit_frame import OrbitFrame
 
@@ -108,8 +108,8 @@ class Estimates(NamedTuple):
         To the thrusters, chaser axes.
     lost : Lost or None
         What is known of the gyro while it is lost.
-    drift : DriftSums
-        Of the filter that watches; of nothing without one.
+    drift : (n + 1 + m, m)
+        Of the filter that watches, for m errors that may drift (`drift_sums`); m is zero without it.
     """
 
     t_s: float
@@ -119,7 +119,7 @@ class Estimates(NamedTuple):
     covariance: Stack
     command_m_s2: Vector
     lost: Lost | None
-    drift: DriftSums
+    drift: Matrix
 
     def of(self, filter_: int) -> VehicleState:
         """That of one filter."""
@@ -147,7 +147,7 @@ class Estimates(NamedTuple):
             dcm_lvlh_from_target=self.dcm_lvlh_from_target.copy(),
             dcm_inertial_from_chaser=self.dcm_inertial_from_chaser.copy(),
             covariance=self.covariance.copy(),
-            drift=self.drift.copied(),
+            drift=self.drift.copy(),
         )
 
     def corrected(self, corrections: Matrix) -> "Estimates":

@@ -17,7 +17,7 @@ from relnav.estimation.schmidt import (
     take_gated,
 )
 from relnav.estimation.state_layout import StateLayout
-from relnav.vehicle.drift_sums import forget_drifts, take_drifts
+from relnav.vehicle.drift_sums import take_drifts
 from relnav.vehicle.layout import CHASER_ATTITUDE, DRIVING, POSITION, TARGET_ATTITUDE
 from relnav.vehicle.rows import Rows
 from relnav.vehicle.state import Estimates, correct_into, correct_one
@@ -76,17 +76,15 @@ def take_into(
     work: Matrix,
     places: Codes,
     watched: int,
-    sensitivity: Matrix,
-    score: Vector,
-    information: Matrix,
-    seen_drifts: Matrix,
+    drift: Matrix,
+    drift_rows: Matrix,
 ) -> bool:
     """Gate the rows of k filters and take in, in place, what is credible; whether an estimate is left to be iterated.
 
     Estimates as in `Estimates`; considered (k, n); rows (k, m), (k, m, n), (k, m, m) and the rest as for
     `schmidt.gate_rows`; chosen (k, m or more). Writes told (k, _TOLD). A wide estimate is not corrected: P before goes
     into prior (k, n, n), the correction into corrections (k, n). watched: the filter whose drifts are looked for, with
-    sums as of `drift_sums.take_drifts`; -1 for none.
+    sums and scratch as of `drift_sums.take_drifts`; -1 for none.
     """
     m, again = residual.shape[1], False
     for f in range(len(values)):
@@ -105,10 +103,8 @@ def take_into(
             again = True
         _volumes_into(P[f], gains)
         take_gated(P[f], considered[f], DRIVING, believed, work, places, corrections[f])
-        if f == watched and wide:
-            forget_drifts(sensitivity, score, information)
-        elif f == watched:
-            take_drifts(H[f], believed, work, places, sensitivity, score, information, seen_drifts)
+        if f == watched:
+            take_drifts(H[f], believed, work, places, wide, drift, drift_rows)
         _gains_into(gains, P[f])
         if not wide:
             correct_one(values[f], targets[f], chasers[f], P[f], corrections[f], turned)
@@ -185,7 +181,7 @@ class Updater:
         self._chosen = np.zeros((filters, most_rows), dtype=np.int64)
         self._prior, self._corrections = np.empty((filters, n, n)), np.empty((filters, n))
         self._told, self._turned = np.empty((filters, _TOLD)), np.empty((3, 3))
-        self._watched, self._seen_drifts = watched, np.empty((most_rows, drifting))
+        self._watched, self._drift_rows = watched, np.empty((most_rows, drifting))
         self._scratch = np.empty((4 * most_rows + 3, max(n, most_rows))), np.empty(max(n, most_rows), dtype=np.int64)
 
     def take(self, at: Estimates, rows_at: Callable[[Estimates], Rows]) -> list[Outcome]:
@@ -207,8 +203,8 @@ class Updater:
             self._turned,
             *self._scratch,
             self._watched,
-            *at.drift,
-            self._seen_drifts,
+            at.drift,
+            self._drift_rows,
         )
         if again:
             self._iterate(at, rows_at)

@@ -7,11 +7,11 @@ import pytest
 from scipy.stats import norm
 
 from relnav.arrays import Matrix
-from relnav.estimation.schmidt import carry_into, carry_sensitivities, gate_rows, take_gated
+from relnav.estimation.schmidt import carry_into, gate_rows, take_gated
 from relnav.simulation.rendezvous import Rendezvous
 from relnav.simulation.vehicle_faults import VehicleFault, with_fault
 from relnav.simulation.vehicle_sensors import simulate_rendezvous
-from relnav.vehicle.drift_sums import carry_drifts, no_sums, take_drifts
+from relnav.vehicle.drift_sums import carry_drifts, no_sums, score_of, take_drifts
 from relnav.vehicle.drift_test import Drifts
 from relnav.vehicle.monitor import ALARM_SIGMA, FADES_S
 from relnav.vehicle.navigator import VehicleNavigator
@@ -41,8 +41,7 @@ class LinearFilter:
         after, work, places = np.empty_like(P), np.empty((ERRORS, 3)), np.zeros((3, ERRORS), dtype=np.int64)
         weights, counts = np.empty((3, ERRORS)), np.zeros(3, dtype=np.int64)
         carry_into(P, F, Q, after, work, places, weights, counts)
-        carry_sensitivities(places, weights, counts, self.drift.sensitivity, np.empty((3, len(DRIVES))))
-        carry_drifts(DT_S, DRIVES, *self.drift)
+        carry_drifts(self.drift, DT_S, DRIVES, places, weights, counts, np.empty((3, len(DRIVES))))
         self.transitions.append(np.vstack([F, np.eye(ERRORS)[3:]]))
         return after
 
@@ -54,7 +53,7 @@ class LinearFilter:
         self.corrections.append(np.eye(ERRORS) - P @ H.T @ np.linalg.inv(S) @ H)
         gate_rows(P, residual, H, R, ROWS, limits, ERRORS, chosen, work, places)
         take_gated(P, considered, ERRORS, chosen, work, places, correction)
-        take_drifts(H, chosen, work, places, *self.drift, told)
+        take_drifts(H, chosen, work, places, False, self.drift, told)
         self.told.append((told, np.linalg.solve(np.linalg.cholesky(S), residual)))
         return P
 
@@ -72,7 +71,7 @@ def test_sensitivity_is_what_a_drift_does_to_the_errors(linear):
             errors = F @ errors
             errors[error] += DT_S * math.exp(-(STEPS - 1 - k) * DT_S / FADES_S)
             errors = correction @ errors
-        np.testing.assert_allclose(linear.drift.sensitivity[:, column], errors, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(linear.drift[:ERRORS, column], errors, rtol=1e-9, atol=1e-12)
 
 
 def test_sums_fade(linear):
@@ -81,22 +80,29 @@ def test_sums_fade(linear):
         weight = math.exp(-(STEPS - 1 - k) * DT_S / FADES_S)
         score += weight * told.T @ white
         information += weight**2 * told.T @ told
-    np.testing.assert_allclose(linear.drift.score, score, rtol=1e-9)
-    np.testing.assert_allclose(linear.drift.information, information, rtol=1e-9)
+    found, of_all = score_of(linear.drift)
+    np.testing.assert_allclose(found, score, rtol=1e-9)
+    np.testing.assert_allclose(of_all, information, rtol=1e-9)
 
 
 def test_without_a_drift_deviations_are_normal(linear):
     """Also far out: of 20,000 flights of white innovations as many beyond 2 and 3 sigma as a normal variable has."""
-    rng, runs = np.random.default_rng(4), 20_000
+    rng, runs, (_, information) = np.random.default_rng(4), 20_000, score_of(linear.drift)
     scores = np.zeros((runs, 2))
     for k, (told, _) in enumerate(linear.told):
         scores += math.exp(-(STEPS - 1 - k) * DT_S / FADES_S) * rng.normal(size=(runs, ROWS)) @ told
-    found = np.array([Drifts({"star": 2}, score, linear.drift.information).deviations["star"] for score in scores])
+    found = np.array([Drifts({"star": 2}, score, information).deviations["star"] for score in scores])
     assert abs(found.mean()) < 0.06  # Wilson and Hilferty's normal is off by so much at two degrees of freedom
     assert abs(found.std() - 1.0) < 0.06
     for limit in (2.0, 3.0):
         expected = runs * norm.sf(limit)
         assert 0.6 * expected < (found > limit).sum() < 1.4 * expected
+
+
+def test_while_rows_bend_the_sums_begin_anew(linear):
+    sums = linear.drift.copy()
+    take_drifts(np.zeros((1, ERRORS)), np.zeros(1, dtype=np.int64), np.zeros((7, ERRORS)), DRIVES, True, sums, sums)
+    assert not sums.any()
 
 
 def found_with(**chi_squares):
