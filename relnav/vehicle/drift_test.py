@@ -1,11 +1,11 @@
 """Which sensor the innovations say is drifting: the sums of `drift_sums` judged, one hypothesis beside the other.
 
 Looked for is a drift of the first lasting error of each sensor (of those of the vehicle file the mounting: all that it
-sees shifts), of the gyro's bias, and of the slow acceleration, which is what faulty thrusters leave to be explained. A
-chi-square as far out as a sum of squared innovations in alarm (`monitor`) is an alarm. Often one drift looks like
-another: a star sensor that turns away is, without a third that knows the attitude as well, a gyro whose bias is off.
-Then the chi-square of the other is the squared cosine between what the two do to the innovations, times that of the
-right one, so that every one with LEAST_SHARE of the largest is named.
+sees shifts), of the gyro's bias, and of the slow acceleration, which is what faulty thrusters, or a target that pushes,
+leave to be explained. A chi-square as far out as a sum of squared innovations in alarm (`monitor`) is an alarm. Often
+one drift looks like another: a star sensor that turns away is, without a third that knows the attitude as well, a gyro
+whose bias is off. Then the chi-square of the other is the squared cosine between what the two do to the innovations,
+times that of the right one, so that every one with LEAST_SHARE of the largest is named.
 """
 
 from collections.abc import Iterable, Mapping
