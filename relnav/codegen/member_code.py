@@ -6,7 +6,7 @@ from typing import Any
 from llvmlite import binding, ir
 
 from relnav.codegen import store
-from relnav.codegen.cpython import ARRAY, BYTE, BYTES, DOUBLE, INT, OBJECT, SIZE, WORD, Writer
+from relnav.codegen.cpython import ARRAY, BYTE, BYTES, DOUBLE, INT, ITEMS, OBJECT, SIZE, WORD, Writer
 
 _PAIR = ir.FunctionType(OBJECT, [OBJECT, OBJECT])
 _CALL = ir.FunctionType(OBJECT, [OBJECT, OBJECT.as_pointer(), WORD, OBJECT])
@@ -32,10 +32,22 @@ def finish(symbol: str, form: str, counts: tuple[int, ...]) -> tuple[list[str], 
 
 
 def _write_method(w: Writer, before: int, keywords: int, after: int) -> None:
-    """`python_members.method_of`; its own: method, entry, record, "_memory", kept, before, keywords, after."""
-    own, given, count, names = w.function.args
+    """`python_members.method_of`; its own: the class of its first argument, and the function of Python.
+
+    Of the first argument: bound method, entry, record, "_memory", kept, numbers, before, keywords, after.
+    """
+    of_all, given, count, names = w.function.args
     b = w.builder
-    none, first = w.outside("_Py_NoneStruct", BYTE), 5
+    none, first = w.outside("_Py_NoneStruct", BYTE), 6
+    look, known_kind, other = (w.block(name) for name in ("look_at_own", "own", "other"))
+    b.cbranch(b.icmp_signed(">", count, WORD(0)), look, other)
+    b.position_at_end(other)
+    b.ret(w.python("PyObject_Vectorcall", OBJECT, w.item(of_all, 1), given, count, names))
+    b.position_at_end(look)
+    own = b.load(given)
+    b.cbranch(w.is_type(own, w.item(of_all, 0)), known_kind, other)
+    b.position_at_end(known_kind)
+    given, count = b.gep(given, [WORD(1)]), b.sub(count, WORD(1))
     w.demand(b.icmp_unsigned("==", count, WORD(2)))
     handed, told = b.alloca(OBJECT, before + 3 + keywords + after), b.alloca(WORD)
     told_at = before + 2
@@ -49,12 +61,11 @@ def _write_method(w: Writer, before: int, keywords: int, after: int) -> None:
         b.store(w.item(own, first + before + keywords + k), b.gep(handed, [WORD(told_at + 1 + keywords + k)]))
     b.store(WORD(0), told)
     known = [w.item(own, first + before + k) for k in range(keywords)]
-    _take_keywords(w, known, b.gep(handed, [WORD(told_at + 1)]), told)
-    number = w.python("PyLong_FromLongLong", OBJECT, b.load(told))
+    _take_keywords(w, known, given, count, b.gep(handed, [WORD(told_at + 1)]), told)
+    number = w.at(b.gep(w.item(own, 5), [b.mul(b.load(told), WORD(8))]), ITEMS, OBJECT)
     b.store(number, b.gep(handed, [WORD(told_at)]))
     all_of_them = WORD(before + 3 + keywords + after)
     answer = w.python("PyObject_Vectorcall", OBJECT, w.item(own, 1), handed, all_of_them, OBJECT(None))
-    w.python("Py_DecRef", ir.VoidType(), number)
     with b.if_then(b.not_(w.is_given(answer)), likely=False):
         w.python("PyErr_Clear", ir.VoidType())  # the method runs into it again, and knows what to say
         b.branch(w.refused)
@@ -73,9 +84,9 @@ def _write_method(w: Writer, before: int, keywords: int, after: int) -> None:
     b.ret(w.python("PyObject_Vectorcall", OBJECT, w.item(own, 0), given, count, names))
 
 
-def _take_keywords(w: Writer, known: list[Any], handed: Any, told: Any) -> None:
+def _take_keywords(w: Writer, known: list[Any], given: Any, count: Any, handed: Any, told: Any) -> None:
     """What is given under names, each where the entry takes it; refuses a name that is not known by its address."""
-    _, given, count, names = w.function.args
+    names = w.function.args[3]
     b = w.builder
     begin, look, one, after, done = (w.block(name) for name in ("names", "look", "one", "after", "taken"))
     b.cbranch(w.is_given(names), begin, done)
@@ -87,7 +98,7 @@ def _take_keywords(w: Writer, known: list[Any], handed: Any, told: Any) -> None:
     k.add_incoming(WORD(0), begin)
     b.cbranch(b.icmp_signed("<", k, how_many), one, done)
     b.position_at_end(one)
-    name = w.at(b.gep(names, [b.mul(k, WORD(8))]), tuple.__basicsize__, OBJECT)
+    name = w.at(b.gep(names, [b.mul(k, WORD(8))]), ITEMS, OBJECT)
     value = b.load(b.gep(given, [b.add(k, count)]))
     is_told = b.icmp_unsigned("!=", value, w.outside("_Py_NoneStruct", BYTE))
     for j, one_known in enumerate(known):

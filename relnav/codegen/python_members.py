@@ -9,7 +9,9 @@ import inspect
 import math
 import sys
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from functools import cache
+from types import MethodType
 from typing import Any
 
 import numpy as np
@@ -54,18 +56,28 @@ def method_of(
     address = _address("method", len(before), len(names), len(after))
     if address is None:
         return None
-    own = _Own((method, entry, record, MEMORY, kept, *before, *names, *after))
-    doc = _shown(method.__func__)  # type: ignore[attr-defined]  # bound methods have it
-    return store.python_function(method.__name__, address, own, store.FASTCALL | store.KEYWORDS, doc)
+    numbers = tuple(range(1 << len(names)))
+    own = _Own((method, entry, record, MEMORY, kept, numbers, *before, *names, *after))
+    return MethodType(_unbound(method.__func__, address), own)  # type: ignore[attr-defined]  # bound methods have it
 
 
 class _Own(tuple[Any, ...]):
-    """What such a method holds; pickled, it is the object whose method it is."""
+    """What such a method is bound to; copied or pickled, and to whoever asks, it is the object whose method it is."""
 
     __slots__ = ()
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _same, (self[0].__self__,)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Any:
+        copied = deepcopy(self[0].__self__, memo)
+        return getattr(copied, self[0].__name__).__self__
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self[0].__self__, name)
+
+    def __repr__(self) -> str:
+        return repr(self[0].__self__)
 
 
 def _same(one: Any) -> Any:
@@ -73,10 +85,17 @@ def _same(one: Any) -> Any:
 
 
 @cache
+def _unbound(function: Callable[..., Any], address: int) -> Callable[..., Any]:
+    """The machine code as a function that is bound to an `_Own`; with anything else it is the function of Python."""
+    own, doc = (_Own, function), _shown(function)
+    return store.python_function(function.__name__, address, own, store.FASTCALL | store.KEYWORDS, doc)
+
+
+@cache
 def _shown(function: Callable[..., Any]) -> str:
     """Signature and docstring as CPython takes them apart again for `help` and `inspect`."""
     parameters = [one.replace(annotation=one.empty) for one in inspect.signature(function).parameters.values()]
-    signature = str(inspect.Signature(parameters)).replace("(self", "($self", 1)
+    signature = str(inspect.Signature(parameters)).replace("(self", "($own, self", 1)
     return f"{function.__name__}{signature}\n--\n\n{inspect.getdoc(function)}"
 
 

@@ -12,7 +12,7 @@ import sys
 import sysconfig
 import tempfile
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from itertools import accumulate, pairwise
 from pathlib import Path
@@ -45,14 +45,31 @@ class Code(NamedTuple):
 
 @cache
 def package_stamp(*left_out: str) -> str:
-    """Digest of every source file of the package, about 10 ms; left_out: rooms that do not matter."""
+    """Digest of every source file of the package, about 10 ms; left_out: rooms that do not matter.
+
+    Only what can be imported counts, and what is gone does not: other processes write and remove files in between.
+    """
     digest = hashlib.blake2b(digest_size=16)
-    for path in sorted(PACKAGE.rglob("*.py")):
+    for path in sorted(_modules()):
         place = path.relative_to(PACKAGE)
         if place.parts[0] not in left_out:
+            try:
+                content = path.read_bytes()
+            except FileNotFoundError:
+                continue
             digest.update(str(place).encode())
-            digest.update(path.read_bytes())
+            digest.update(content)
     return digest.hexdigest()
+
+
+def _modules() -> Iterator[Path]:
+    """Source files that can be imported; not the locks and copies that editors put beside them."""
+    for folder, folders, names in os.walk(PACKAGE):  # a folder that is removed meanwhile is passed over
+        folders[:] = [name for name in folders if name.isidentifier() and name != "__pycache__"]
+        for name in names:
+            stem, ending = os.path.splitext(name)
+            if ending == ".py" and stem.isidentifier():
+                yield Path(folder, name)
 
 
 def code_stamp() -> str:
@@ -142,10 +159,11 @@ def _digest(machine_code: bytes) -> str:
 
 def _read(path: Path) -> Code | None:
     """A file of code, if it is whole and fits."""
+    fitting = code_stamp(), machine()
     try:
         head, _, machine_code = path.read_bytes().partition(b"\n")
         header = json.loads(head)
-        fits = header["stamp"] == code_stamp() and header["machine"] == machine()
+        fits = (header["stamp"], header["machine"]) == fitting
         if not fits or header["digest"] != _digest(machine_code):
             return None
         ends = [0, *accumulate(header["sizes"])]

@@ -85,12 +85,45 @@ def test_a_changed_callee_is_never_run_in_its_old_form(python, toy):
     assert call(python, toy) == (11.0, True, 1, [])
 
 
-def test_any_change_of_a_file_changes_the_stamp(python, toy):
-    def stamp():
-        done = python("from toy.codegen.store import code_stamp; print(code_stamp())", path=toy.parent)
+@pytest.fixture
+def stamp(python, toy):
+    """stamp() -> that of compiled code, as a fresh process computes it after these lines."""
+
+    def ask(lines=""):
+        done = python(f"{lines}\nfrom toy.codegen.store import code_stamp; print(code_stamp())", path=toy.parent)
         assert done.returncode == 0, done.stderr
         return done.stdout.strip()
 
+    return ask
+
+
+REMOVED = """
+import os
+scandir = os.scandir
+
+def without_it(path="."):
+    if os.path.basename(path) == "removed":
+        raise FileNotFoundError(path)
+    return scandir(path)
+
+os.scandir = without_it
+"""
+
+
+def test_what_comes_and_goes_beside_the_sources_changes_no_stamp(toy, stamp):
+    """Another process removes a folder or a file while they are listed; an editor locks a file and keeps copies."""
+    alone = stamp()
+    (toy / "removed").mkdir()
+    assert stamp(REMOVED) == alone
+    (toy / "removed.py").symlink_to("nowhere")
+    (toy / ".#callee.py").symlink_to("somebody@somewhere.1")
+    (toy / ".ipynb_checkpoints").mkdir()
+    (toy / ".ipynb_checkpoints" / "callee.py").write_text("")
+    (toy / "callee-checkpoint.py").write_text("")
+    assert stamp(REMOVED) == alone
+
+
+def test_any_change_of_a_file_changes_the_stamp(toy, stamp):
     stamps = [stamp(), stamp()]
     assert stamps[0] == stamps[1]
     (toy / "callee.py").write_text(CALLEE.format(factor=4.0))

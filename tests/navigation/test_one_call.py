@@ -56,7 +56,7 @@ def outcome(call, *arguments, **named):
 @pytest.mark.parametrize("method", ["fix", "spots"])
 def test_the_same_bits_whatever_is_told(model, method):
     fast, slow = relnav.Navigator(model, method), relnav.Navigator(model, method)
-    assert type(fast.step).__name__ == "builtin_function_or_method"
+    assert type(fast.step.__func__).__name__ == "builtin_function_or_method"
     for k, names in enumerate(CHOICES):
         now, spots = 0.1 * k, SPOTS + 1e-7 * np.sin(k)
         record = fast.step(now, spots, **given(model, names))
@@ -112,6 +112,28 @@ def test_copies_step_for_themselves(model):
     other = copy.deepcopy(navigator)
     navigator.step(0.0, SPOTS)
     assert other.step(0.0, SPOTS).t_s == 0.0
+
+
+@pytest.mark.parametrize("order", [("navigator", "step"), ("step", "navigator"), ("step",)])
+def test_a_step_that_is_copied_is_that_of_the_copy(model, order):
+    navigator, _ = started(model)
+    held = {"navigator": navigator, "step": navigator.step}
+    other = copy.deepcopy({name: held[name] for name in order})
+    assert "navigator" not in other or other["step"] == other["navigator"].step
+    assert other["step"](0.3, SPOTS)._memory == navigator.step(0.3, SPOTS)._memory
+    with pytest.raises(ValueError, match="after the last step"):
+        other["step"](0.3, SPOTS)
+
+
+def test_a_step_apart_from_its_navigator(model):
+    """A shallow copy steps the same one; bound to anything else it is the function of Python."""
+    navigator, _ = started(model)
+    assert copy.copy(navigator.step) == navigator.step
+    assert repr(navigator) in repr(navigator.step)
+    apart, record = navigator.step.__func__, in_python(copy.deepcopy(navigator))(0.3, SPOTS)
+    assert apart(copy.deepcopy(navigator), 0.3, SPOTS)._memory == record._memory
+    for arguments in ((), (navigator,), (3, 0.4, SPOTS)):
+        assert outcome(apart, *arguments) == outcome(relnav.Navigator.step, *arguments)
 
 
 def test_a_step_that_is_pickled_brings_its_navigator(model):

@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from relnav.sensors.measurement import Status
+from relnav.sensors.measurement import DEGENERATE, Status
 from relnav.sensors.three_beacon import measure
+from relnav.sensors.three_beacon.parallel import solve_parallel
 
 
 @settings(derandomize=True, max_examples=200, deadline=None)
@@ -79,3 +80,12 @@ def test_the_sensor_s_own_projection_is_the_default(truth, sensor) -> None:
     np.testing.assert_array_equal(measure(spots, paper).value, measure(spots, sensor, projection="parallel").value)
     np.testing.assert_array_equal(measure(spots, sensor).value, measure(spots, paper, projection="perspective").value)
     assert measure(spots, paper).azimuth_rad != measure(spots, sensor).azimuth_rad
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3, 1e6])
+def test_spots_that_coincide_are_told_in_any_unit(unit):
+    """To 1e-12 of the focal length."""
+    f, p = 0.05 * unit, np.empty(3)
+    for apart, degenerate in ((1e-13, True), (1e-11, False)):
+        spots = f * np.array([[0.0, 0.0], [apart, 0.0], [0.5 * apart, 0.0]])
+        assert (solve_parallel(spots, f, 0.3, 0.5, p) == DEGENERATE) is degenerate

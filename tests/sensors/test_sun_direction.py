@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from relnav.sensors.measurement import Status
 from relnav.sensors.sun_direction import (
+    Mounting,
     SunDirection,
     attitude_observation,
     direction_with_covariance,
@@ -95,6 +96,10 @@ def test_other_axes(case):
     assert np.linalg.norm(inertial.direction - sun) < 5.0 * SIGMA
 
 
+def test_a_sensor_sits_in_body_axes_unless_it_is_told():
+    np.testing.assert_array_equal(Mounting().dcm_body_from_sensor, np.eye(3))
+
+
 def test_basis():
     for s in np.vstack([np.eye(3), -np.eye(3), [[0.6, 0.0, 0.8]]]):
         triad = np.column_stack([tangent_basis(s), s])
@@ -108,6 +113,8 @@ def test_wrong_use(case):
         attitude_observation(no_direction(Status.NOT_SEEN), sun, attitude)
     with pytest.raises(ValueError, match="unit vector"):
         attitude_observation(seen, 1.5e11 * sun, attitude)
+    with pytest.raises(ValueError, match="unit vector"):
+        attitude_observation(seen, [np.nan, 0.0, 1.0], attitude)
     with pytest.raises(ValueError, match="rotation matrix"):
         seen.turned(2.0 * attitude)
     assert isinstance(no_direction(Status.AT_EDGE), SunDirection)

@@ -13,13 +13,16 @@ from relnav.geometry.linear_algebra import invert_three
 from relnav.sensors.dual_field.matching import (
     GRADIENT,
     INFORMATION,
+    PRIOR,
     SCRATCH,
     SHIFT,
     Frame,
+    log_chance_in_field,
     log_chance_of_match,
     looked_up_with_slip,
     slip_variance,
     tight_chord2,
+    variance_across,
 )
 from relnav.sensors.dual_field.sky import SkyArrays, nearest_star
 
@@ -44,8 +47,8 @@ def log_choices(of: float, chosen: float) -> float:
 def both_fields_seen(frame: Frame, match: Codes, cov: Matrix, log_pfa: float) -> bool:
     """Whether chance puts as many stars into the field that has fewer with a probability below the stated one.
 
-    The first of them is found as far away as the fold's error reaches, and tells that error; the others must then fall
-    within five sigma of their stars.
+    The first of them is found as far away as the fold's error moves a star there, and tells that error; the others must
+    then fall within five sigma of their stars. Only the stars that may be seen in that field count as near by chance.
     """
     n, in_field_0, in_field_1 = frame.sigma2.shape[0], 0, 0
     for k in range(n):
@@ -56,10 +59,13 @@ def both_fields_seen(frame: Frame, match: Codes, cov: Matrix, log_pfa: float) ->
         return False
     weak = 0 if in_field_0 < in_field_1 else 1
     left = float(n - max(in_field_0, in_field_1))
-    log, first, wide = log_choices(left, fewer) + math.log(fewer), True, 25.0 * slip_variance(frame)
+    log, first = log_choices(left, fewer) + math.log(fewer), True
     for k in range(n):
         if match[k, 0] >= 0 and match[k, 1] == weak:
-            log += log_chance_of_match(frame, k, tight_chord2(frame, k, weak, cov) + (wide if first else 0.0))
+            chord2 = tight_chord2(frame, k, weak, cov)
+            if first:
+                chord2 += 25.0 * variance_across(frame.W[weak * n + k], frame.slip[PRIOR : PRIOR + 3])
+            log += log_chance_in_field(frame, k, weak, chord2)
             first = False
     return log < log_pfa
 

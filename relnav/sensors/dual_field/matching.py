@@ -105,17 +105,22 @@ def looked_up_with_slip(frame: Frame, row: int, field: int, A: Matrix) -> tuple[
 
 
 @kernel
-def tight_chord2(frame: Frame, k: int, field: int, cov: Matrix) -> float:
-    """Square of five sigma of spot k and of the attitude (cov, or that of field 1) about its direction."""
-    row = field * frame.sigma2.shape[0] + k
-    w0, w1, w2 = frame.W[row, 0], frame.W[row, 1], frame.W[row, 2]
-    C = cov if field == 0 else frame.slip[SECOND : SECOND + 3]
+def variance_across(w: Vector, C: Matrix) -> float:
+    """Variance, over both axes across the direction w (3,), by which a small turn of covariance C moves it."""
+    w0, w1, w2 = w[0], w[1], w[2]
     along = (
         w0 * (C[0, 0] * w0 + 2.0 * C[0, 1] * w1)
         + w1 * (C[1, 1] * w1 + 2.0 * C[1, 2] * w2)
         + w2 * (C[2, 2] * w2 + 2.0 * C[0, 2] * w0)
     )
-    spread = frame.sigma2[k] + max(0.0, C[0, 0] + C[1, 1] + C[2, 2] - along)
+    return float(max(0.0, C[0, 0] + C[1, 1] + C[2, 2] - along))
+
+
+@kernel
+def tight_chord2(frame: Frame, k: int, field: int, cov: Matrix) -> float:
+    """Square of five sigma of spot k and of the attitude (cov, or that of field 1) about its direction."""
+    C = cov if field == 0 else frame.slip[SECOND : SECOND + 3]
+    spread = frame.sigma2[k] + variance_across(frame.W[field * frame.sigma2.shape[0] + k], C)
     return float(min(LOOSEST_CHORD2, 25.0 * spread))
 
 
@@ -126,6 +131,12 @@ def log_chance_of_match(frame: Frame, k: int, chord2: float) -> float:
     if frame.fields == 2:
         stars += frame.counts[frame.sigma2.shape[0] + k]
     return float(math.log(min(1.0, 0.25 * stars * chord2)))
+
+
+@kernel
+def log_chance_in_field(frame: Frame, k: int, field: int, chord2: float) -> float:
+    """The same where only stars seen in one field count."""
+    return float(math.log(min(1.0, 0.25 * frame.counts[field * frame.sigma2.shape[0] + k] * chord2)))
 
 
 @kernel

@@ -133,7 +133,9 @@ def test_a_singular_view_has_no_small_angle_solution(own):
     assert np.isnan(pose).all()
     p = points + np.array([0.0, 0.9, 0.0])
     xy = np.stack([p[:, 0] / p[:, 1], -p[:, 2] / p[:, 1]], axis=-1)
-    np.testing.assert_allclose(small_angle(xy, points, own.cam_from_paper)[3], [0.0, 0.0, 0.9], atol=1e-12)
+    pose = small_angle(xy, points, own.cam_from_paper)
+    assert pose.shape == (4, 3)
+    np.testing.assert_allclose(pose[3], [0.0, 0.0, 0.9], atol=1e-12)
 
 
 def test_more_markers_by_least_squares(five):

@@ -66,9 +66,10 @@ def test_a_point_comes_back_from_its_image(camera):
 
 
 def test_where_the_distortion_folds_back_there_is_no_image(camera):
-    """Pure barrel of k1 = -0.3: r (1 - 0.3 r^2) rises up to r = 1.054 and falls beyond, on either axis."""
+    """Pure barrel of k1 = -0.3: r (1 - 0.3 r^2) rises up to r = 1.054 and falls beyond, in every direction."""
     folding = dataclasses.replace(camera, distortion=(-0.3, 0.0, 0.0, 0.0, 0.0))
-    inside, beyond = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 1.0]]), np.array([[1.1, 0.0, 1.0], [0.0, 1.1, 1.0]])
+    angle = np.radians(np.arange(0.0, 360.0, 22.5))
+    inside, beyond = (np.column_stack([r * np.cos(angle), r * np.sin(angle), np.ones(16)]) for r in (1.05, 1.06))
     assert np.isfinite(image_of(inside, folding)[0]).all()
     for part in image_of(beyond, folding):
         assert np.isnan(part).all()
@@ -97,6 +98,8 @@ def test_which_spots_are_used(camera):
     np.testing.assert_allclose(weights[:2], information, rtol=1e-12)
     assert usable_into(spots, np.empty((0, 2, 2)), lens, image, weights, which) == 3
     np.testing.assert_allclose(weights[:3], normalise(spots[[0, 2, 3]], camera)[1], rtol=1e-12)
+    assert usable_into(spots[:1], own[:1], lens, image, weights, which) == 1
+    np.testing.assert_allclose(weights[:1], information[:1], rtol=1e-12)
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])

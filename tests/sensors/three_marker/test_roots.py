@@ -1,6 +1,7 @@
 """The compiled roots against numpy: which triples, what a score is, and the least certain axis."""
 
 import itertools
+from dataclasses import FrozenInstanceError
 
 import numpy as np
 import pytest
@@ -56,6 +57,8 @@ def test_score_is_the_evidence(whole):
         np.testing.assert_allclose(root.pose.covariance, R, atol=1e-12)
         with pytest.raises(ValueError, match="read-only"):
             root.pose.covariance[0, 0] = 0.0
+        with pytest.raises(FrozenInstanceError):
+            root.misfit = 0.0
 
 
 def test_least_certain_axis():
