@@ -11,7 +11,7 @@ from relnav.dynamics.error_state import POSE
 from relnav.dynamics.in_frame import FramedTrack, in_frame
 from relnav.estimation.state_layout import StateLayout
 from relnav.spacecraft import Vehicle
-from relnav.vehicle.drift_test import Drifts
+from relnav.vehicle.drifts import Drifts
 from relnav.vehicle.health import SensorHealth
 from relnav.vehicle.port import PortState
 from relnav.vehicle.separation import FAULT_PROBABILITY, protection_level_m
@@ -115,7 +115,7 @@ class VehicleEstimate:
     def alarms(self) -> tuple[str, ...]:
         """What may be at fault, the most likely first: while there is anything do not use the estimate.
 
-        Sensors, "gyro" and "thrust" of which one drifts (`relnav.vehicle.drift_test`). Where no drift explains it,
+        Sensors, "gyro" and "thrust" of which one drifts (`relnav.vehicle.drifts`). Where no drift explains it,
         sensors that contradict the others (`SensorHealth.alarm`), the furthest off first.
         """
         if self.drifts.suspects:

@@ -26,7 +26,7 @@ from relnav.vehicle.acquisition import (
 )
 from relnav.vehicle.directions import StarTracker, SunSensor
 from relnav.vehicle.drift_sums import score_of
-from relnav.vehicle.drift_test import Drifts, drives_of, watched_drifts
+from relnav.vehicle.drifts import Drifts, drives_of, watched_drifts
 from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.flying_sensor import Flown, FlyingSensor
 from relnav.vehicle.gyro import FASTEST_RAD_S, GyroSamples

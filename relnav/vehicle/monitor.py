@@ -11,7 +11,7 @@ X is then nearly M / nu times a chi-square of nu = 2 M^2 / V degrees of freedom,
 ALARM_SIGMA is an alarm. One that ends there has a probability of 3e-6. A single observation counts for no more than the
 gate lets pass: one glint is no lasting fault.
 
-Such a sum sees whatever is odd, and a slow drift late. `drift_test` looks for that, in the innovations of this filter.
+Such a sum sees whatever is odd, and a slow drift late. What `relnav.vehicle.drifts` looks for sees that.
 """
 
 import math

@@ -31,7 +31,7 @@ from relnav.codegen.kernel import entry, kernel
 from relnav.geometry.linear_algebra import cholesky, solve_lower, solve_lower_transposed
 from relnav.geometry.rotation_vector import rotation_vector_between
 from relnav.spacecraft import GYRO, Vehicle
-from relnav.vehicle.drift_test import Drifts
+from relnav.vehicle.drifts import Drifts
 from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.filters import Tracked, VehicleFilters, three
 from relnav.vehicle.flying_sensor import FlyingSensor

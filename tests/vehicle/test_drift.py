@@ -12,7 +12,7 @@ from relnav.simulation.rendezvous import Rendezvous
 from relnav.simulation.vehicle_faults import VehicleFault, with_fault
 from relnav.simulation.vehicle_sensors import simulate_rendezvous
 from relnav.vehicle.drift_sums import carry_drifts, no_sums, score_of, take_drifts
-from relnav.vehicle.drift_test import Drifts
+from relnav.vehicle.drifts import Drifts
 from relnav.vehicle.monitor import ALARM_SIGMA, FADES_S
 from relnav.vehicle.navigator import VehicleNavigator
 from relnav.vehicle.smoothing import VehicleSmoother

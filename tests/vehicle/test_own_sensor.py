@@ -91,6 +91,26 @@ def test_it_is_flown_and_what_is_off_is_learnt(near, run, seen):
     assert with_it.sensors["lidar"].refused == 0
 
 
+def test_its_drift_is_named(near, seen):
+    """By 5 mm/s from the third second on, of a distance that is known to a millimetre."""
+    drifting = [(name, t, value + 0.005 * max(0.0, t - 3.0) if name == "lidar" else value) for name, t, value in seen]
+    good, bad = (flown(near, events, {"lidar": RangeFinder(near)}).state() for events in (seen, drifting))
+    assert good.alarms == ()
+    assert bad.alarms == ("lidar",)
+
+
+def test_without_lasting_errors_it_is_not_watched_for_a_drift(near):
+    class Exact(RangeFinder):
+        lasting = ()
+
+        def placed(self, name, layout):
+            assert not any(block.startswith(name) for block in layout.by_name)
+
+    nav = VehicleNavigator(near, sensors={"lidar": Exact(near)})
+    assert "lidar" not in nav.state().drifts.deviations
+    assert "gyro" in nav.state().drifts.deviations
+
+
 def test_late_or_not_the_same_bits(near, seen):
     events = seen[:200]
     late = sorted(events, key=lambda event: event[1] + 0.4 * (event[0] == "lidar"))
