@@ -101,7 +101,7 @@ def _draw(report: Any, path: Path) -> None:
 
 def _faults(mission: Any, runs: int | None, seed: int, json_path: Path | None, plot: Path | None, quiet: bool) -> int:
     """Faults that last; exit code 1 if a goal is not met."""
-    from relnav.accuracy import faults, marker_faults, vehicle_faults
+    from relnav.accuracy import faults, marker_faults, vehicle_fault_flights, vehicle_faults
     from relnav.cli import NOT_MET
     from relnav.errors import UsageError
     from relnav.files.atomic import Outputs
@@ -117,7 +117,7 @@ def _faults(mission: Any, runs: int | None, seed: int, json_path: Path | None, p
         from relnav.files.workers import in_processes, processors
 
         fly_all = partial(in_processes, count=processors(), needs=mission, advice=DIED)
-        cases, usual = vehicle_faults.cases(mission), vehicle_faults.RUNS
+        cases, usual = vehicle_fault_flights.cases(mission), vehicle_faults.RUNS
         measure = partial(vehicle_faults.measure_faults, fly_all=fly_all)
     elif isinstance(mission, Model) and mission.tolerances is not None:
         cases, usual, measure = faults.cases(), faults.RUNS, faults.measure_faults

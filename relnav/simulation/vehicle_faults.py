@@ -38,6 +38,7 @@ class VehicleFault(StrEnum):
 
 
 OF_THRUSTERS = VehicleFault.WEAK, VehicleFault.TURNED, VehicleFault.LEAK
+SIZED = VehicleFault.RAMP, VehicleFault.CLOCK, *OF_THRUSTERS
 BEGINS_S, LASTS_S = 30.0, 60.0
 """When a fault begins, and how long a ramp grows or a sensor is lost."""
 RAMP_SIGMA = 5.0
@@ -90,14 +91,15 @@ def with_fault(
     rng: np.random.Generator,
     begins_s: float | None = None,
     lasts_s: float | None = None,
+    size: float = 1.0,
 ) -> list[Observation]:
     """What was observed with a fault of this sensor, or "thrust", in the order in which a navigator is to take it.
 
     That is the order of time, whatever arrives when, except where images are late. begins_s, lasts_s: `BEGINS_S` and
-    `LASTS_S` if left out.
+    `LASTS_S` if left out. size: of those of `SIZED`, as a multiple of the constants.
     """
     begins_s, lasts_s = BEGINS_S if begins_s is None else begins_s, LASTS_S if lasts_s is None else lasts_s
-    vehicle, full = run.truth.vehicle, ramp_of(run.truth.vehicle, name) if fault == VehicleFault.RAMP else 0.0
+    vehicle, full = run.truth.vehicle, size * ramp_of(run.truth.vehicle, name) if fault == VehicleFault.RAMP else 0.0
     axis = direction(rng, 3) if fault in OF_THRUSTERS else np.zeros(3)
 
     def faulty() -> Iterator[Observation]:
@@ -112,11 +114,11 @@ def with_fault(
             elif fault == VehicleFault.GLINT and first:
                 yield replace(seen, value=_with_glint(vehicle, seen, rng))
             elif fault == VehicleFault.CLOCK and since_s >= 0.0:
-                yield replace(seen, t_s=seen.t_s + JUMP_S)
+                yield replace(seen, t_s=seen.t_s + size * JUMP_S)
             elif fault == VehicleFault.LATE and since_s >= 0.0:
                 yield replace(seen, arrives_s=seen.t_s + LATE_S)
             elif fault in OF_THRUSTERS and since_s >= 0.0:
-                yield replace(seen, value=_ordered(fault, np.asarray(seen.value), axis))
+                yield replace(seen, value=_ordered(fault, np.asarray(seen.value), axis, size))
             elif fault != VehicleFault.LOST or not 0.0 <= since_s < lasts_s:
                 yield seen
             first = first and seen.sensor != name
@@ -127,17 +129,17 @@ def with_fault(
     return sorted(faulty(), key=by)
 
 
-def _ordered(fault: VehicleFault, given: Vector, axis: Vector) -> Vector:
+def _ordered(fault: VehicleFault, given: Vector, axis: Vector, size: float) -> Vector:
     """The command, (3,) m/s^2, of which thrusters with a fault make the acceleration that was given; axis (3,): unit.
 
     They turn about it, or leak along it.
     """
     if fault == VehicleFault.WEAK:
-        return given / (1.0 - WEAK_SHARE)
+        return given / (1.0 - size * WEAK_SHARE)
     if fault == VehicleFault.TURNED:
-        back: Vector = turned(np.eye(3), -TURN_RAD * axis) @ given
+        back: Vector = turned(np.eye(3), -size * TURN_RAD * axis) @ given
         return back
-    return given - LEAK_M_S2 * axis
+    return given - size * LEAK_M_S2 * axis
 
 
 def _with_glint(vehicle: Vehicle, seen: Observation, rng: np.random.Generator) -> Any:

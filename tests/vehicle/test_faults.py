@@ -6,8 +6,17 @@ import math
 import numpy as np
 import pytest
 
-from relnav.accuracy import vehicle_faults
-from relnav.accuracy.vehicle_faults import FaultRow, VehicleFaultsReport, back_after_s, cases, fly_fault
+from relnav.accuracy import vehicle_fault_flights, vehicle_faults
+from relnav.accuracy.vehicle_fault_flights import (
+    Flown,
+    back_after_s,
+    cases,
+    fly_fault,
+    fly_run,
+    lost_flight,
+    worse_later,
+)
+from relnav.accuracy.vehicle_faults import FaultRow, VehicleFaultsReport
 from relnav.simulation import vehicle_faults as vehicle_faults_simulated
 from relnav.simulation.rendezvous import Rendezvous
 from relnav.simulation.vehicle_faults import (
@@ -34,10 +43,10 @@ def run(slow):
 @pytest.fixture(autouse=True)
 def _soon(monkeypatch):
     """Faults of a short flight."""
-    for module in (vehicle_faults, vehicle_faults_simulated):
+    for module in (vehicle_fault_flights, vehicle_faults, vehicle_faults_simulated):
         monkeypatch.setattr(module, "BEGINS_S", BEGINS_S)
         monkeypatch.setattr(module, "LASTS_S", LASTS_S)
-    monkeypatch.setattr(vehicle_faults, "RETURNS_S", round(BEGINS_S + LASTS_S))
+    monkeypatch.setattr(vehicle_fault_flights, "RETURNS_S", round(BEGINS_S + LASTS_S))
 
 
 def changed(run, fault, name):
@@ -160,7 +169,7 @@ def test_the_report_is_that_of_its_flights(slow):
         return map(fly, reversed(numbers))
 
     report = vehicle_faults.measure_faults(slow, runs=2, seed=72, flight=FLIGHT, fly_all=backward, progress=told.append)
-    flown = [vehicle_faults.fly_run(slow, FLIGHT, 72, vehicle_faults.cases(slow), k) for k in (0, 1)]
+    flown = [fly_run(slow, FLIGHT, 72, 1.0, vehicle_faults.cases(slow), k) for k in (0, 1)]
     assert told == [2, 2]
     healthy, lost = report.rows
     assert (healthy.runs, healthy.sensor, healthy.inside) == (2, "", -1)
@@ -181,9 +190,36 @@ def test_of_chosen_sensors_alone(slow):
     assert repr(some.rows) == repr(every.rows[:1])
 
 
+@pytest.mark.parametrize(("fault", "name"), [(VehicleFault.CLOCK, "psd"), (VehicleFault.WEAK, "thrust")])
+def test_a_fault_of_half_the_size(run, fault, name):
+    whole, half = (
+        [one for one in with_fault(run, fault, name, np.random.default_rng(5), size=size) if one.sensor == name][-1]
+        for size in (1.0, 0.5)
+    )
+    usual = [seen for seen in run.observations if seen.sensor == name][-1]
+    if fault == VehicleFault.CLOCK:
+        before, less, more = (one.t_s for one in (usual, half, whole))
+    else:
+        before, less, more = (1.0 / np.linalg.norm(one.value) for one in (usual, half, whole))
+    assert less - before == pytest.approx(0.5 * (more - before))
+    assert less != before
+
+
+def test_a_smaller_ramp_may_pass(slow, monkeypatch):
+    """Flown alone, and no missed goal where it raises no alarm."""
+    chosen = [(VehicleFault.NOTHING, ""), (VehicleFault.RAMP, "star"), (VehicleFault.LOST, "star")]
+    monkeypatch.setattr(vehicle_faults, "cases", lambda _: chosen)
+    report = vehicle_faults.measure_faults(slow, runs=1, seed=72, flight=FLIGHT, size=0.01)
+    (row,) = report.rows
+    assert (row.fault, row.size, row.alarmed, row.ok) == ("ramp", 0.01, 0, True)
+    assert any(line.startswith("EVERY FAULT 0.01 TIMES") for line in report.lines())
+    missed = dataclasses.replace(row, size=1.0, runs=200)
+    assert not missed.ok
+
+
 def test_losses_are_flown_from_three_distances():
-    usual = vehicle_faults.FLIGHT
-    first, far, near, again = (vehicle_faults.lost_flight(usual, k) for k in range(4))
+    usual = vehicle_fault_flights.FLIGHT
+    first, far, near, again = (lost_flight(usual, k) for k in range(4))
     assert first == again == usual
     assert (near.start_m, near.final_m) == (7.6, usual.final_m)
     assert far.start_m == 30.0
@@ -194,7 +230,7 @@ def test_how_long_it_takes_to_be_back():
     def flown(*sigmas):
         """The first of twelve as usual, the second not."""
         seconds = {round(BEGINS_S + LASTS_S) + k: np.array([1.0, sigma, *[1.0] * 10]) for k, sigma in enumerate(sigmas)}
-        return vehicle_faults.Flown(math.nan, (), 0.0, False, 0.0, True, seconds)
+        return Flown(math.nan, (), 0.0, False, 0.0, True, seconds)
 
     usual = flown(1.0, 1.0, 1.0, 1.0)
     assert back_after_s(usual, usual) == 0.0
@@ -206,13 +242,15 @@ def test_how_long_it_takes_to_be_back():
 def test_how_much_is_missing_later():
     first = round(BEGINS_S + LASTS_S)
     usual, lost = (
-        vehicle_faults.Flown(math.nan, (), 0.0, False, 0.0, True, {first + k: np.array([1.0, s]) for k, s in sigmas})
+        Flown(math.nan, (), 0.0, False, 0.0, True, {first + k: np.array([1.0, s]) for k, s in sigmas})
         for sigmas in ([(0, 2.0), (10, 2.0), (11, 2.0)], [(0, 8.0), (10, 2.2), (11, 2.6)])
     )
-    assert vehicle_faults.worse_later(lost, usual) == 1.3
+    assert worse_later(lost, usual) == 1.3
 
 
-GOOD = FaultRow("lost for 60 s", "psd", 200, 0, 0, 0, 0, 0.0, 0.02, math.nan, 0.4, 0.3, 199, 0.97, 0.999, 2.0, 4.0, 1.2)
+GOOD = FaultRow(
+    "lost for 60 s", "psd", 1.0, 200, 0, 0, 0, 0, 0.0, 0.02, math.nan, 0.4, 0.3, 199, 0.97, 0.999, 2.0, 4.0, 1.2
+)
 
 
 @pytest.mark.parametrize(
@@ -230,7 +268,7 @@ def test_every_bar_can_fail(change):
     row = dataclasses.replace(GOOD, **change)
     assert GOOD.ok
     assert not row.ok
-    report = VehicleFaultsReport("demo", 200, 7, (GOOD, row))
+    report = VehicleFaultsReport("demo", 200, 7, 1.0, (GOOD, row))
     assert not report.ok
     assert sum("GOAL NOT MET" in line for line in report.lines()) == 1
     assert "SOME GOALS ARE NOT MET" in report.lines()[-1]
