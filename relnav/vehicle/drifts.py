@@ -1,11 +1,12 @@
 """Which sensor the innovations say is drifting: the sums of `drift_sums` judged, one hypothesis beside the other.
 
-Looked for is a drift of the first lasting error of each sensor (of those of the vehicle file the mounting: all that it
-sees shifts), of the gyro's bias, and of the slow acceleration, which is what faulty thrusters, or a target that pushes,
-leave to be explained. A chi-square as far out as a sum of squared innovations in alarm (`monitor`) is an alarm. Often
-one drift looks like another: a star sensor that turns away is, without a third that knows the attitude as well, a gyro
-whose bias is off. Then the chi-square of the other is the squared cosine between what the two do to the innovations,
-times that of the right one, so that every one with LEAST_SHARE of the largest is named.
+Looked for is a drift of the mounting of each sensor and of its focal scale, by which all that it sees shifts or grows
+(a clock that jumps makes lights seem to grow in an approach), of the gyro's bias, and of the slow acceleration, which
+is what faulty thrusters, or a target that pushes, leave to be explained. A chi-square as far out as a sum of squared
+innovations in alarm (`monitor`) is an alarm. Often one drift looks like another: a star sensor that turns away is,
+without a third that knows the attitude as well, a gyro whose bias is off. Then the chi-square of the other is the
+squared cosine between what the two do to the innovations, times that of the right one, so that every one with
+LEAST_SHARE of the largest is named.
 """
 
 from collections.abc import Iterable, Mapping
@@ -21,25 +22,23 @@ from relnav.spacecraft import GYRO, THRUST
 from relnav.vehicle.layout import GYRO_BIAS, SLOW_ACCELERATION
 from relnav.vehicle.monitor import ALARM_SIGMA, deviation_of
 
+WATCHED = ("mount", "focal")
+"""Of the lasting errors of a sensor: how it is turned, and how large it sees. Of one that has neither, the first."""
 LEAST_SHARE = 0.5
 """Of the largest chi-square: two drifts that differ by less than 45 deg in what they do to innovations."""
 LEAST_PIVOT = 1e-9
 """Share of the largest eigenvalue of the information below which a direction of a drift is not seen at all."""
 
 
-def watched_drifts(layout: StateLayout, sensors: Iterable[str]) -> dict[str, slice]:
-    """The errors that are watched for a drift, by the name of what would be at fault."""
-    drifts = dict[str, slice]()
+def watched_drifts(layout: StateLayout, sensors: Iterable[str]) -> dict[str, Codes]:
+    """The places of errors that are watched for a drift, by the name of what would be at fault."""
+    everything, drifts = np.arange(layout.size), dict[str, Codes]()
     for name in sensors:
-        own = next((block.place for block in layout.blocks if block.name.startswith(f"{name}.")), None)
-        if own is not None:
-            drifts[name] = own
-    return drifts | {GYRO: GYRO_BIAS, THRUST: SLOW_ACCELERATION}
-
-
-def drives_of(drifts: Mapping[str, slice]) -> Codes:
-    """The error that each column of the sums lets drift, (k,)."""
-    return np.array([k for place in drifts.values() for k in range(place.start, place.stop)], dtype=np.int64)
+        own = {block.name: block.place for block in layout.blocks if block.name.startswith(f"{name}.")}
+        watched = [own[f"{name}.{kind}"] for kind in WATCHED if f"{name}.{kind}" in own] or [*own.values()][:1]
+        if watched:
+            drifts[name] = np.concatenate([everything[place] for place in watched])
+    return drifts | {GYRO: everything[GYRO_BIAS], THRUST: everything[SLOW_ACCELERATION]}
 
 
 @dataclass(frozen=True)

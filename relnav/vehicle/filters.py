@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import LARGEST, Matrix, number, numbers
+from relnav.arrays import LARGEST, Codes, Matrix, number, numbers
 from relnav.dynamics.error_state import MOTION
 from relnav.spacecraft import FORESEEN_RAD, GYRO, POINTS, RESERVED, STAR, THRUST, Vehicle
 from relnav.vehicle.acquisition import (
@@ -26,7 +26,7 @@ from relnav.vehicle.acquisition import (
 )
 from relnav.vehicle.directions import StarTracker, SunSensor
 from relnav.vehicle.drift_sums import score_of
-from relnav.vehicle.drifts import Drifts, drives_of, watched_drifts
+from relnav.vehicle.drifts import Drifts, watched_drifts
 from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.flying_sensor import Flown, FlyingSensor
 from relnav.vehicle.gyro import FASTEST_RAD_S, GyroSamples
@@ -46,6 +46,7 @@ from relnav.vehicle.update import Outcome, Updater
 MOST = {GYRO: FASTEST_RAD_S, THRUST: 1e4}
 """Of a rate, rad/s, and an acceleration, m/s^2: more is a mistake."""
 NOTHING: Matrix = np.zeros((0, 0))
+NO_CODES: Codes = np.zeros(0, dtype=np.int64)
 NOT_USED = Outcome(0.0, 0, 0, 0)
 """Of an image of which nothing is asked."""
 
@@ -131,8 +132,8 @@ class VehicleFilters:
         self.samples = GyroSamples(turning)
         lacking = self._without.get(GYRO, -1), self._without.get(THRUST, -1)
         drifts = watched_drifts(self.layout, self.sensors) if monitor else {}
-        drives, watched = drives_of(drifts), 1 if monitor else -1
-        self._drifts = {name: place.stop - place.start for name, place in drifts.items()}
+        drives, watched = np.concatenate([NO_CODES, *drifts.values()]), 1 if monitor else -1
+        self._drifts = {name: len(places) for name, places in drifts.items()}
         self.motion = VehicleMotion(vehicle, self.frame, len(layouts), turning, *lacking, watched, drives)
         self._updater = Updater(layouts, vehicle.filter.gate_probability, rows, watched, len(drives))
         self.places = {name: k for k, name in enumerate([*RESERVED, *self.sensors])}

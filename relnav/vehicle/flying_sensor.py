@@ -17,8 +17,8 @@ class FlyingSensor(Protocol):
     Attributes
     ----------
     lasting : sequence of LastingError
-        Its own errors that last a run; each becomes a block of the state, "NAME.KIND". The first is watched for a
-        drift (`relnav.vehicle.drifts`).
+        Its own errors that last a run; each becomes a block of the state, "NAME.KIND". Those of kind "mount" and
+        "focal", or else the first, are watched for a drift (`relnav.vehicle.drifts`).
     most_rows : int
         The largest number of rows that it gives at once.
     """
