@@ -90,6 +90,16 @@ def test_the_whole_solution(p):
     np.testing.assert_allclose(got, p, rtol=1e-9)
 
 
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize("around_deg", [0.0, 90.0, 270.0])
+def test_the_whole_solution_in_any_unit_and_from_any_side(unit, around_deg):
+    p = at(10.0 * B, 55.0, around_deg)
+    u, _ = seen_from(p, np.eye(3))
+    got = np.zeros(3)
+    assert solve_perspective(u, A * unit, B * unit, got, np.zeros((12, 6))) == OK
+    np.testing.assert_allclose(got, unit * p, rtol=0.0, atol=1e-11 * unit)
+
+
 def test_a_solution_outside_the_domain_says_so():
     p = at(4.0 * B, 50.0)
     u, _ = seen_from(p, np.eye(3))

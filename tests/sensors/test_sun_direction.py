@@ -136,3 +136,6 @@ def test_an_observation_is_what_it_was(case):
     for said, name in ((attitude_observation(seen, sun, attitude), "innovation"), (seen, "direction")):
         with pytest.raises(FrozenInstanceError):
             setattr(said, name, np.zeros(2))
+    for array in (seen.direction, seen.covariance):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0

@@ -25,7 +25,12 @@ def test_the_image_ends_half_a_pixel_beyond_its_last_centres(camera):
     width, height = camera.image_size_px
     inside = [[-0.5, -0.5], [width - 0.5, height - 0.5], [1.0, 1.0]]
     outside = [[-0.51, 1.0], [1.0, -0.51], [width - 0.49, 1.0], [1.0, height - 0.49], [np.nan, 1.0]]
-    assert on_image(np.array(inside + outside), camera).tolist() == [True] * 3 + [False] * 5
+    spots = np.array(inside + outside)
+    assert on_image(spots, camera).tolist() == [True] * 3 + [False] * 5
+    image, weights, which = np.empty((8, 2)), np.empty((8, 3)), np.empty(8, dtype=np.int64)
+    lens = np.asarray(camera.lens, dtype=float)
+    assert usable_into(spots, np.empty((0, 2, 2)), lens, image, weights, which) == 3
+    assert which[:3].tolist() == [0, 1, 2]
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-3])
