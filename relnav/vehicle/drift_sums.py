@@ -17,8 +17,7 @@ likelihood ratio approach to the detection and estimation of jumps in linear sys
 looked for is a drift of the last FADES_S. Any G leaves the chi-square as it is without a drift.
 
 Of k errors that may drift the sums are one matrix (n + 1 + k, k), a column each: S (n, k), below it d, and below that J
-of all together, in which that of one drift is its block on the diagonal. One matrix is copied in a third of the time of
-three.
+of all together, in which that of one drift is its block on the diagonal.
 """
 
 import math

@@ -10,12 +10,7 @@ from relnav.arrays import Codes, Flags, Matrix, Stack, Vector
 from relnav.codegen.kernel import entry, kernel
 from relnav.estimation.gating import gate_limits
 from relnav.estimation.information import information_gained, squared_volume
-from relnav.estimation.schmidt import (
-    copy_into,
-    gate_rows,
-    take_chosen,
-    take_gated,
-)
+from relnav.estimation.schmidt import copy_into, gate_rows, take_chosen, take_gated
 from relnav.estimation.state_layout import StateLayout
 from relnav.vehicle.drift_sums import take_drifts
 from relnav.vehicle.layout import CHASER_ATTITUDE, DRIVING, POSITION, TARGET_ATTITUDE
