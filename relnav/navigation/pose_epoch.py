@@ -12,7 +12,7 @@ from relnav.estimation.factored import compose_into
 from relnav.estimation.rows import copy_rows
 from relnav.navigation.packed_factors import pack_factors, unpack_factors
 from relnav.navigation.pose_memory import PoseMemory, pose_views
-from relnav.navigation.pose_propagation import copy_place
+from relnav.navigation.pose_propagation import copy_place, odds_against
 
 LOWER = np.tril_indices(POSE)
 """Rows and columns of packed factors."""
@@ -98,7 +98,7 @@ def odds_of(m: PoseMemory) -> float:
     """Odds of the leading hypothesis against the next, less what the next may have lost by its bending."""
     odds = math.inf
     for k in range(1, m.clock["running"]):
-        odds = min(odds, m.bank[k]["score"] - m.bank[k]["doubt"] - m.bank[0]["score"])
+        odds = min(odds, odds_against(m.bank[k], m.bank[0]))
     return odds
 
 

@@ -3,9 +3,12 @@
 A flat pattern has up to four poses that explain an image; a filter on the most credible one alone may follow the wrong
 one for ever. Each root starts a hypothesis, its covariance widened (seen head-on the misfit is no parabola, and the
 truth lies up to 3 sigma off). One of these that is beaten, so that the leading one could be relied on, falls, and its
-pose gets a second one at once: what was wrong may have been the first's linearisation. Only when that one is beaten too
-is the leading one relied on. Roots that no hypothesis covers start new ones every ten seconds, or 50 s after such a new
-one fell, a million times less likely than the best; two that have become one are joined.
+pose gets a second one at once: what was wrong may have been the first's linearisation.
+Only when that one is beaten too is the leading one relied on. Roots that no hypothesis covers start new ones every ten
+seconds; two that have become one are joined. All roots of three spots fit them, in every image, and most move as bodies
+can. Beside a leading one that is relied on a new one therefore begins a million times less likely, and remains until it
+falls or images speak for it. Otherwise it begins as likely as the best and falls when it is a million times less
+likely; roots are then looked for after 50 s.
 
 Start: the roots of one image open a trial; the next image of three markers or more that the trial's leading hypothesis
 predicts, all spots inside the gate and the gates small, confirms it. An image that contradicts the trial opens another
@@ -24,9 +27,16 @@ from relnav.estimation.rows import copy_rows
 from relnav.navigation.observation.marker_exchange import gates_share, is_exchanged
 from relnav.navigation.observation.marker_monitors import gather_markers, let_pass, watch_markers, watch_new_track
 from relnav.navigation.observation.marker_rows import aim_camera, has_spot
-from relnav.navigation.pose_epoch import SETTLED_S
+from relnav.navigation.pose_epoch import SETTLED_S, ambiguity_of
 from relnav.navigation.pose_memory import PoseMemory, pose_views
-from relnav.navigation.pose_propagation import MEMORY_S, advance_bank, copy_pose, errors_between, is_wide
+from relnav.navigation.pose_propagation import (
+    MEMORY_S,
+    advance_bank,
+    copy_pose,
+    errors_between,
+    is_wide,
+    odds_against,
+)
 from relnav.navigation.pose_update import spot_update
 from relnav.navigation.propagation import prepare_step
 from relnav.navigation.status import EXCHANGED, PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
@@ -34,6 +44,8 @@ from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
 
 DROP = 2.0 * math.log(1e6)
 """How far behind the best a pose of a trial may be, or one taken up later."""
+MARGIN = DROP - AMBIGUITY_LIMIT
+"""By how much one taken up beside a leading one that is relied on has to gain to put that in doubt, or lose to fall."""
 RENEWED_S, RENEWED_BLURRED_S = 10.0, 0.4
 """How often roots are looked for that no hypothesis covers; the second while the leading one is wide and after."""
 BLURRED = 0.5
@@ -64,6 +76,12 @@ def _distance2(e: Vector, one: Record, other: Record) -> float:
 
 
 @kernel
+def _rank(track: Record) -> float:
+    """Minus twice the log of how credible a hypothesis is, but for what is common to all."""
+    return track["score"] + track["prior"]
+
+
+@kernel
 def order_bank(m: PoseMemory, bank: Record, sensitivities: Stack, count: int, far_behind: float) -> int:
     """The most credible first, those far behind and those that have become one with a better one left out.
 
@@ -78,14 +96,16 @@ def order_bank(m: PoseMemory, bank: Record, sensitivities: Stack, count: int, fa
         copy_rows(sensitivities[i], m.spare_sensitivities[i])
     for i in range(1, count):
         k, j = order[i], i
-        while j > 0 and spare[order[j - 1]]["score"] > spare[k]["score"]:
+        while j > 0 and _rank(spare[order[j - 1]]) > _rank(spare[k]):
             order[j] = order[j - 1]
             j -= 1
         order[j] = k
     for i in range(count):
         one = spare[order[i]]
-        limit = DROP if one["added"] > -math.inf else far_behind
-        alone = kept == 0 or one["score"] - one["doubt"] - bank[0]["score"] <= limit
+        limit = far_behind
+        if one["added"] > -math.inf:
+            limit = max(DROP, one["prior"] - bank[0]["prior"] + MARGIN)
+        alone = kept == 0 or odds_against(one, bank[0]) <= limit
         for k in range(kept):
             if _distance2(m.scratch["error"], bank[k], one) <= JOINED:
                 alone = False
@@ -117,11 +137,11 @@ def _correct_bank(
     result, least, telling, blurred = m.result, math.inf, False, False
     for k in range(count):
         copy_pose(bank[k], m.best)
-        seen, groups, used, nis = spot_update(m, bank[k], sensitivities[k], spots, covariances)
+        seen, groups, used, nis = spot_update(m, bank[k], sensitivities[k], spots, covariances, k == 0)
         if watched and k == 0:
             gather_markers(m, m.best, groups, covariances)
-        if k == 0 or bank[k]["score"] < least:
-            least = bank[k]["score"]
+        if k == 0 or _rank(bank[k]) < least:
+            least = _rank(bank[k])
             result["nis"], result["dof"], result["seen"], result["used"] = nis, 2 * groups, seen, used
             telling = gates_share(m, m.best["ld"], groups) < TELLING_SHARE
             blurred = k > 0 or m.scratch["bending"] >= BLURRED
@@ -174,7 +194,7 @@ def _confirm(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) -> int:
     for i in range(m.used_s.shape[0]):
         m.used_s[i] = m.trial_used_s[i]
     clock["running"], clock["trial"], clock["rejected"], clock["renewed"] = remain, 0, 0, t
-    clock["blurred"] = t if blurred else -math.inf
+    clock["blurred"], clock["doubted"] = t if blurred else -math.inf, -math.inf
     return CONFIRMED
 
 
@@ -243,7 +263,8 @@ def _use(m: PoseMemory, t: float, spots: Matrix, covariances: Stack, seen: int) 
     if clock["rejected"] >= m.fixed["restart_after"] or anew:
         return ROOTS
     # of an image that was used whole alone: another one's poses are those of its glints
-    often = RENEWED_S if t - clock["tried"] > MEMORY_S else MEMORY_S
+    pauses = t - clock["tried"] <= MEMORY_S and t - clock["doubted"] <= RENEWED_S
+    often = MEMORY_S if pauses else RENEWED_S
     if t - clock["blurred"] <= SETTLED_S:
         often = RENEWED_BLURRED_S
     if seen >= 3 and used == seen and t - clock["renewed"] >= often:
@@ -301,4 +322,6 @@ def pose_step(block: Vector, t: float, chaser: Matrix, spots: Matrix, covariance
     wants = _look(m, t, spots, covariances)
     if m.clock["running"] > 0:
         m.result["alarm"] |= m.watch["alarm"]
+        if ambiguity_of(m) < AMBIGUITY_LIMIT:
+            m.clock["doubted"] = t
     return wants

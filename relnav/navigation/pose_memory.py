@@ -61,12 +61,14 @@ POSE_TRACK = np.dtype(
         ("ld", _F, (POSE, POSE)),
         ("score", _F),
         ("doubt", _F),
+        ("prior", _F),
         ("added", _F),
     ]
 )
 """One hypothesis; score: minus twice its log-likelihood, doubt: how much of that may be undeserved; the past fading.
 
-added: when it was taken up beside others; -inf for those of a start.
+prior: what was known against it before, which does not fade; added: when it was taken up beside others, -inf for those
+of a start.
 """
 POSE_GROUP = group_type(POSE)
 POSE_SCRATCH = np.dtype(
@@ -84,6 +86,8 @@ POSE_SCRATCH = np.dtype(
         ("turned", _F, (3, 3)),
         ("error", _F, POSE),
         ("order", _I, 2 * MOST_POSES),
+        ("lead_used", _I),  # spots of the latest image that the leading hypothesis has used
+        ("lead_width", _F),  # and ln |S| of them
         ("bending", _F),  # of the latest image: ln |R| by the second order of the errors
     ]
 )
@@ -96,6 +100,7 @@ POSE_CLOCK = np.dtype(
         ("tried", _F),  # when one taken up beside others last fell
         ("begun", _F),  # of the first event
         ("blurred", _F),  # when the leading hypothesis was last too wide to tell roots apart
+        ("doubted", _F),  # when the leading hypothesis was last not relied on; -inf: never since it was confirmed
         ("running", _I),  # hypotheses of the bank; 0: no state
         ("trial", _I),  # of the trial
         ("rejected", _I),
@@ -229,7 +234,7 @@ def new_pose_memory(mission: VisionMission) -> Vector:
     write_motion_model(m.motion, mission.orbit, mission.process_noise, mission.filter)
     m.step["dt"], m.clock["t"], m.clock["begun"] = np.nan, np.nan, np.nan
     m.clock["renewed"], m.clock["blurred"] = np.nan, -np.inf
-    m.clock["tried"] = -np.inf
+    m.clock["tried"], m.clock["doubted"] = -np.inf, -np.inf
     m.gate[:] = gate_limits(mission.filter.gate_probability, 2 * count)
     m.points[:], m.used_s[:], m.trial_used_s[:] = mission.markers.points_m, np.nan, np.nan
     watch_markers_anew(m)

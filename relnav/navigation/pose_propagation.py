@@ -64,7 +64,14 @@ def copy_pose(source: Record, target: Record) -> None:
     """Copy a hypothesis."""
     copy_track(source, target)
     copy_place(source, target)
-    target["score"], target["doubt"], target["added"] = source["score"], source["doubt"], source["added"]
+    target["score"], target["doubt"] = source["score"], source["doubt"]
+    target["prior"], target["added"] = source["prior"], source["added"]
+
+
+@kernel
+def odds_against(one: Record, lead: Record) -> float:
+    """Twice the log of the odds of the leading hypothesis against another, less what that may have lost undeserved."""
+    return (one["score"] + one["prior"] - one["doubt"]) - (lead["score"] + lead["prior"])
 
 
 @kernel

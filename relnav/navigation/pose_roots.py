@@ -32,7 +32,7 @@ def look_for_roots(m: PoseMemory, mission: VisionMission, event: Event, wants: i
     model = replace(mission, view=view) if wants == NEW_ROOTS else mission
     found, used, contradicted = roots(spots, own, chaser, model, believed, near, view.attitude_sigma_rad)
     if wants == NEW_ROOTS:
-        add_uncovered(m, found)
+        add_uncovered(m, found, view.dcm_cam_from_target)
     elif found:
         open_trial(m, found, used)
     elif contradicted:

@@ -90,7 +90,7 @@ def _noise_log_determinant(image: Observed) -> float:
 
 @kernel
 def spot_update(
-    m: PoseMemory, track: Record, sensitivities: Matrix, spots: Matrix, covariances: Stack
+    m: PoseMemory, track: Record, sensitivities: Matrix, spots: Matrix, covariances: Stack, leads: bool
 ) -> tuple[int, int, int, float]:
     """Correct a hypothesis by an image; (markers seen, groups, groups used, NIS), its score counted on.
 
@@ -98,7 +98,9 @@ def spot_update(
     at the gate's limit would. Of an image of which half the spots or more contradict the hypothesis nothing is used:
     those that pass may be glints as well; nor is a lone spot through a wide gate.
     """
-    limit = m.gate[1]
+    limit, scratch = m.gate[1], m.scratch
+    if leads:
+        scratch["lead_used"] = 0
     seen, count = observe_markers(m, track, sensitivities, spots, covariances)
     track["score"] += (seen - count) * (limit + 4.0 * math.log(m.camera["noise"]))
     if count == 0:
@@ -122,11 +124,16 @@ def spot_update(
         if used > 0:
             taken, _ = sweep(track, track["state"], image, m.work)
     if used > 0:
-        bending, width = m.scratch["bending"], log_determinant(image)
+        bending, width = scratch["bending"], log_determinant(image)
         track["score"] += taken + width
         track["doubt"] += bending + min(1.0, bending) * max(0.0, taken - 2.0 * used)
+        if leads:
+            scratch["lead_used"], scratch["lead_width"] = used, width
         if m.clock["t"] - track["added"] <= SETTLING_S:
-            track["doubt"] += max(0.0, width - _noise_log_determinant(image))
+            known = _noise_log_determinant(image)
+            if not leads and scratch["lead_used"] == used:
+                known = max(known, scratch["lead_width"])
+            track["doubt"] += max(0.0, width - known)
         copy_track(m.work, track)
         update_sensitivities(track["ld"], image, m.by_error[:n], m.news, sensitivities)
         take_in(m.scratch, track, sensitivities)

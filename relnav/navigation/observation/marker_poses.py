@@ -14,7 +14,7 @@ from relnav.estimation.gating import chi_square_limit
 from relnav.geometry.rotation_vector import rotation_vector_between, turned
 from relnav.mission import VisionMission
 from relnav.navigation.memory import fill
-from relnav.navigation.pose_filter import DROP
+from relnav.navigation.pose_filter import DROP, RENEWED_S
 from relnav.navigation.pose_memory import MOST_POSES, PoseMemory
 from relnav.navigation.pose_state import PoseState, sensitivities_from_pose, state_from_pose
 from relnav.sensors.three_marker.measure import measure
@@ -58,6 +58,7 @@ def write_state(track: Record, state: PoseState, score: float = 0.0) -> None:
         ld=factorize(covariance),
         score=score,
         doubt=0.0,
+        prior=0.0,
         added=-math.inf,
     )
 
@@ -142,16 +143,28 @@ def open_trial(m: PoseMemory, found: list[Root], used: Flags) -> None:
     m.trial_used_s[:] = np.where(used, m.clock["t"], np.nan)
 
 
-def add_uncovered(m: PoseMemory, found: list[Root]) -> None:
-    """A hypothesis for each pose that none covers, as credible as the best."""
-    count = int(m.clock["running"])
+def add_uncovered(m: PoseMemory, found: list[Root], expected: Matrix) -> None:
+    """A hypothesis for each pose that none covers; expected: the attitude as it was told, dcm_cam_from_target.
+
+    It is as credible as the best. Where that has been relied on since roots were last looked for, one farther from the
+    expected attitude is a million times less credible: the images until then have decided against it, or the expected
+    view alone did, which is only wider now.
+    """
+    count, lead, t = int(m.clock["running"]), m.bank[0], float(m.clock["t"])
+    relied_on, off = t - m.clock["doubted"] > RENEWED_S, _turn_from(expected, m, lead["dcm"])
     bank = [state_of(m.bank[k], m.bank_sensitivities[k]) for k in range(count)]
     for root in found:
         if all(_distance2(held, root.state) > COVERED for held in bank) and m.clock["running"] < MOST_POSES:
             k = int(m.clock["running"])
-            write_root(m.bank[k], m.bank_sensitivities[k], root, float(m.bank[0]["score"]))
-            m.bank[k]["added"] = m.clock["t"]
-            m.clock["running"] += 1
+            write_root(m.bank[k], m.bank_sensitivities[k], root, float(lead["score"]))
+            less = relied_on and _turn_from(expected, m, root.state.dcm_lvlh_from_target) > off
+            fill(m.bank[k], prior=lead["prior"] + (DROP if less else 0.0), added=t)
+            fill(m.clock, running=k + 1, doubted=m.clock["doubted"] if less else t)
+
+
+def _turn_from(expected: Matrix, m: PoseMemory, dcm_lvlh_from_target: Matrix) -> float:
+    """By what angle an attitude is off the expected one, dcm_cam_from_target."""
+    return float(np.linalg.norm(rotation_vector_between(m.camera["cam_from_lvlh"] @ dcm_lvlh_from_target, expected)))
 
 
 def _distance2(held: PoseState, root: PoseState) -> float:

@@ -11,7 +11,7 @@ from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.estimation.reference import ReferenceTrack, believed
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.mission import VisionMission
-from relnav.navigation.pose_filter import DROP, JOINED, TELLING_SHARE
+from relnav.navigation.pose_filter import DROP, JOINED, MARGIN, TELLING_SHARE
 from relnav.navigation.pose_propagation import MEMORY_S
 from relnav.navigation.pose_update import LONE_SHARE, SETTLING_S
 from relnav.navigation.reference.marker_rows import MarkerImage, MarkerOptics, PoseTrack
@@ -40,7 +40,7 @@ class Exposure:
 class Corrected:
     """A hypothesis after an image: how many spots there were, which markers could be used and were, NIS of the former.
 
-    share: of the image, that the largest gate covered; bending: as of `MarkerImage`.
+    share: of the image, that the largest gate covered; bending: as of `MarkerImage`; width: ln |S| of the used ones.
     """
 
     track: PoseTrack
@@ -50,6 +50,7 @@ class Corrected:
     nis: float
     share: float
     bending: float
+    width: float = 0.0
 
 
 def turned_by(dcm: Matrix, vector: Vector) -> Matrix:
@@ -97,15 +98,19 @@ def carried(
         track.considered @ phi.T,
         fade * track.score,
         fade * track.doubt,
+        track.prior,
         track.added,
     )
 
 
-def corrected(optics: MarkerOptics, limits: Vector, track: PoseTrack, image: Exposure) -> Corrected:
+def corrected(
+    optics: MarkerOptics, limits: Vector, track: PoseTrack, image: Exposure, lead: Corrected | None = None
+) -> Corrected:
     """Take an image in. A rejected spot costs the score what one at the gate's limit would.
 
     Of an image of which half the spots or more contradict the hypothesis nothing is used, nor is a lone spot through a
-    wide gate. limits (2 n,): chi-square, of degrees of freedom from one on.
+    wide gate. limits (2 n,): chi-square, of degrees of freedom from one on. lead: of the leading one, if that is
+    another.
     """
     view = optics.observe(track, image.chaser, image.spots, image.covariances, image.attitude_noise)
     count, limit = len(view.which), float(limits[1])
@@ -125,15 +130,18 @@ def corrected(optics: MarkerOptics, limits: Vector, track: PoseTrack, image: Exp
     if (view.seen > 1 and 2 * len(used) <= view.seen) or lone:
         used = []
     score += sum(limit + math.log(_determinant(spread, k)) for k in range(count) if k not in used)
-    after = replace(track, score=score)
+    after, width = replace(track, score=score), 0.0
     if used:
         width = _log_determinant(spread, used)
         doubt = view.bending + min(1.0, view.bending) * max(0.0, nis(used) - 2.0 * len(used))
         if image.t_s - track.added <= SETTLING_S:
-            doubt += max(0.0, width - _log_determinant(view.noise, used))
+            known = _log_determinant(view.noise, used)
+            if lead is not None and len(lead.used) == len(used):
+                known = max(known, lead.width)
+            doubt += max(0.0, width - known)
         after = _taken_in(replace(track, score=score + nis(used) + width, doubt=track.doubt + doubt), view, used)
     whole = nis(list(range(count)))
-    return Corrected(after, view.seen, view.which, view.which[used], whole, share, view.bending)
+    return Corrected(after, view.seen, view.which, view.which[used], whole, share, view.bending, width)
 
 
 def _taken_in(track: PoseTrack, view: MarkerImage, used: list[int]) -> PoseTrack:
@@ -165,9 +173,11 @@ def ordered(tracks: list[PoseTrack], far_behind: float) -> list[PoseTrack]:
     if len(tracks) < 2:
         return tracks
     kept: list[PoseTrack] = []
-    for one in sorted(tracks, key=lambda track: track.score):
-        limit = DROP if one.added > -math.inf else far_behind
-        behind = bool(kept) and one.score - one.doubt - kept[0].score > limit
+    for one in sorted(tracks, key=lambda track: track.rank):
+        limit = far_behind
+        if one.added > -math.inf and kept:
+            limit = max(DROP, one.prior - kept[0].prior + MARGIN)
+        behind = bool(kept) and one.odds_against(kept[0]) > limit
         if not behind and all(_distance2(better, one) > JOINED for better in kept):
             kept.append(one)
     return kept

@@ -66,6 +66,7 @@ class ReferencePose:
     renewed_s: float = -math.inf
     blurred_s: float = -math.inf
     tried_s: float = -math.inf
+    doubted_s: float = -math.inf
     bank: list[PoseTrack] = field(default_factory=list)
     trial: list[PoseTrack] = field(default_factory=list)
     rejected: int = 0
@@ -85,7 +86,7 @@ class ReferencePose:
         nothing = np.zeros((self.optics.considered, 12))
         self.bank, self.trial = [PoseTrack(motion, dcm, rate, covariance, nothing)], []
         self.t_s, self.begun_s, self.renewed_s, self.rejected = t_s, t_s, t_s, 0
-        self.blurred_s = self.tried_s = -math.inf
+        self.blurred_s = self.tried_s = self.doubted_s = -math.inf
         self._used_s[:] = t_s
 
     def take(self, event: Event, out: Record, covariance: Matrix, accepted: Vector) -> None:
@@ -107,6 +108,8 @@ class ReferencePose:
             self._look_for_start(image)
         elif not running or self._use(image):
             self._look_for_start(image)
+        if self.bank and self._ambiguity() < AMBIGUITY_LIMIT:
+            self.doubted_s = image.t_s
         self.result.alarm |= UNWATCHED
         out["chaser"], accepted[:] = image.chaser, self.result.accepted
         self._write_epoch(out)
@@ -130,8 +133,9 @@ class ReferencePose:
 
         The result is of the leading one. Wide: it may cover poses that it cannot tell apart, or has not led before.
         """
-        every = [corrected(self.optics, self._limits, track, image) for track in tracks]
-        k = min(range(len(every)), key=lambda i: every[i].track.score)
+        every = [corrected(self.optics, self._limits, tracks[0], image)]
+        every += [corrected(self.optics, self._limits, track, image, every[0]) for track in tracks[1:]]
+        k = min(range(len(every)), key=lambda i: every[i].track.rank)
         lead = every[k]
         self.result.accepted = np.isin(np.arange(len(self._used_s)), lead.used)
         self.result.nis, self.result.dof, self.result.used = lead.nis, 2 * len(lead.which), len(lead.used)
@@ -160,7 +164,8 @@ class ReferencePose:
             return False
         if self.rejected >= self.mission.filter.restart_after_epochs:
             return True
-        often = RENEWED_S if t - self.tried_s > MEMORY_S else MEMORY_S
+        pauses = t - self.tried_s <= MEMORY_S and t - self.doubted_s <= RENEWED_S
+        often = MEMORY_S if pauses else RENEWED_S
         if t - self.blurred_s <= SETTLED_S:
             often = RENEWED_BLURRED_S
         if seen >= 3 and used == seen and t - self.renewed_s >= often:
@@ -201,7 +206,7 @@ class ReferencePose:
             return False
         self.bank, self.trial, self.rejected = self.trial, [], 0
         self._used_s, self.renewed_s = self._trial_used_s.copy(), image.t_s
-        self.blurred_s = image.t_s if wide else -math.inf
+        self.blurred_s, self.doubted_s = image.t_s if wide else -math.inf, -math.inf
         return True
 
     def _poses(self, image: Exposure, believed: PoseTrack | None, mission: VisionMission) -> Found:
@@ -215,12 +220,22 @@ class ReferencePose:
         return view_at(self.mission.view, t_s - self.begun_s, self.mission.filter.initial_rate_sigma_rad_s)
 
     def _add_uncovered(self, image: Exposure) -> None:
-        """A hypothesis for each pose that none covers, as credible as the best."""
-        held = list(self.bank)
-        found = self._poses(image, self.bank[0], replace(self.mission, view=self._view(image.t_s)))
+        """A hypothesis for each pose that none covers, as credible as the best.
+
+        If that has been relied on since poses were last looked for, one less expected begins a million times less so.
+        """
+        held, view, at = list(self.bank), self._view(image.t_s), self.mission.camera.dcm_cam_from_chaser @ image.chaser
+        found, lead = self._poses(image, held[0], replace(self.mission, view=view)), held[0]
+
+        def unexpected(track: PoseTrack) -> float:
+            return float(np.linalg.norm(turn_between(at @ track.dcm, view.dcm_cam_from_target)))
+
+        relied_on = image.t_s - self.doubted_s > RENEWED_S and self._ambiguity() >= AMBIGUITY_LIMIT
         for one in found.tracks:
             if len(self.bank) < MOST_POSES and all(_attitudes_apart(other, one) > COVERED for other in held):
-                self.bank.append(replace(one, score=held[0].score, added=image.t_s))
+                less = relied_on and unexpected(one) > unexpected(lead)
+                prior = lead.prior + (DROP if less else 0.0)
+                self.bank.append(replace(one, score=lead.score, prior=prior, added=image.t_s))
 
     def _write_epoch(self, out: Record) -> None:
         """Write what is known after the last event (`pose_epoch.EPOCH`), but for the chaser."""
@@ -229,10 +244,7 @@ class ReferencePose:
         out["status"], out["alarm"], out["row"] = result.status, result.alarm, 1
         out["acceleration"], out["delta_v"] = self._control[:3], self._control[3:]
         out["hypotheses"], out["observable"] = len(self.bank), bool(self.bank) and self._is_observable()
-        others = [one.score - one.doubt - self.bank[0].score for one in self.bank[1:]]
-        odds = min(others, default=math.inf)
-        undecided = t - self.blurred_s <= SETTLED_S or (bool(self.bank) and self.renewed_s == -math.inf)
-        out["ambiguity"] = min(odds, 0.0) if undecided else odds
+        out["ambiguity"] = self._ambiguity()
         if not self.bank:
             for name in ("motion", "dcm", "rate", "factor"):
                 out[name] = math.nan
@@ -240,6 +252,12 @@ class ReferencePose:
         lead = self.bank[0]
         out["motion"], out["dcm"], out["rate"], out["by_chaser"] = lead.motion, lead.dcm, lead.rate, lead.considered[:3]
         out["factor"] = factorize(lead.covariance + lead.considered.T @ lead.considered)[LOWER]
+
+    def _ambiguity(self) -> float:
+        """Odds of the leading hypothesis against the next, zero at most where they do not count yet."""
+        odds = min((one.odds_against(self.bank[0]) for one in self.bank[1:]), default=math.inf)
+        undecided = self.t_s - self.blurred_s <= SETTLED_S or (bool(self.bank) and self.renewed_s == -math.inf)
+        return min(odds, 0.0) if undecided else odds
 
     def _is_observable(self) -> bool:
         """Whether the markers used lately are all of them, or three or more that do not stand on one line."""

@@ -36,8 +36,9 @@ class PoseTrack:
         Of (drho, dv, theta, dw), without what is considered.
     considered : (m, 12)
         What one sigma of each lasting error has done to the state.
-    score, doubt, added : float
-        Minus twice its log-likelihood; how much of that may be undeserved; when it joined others.
+    score, doubt, prior, added : float
+        Minus twice its log-likelihood; how much of that may be undeserved; what was known against it when it joined
+        others; when that was.
     """
 
     motion: Vector
@@ -47,7 +48,17 @@ class PoseTrack:
     considered: Matrix
     score: float = 0.0
     doubt: float = 0.0
+    prior: float = 0.0
     added: float = -np.inf
+
+    @property
+    def rank(self) -> float:
+        """How little credible it is."""
+        return self.score + self.prior
+
+    def odds_against(self, lead: "PoseTrack") -> float:
+        """Odds of a leading one, as `ambiguity`."""
+        return self.rank - self.doubt - lead.rank
 
     @property
     def state(self) -> PoseState:
