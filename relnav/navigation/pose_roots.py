@@ -6,7 +6,7 @@ import numpy as np
 
 from relnav.dynamics.error_state import POSE
 from relnav.mission import VisionMission
-from relnav.navigation.observation.marker_poses import add_uncovered, open_trial, roots, state_of, view_at
+from relnav.navigation.observation.marker_poses import add_uncovered, open_trial, roots, state_of, twins, view_at
 from relnav.navigation.pose_call import Event
 from relnav.navigation.pose_filter import NEW_ROOTS
 from relnav.navigation.pose_memory import PoseMemory
@@ -32,7 +32,7 @@ def look_for_roots(m: PoseMemory, mission: VisionMission, event: Event, wants: i
     model = replace(mission, view=view) if wants == NEW_ROOTS else mission
     found, used, contradicted = roots(spots, own, chaser, model, believed, near, view.attitude_sigma_rad)
     if wants == NEW_ROOTS:
-        add_uncovered(m, found, view.dcm_cam_from_target)
+        add_uncovered(m, found + twins(m, model, chaser), view.dcm_cam_from_target)
     elif found:
         open_trial(m, found, used)
     elif contradicted:

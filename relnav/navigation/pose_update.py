@@ -94,9 +94,10 @@ def spot_update(
 ) -> tuple[int, int, int, float]:
     """Correct a hypothesis by an image; (markers seen, groups, groups used, NIS), its score counted on.
 
-    sensitivities (m, 12) of the hypothesis. Which groups were used stands in `groups`. A rejected spot costs what one
-    at the gate's limit would. Of an image of which half the spots or more contradict the hypothesis nothing is used:
-    those that pass may be glints as well; nor is a lone spot through a wide gate.
+    sensitivities (m, 12) of the hypothesis; leads: whether it is the leading one, which comes first. Which groups were
+    used stands in `groups`. A rejected spot costs what one at the gate's limit would, but an image no more than all of
+    it would: the gate rejects good spots too. Of an image of which half the spots or more contradict the hypothesis
+    nothing is used: those that pass may be glints as well; nor is a lone spot through a wide gate.
     """
     limit, scratch = m.gate[1], m.scratch
     if leads:
@@ -108,6 +109,7 @@ def spot_update(
     n = 2 * count
     image = Observed(m.groups[:count], m.noise[:n, :n], m.factor[:n, :n], m.independent[:count])
     nis, dof = sweep(track, track["state"], image, m.work)
+    whole, cost = nis + log_determinant(image), 0.0
     used = gate_groups(track, image, m.gate, m.work, nis, dof)
     taken, wide = nis, seen == 1 and used == 1 and not gates_share(m, track["ld"], 1) < LONE_SHARE
     if (seen > 1 and 2 * used <= seen) or wide:
@@ -120,12 +122,12 @@ def spot_update(
                 xx, xy, yy = pair_covariance(
                     track["ld"], m.groups[k]["gradient"], m.groups[k]["variance"], m.noise[2 * k, 2 * k + 1]
                 )
-                track["score"] += limit + math.log(xx * yy - xy * xy)
+                cost += limit + math.log(xx * yy - xy * xy)
         if used > 0:
             taken, _ = sweep(track, track["state"], image, m.work)
     if used > 0:
         bending, width = scratch["bending"], log_determinant(image)
-        track["score"] += taken + width
+        cost += taken + width
         track["doubt"] += bending + min(1.0, bending) * max(0.0, taken - 2.0 * used)
         if leads:
             scratch["lead_used"], scratch["lead_width"] = used, width
@@ -137,4 +139,5 @@ def spot_update(
         copy_track(m.work, track)
         update_sensitivities(track["ld"], image, m.by_error[:n], m.news, sensitivities)
         take_in(m.scratch, track, sensitivities)
+    track["score"] += min(whole, cost)
     return seen, count, used, nis

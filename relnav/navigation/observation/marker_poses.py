@@ -14,6 +14,7 @@ from relnav.estimation.gating import chi_square_limit
 from relnav.geometry.rotation_vector import rotation_vector_between, turned
 from relnav.mission import VisionMission
 from relnav.navigation.memory import fill
+from relnav.navigation.observation.marker_twins import twins_of
 from relnav.navigation.pose_filter import DROP, RENEWED_S
 from relnav.navigation.pose_memory import MOST_POSES, PoseMemory
 from relnav.navigation.pose_state import PoseState, sensitivities_from_pose, state_from_pose
@@ -67,7 +68,7 @@ def _with_view(pose: Pose, view: View) -> Pose:
     """A root joined with the expected view, by which alone a flat pattern far off tells its tilt."""
     known = np.zeros(pose.covariance.shape)
     known[3:, 3:] = np.eye(3) / view.attitude_sigma_rad**2
-    covariance = np.asarray(np.linalg.inv(np.linalg.inv(pose.covariance) + known), dtype=np.float64)
+    covariance = np.asarray(np.linalg.solve(np.eye(len(known)) + pose.covariance @ known, pose.covariance))
     toward = known[:, 3:] @ rotation_vector_between(view.dcm_cam_from_target, pose.dcm_cam_from_target)
     shift = covariance @ toward
     return Pose(pose.position_m + shift[:3], turned(pose.dcm_cam_from_target, shift[3:]), covariance)
@@ -154,12 +155,20 @@ def add_uncovered(m: PoseMemory, found: list[Root], expected: Matrix) -> None:
     relied_on, off = t - m.clock["doubted"] > RENEWED_S, _turn_from(expected, m, lead["dcm"])
     bank = [state_of(m.bank[k], m.bank_sensitivities[k]) for k in range(count)]
     for root in found:
-        if all(_distance2(held, root.state) > COVERED for held in bank) and m.clock["running"] < MOST_POSES:
-            k = int(m.clock["running"])
+        k = len(bank)
+        if k < MOST_POSES and all(_distance2(held, root.state) > COVERED for held in bank):
             write_root(m.bank[k], m.bank_sensitivities[k], root, float(lead["score"]))
             less = relied_on and _turn_from(expected, m, root.state.dcm_lvlh_from_target) > off
             fill(m.bank[k], prior=lead["prior"] + (DROP if less else 0.0), added=t)
             fill(m.clock, running=k + 1, doubted=m.clock["doubted"] if less else t)
+            bank.append(root.state)
+
+
+def twins(m: PoseMemory, mission: VisionMission, dcm_chaser_from_lvlh: Matrix) -> list[Root]:
+    """Poses that look like the leading hypothesis in every image; what is considered is in their covariance."""
+    effects, t = m.bank_sensitivities[0], float(m.clock["t"])
+    found = twins_of(state_of(m.bank[0], effects), t, mission, dcm_chaser_from_lvlh, DROP)
+    return [Root(replace(one, covariance=WIDENED * one.covariance), partial(np.zeros, effects.shape)) for one in found]
 
 
 def _turn_from(expected: Matrix, m: PoseMemory, dcm_lvlh_from_target: Matrix) -> float:

@@ -106,7 +106,7 @@ def carried(
 def corrected(
     optics: MarkerOptics, limits: Vector, track: PoseTrack, image: Exposure, lead: Corrected | None = None
 ) -> Corrected:
-    """Take an image in. A rejected spot costs the score what one at the gate's limit would.
+    """Take an image in. A rejected spot costs what one at the gate's limit would, an image at most what all of it does.
 
     Of an image of which half the spots or more contradict the hypothesis nothing is used, nor is a lone spot through a
     wide gate. limits (2 n,): chi-square, of degrees of freedom from one on. lead: of the leading one, if that is
@@ -129,18 +129,21 @@ def corrected(
     lone = view.seen == 1 and len(used) == 1 and not share < LONE_SHARE
     if (view.seen > 1 and 2 * len(used) <= view.seen) or lone:
         used = []
-    score += sum(limit + math.log(_determinant(spread, k)) for k in range(count) if k not in used)
-    after, width = replace(track, score=score), 0.0
+    every, width = list(range(count)), 0.0
+    whole = nis(every)
+    cost = sum(limit + math.log(_determinant(spread, k)) for k in every if k not in used)
+    after = track
     if used:
         width = _log_determinant(spread, used)
+        cost += nis(used) + width
         doubt = view.bending + min(1.0, view.bending) * max(0.0, nis(used) - 2.0 * len(used))
         if image.t_s - track.added <= SETTLING_S:
             known = _log_determinant(view.noise, used)
             if lead is not None and len(lead.used) == len(used):
                 known = max(known, lead.width)
             doubt += max(0.0, width - known)
-        after = _taken_in(replace(track, score=score + nis(used) + width, doubt=track.doubt + doubt), view, used)
-    whole = nis(list(range(count)))
+        after = _taken_in(replace(track, doubt=track.doubt + doubt), view, used)
+    after = replace(after, score=score + min(whole + _log_determinant(spread, every), cost))
     return Corrected(after, view.seen, view.which, view.which[used], whole, share, view.bending, width)
 
 

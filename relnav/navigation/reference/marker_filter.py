@@ -21,7 +21,8 @@ from relnav.estimation.factored import factorize
 from relnav.estimation.gating import gate_limits
 from relnav.estimation.monitors import UNWATCHED
 from relnav.mission import VisionMission
-from relnav.navigation.observation.marker_poses import COVERED, view_at
+from relnav.navigation.observation.marker_poses import COVERED, WIDENED, view_at
+from relnav.navigation.observation.marker_twins import twins_of
 from relnav.navigation.pose_call import Event
 from relnav.navigation.pose_epoch import LOWER, SETTLED_S, covariances_of
 from relnav.navigation.pose_filter import AGREED, BLURRED, DROP, RENEWED_BLURRED_S, RENEWED_S, TELLING_SHARE
@@ -225,14 +226,25 @@ class ReferencePose:
         If that has been relied on since poses were last looked for, one less expected begins a million times less so.
         """
         held, view, at = list(self.bank), self._view(image.t_s), self.mission.camera.dcm_cam_from_chaser @ image.chaser
-        found, lead = self._poses(image, held[0], replace(self.mission, view=view)), held[0]
+        mission, lead = replace(self.mission, view=view), held[0]
+        twins = [
+            PoseTrack(
+                one.motion,
+                one.dcm_lvlh_from_target,
+                one.rate_rad_s,
+                WIDENED * one.covariance,
+                np.zeros_like(lead.considered),
+            )
+            for one in twins_of(lead.state, image.t_s, mission, image.chaser, DROP)
+        ]
 
         def unexpected(track: PoseTrack) -> float:
             return float(np.linalg.norm(turn_between(at @ track.dcm, view.dcm_cam_from_target)))
 
         relied_on = image.t_s - self.doubted_s > RENEWED_S and self._ambiguity() >= AMBIGUITY_LIMIT
-        for one in found.tracks:
-            if len(self.bank) < MOST_POSES and all(_attitudes_apart(other, one) > COVERED for other in held):
+        for one in self._poses(image, lead, mission).tracks + twins:
+            if len(held) < MOST_POSES and all(_attitudes_apart(other, one) > COVERED for other in held):
+                held.append(one)
                 less = relied_on and unexpected(one) > unexpected(lead)
                 prior = lead.prior + (DROP if less else 0.0)
                 self.bank.append(replace(one, score=lead.score, prior=prior, added=image.t_s))
