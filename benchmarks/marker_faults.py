@@ -3,6 +3,8 @@
     python benchmarks/marker_faults.py faults --runs 1000
     python benchmarks/marker_faults.py flat --runs 500
     python benchmarks/marker_faults.py near --runs 100
+    python benchmarks/marker_faults.py long --runs 1000
+    python benchmarks/marker_faults.py healthy --runs 200
 
 Flies what the tests fly a part of, with the same bounds; exit code 1 if one is missed.
 """
@@ -53,6 +55,24 @@ def near(tests, runs, seed):
     return patterns(tests, tests.FLAT_NEAR, 20.0, runs, seed)
 
 
+def long(tests, runs, seed):
+    """The same from 8 m to 2 m in 200 s."""
+    return patterns(tests, tests.FLAT_LONG, tests.FLAT_LONG.duration_s, runs, seed)
+
+
+def healthy(tests, runs, seed):
+    """Flights without a fault from 10 m to 4 m in 300 s: how much of them is relied on."""
+    mission = relnav.load_model("three_marker_vision")
+    flown = [tests.healthy_flight(mission, tests.HEALTHY, seed + run) for run in range(runs)]
+    wrong, share, unsure_s = (np.array(column) for column in zip(*flown, strict=True))
+    print(
+        f"healthy: relied on for {share.mean():.3f} [0.95, 1] of the epochs, at least {share.min():.3f} of a flight's;"
+    )
+    print(f"  none relied on for {np.median(unsure_s):.1f} s in the median flight, {unsure_s.max():.1f} s at most;")
+    print(f"  beyond 5 sigma and relied on for at most {wrong.max()} epochs [0, 3]")
+    return bool(share.mean() >= 0.95 and wrong.max() <= 3)
+
+
 def patterns(tests, approach, last_s, runs, seed):
     """Flat patterns: flights that rely on a wrong pose, and shares of epochs; those relied on of the last seconds."""
     mission = relnav.load_model("three_marker_vision_flat")
@@ -66,17 +86,20 @@ def patterns(tests, approach, last_s, runs, seed):
     return len(lost) <= bound
 
 
+KINDS = {"faults": faults, "flat": flat, "near": near, "long": long, "healthy": healthy}
+
+
 def main() -> int:
     """Fly."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("faults", "flat", "near"))
+    parser.add_argument("what", choices=tuple(KINDS))
     parser.add_argument("--runs", type=int, default=500)
     parser.add_argument("--seed", type=int, default=50000)
     options = parser.parse_args()
     spec = importlib.util.spec_from_file_location("honesty", TESTS)
     tests = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(tests)
-    return 0 if {"faults": faults, "flat": flat, "near": near}[options.what](tests, options.runs, options.seed) else 1
+    return 0 if KINDS[options.what](tests, options.runs, options.seed) else 1
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ from relnav.mission import MarkerTolerances
 from relnav.navigation.pose_log import filter_marker_epochs
 from relnav.navigation.reference import bank as reference_bank
 from relnav.navigation.status import Alarm, EpochStatus
+from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
 from relnav.simulation.detector import Faults
 from relnav.simulation.marker_flight import MarkerFaults, simulate_flight
 from relnav.simulation.scenario import simulate
@@ -171,13 +172,18 @@ def test_marker_engines_agree(missions, name, outside):
     assert covariance < 4e-4
 
 
-def test_marker_engines_agree_but_for_the_turn(missions, outside, monkeypatch):
-    """With the target's turn predicted as by the compiled filter, all else stays two implementations."""
+@pytest.fixture
+def _turns_alike(monkeypatch):
+    """The target's turn predicted as by the compiled filter: all else stays two implementations."""
 
     def alike(inertia, n, dcm, rate, dt_s, density):
         return RigidBody(inertia, n).propagate_with_errors(dcm, rate, dt_s, density)
 
     monkeypatch.setattr(reference_bank, "predict_rotation", alike)
+
+
+@pytest.mark.usefixtures("_turns_alike")
+def test_marker_engines_agree_but_for_the_turn(missions, outside):
     mission = missions["everything"]
     flight = simulate_flight(mission, MINUTE, MarkerFaults(dropout=0.05, outliers=0.05), seed=7)
     ours, theirs = both(mission, flight)
@@ -185,6 +191,19 @@ def test_marker_engines_agree_but_for_the_turn(missions, outside, monkeypatch):
     assert {int(EpochStatus.PARTIAL), int(EpochStatus.REJECTED)} <= set(ours.status.tolist())
     outside("filterpy ExtendedKalmanFilter", "the same, the target's turn predicted alike, 1-sigma", state, 1e-9)
     assert covariance < 1e-9
+
+
+@pytest.mark.usefixtures("_turns_alike")
+def test_marker_engines_agree_on_poses_that_look_alike(missions):
+    """After a minute and a half the expected view is so wide that other roots of every image are within it."""
+    long = replace(MINUTE, duration_s=130.0, speed_m_s=0.05)
+    ours, theirs = both(missions["shipped"], simulate_flight(missions["shipped"], long, seed=3))
+    state, _ = apart(ours, theirs)
+    assert state < 1e-7
+    several = ours.hypotheses > 1
+    assert np.count_nonzero(several) > 20
+    assert np.mean(ours.ambiguity[several] >= AMBIGUITY_LIMIT) > 0.8
+    np.testing.assert_allclose(theirs.ambiguity[several], ours.ambiguity[several], atol=1e-3)
 
 
 def test_marker_engines_agree_on_a_gap_and_a_restart(missions):
