@@ -3,12 +3,14 @@
 A flat pattern has up to four poses that explain an image; a filter on the most credible one alone may follow the wrong
 one for ever. Each root starts a hypothesis, its covariance widened (seen head-on the misfit is no parabola, and the
 truth lies up to 3 sigma off). One of these that is beaten, so that the leading one could be relied on, falls, and its
-pose gets a second one at once: what was wrong may have been the first's linearisation.
-Only when that one is beaten too is the leading one relied on. Roots that no hypothesis covers start new ones every ten
-seconds; two that have become one are joined. All roots of three spots fit them, in every image, and most move as bodies
-can. Beside a leading one that is relied on a new one therefore begins a million times less likely, and remains until it
-falls or images speak for it. Otherwise it begins as likely as the best and falls when it is a million times less
-likely; roots are then looked for after 50 s.
+pose gets a second one at once: what was wrong may have been the first's linearisation. Only when that one is beaten too
+is the leading one relied on.
+
+All roots of three spots fit them, in every image, and most move as bodies can. Every ten seconds, or 50 s after one
+that was found so fell, hypotheses start on roots that none covers: of the image, and of the spots that the leading one
+predicts. Beside a leading one that is relied on they begin a million times less likely, and remain until they fall or
+images speak for them. Otherwise they begin as likely as the best and fall when they are a million times less likely.
+Two that have become one are joined.
 
 Start: the roots of one image open a trial; the next image of three markers or more that the trial's leading hypothesis
 predicts, all spots inside the gate and the gates small, confirms it. An image that contradicts the trial opens another
@@ -78,7 +80,7 @@ def _distance2(e: Vector, one: Record, other: Record) -> float:
 @kernel
 def _rank(track: Record) -> float:
     """Minus twice the log of how credible a hypothesis is, but for what is common to all."""
-    return track["score"] + track["prior"]
+    return float(track["score"] + track["prior"])
 
 
 @kernel
@@ -263,8 +265,7 @@ def _use(m: PoseMemory, t: float, spots: Matrix, covariances: Stack, seen: int) 
     if clock["rejected"] >= m.fixed["restart_after"] or anew:
         return ROOTS
     # of an image that was used whole alone: another one's poses are those of its glints
-    pauses = t - clock["tried"] <= MEMORY_S and t - clock["doubted"] <= RENEWED_S
-    often = MEMORY_S if pauses else RENEWED_S
+    often = RENEWED_S if t - clock["tried"] > MEMORY_S else MEMORY_S
     if t - clock["blurred"] <= SETTLED_S:
         often = RENEWED_BLURRED_S
     if seen >= 3 and used == seen and t - clock["renewed"] >= often:

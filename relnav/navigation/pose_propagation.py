@@ -71,7 +71,7 @@ def copy_pose(source: Record, target: Record) -> None:
 @kernel
 def odds_against(one: Record, lead: Record) -> float:
     """Twice the log of the odds of the leading hypothesis against another, less what that may have lost undeserved."""
-    return (one["score"] + one["prior"] - one["doubt"]) - (lead["score"] + lead["prior"])
+    return float((one["score"] + one["prior"] - one["doubt"]) - (lead["score"] + lead["prior"]))
 
 
 @kernel

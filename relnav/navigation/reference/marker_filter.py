@@ -165,8 +165,7 @@ class ReferencePose:
             return False
         if self.rejected >= self.mission.filter.restart_after_epochs:
             return True
-        pauses = t - self.tried_s <= MEMORY_S and t - self.doubted_s <= RENEWED_S
-        often = MEMORY_S if pauses else RENEWED_S
+        often = RENEWED_S if t - self.tried_s > MEMORY_S else MEMORY_S
         if t - self.blurred_s <= SETTLED_S:
             often = RENEWED_BLURRED_S
         if seen >= 3 and used == seen and t - self.renewed_s >= often:
