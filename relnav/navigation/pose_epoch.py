@@ -13,6 +13,7 @@ from relnav.estimation.rows import copy_rows
 from relnav.navigation.packed_factors import pack_factors, unpack_factors
 from relnav.navigation.pose_memory import PoseMemory, pose_views
 from relnav.navigation.pose_propagation import copy_place, odds_against
+from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
 
 LOWER = np.tril_indices(POSE)
 """Rows and columns of packed factors."""
@@ -103,15 +104,31 @@ def odds_of(m: PoseMemory) -> float:
 
 
 @kernel
-def ambiguity_of(m: PoseMemory) -> float:
-    """These odds; zero at most where they do not count yet.
+def _is_undecided(m: PoseMemory) -> bool:
+    """Whether odds do not count yet.
 
     That is while the leader is, or was lately, so wide that it may cover several roots, and where a pose that was
     beaten has not had its second hypothesis.
     """
-    odds, clock = odds_of(m), m.clock
-    undecided = clock["t"] - clock["blurred"] <= SETTLED_S or clock["renewed"] == -math.inf
-    return min(odds, 0.0) if undecided else odds
+    clock = m.clock
+    return bool(clock["t"] - clock["blurred"] <= SETTLED_S or clock["renewed"] == -math.inf)
+
+
+@kernel
+def ambiguity_of(m: PoseMemory) -> float:
+    """These odds; zero at most where they do not count yet."""
+    odds = odds_of(m)
+    return min(odds, 0.0) if _is_undecided(m) else odds
+
+
+@kernel
+def is_contested(m: PoseMemory) -> bool:
+    """Whether the leading one is not relied on, but for hypotheses that began less likely beside it."""
+    contested, lead = _is_undecided(m), m.bank[0]
+    for k in range(1, m.clock["running"]):
+        if m.bank[k]["prior"] <= lead["prior"] and odds_against(m.bank[k], lead) < AMBIGUITY_LIMIT:
+            contested = True
+    return contested
 
 
 @kernel

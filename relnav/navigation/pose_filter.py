@@ -29,7 +29,7 @@ from relnav.estimation.rows import copy_rows
 from relnav.navigation.observation.marker_exchange import gates_share, is_exchanged
 from relnav.navigation.observation.marker_monitors import gather_markers, let_pass, watch_markers, watch_new_track
 from relnav.navigation.observation.marker_rows import aim_camera, has_spot
-from relnav.navigation.pose_epoch import SETTLED_S, ambiguity_of
+from relnav.navigation.pose_epoch import SETTLED_S, is_contested
 from relnav.navigation.pose_memory import PoseMemory, pose_views
 from relnav.navigation.pose_propagation import (
     MEMORY_S,
@@ -323,6 +323,6 @@ def pose_step(block: Vector, t: float, chaser: Matrix, spots: Matrix, covariance
     wants = _look(m, t, spots, covariances)
     if m.clock["running"] > 0:
         m.result["alarm"] |= m.watch["alarm"]
-        if ambiguity_of(m) < AMBIGUITY_LIMIT:
+        if is_contested(m):
             m.clock["doubted"] = t
     return wants

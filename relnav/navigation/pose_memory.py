@@ -100,7 +100,7 @@ POSE_CLOCK = np.dtype(
         ("tried", _F),  # when one taken up beside others last fell
         ("begun", _F),  # of the first event
         ("blurred", _F),  # when the leading hypothesis was last too wide to tell roots apart
-        ("doubted", _F),  # when the leading hypothesis was last not relied on; -inf: never since it was confirmed
+        ("doubted", _F),  # when it was last contested (`pose_epoch.is_contested`); -inf: never since it was confirmed
         ("running", _I),  # hypotheses of the bank; 0: no state
         ("trial", _I),  # of the trial
         ("rejected", _I),

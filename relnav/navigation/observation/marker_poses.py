@@ -147,18 +147,18 @@ def open_trial(m: PoseMemory, found: list[Root], used: Flags) -> None:
 def add_uncovered(m: PoseMemory, found: list[Root], expected: Matrix) -> None:
     """A hypothesis for each pose that none covers; expected: the attitude as it was told, dcm_cam_from_target.
 
-    It is as credible as the best. Where that has been relied on since roots were last looked for, one farther from the
-    expected attitude is a million times less credible: the images until then have decided against it, or the expected
-    view alone did, which is only wider now.
+    It is as credible as the best. Where that has not been contested since roots were last looked for, one farther from
+    the expected attitude is a million times less credible: the images until then have decided against it, or the
+    expected view alone did, which is only wider now.
     """
     count, lead, t = int(m.clock["running"]), m.bank[0], float(m.clock["t"])
-    relied_on, off = t - m.clock["doubted"] > RENEWED_S, _turn_from(expected, m, lead["dcm"])
+    uncontested, off = t - m.clock["doubted"] > RENEWED_S, _turn_from(expected, m, lead["dcm"])
     bank = [state_of(m.bank[k], m.bank_sensitivities[k]) for k in range(count)]
     for root in found:
         k = len(bank)
         if k < MOST_POSES and all(_distance2(held, root.state) > COVERED for held in bank):
             write_root(m.bank[k], m.bank_sensitivities[k], root, float(lead["score"]))
-            less = relied_on and _turn_from(expected, m, root.state.dcm_lvlh_from_target) > off
+            less = uncontested and _turn_from(expected, m, root.state.dcm_lvlh_from_target) > off
             fill(m.bank[k], prior=lead["prior"] + (DROP if less else 0.0), added=t)
             fill(m.clock, running=k + 1, doubted=m.clock["doubted"] if less else t)
             bank.append(root.state)

@@ -109,7 +109,7 @@ class ReferencePose:
             self._look_for_start(image)
         elif not running or self._use(image):
             self._look_for_start(image)
-        if self.bank and self._ambiguity() < AMBIGUITY_LIMIT:
+        if self.bank and self._is_contested():
             self.doubted_s = image.t_s
         self.result.alarm |= UNWATCHED
         out["chaser"], accepted[:] = image.chaser, self.result.accepted
@@ -240,11 +240,11 @@ class ReferencePose:
         def unexpected(track: PoseTrack) -> float:
             return float(np.linalg.norm(turn_between(at @ track.dcm, view.dcm_cam_from_target)))
 
-        relied_on = image.t_s - self.doubted_s > RENEWED_S and self._ambiguity() >= AMBIGUITY_LIMIT
+        uncontested = image.t_s - self.doubted_s > RENEWED_S and not self._is_contested()
         for one in self._poses(image, lead, mission).tracks + twins:
             if len(held) < MOST_POSES and all(_attitudes_apart(other, one) > COVERED for other in held):
                 held.append(one)
-                less = relied_on and unexpected(one) > unexpected(lead)
+                less = uncontested and unexpected(one) > unexpected(lead)
                 prior = lead.prior + (DROP if less else 0.0)
                 self.bank.append(replace(one, score=lead.score, prior=prior, added=image.t_s))
 
@@ -267,8 +267,15 @@ class ReferencePose:
     def _ambiguity(self) -> float:
         """Odds of the leading hypothesis against the next, zero at most where they do not count yet."""
         odds = min((one.odds_against(self.bank[0]) for one in self.bank[1:]), default=math.inf)
-        undecided = self.t_s - self.blurred_s <= SETTLED_S or (bool(self.bank) and self.renewed_s == -math.inf)
-        return min(odds, 0.0) if undecided else odds
+        return min(odds, 0.0) if self._is_undecided() else odds
+
+    def _is_undecided(self) -> bool:
+        return self.t_s - self.blurred_s <= SETTLED_S or (bool(self.bank) and self.renewed_s == -math.inf)
+
+    def _is_contested(self) -> bool:
+        """Whether the leading one is not relied on, but for hypotheses that began less likely beside it."""
+        lead, equals = self.bank[0], [one for one in self.bank[1:] if one.prior <= self.bank[0].prior]
+        return self._is_undecided() or any(one.odds_against(lead) < AMBIGUITY_LIMIT for one in equals)
 
     def _is_observable(self) -> bool:
         """Whether the markers used lately are all of them, or three or more that do not stand on one line."""
