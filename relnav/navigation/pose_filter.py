@@ -79,7 +79,7 @@ def _distance2(e: Vector, one: Record, other: Record) -> float:
 
 @kernel
 def _rank(track: Record) -> float:
-    """Minus twice the log of how credible a hypothesis is, but for what is common to all."""
+    """Minus twice the logarithm of how likely a hypothesis is, up to a constant."""
     return float(track["score"] + track["prior"])
 
 

@@ -56,7 +56,7 @@ class Hypothesis:
     state : PoseState
         Its state and covariance.
     score : float
-        Minus twice its log-likelihood, as of chi-square, the past fading.
+        Minus twice the logarithm of how likely it is, up to a constant common to all, the past fading.
     """
 
     state: PoseState
@@ -116,10 +116,12 @@ class PoseNavigator:
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """Every pose that is still possible, the most likely first."""
         if self._reference is not None:
-            return tuple(Hypothesis(one.state, one.score) for one in self._reference.bank)
+            return tuple(Hypothesis(one.state, one.rank) for one in self._reference.bank)
         m = self._named
         tracks = zip(m.bank[: int(m.clock["running"])], m.bank_sensitivities, strict=False)
-        return tuple(Hypothesis(state_of(one, by_error), float(one["score"])) for one, by_error in tracks)
+        return tuple(
+            Hypothesis(state_of(one, by_error), float(one["score"] + one["prior"])) for one, by_error in tracks
+        )
 
     def start(
         self,

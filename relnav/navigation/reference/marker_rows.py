@@ -53,7 +53,7 @@ class PoseTrack:
 
     @property
     def rank(self) -> float:
-        """How little credible it is."""
+        """Minus twice the logarithm of how likely it is, up to a constant."""
         return self.score + self.prior
 
     def odds_against(self, lead: "PoseTrack") -> float:
