@@ -116,12 +116,12 @@ class PoseNavigator:
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """Every pose that is still possible, the most likely first."""
         if self._reference is not None:
-            return tuple(Hypothesis(one.state, one.rank) for one in self._reference.bank)
-        m = self._named
-        tracks = zip(m.bank[: int(m.clock["running"])], m.bank_sensitivities, strict=False)
-        return tuple(
-            Hypothesis(state_of(one, by_error), float(one["score"] + one["prior"])) for one, by_error in tracks
-        )
+            found = [Hypothesis(one.state, one.rank) for one in self._reference.bank]
+        else:
+            m = self._named
+            tracks = zip(m.bank[: int(m.clock["running"])], m.bank_sensitivities, strict=False)
+            found = [Hypothesis(state_of(one, by), float(one["score"] + one["prior"])) for one, by in tracks]
+        return tuple(sorted(found, key=lambda one: one.score))
 
     def start(
         self,

@@ -268,6 +268,8 @@ def test_a_start_on_a_wrong_root_is_doubted(mission):
             turn = attitude_error(record.dcm_lvlh_from_target, flight.dcm_lvlh_from_target[k])
             flagged = record.status in (WAITING, REJECTED) or record.alarm or record.ambiguity < AMBIGUITY_LIMIT
             wrong.append(not flagged and np.linalg.norm(turn) > math.radians(1.0))
+            scores = [one.score for one in nav.hypotheses]
+            assert scores == sorted(scores)
         assert np.count_nonzero(wrong) <= 15 * 4
 
 
