@@ -120,6 +120,8 @@ class Summary:
     def _take(self, part: "PoseSolution") -> None:
         import numpy as np
 
+        from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
+
         started = np.isfinite(part.state[:, 0])
         refused = part.refused
         whole = (part.dof > 0) & ~refused
@@ -128,7 +130,7 @@ class Summary:
             "with_state": started,
             "with_rejected_spots": refused,
             "unobservable": started & ~part.observable,
-            "ambiguous": np.isfinite(part.ambiguity),
+            "ambiguous": started & (part.ambiguity < AMBIGUITY_LIMIT),
             "too_late": part.too_late,
             "alarmed": part.alarm != 0,
         } | {name: part.alarm & int(code) > 0 for name, code in _ALARMS.items()}
@@ -194,8 +196,8 @@ def lines(figures: dict[str, Any], name: str) -> list[str]:
     out.append(f"{figures['nis']} (epochs used whole; {figures['epochs_with_rejected_spots']} had spots rejected)")
     if figures["epochs_ambiguous"]:
         out.append(
-            f"{figures['epochs_ambiguous']} epochs with more than one possible pose: columns 'hypotheses', 'ambiguity' "
-            "(below 18.4 do not use the attitude)"
+            f"{figures['epochs_ambiguous']} epochs with an ambiguous pose: do not use them where column 'ambiguity' is "
+            "below 18.4"
         )
     if figures["epochs_unobservable"]:
         out.append(
