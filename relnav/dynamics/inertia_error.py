@@ -2,7 +2,12 @@
 
 The error lasts as long as the body does, so that its effect grows where noise would average out: a filter that takes it
 for noise becomes overconfident. It is told as what one sigma of each entry does, to be carried beside the errors
-(Schmidt 1966).
+(Schmidt 1966). With J + E in place of J the angular acceleration is off by
+
+    a - J^-1 E a + ...,   a = J^-1 (-w x E w + 3 n^2 o x E o - E w').
+
+The first part is linear in E. The second is not, and cannot be carried like this; it is told as noise. Without it, what
+remains after some turns of a body would be larger than a filter says.
 """
 
 import numpy as np
@@ -56,3 +61,30 @@ def inertia_effect_into(body: Matrix, sigma: Matrix, dcm: Matrix, rate: Vector, 
         column = _times(inverse, left)
         for i in range(3):
             out[i, k] = column[i]
+
+
+@straight_line(body=(BODY_ROWS, 3), sigma=(3, 3), effect=(3, 6))
+def second_order_square(body: Matrix, sigma: Matrix, effect: Matrix) -> float:
+    """Mean square of the part of second order, J^-1 E a, averaged over the axes, (rad/s^2)^2.
+
+    effect (3, 6), of `inertia_effect_into`: a = sum x_l a_l, E = sum x_k E_k, x independent with a sigma of one. With
+    b_kl = J^-1 E_k a_l the mean square of sum x_k x_l b_kl is |sum b_kk|^2 + sum b_kl (b_kl + b_lk).
+    """
+    inverse, b, mean, total = body[INVERSE : INVERSE + 3], np.zeros((6, 6, 3)), np.zeros(3), 0.0
+    for k in range(6):
+        i, j = INERTIA_ENTRIES[k]
+        error = np.zeros((3, 3))
+        error[i, j] = sigma[i, j]
+        error[j, i] = sigma[i, j]
+        for m in range(6):
+            column = _times(inverse, _times(error, effect[:, m]))
+            for c in range(3):
+                b[k, m, c] = column[c]
+        for c in range(3):
+            mean[c] = mean[c] + b[k, k, c]
+    for c in range(3):
+        total += mean[c] * mean[c]
+        for k in range(6):
+            for m in range(6):
+                total += b[k, m, c] * (b[k, m, c] + b[m, k, c])
+    return total / 3.0

@@ -298,6 +298,45 @@ def test_an_inertia_that_is_off(method):
     assert 0.9 < nis < 1.1
 
 
+def nees_of_moments_off(method, runs, deg_s, duration_s, tolerance, inertia=INERTIA):
+    """Moments off by a tolerance, drawn once a run and stated: mean NEES by component (6,), and of all six over 6.
+
+    The rate has a sigma of deg_s about each axis; from 20 s on, where a state is relied on.
+    """
+    rng, t, sigma = np.random.default_rng(6), np.arange(0.0, duration_s, 0.5), tolerance * inertia
+    start = Rotation.random(runs, rng=rng)
+    rate = -N * start.as_matrix()[:, 1] + np.radians(deg_s) * rng.normal(size=(runs, 3))
+    dcm, rate = turning(t, start, rate, inertia + sigma * rng.normal(size=(runs, 1, 3)))
+    noise, joint, each = np.radians(0.1) ** 2 * np.eye(3), [], []
+    for run in range(runs):
+        nav = relnav.TargetAttitude(
+            inertia,
+            N,
+            rate_noise_density_rad2_s3=1e-14,
+            initial_rate_sigma_rad_s=np.radians(deg_s),
+            method=method,
+            inertia_sigma_kg_m2=sigma,
+        )
+        seen = dcm[:, run] @ Rotation.from_rotvec(np.radians(0.1) * rng.normal(size=(len(t), 3))).as_matrix()
+        for k, now in enumerate(t):
+            record = nav.step(now, seen[k], noise)
+            if now >= 20.0 and k % 20 == 0 and is_relied_on(record):
+                error = error_of(record, dcm[k, run], rate[k, run])
+                joint.append(error @ np.linalg.solve(record.covariance, error) / 6.0)
+                each.append(error**2 / np.diag(record.covariance))
+    return np.mean(each, axis=0), np.mean(joint)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(("deg_s", "tolerance"), [(0.5, 0.05), (2.0, 0.05), (5.0, 0.05), (2.0, 0.02)])
+def test_an_inertia_that_is_off_for_many_turns(method, deg_s, tolerance):
+    """20 runs of 200 s: 0.4 is some 2 sigma of a mean. Without the second order joint NEES / 6 is 10 to 20."""
+    each, joint = nees_of_moments_off(method, 20, deg_s, 200.0, tolerance)
+    assert each.max() < 1.4
+    assert each.min() > 0.5
+    assert 0.6 < joint < 1.4
+
+
 def test_an_inertia_that_is_taken_for_the_true_one():
     """The same without its tolerance: the reason why it is considered."""
     own, _, _ = nees_by_component("multiplicative", 10, seed=6, tolerance=0.05, considered=False)

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from relnav.arrays import Matrix, Record
+from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import entry, kernel
-from relnav.dynamics.inertia_error import inertia_effect_into
+from relnav.dynamics.inertia_error import inertia_effect_into, second_order_square
 from relnav.dynamics.rigid_body import (
     BODY_ROWS,
     INERTIA,
@@ -49,6 +49,7 @@ MEMORY = np.dtype(
     [
         ("body", _F, (BODY_ROWS, 3)),  # as `dynamics.rigid_body` describes it
         ("inertia_sigma", _F, (3, 3)),
+        ("inertia_off", _I),  # some of these are above zero
         ("density", _F),
         ("rate_sigma", _F),
         ("chaser_sigma", _F),
@@ -118,6 +119,13 @@ def _turn_points(body: Matrix, points: Record, dt: float, work: Matrix) -> bool:
     return True
 
 
+@kernel
+def _turn_time(rate: Vector, n: float) -> float:
+    """For how long an acceleration keeps its direction in a body that turns: a radian of turn, s; 0 at rest."""
+    fastest = max(math.sqrt(rate[0] * rate[0] + rate[1] * rate[1] + rate[2] * rate[2]), n)
+    return 1.0 / fastest if fastest > 0.0 else 0.0
+
+
 @entry
 def advance(memory: Record, t: float) -> int:
     """Carry the track and the trial of memory (1,), of type MEMORY, to t s; returns the status if nothing is measured.
@@ -151,7 +159,10 @@ def advance(memory: Record, t: float) -> int:
                 spread_points(track, points, narrow)
                 known = _turn_points(body, points, h, narrow)
             inertia_effect_into(body, sigma, dcm, rate, before)
-            known = known and propagate_into(body, h, dcm, rate, density, phi, noise, work)
+            jitter = density
+            if m["inertia_off"] > 0:
+                jitter += second_order_square(body, sigma, before) * _turn_time(rate, body[MEAN_MOTION, 0])
+            known = known and propagate_into(body, h, dcm, rate, jitter, phi, noise, work)
             inertia_effect_into(body, sigma, dcm, rate, after)
             carry_lasting(lasting, phi, before, after, h)
             if unscented:

@@ -74,7 +74,8 @@ class TargetAttitude:
         method : {"multiplicative", "unscented"}
             Which filter.
         inertia_sigma_kg_m2 : (3, 3), optional
-            1-sigma of each entry of the inertia, symmetric, >= 0: constant errors, considered in the covariance.
+            1-sigma of each entry of the inertia, symmetric, >= 0: constant errors, considered in the covariance; what
+            they do to the acceleration in second order is noise that lasts for a radian of turn.
         chaser_attitude_sigma_rad : float
             1-sigma of the constant error of the chaser's attitude, each axis, >= 0. It is common to all measured
             attitudes and is not averaged out.
@@ -108,7 +109,7 @@ class TargetAttitude:
             sigma = vector("inertia_sigma_kg_m2", inertia_sigma_kg_m2, (3, 3))
             if not ((sigma >= 0.0).all() and np.array_equal(sigma, sigma.T)):
                 raise ValueError(f"inertia_sigma_kg_m2 is symmetric and nowhere below zero; got {sigma.tolist()}")
-            m["inertia_sigma"] = sigma
+            m["inertia_sigma"], m["inertia_off"] = sigma, bool(sigma.any())
         m["t"] = m["measured_t"] = math.nan
 
     @property
