@@ -298,10 +298,11 @@ def test_an_inertia_that_is_off(method):
     assert 0.9 < nis < 1.1
 
 
-def nees_of_moments_off(method, runs, deg_s, duration_s, tolerance, inertia=INERTIA):
+def nees_of_moments_off(method, runs, deg_s, duration_s, tolerance, inertia=INERTIA, second_order=True):
     """Moments off by a tolerance, drawn once a run and stated: mean NEES by component (6,), and of all six over 6.
 
-    The rate has a sigma of deg_s about each axis; from 20 s on, where a state is relied on.
+    The rate has a sigma of deg_s about each axis; from 20 s on, where a state is relied on. Without second_order the
+    inertia's effect is taken for linear.
     """
     rng, t, sigma = np.random.default_rng(6), np.arange(0.0, duration_s, 0.5), tolerance * inertia
     start = Rotation.random(runs, rng=rng)
@@ -317,6 +318,7 @@ def nees_of_moments_off(method, runs, deg_s, duration_s, tolerance, inertia=INER
             method=method,
             inertia_sigma_kg_m2=sigma,
         )
+        nav.memory["inertia_off"] = second_order
         seen = dcm[:, run] @ Rotation.from_rotvec(np.radians(0.1) * rng.normal(size=(len(t), 3))).as_matrix()
         for k, now in enumerate(t):
             record = nav.step(now, seen[k], noise)
@@ -330,11 +332,17 @@ def nees_of_moments_off(method, runs, deg_s, duration_s, tolerance, inertia=INER
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("deg_s", "tolerance"), [(0.5, 0.05), (2.0, 0.05), (5.0, 0.05), (2.0, 0.02)])
 def test_an_inertia_that_is_off_for_many_turns(method, deg_s, tolerance):
-    """20 runs of 200 s: 0.4 is some 2 sigma of a mean. Without the second order joint NEES / 6 is 10 to 20."""
+    """20 runs of 200 s: 0.4 is some 2 sigma of a mean."""
     each, joint = nees_of_moments_off(method, 20, deg_s, 200.0, tolerance)
     assert each.max() < 1.4
     assert each.min() > 0.5
     assert 0.6 < joint < 1.4
+
+
+def test_an_inertia_whose_effect_is_taken_for_linear():
+    """The reason for the second order."""
+    _, joint = nees_of_moments_off("multiplicative", 20, 2.0, 200.0, 0.05, second_order=False)
+    assert joint > 5.0
 
 
 def test_an_inertia_that_is_taken_for_the_true_one():
