@@ -196,8 +196,8 @@ def lines(figures: dict[str, Any], name: str) -> list[str]:
     out.append(f"{figures['nis']} (epochs used whole; {figures['epochs_with_rejected_spots']} had spots rejected)")
     if figures["epochs_ambiguous"]:
         out.append(
-            f"{figures['epochs_ambiguous']} epochs with an ambiguous pose: do not use them where column 'ambiguity' is "
-            "below 18.4"
+            f"{figures['epochs_ambiguous']} epochs with an ambiguous pose, not to be used: column 'ambiguity' is below "
+            "18.4 there"
         )
     if figures["epochs_unobservable"]:
         out.append(
