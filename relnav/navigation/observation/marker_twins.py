@@ -35,7 +35,8 @@ def twins_of(
     """
     n = frame_rate(orbit_values(mission.orbit), t_s)
     slow = lead.rate_rad_s - lvlh_rate(lead.dcm_lvlh_from_target, n)
-    moved = np.concatenate([lead.motion[:3] + APART_S * lead.motion[3:], lead.motion[3:]])
+    moved = lead.motion.copy()
+    moved[:3] += APART_S * lead.motion[3:]
     later = replace(lead, motion=moved, dcm_lvlh_from_target=turned(lead.dcm_lvlh_from_target, APART_S * slow))
     poses = _poses_like(lead, mission, dcm_chaser_from_lvlh, least_credible)
     others = _poses_like(later, mission, dcm_chaser_from_lvlh, least_credible)
