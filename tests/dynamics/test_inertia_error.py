@@ -45,7 +45,7 @@ def test_the_size_alone_does_nothing_without_a_torque():
 
 
 def test_the_second_order_by_random_inertias():
-    """What an inertia drawn from its sigmas does beyond the first order: 20,000 draws tell the mean square to 3 %."""
+    """What an inertia drawn from its sigmas does beyond the first order: 20,000 draws, 4.5 % is three sigma."""
     rng = np.random.default_rng(3)
     dcm, sigma = Rotation.random(rng=rng).as_matrix(), rng.uniform(2.0, 20.0, (3, 3))
     sigma, body = 0.5 * (sigma + sigma.T), RigidBody(INERTIA, N)
@@ -57,7 +57,7 @@ def test_the_second_order_by_random_inertias():
             off[a, b] = off[b, a] = each * sigma[a, b]
         rest = acceleration(dcm, INERTIA + off, TAU) - acceleration(dcm, INERTIA, TAU) - first @ x
         squares.append(rest @ rest / 3.0)
-    assert second_order_square(body.matrix, sigma, first) == pytest.approx(np.mean(squares), rel=0.1)
+    assert second_order_square(body.matrix, sigma, first) == pytest.approx(np.mean(squares), rel=0.045)
 
 
 def test_the_second_order_grows_with_the_fourth_power_of_sigma():

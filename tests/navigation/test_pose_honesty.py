@@ -268,8 +268,7 @@ def test_a_start_on_a_wrong_root_is_doubted(mission):
             turn = attitude_error(record.dcm_lvlh_from_target, flight.dcm_lvlh_from_target[k])
             flagged = record.status in (WAITING, REJECTED) or record.alarm or record.ambiguity < AMBIGUITY_LIMIT
             wrong.append(not flagged and np.linalg.norm(turn) > math.radians(1.0))
-            scores = [one.score for one in nav.hypotheses]
-            assert scores == sorted(scores)
+            np.testing.assert_array_equal(nav.hypotheses[0].state.dcm_lvlh_from_target, record.dcm_lvlh_from_target)
         assert np.count_nonzero(wrong) <= 15 * 4
 
 
@@ -329,7 +328,10 @@ def test_flat_patterns():
 
 
 def test_flat_patterns_for_long():
-    """A part of `benchmarks/marker_faults.py long`; of the first three a wrong pose was relied on for 9 to 49 s."""
+    """A part of `benchmarks/marker_faults.py long --seed 900000`; of the first three a wrong pose was relied on before.
+
+    Of these 1,000 flights one still is wrong, seed 900800.
+    """
     flat = relnav.load_model("three_marker_vision_flat")
     runs = [flat_flight(flat, FLAT_LONG, seed) for seed in (900059, 900069, 900893, *range(900100, 900108))]
     assert max(wrong for wrong, _, _ in runs) <= 3

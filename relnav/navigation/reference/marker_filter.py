@@ -4,8 +4,8 @@ It is written from the mission and the documented model (ARCHITECTURE.md, "Six d
 the compiled filter's memory and uses none of its derivatives: the equations of motion are integrated
 (`reference.motion`), rows come from one formula of the spots by complex steps (`reference.marker_rows`), the update is
 filterpy's ExtendedKalmanFilter in covariance form (`reference.bank`). Shared are the sensor's closed form, from which
-poses are taken up (`reference.poses`), the limits by which the filter's decisions are defined, and the layout of a
-record.
+poses are taken up (`reference.poses`), what it says of poses that look alike (`observation.marker_twins`), the limits
+by which the filter's decisions are defined, and the layout of a record.
 
 It follows the bank of hypotheses of a flat pattern too. It does not take late images, smooth, or watch: its alarm says
 UNWATCHED beside what a compiled filter without monitors would say.
