@@ -2,13 +2,13 @@
 
 A flat pattern has up to four poses that explain an image; a filter on the most credible one alone may follow the wrong
 one for ever. Each root starts a hypothesis, its covariance widened (seen head-on the misfit is no parabola, and the
-truth lies up to 3 sigma off). One of these that is beaten, so that the leading one could be relied on, falls, and its
-pose gets a second one at once: what was wrong may have been the first's linearisation. Only when that one is beaten too
-is the leading one relied on.
+truth lies up to 3 sigma off). One of these that is beaten, so that the leading one could be relied on, falls. Was it
+new, or is some of what it lost in doubt, its pose gets a second one at once: what was wrong may have been the first's
+linearisation. Only when that one is beaten too is the leading one relied on.
 
-All roots of three spots fit them, in every image, and most move as bodies can. Every ten seconds, or 50 s after one
-that was found so fell, hypotheses start on roots that none covers: of the image, and of the spots that the leading one
-predicts. Beside a leading one that is relied on they begin a million times less likely, and remain until they fall or
+All roots of three spots fit them, in every image, and most move as bodies can. Every ten seconds hypotheses start on
+roots that none covers: of the image, and of the spots that the leading one predicts. A pose that was beaten has none
+for 50 s. Beside a leading one that is relied on they begin a million times less likely, and remain until they fall or
 images speak for them. Otherwise they begin as likely as the best and fall when they are a million times less likely.
 Two that have become one are joined.
 
@@ -30,16 +30,15 @@ from relnav.navigation.observation.marker_exchange import gates_share, is_exchan
 from relnav.navigation.observation.marker_monitors import gather_markers, let_pass, watch_markers, watch_new_track
 from relnav.navigation.observation.marker_rows import aim_camera, has_spot
 from relnav.navigation.pose_epoch import SETTLED_S, is_contested
-from relnav.navigation.pose_memory import PoseMemory, pose_views
+from relnav.navigation.pose_memory import MOST_POSES, PoseMemory, pose_views
 from relnav.navigation.pose_propagation import (
-    MEMORY_S,
     advance_bank,
     copy_pose,
     errors_between,
     is_wide,
     odds_against,
 )
-from relnav.navigation.pose_update import spot_update
+from relnav.navigation.pose_update import SETTLING_S, spot_update
 from relnav.navigation.propagation import prepare_step
 from relnav.navigation.status import EXCHANGED, PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
 from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
@@ -52,7 +51,11 @@ RENEWED_S, RENEWED_BLURRED_S = 10.0, 0.4
 """How often roots are looked for that no hypothesis covers; the second while the leading one is wide and after."""
 BLURRED = 0.5
 """Of ln |R| by the second order of an image: the leading hypothesis then may cover roots that it cannot tell apart."""
-JOINED = 1.0  # chi-square of twelve: two hypotheses this near are one
+JOINED, JOINED_LATE = 1.0, 6.3
+"""Chi-square of twelve: two hypotheses this near are one, by the covariance of the better one, or by that of one that
+was taken up beside it and has settled: nine of ten that are draws of its own errors are farther off."""
+CHANCE = 1.0
+"""Twice a log-likelihood: one of the start that has so little of what it lost in doubt has had its chance."""
 TELLING_SHARE = 0.01
 """Of the image that a spot's gate may cover where it is to confirm a start, or the exchange of markers."""
 AGREED = 2
@@ -91,9 +94,9 @@ def order_bank(m: PoseMemory, bank: Record, sensitivities: Stack, count: int, fa
     """
     if count < 2:
         return count
-    order, spare, kept = m.scratch["order"], m.spare, 0
+    order, fell, spare, kept = m.scratch["order"], m.scratch["fell"], m.spare, 0
     for i in range(count):
-        order[i] = i
+        order[i], fell[i] = i, 0
         copy_pose(bank[i], spare[i])
         copy_rows(sensitivities[i], m.spare_sensitivities[i])
     for i in range(1, count):
@@ -108,8 +111,13 @@ def order_bank(m: PoseMemory, bank: Record, sensitivities: Stack, count: int, fa
         if one["added"] > -math.inf:
             limit = max(DROP, one["prior"] - bank[0]["prior"] + MARGIN)
         alone = kept == 0 or odds_against(one, bank[0]) <= limit
+        if not alone:
+            fell[order[i]] = 1
+        settled = -math.inf < one["added"] < m.clock["t"] - SETTLING_S
         for k in range(kept):
             if _distance2(m.scratch["error"], bank[k], one) <= JOINED:
+                alone = False
+            if settled and _distance2(m.scratch["error"], one, bank[k]) <= JOINED_LATE:
                 alone = False
         if alone:
             copy_pose(one, bank[kept])
@@ -195,7 +203,10 @@ def _confirm(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) -> int:
         copy_rows(m.trial_sensitivities[k], m.bank_sensitivities[k])
     for i in range(m.used_s.shape[0]):
         m.used_s[i] = m.trial_used_s[i]
+    for k in range(MOST_POSES):
+        m.beaten[k]["t"] = -math.inf
     clock["running"], clock["trial"], clock["rejected"], clock["renewed"] = remain, 0, 0, t
+    clock["confirmed"] = t
     clock["blurred"], clock["doubted"] = t if blurred else -math.inf, -math.inf
     return CONFIRMED
 
@@ -221,28 +232,49 @@ def _advance(m: PoseMemory, t: float) -> None:
 
 
 @kernel
-def _count_late(bank: Record, count: int) -> int:
-    """How many of the hypotheses were taken up beside others."""
-    late = 0
+def _count_first(bank: Record, count: int) -> int:
+    """How many of the hypotheses are of the start."""
+    first = 0
     for k in range(count):
-        if bank[k]["added"] > -math.inf:
-            late += 1
-    return late
+        if bank[k]["added"] == -math.inf:
+            first += 1
+    return first
+
+
+@kernel
+def _keep_beaten(m: PoseMemory, t: float, before: int) -> int:
+    """Keep the poses of those of the bank that fell and have had their chance; how many of these were of the start.
+
+    Of another leading one's nothing is kept.
+    """
+    clock, lead, first = m.clock, m.bank[0]["dcm"], 0
+    if before > 1 and m.scratch["order"][0] != 0:
+        for k in range(MOST_POSES):
+            m.beaten[k]["t"] = -math.inf
+    for k in range(before if before > 1 else 0):
+        one, late = m.spare[k], m.spare[k]["added"] > -math.inf
+        tracked = one["doubt"] <= CHANCE and t - clock["confirmed"] > SETTLING_S
+        if m.scratch["fell"][k] > 0 and (late or tracked):
+            first += 0 if late else 1
+            kept, dcm = m.beaten[clock["beaten"]], one["dcm"]
+            clock["beaten"] = (clock["beaten"] + 1) % MOST_POSES
+            kept["t"] = t
+            for i in range(3):
+                for j in range(3):
+                    kept["dcm"][i, j] = lead[0, i] * dcm[0, j] + lead[1, i] * dcm[1, j] + lead[2, i] * dcm[2, j]
+    return first
 
 
 @kernel
 def _use(m: PoseMemory, t: float, spots: Matrix, covariances: Stack, seen: int) -> int:
     """Correct the bank with an image; what is then to be looked for: nothing, poses to restart from, or others."""
     clock, result = m.clock, m.result
-    before, late_before = clock["running"], _count_late(m.bank, clock["running"])
+    before, first = clock["running"], _count_first(m.bank, clock["running"])
     clock["running"], _, blurred = _correct_bank(
         m, m.bank, m.bank_sensitivities, before, AMBIGUITY_LIMIT, spots, covariances, True
     )
-    late = _count_late(m.bank, clock["running"])
-    if clock["running"] - late < before - late_before:
+    if _count_first(m.bank, clock["running"]) + _keep_beaten(m, t, before) < first:
         clock["renewed"] = -math.inf
-    elif late < late_before:
-        clock["tried"] = t
     used = result["used"]
     result["status"] = REJECTED if used == 0 else (UPDATED if used == result["seen"] else PARTIAL)
     if used > 0:
@@ -265,9 +297,7 @@ def _use(m: PoseMemory, t: float, spots: Matrix, covariances: Stack, seen: int) 
     if clock["rejected"] >= m.fixed["restart_after"] or anew:
         return ROOTS
     # of an image that was used whole alone: another one's poses are those of its glints
-    often = RENEWED_S if t - clock["tried"] > MEMORY_S else MEMORY_S
-    if t - clock["blurred"] <= SETTLED_S:
-        often = RENEWED_BLURRED_S
+    often = RENEWED_BLURRED_S if t - clock["blurred"] <= SETTLED_S else RENEWED_S
     if seen >= 3 and used == seen and t - clock["renewed"] >= often:
         clock["renewed"] = t
         return NEW_ROOTS

@@ -86,6 +86,7 @@ POSE_SCRATCH = np.dtype(
         ("turned", _F, (3, 3)),
         ("error", _F, POSE),
         ("order", _I, 2 * MOST_POSES),
+        ("fell", _I, MOST_POSES),  # 1: of `spare`, one that the bank has left out as far behind
         ("lead_used", _I),  # spots of the latest image that the leading hypothesis has used
         ("lead_width", _F),  # and ln |S| of them
         ("bending", _F),  # of the latest image: ln |R| by the second order of the errors
@@ -97,14 +98,15 @@ POSE_CLOCK = np.dtype(
     [
         ("t", _F),
         ("renewed", _F),  # when roots were last looked for; -inf: they are to be, at once
-        ("tried", _F),  # when one taken up beside others last fell
         ("begun", _F),  # of the first event
+        ("confirmed", _F),  # when the bank was
         ("blurred", _F),  # when the leading hypothesis was last too wide to tell roots apart
         ("doubted", _F),  # when it was last contested (`pose_epoch.is_contested`); -inf: never since it was confirmed
         ("running", _I),  # hypotheses of the bank; 0: no state
         ("trial", _I),  # of the trial
         ("rejected", _I),
         ("agreed", _I),  # images that have confirmed the trial
+        ("beaten", _I),  # where the next pose that is beaten is kept
         ("markers", _I),
         ("watched", _F),  # time of the latest image under watch
         ("used", _F),  # and of the latest that was used
@@ -125,6 +127,8 @@ SPOT = np.dtype(
         *RETURNING,
     ]
 )
+BEATEN = np.dtype([("dcm", _F, (3, 3)), ("t", _F)])
+"""A pose that the leading hypothesis has beaten: its attitude seen from the leading one's, and when."""
 NEWEST, OLDER, WITNESS = 0, 1, 2
 """Tracks as they were, by which it is told whether a fault is over (`marker_monitors.py`)."""
 POSE_RESULT = np.dtype(
@@ -168,6 +172,7 @@ class PoseMemory(NamedTuple):
     bank: Annotated[Record, POSE_TRACK, MOST_POSES]  # the most credible first
     trial: Annotated[Record, POSE_TRACK, MOST_POSES]
     spare: Annotated[Record, POSE_TRACK, MOST_POSES]  # scratch
+    beaten: Annotated[Record, BEATEN, MOST_POSES]
     gate: Annotated[Vector, "2n"]  # chi-square limits
     points: Annotated[Matrix, "n", 3]  # the markers, target axes
     used_s: Annotated[Vector, "n"]  # when each was last used, NaN = never
@@ -233,8 +238,8 @@ def new_pose_memory(mission: VisionMission) -> Vector:
     fill(m.body, values=body.matrix, noise_density=target.rate_noise_density_rad2_s3)
     write_motion_model(m.motion, mission.orbit, mission.process_noise, mission.filter)
     m.step["dt"], m.clock["t"], m.clock["begun"] = np.nan, np.nan, np.nan
-    m.clock["renewed"], m.clock["blurred"] = np.nan, -np.inf
-    m.clock["tried"], m.clock["doubted"] = -np.inf, -np.inf
+    m.clock["renewed"], m.clock["blurred"], m.clock["doubted"] = np.nan, -np.inf, -np.inf
+    m.beaten["t"] = -np.inf
     m.gate[:] = gate_limits(mission.filter.gate_probability, 2 * count)
     m.points[:], m.used_s[:], m.trial_used_s[:] = mission.markers.points_m, np.nan, np.nan
     watch_markers_anew(m)

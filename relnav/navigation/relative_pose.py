@@ -156,8 +156,9 @@ class PoseNavigator:
         fill(m.bank[0], motion=motion, dcm=attitude, rate=rate, state=0.0, ld=ld)
         fill(m.bank[0], score=0.0, doubt=0.0, prior=0.0, added=-math.inf)
         m.bank_sensitivities[0] = 0.0
-        fill(m.clock, t=t, begun=t, renewed=t, tried=-math.inf, blurred=-math.inf, doubted=-math.inf)
+        fill(m.clock, t=t, begun=t, confirmed=t, renewed=t, blurred=-math.inf, doubted=-math.inf)
         fill(m.clock, running=1, trial=0, rejected=0)
+        m.beaten["t"] = -math.inf
         m.used_s[:] = t
         watch_markers_anew(m)
         if self._reference is not None:

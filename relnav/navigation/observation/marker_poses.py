@@ -17,6 +17,7 @@ from relnav.navigation.memory import fill
 from relnav.navigation.observation.marker_twins import twins_of
 from relnav.navigation.pose_filter import DROP, RENEWED_S
 from relnav.navigation.pose_memory import MOST_POSES, PoseMemory
+from relnav.navigation.pose_propagation import MEMORY_S
 from relnav.navigation.pose_state import PoseState, sensitivities_from_pose, state_from_pose
 from relnav.sensors.three_marker.measure import measure
 from relnav.sensors.three_marker.outcome import MISFIT_PROBABILITY
@@ -25,14 +26,24 @@ from relnav.sensors.three_marker.sensor import View
 
 WIDENED = 4.0
 COVERED = 6.25  # chi-square, 90 % of three: a root whose attitude is this near a hypothesis starts none
+FOLLOWED = 0.25
+"""Of the way from a root to the next: nearer than that is a hypothesis that follows it, if not as fast as it moves."""
+BEATEN = 0.5
+"""Of the way from a root to the leading one: nearer than that is a pose which that one has beaten."""
+SAME_RAD = 0.01
+"""Two roots nearer than that are one: those of an image, and those of the spots that are predicted for it."""
 
 
 @dataclass(frozen=True)
 class Root:
-    """A state on a pose that explains an image; sensitivities: gives what considered errors do to it, (m, 12)."""
+    """A state on a pose that explains an image; sensitivities: gives what considered errors do to it, (m, 12).
+
+    predicted: the image is one that a hypothesis predicts, without noise.
+    """
 
     state: PoseState
     sensitivities: Callable[[], Matrix]
+    predicted: bool = False
 
 
 def state_of(track: Record, sensitivities: Matrix) -> PoseState:
@@ -147,18 +158,19 @@ def open_trial(m: PoseMemory, found: list[Root], used: Flags) -> None:
 def add_uncovered(m: PoseMemory, found: list[Root], expected: Matrix) -> None:
     """A hypothesis for each pose that none covers; expected: the attitude as it was told, dcm_cam_from_target.
 
-    It is as credible as the best. Where that has not been contested since roots were last looked for, one farther from
-    the expected attitude is a million times less credible: the images until then have decided against it, or the
-    expected view alone did, which is only wider now.
+    It is as credible as the best. Where that has not been contested since roots were last looked for, and has beaten
+    another, or is nearer to the expected attitude, it is a million times less credible: the images until then have
+    decided against it, or the expected view alone did, which is only wider now.
     """
     count, lead, t = int(m.clock["running"]), m.bank[0], float(m.clock["t"])
     uncontested, off = t - m.clock["doubted"] > RENEWED_S, _turn_from(expected, m, lead["dcm"])
+    has_beaten = bool(np.isfinite(m.beaten["t"]).any())
     bank = [state_of(m.bank[k], m.bank_sensitivities[k]) for k in range(count)]
     for root in found:
         k = len(bank)
-        if k < MOST_POSES and all(_distance2(held, root.state) > COVERED for held in bank):
+        if k < MOST_POSES and not _is_covered(m, root, bank, found):
             write_root(m.bank[k], m.bank_sensitivities[k], root, float(lead["score"]))
-            less = uncontested and _turn_from(expected, m, root.state.dcm_lvlh_from_target) > off
+            less = uncontested and (has_beaten or _turn_from(expected, m, root.state.dcm_lvlh_from_target) > off)
             fill(m.bank[k], prior=lead["prior"] + (DROP if less else 0.0), added=t)
             fill(m.clock, running=k + 1, doubted=m.clock["doubted"] if less else t)
             bank.append(root.state)
@@ -168,7 +180,31 @@ def twins(m: PoseMemory, mission: VisionMission, dcm_chaser_from_lvlh: Matrix) -
     """Poses that look like the leading hypothesis in every image; what is considered is in their covariance."""
     effects, t = m.bank_sensitivities[0], float(m.clock["t"])
     found = twins_of(state_of(m.bank[0], effects), t, mission, dcm_chaser_from_lvlh, DROP)
-    return [Root(replace(one, covariance=WIDENED * one.covariance), partial(np.zeros, effects.shape)) for one in found]
+    return [
+        Root(replace(one, covariance=WIDENED * one.covariance), partial(np.zeros, effects.shape), predicted=True)
+        for one in found
+    ]
+
+
+def _is_covered(m: PoseMemory, root: Root, bank: list[PoseState], found: list[Root]) -> bool:
+    """Whether a hypothesis may be on a root, or follows it, or its pose was beaten lately."""
+    at = root.state.dcm_lvlh_from_target
+
+    def turn_from(dcm: Matrix) -> float:
+        return float(np.linalg.norm(rotation_vector_between(at, dcm)))
+
+    turns = [turn_from(held.dcm_lvlh_from_target) for held in bank]
+    others = [turn_from(other.state.dcm_lvlh_from_target) for other in found]
+    next_rad = min((turn for turn in others if turn > SAME_RAD), default=math.pi)
+    return (
+        any(_distance2(held, root) <= COVERED for held in bank)
+        or min(turns) < FOLLOWED * next_rad
+        or any(
+            turn_from(bank[0].dcm_lvlh_from_target @ one["dcm"]) < BEATEN * turns[0]
+            for one in m.beaten
+            if m.clock["t"] - one["t"] <= MEMORY_S
+        )
+    )
 
 
 def _turn_from(expected: Matrix, m: PoseMemory, dcm_lvlh_from_target: Matrix) -> float:
@@ -176,8 +212,8 @@ def _turn_from(expected: Matrix, m: PoseMemory, dcm_lvlh_from_target: Matrix) ->
     return float(np.linalg.norm(rotation_vector_between(m.camera["cam_from_lvlh"] @ dcm_lvlh_from_target, expected)))
 
 
-def _distance2(held: PoseState, root: PoseState) -> float:
+def _distance2(held: PoseState, root: Root) -> float:
     """Chi-square between the attitudes of a hypothesis and of a root."""
-    difference = held.error_of(root)[THETA:RATE]
-    spread = (held.covariance + root.covariance)[THETA:RATE, THETA:RATE]
+    difference = held.error_of(root.state)[THETA:RATE]
+    spread = (held.covariance + (0.0 if root.predicted else root.state.covariance))[THETA:RATE, THETA:RATE]
     return float(difference @ np.linalg.solve(spread, difference))

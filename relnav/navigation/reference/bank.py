@@ -11,7 +11,7 @@ from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.estimation.reference import ReferenceTrack, believed
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.mission import VisionMission
-from relnav.navigation.pose_filter import DROP, JOINED, MARGIN, TELLING_SHARE
+from relnav.navigation.pose_filter import DROP, JOINED, JOINED_LATE, MARGIN, TELLING_SHARE
 from relnav.navigation.pose_propagation import MEMORY_S
 from relnav.navigation.pose_update import LONE_SHARE, SETTLING_S
 from relnav.navigation.reference.marker_rows import MarkerImage, MarkerOptics, PoseTrack
@@ -168,22 +168,26 @@ def _taken_in(track: PoseTrack, view: MarkerImage, used: list[int]) -> PoseTrack
     )
 
 
-def ordered(tracks: list[PoseTrack], far_behind: float) -> list[PoseTrack]:
+def ordered(tracks: list[PoseTrack], far_behind: float, t_s: float) -> tuple[list[PoseTrack], list[PoseTrack]]:
     """The most credible first, those far behind and those that have become one with a better one left out.
 
-    far_behind: for hypotheses of the start; DROP for those taken up beside others.
+    far_behind: for hypotheses of the start; DROP for those taken up beside others. The second list: those far behind.
     """
-    if len(tracks) < 2:
-        return tracks
     kept: list[PoseTrack] = []
+    fell: list[PoseTrack] = []
     for one in sorted(tracks, key=lambda track: track.rank):
         limit = far_behind
         if one.added > -math.inf and kept:
             limit = max(DROP, one.prior - kept[0].prior + MARGIN)
-        behind = bool(kept) and one.odds_against(kept[0]) > limit
-        if not behind and all(_distance2(better, one) > JOINED for better in kept):
+        if kept and one.odds_against(kept[0]) > limit:
+            fell.append(one)
+            continue
+        apart = all(_distance2(better, one) > JOINED for better in kept)
+        if -math.inf < one.added < t_s - SETTLING_S:
+            apart = apart and all(_distance2(one, better) > JOINED_LATE for better in kept)
+        if apart:
             kept.append(one)
-    return kept
+    return kept, fell
 
 
 def is_exchanged(optics: MarkerOptics, limits: Vector, track: PoseTrack, image: Exposure) -> bool:

@@ -21,13 +21,14 @@ from relnav.estimation.factored import factorize
 from relnav.estimation.gating import gate_limits
 from relnav.estimation.monitors import UNWATCHED
 from relnav.mission import VisionMission
-from relnav.navigation.observation.marker_poses import COVERED, WIDENED, view_at
+from relnav.navigation.observation.marker_poses import BEATEN, COVERED, FOLLOWED, SAME_RAD, WIDENED, view_at
 from relnav.navigation.observation.marker_twins import twins_of
 from relnav.navigation.pose_call import Event
 from relnav.navigation.pose_epoch import LOWER, SETTLED_S, covariances_of
-from relnav.navigation.pose_filter import AGREED, BLURRED, DROP, RENEWED_BLURRED_S, RENEWED_S, TELLING_SHARE
+from relnav.navigation.pose_filter import AGREED, BLURRED, CHANCE, DROP, RENEWED_BLURRED_S, RENEWED_S, TELLING_SHARE
 from relnav.navigation.pose_memory import MOST_POSES
 from relnav.navigation.pose_propagation import LARGEST_SHARE_OF_RANGE, LARGEST_TURN_RAD, MEMORY_S
+from relnav.navigation.pose_update import SETTLING_S
 from relnav.navigation.reference.bank import (
     Corrected,
     Exposure,
@@ -66,10 +67,11 @@ class ReferencePose:
     begun_s: float = math.nan
     renewed_s: float = -math.inf
     blurred_s: float = -math.inf
-    tried_s: float = -math.inf
+    confirmed_s: float = math.nan
     doubted_s: float = -math.inf
     bank: list[PoseTrack] = field(default_factory=list)
     trial: list[PoseTrack] = field(default_factory=list)
+    beaten: list[tuple[float, Matrix]] = field(default_factory=list)
     rejected: int = 0
     agreed: int = 0
 
@@ -86,8 +88,8 @@ class ReferencePose:
         """Begin from a state that is known otherwise."""
         nothing = np.zeros((self.optics.considered, 12))
         self.bank, self.trial = [PoseTrack(motion, dcm, rate, covariance, nothing)], []
-        self.t_s, self.begun_s, self.renewed_s, self.rejected = t_s, t_s, t_s, 0
-        self.blurred_s = self.tried_s = self.doubted_s = -math.inf
+        self.t_s, self.begun_s, self.renewed_s, self.confirmed_s, self.rejected = t_s, t_s, t_s, t_s, 0
+        self.blurred_s, self.doubted_s, self.beaten = -math.inf, -math.inf, []
         self._used_s[:] = t_s
 
     def take(self, event: Event, out: Record, covariance: Matrix, accepted: Vector) -> None:
@@ -129,8 +131,8 @@ class ReferencePose:
 
     def _correct(
         self, tracks: list[PoseTrack], far_behind: float, image: Exposure
-    ) -> tuple[list[PoseTrack], Corrected, bool]:
-        """Correct hypotheses: how they stand then, what the image did to the leading one, whether that one is wide.
+    ) -> tuple[list[PoseTrack], list[PoseTrack], Corrected, bool]:
+        """Correct hypotheses: how they stand, which fell, what the image did to the leading one, whether that is wide.
 
         The result is of the leading one. Wide: it may cover poses that it cannot tell apart, or has not led before.
         """
@@ -140,17 +142,20 @@ class ReferencePose:
         lead = every[k]
         self.result.accepted = np.isin(np.arange(len(self._used_s)), lead.used)
         self.result.nis, self.result.dof, self.result.used = lead.nis, 2 * len(lead.which), len(lead.used)
-        return ordered([one.track for one in every], far_behind), lead, k > 0 or lead.bending >= BLURRED
+        kept, fell = ordered([one.track for one in every], far_behind, image.t_s)
+        if k > 0 and tracks is self.bank:
+            self.beaten = []
+        return kept, fell, lead, k > 0 or lead.bending >= BLURRED
 
     def _use(self, image: Exposure) -> bool:
         """Correct the bank with an image; whether a start is to be looked for."""
         result, t = self.result, image.t_s
         before = self.bank
-        self.bank, lead, wide = self._correct(before, AMBIGUITY_LIMIT, image)
-        if _count_first(self.bank) < _count_first(before):  # the pose of one of the start gets a second hypothesis
+        self.bank, fell, lead, wide = self._correct(before, AMBIGUITY_LIMIT, image)
+        beaten = [one for one in fell if one.added > -math.inf or self._was_tracked(one)]
+        self.beaten = [*self.beaten, *((t, self.bank[0].dcm.T @ one.dcm) for one in beaten)][-MOST_POSES:]
+        if _count_first(self.bank) + _count_first(beaten) < _count_first(before):  # its pose gets a second hypothesis
             self.renewed_s = -math.inf
-        elif len(self.bank) < len(before):
-            self.tried_s = t
         seen, used = lead.seen, len(lead.used)
         result.status = REJECTED if used == 0 else (UPDATED if used == seen else PARTIAL)
         if used > 0:
@@ -165,9 +170,7 @@ class ReferencePose:
             return False
         if self.rejected >= self.mission.filter.restart_after_epochs:
             return True
-        often = RENEWED_S if t - self.tried_s > MEMORY_S else MEMORY_S
-        if t - self.blurred_s <= SETTLED_S:
-            often = RENEWED_BLURRED_S
+        often = RENEWED_BLURRED_S if t - self.blurred_s <= SETTLED_S else RENEWED_S
         if seen >= 3 and used == seen and t - self.renewed_s >= often:
             self.renewed_s = t
             self._add_uncovered(image)
@@ -196,7 +199,7 @@ class ReferencePose:
 
     def _confirm(self, image: Exposure) -> bool:
         """Whether the trial now is the bank. It is dropped by an image that contradicts it."""
-        self.trial, lead, wide = self._correct(self.trial, DROP, image)
+        self.trial, _, lead, wide = self._correct(self.trial, DROP, image)
         if len(lead.used) < 3 or len(lead.used) < lead.seen:
             self.trial = []
             return False
@@ -204,7 +207,8 @@ class ReferencePose:
         self.agreed += 1
         if not lead.share < TELLING_SHARE or (self.rejected > 0 and self.agreed < AGREED):
             return False
-        self.bank, self.trial, self.rejected = self.trial, [], 0
+        self.bank, self.trial, self.rejected, self.beaten = self.trial, [], 0, []
+        self.confirmed_s = image.t_s
         self._used_s, self.renewed_s = self._trial_used_s.copy(), image.t_s
         self.blurred_s, self.doubted_s = image.t_s if wide else -math.inf, -math.inf
         return True
@@ -222,7 +226,8 @@ class ReferencePose:
     def _add_uncovered(self, image: Exposure) -> None:
         """A hypothesis for each pose that none covers, as credible as the best.
 
-        If that has been relied on since poses were last looked for, one less expected begins a million times less so.
+        If that has been relied on since poses were last looked for, and has beaten another or is more expected, they
+        begin a million times less so.
         """
         held, view, at = list(self.bank), self._view(image.t_s), self.mission.camera.dcm_cam_from_chaser @ image.chaser
         mission, lead = replace(self.mission, view=view), held[0]
@@ -241,12 +246,26 @@ class ReferencePose:
             return float(np.linalg.norm(turn_between(at @ track.dcm, view.dcm_cam_from_target)))
 
         uncontested = image.t_s - self.doubted_s > RENEWED_S and not self._is_contested()
-        for one in self._poses(image, lead, mission).tracks + twins:
-            if len(held) < MOST_POSES and all(_attitudes_apart(other, one) > COVERED for other in held):
+        seen = self._poses(image, lead, mission).tracks
+        for k, one in enumerate(seen + twins):
+            others = [_angle(one.dcm, other.dcm) for other in seen + twins]
+            covered = any(_attitudes_apart(other, one, k >= len(seen)) <= COVERED for other in held)
+            if len(held) < MOST_POSES and not (covered or self._is_followed(one, held, others)):
                 held.append(one)
-                less = uncontested and unexpected(one) > unexpected(lead)
+                less = uncontested and (bool(self.beaten) or unexpected(one) > unexpected(lead))
                 prior = lead.prior + (DROP if less else 0.0)
                 self.bank.append(replace(one, score=lead.score, prior=prior, added=image.t_s))
+
+    def _was_tracked(self, one: PoseTrack) -> bool:
+        """Whether one of the start that fell was followed for long enough, and well enough, to be beaten."""
+        return one.doubt <= CHANCE and self.t_s - self.confirmed_s > SETTLING_S
+
+    def _is_followed(self, found: PoseTrack, held: list[PoseTrack], others: list[float]) -> bool:
+        """Whether a hypothesis follows a pose that was found, or it was beaten lately; others: its angles from all."""
+        angles = [_angle(found.dcm, one.dcm) for one in held]
+        beaten = [_angle(found.dcm, held[0].dcm @ dcm) for t, dcm in self.beaten if self.t_s - t <= MEMORY_S]
+        apart = min((angle for angle in others if angle > SAME_RAD), default=math.pi)
+        return min(angles) < FOLLOWED * apart or min(beaten, default=math.inf) < BEATEN * angles[0]
 
     def _write_epoch(self, out: Record) -> None:
         """Write what is known after the last event (`pose_epoch.EPOCH`), but for the chaser."""
@@ -295,8 +314,15 @@ def _is_wide(track: PoseTrack) -> bool:
     return not near or bool(variance[6:9].max() > LARGEST_TURN_RAD**2)
 
 
-def _attitudes_apart(held: PoseTrack, found: PoseTrack) -> float:
-    """Chi-square between the attitudes of a hypothesis, with what is considered in it, and of a pose."""
+def _angle(one: Matrix, other: Matrix) -> float:
+    return float(np.linalg.norm(turn_between(one, other)))
+
+
+def _attitudes_apart(held: PoseTrack, found: PoseTrack, predicted: bool) -> float:
+    """Chi-square between the attitudes of a hypothesis, with what is considered in it, and of a pose.
+
+    predicted: the pose is of spots that have no noise.
+    """
     off = turn_between(found.dcm, held.dcm)
-    spread = held.covariance + held.considered.T @ held.considered + found.covariance
+    spread = held.covariance + held.considered.T @ held.considered + (0.0 if predicted else found.covariance)
     return float(off @ np.linalg.solve(spread[6:9, 6:9], off))
