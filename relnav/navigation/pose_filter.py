@@ -242,7 +242,7 @@ def _count_first(bank: Record, count: int) -> int:
 
 
 @kernel
-def _keep_beaten(m: PoseMemory, t: float, before: int) -> int:
+def keep_beaten(m: PoseMemory, t: float, before: int) -> int:
     """Keep the poses of those of the bank that fell and have had their chance; how many of these were of the start.
 
     Of another leading one's nothing is kept.
@@ -273,7 +273,7 @@ def _use(m: PoseMemory, t: float, spots: Matrix, covariances: Stack, seen: int) 
     clock["running"], _, blurred = _correct_bank(
         m, m.bank, m.bank_sensitivities, before, AMBIGUITY_LIMIT, spots, covariances, True
     )
-    if _count_first(m.bank, clock["running"]) + _keep_beaten(m, t, before) < first:
+    if _count_first(m.bank, clock["running"]) + keep_beaten(m, t, before) < first:
         clock["renewed"] = -math.inf
     used = result["used"]
     result["status"] = REJECTED if used == 0 else (UPDATED if used == result["seen"] else PARTIAL)

@@ -27,7 +27,7 @@ from relnav.sensors.three_marker.sensor import View
 WIDENED = 4.0
 COVERED = 6.25  # chi-square, 90 % of three: a root whose attitude is this near a hypothesis starts none
 FOLLOWED = 0.25
-"""Of the way from a root to the next: nearer than that is a hypothesis that follows it, if not as fast as it moves."""
+"""Of the way from a root to the next: nearer than that is one beside the leading one that follows it, if too slowly."""
 BEATEN = 0.5
 """Of the way from a root to the leading one: nearer than that is a pose which that one has beaten."""
 SAME_RAD = 0.01
@@ -198,7 +198,7 @@ def _is_covered(m: PoseMemory, root: Root, bank: list[PoseState], found: list[Ro
     next_rad = min((turn for turn in others if turn > SAME_RAD), default=math.pi)
     return (
         any(_distance2(held, root) <= COVERED for held in bank)
-        or min(turns) < FOLLOWED * next_rad
+        or min(turns[1:], default=math.pi) < FOLLOWED * next_rad
         or any(
             turn_from(bank[0].dcm_lvlh_from_target @ one["dcm"]) < BEATEN * turns[0]
             for one in m.beaten

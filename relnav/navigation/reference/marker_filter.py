@@ -265,7 +265,7 @@ class ReferencePose:
         angles = [_angle(found.dcm, one.dcm) for one in held]
         beaten = [_angle(found.dcm, held[0].dcm @ dcm) for t, dcm in self.beaten if self.t_s - t <= MEMORY_S]
         apart = min((angle for angle in others if angle > SAME_RAD), default=math.pi)
-        return min(angles) < FOLLOWED * apart or min(beaten, default=math.inf) < BEATEN * angles[0]
+        return min(angles[1:], default=math.pi) < FOLLOWED * apart or min(beaten, default=math.inf) < BEATEN * angles[0]
 
     def _write_epoch(self, out: Record) -> None:
         """Write what is known after the last event (`pose_epoch.EPOCH`), but for the chaser."""
