@@ -27,15 +27,19 @@ from relnav.navigation.attitude.target_attitude import METHODS
 
 TESTS = Path(__file__).parents[1] / "tests" / "navigation" / "test_target_attitude_honesty.py"
 MOMENTS_OFF = (
-    ((3000, 4200, 4700), 0.05, 0.5, 100.0),
-    ((3000, 4200, 4700), 0.05, 2.0, 200.0),
-    ((3000, 4200, 4700), 0.05, 5.0, 200.0),
-    ((3000, 4200, 4700), 0.02, 2.0, 200.0),
-    ((3000, 4200, 4700), 0.10, 1.0, 200.0),
-    ((1000, 4000, 4200), 0.05, 2.0, 200.0),
-    ((3000, 3100, 3200), 0.05, 2.0, 200.0),
+    ((3000, 4200, 4700), 0.05, 0.5, 100.0, 0.1, 0.5),
+    ((3000, 4200, 4700), 0.05, 2.0, 200.0, 0.1, 0.5),
+    ((3000, 4200, 4700), 0.05, 5.0, 200.0, 0.1, 0.5),
+    ((3000, 4200, 4700), 0.02, 2.0, 200.0, 0.1, 0.5),
+    ((3000, 4200, 4700), 0.10, 1.0, 200.0, 0.1, 0.5),
+    ((1000, 4000, 4200), 0.05, 2.0, 200.0, 0.1, 0.5),
+    ((3000, 3100, 3200), 0.05, 2.0, 200.0, 0.1, 0.5),
+    ((3000, 4200, 4700), 0.05, 3.0, 200.0, 0.5, 1.0),
+    ((3000, 4200, 4700), 0.05, 5.0, 200.0, 0.5, 1.0),
+    ((3000, 4200, 4700), 0.05, 3.0, 200.0, 1.0, 2.0),
+    ((3000, 4200, 4700), 0.05, 5.0, 200.0, 1.0, 2.0),
 )
-"""Moments, by what share of them they are off, rate and duration of the flights of `inertia`."""
+"""Moments, by what share of them they are off, rate and duration of the flights of `inertia`, noise (deg), interval."""
 INERTIA, N = np.diag([3000.0, 4200.0, 4700.0]), 1.1313666536110223e-3
 NOISE = math.radians(0.5) ** 2 * np.eye(3)
 COLD = """
@@ -92,15 +96,16 @@ def faults(runs: int) -> bool:
 def inertia(runs: int) -> bool:
     """NEES where the stated sigmas of the moments are what is off: joint and by component, from 20 s on."""
     tests, good = tests_module(), True
-    for moments, tolerance, deg_s, duration_s in MOMENTS_OFF:
+    for moments, tolerance, deg_s, duration_s, noise_deg, every_s in MOMENTS_OFF:
+        body = np.diag([float(moment) for moment in moments])
         by, joint = tests.nees_of_moments_off(
-            "multiplicative", runs, deg_s, duration_s, tolerance, np.diag([float(moment) for moment in moments])
+            "multiplicative", runs, deg_s, duration_s, tolerance, body, noise_deg=noise_deg, every_s=every_s
         )
         met = by.max() <= 1.3 and 0.7 <= joint <= 1.3
         good &= bool(met)
         print(
             f"moments {moments} kg m^2, {100 * tolerance:g} % off, {deg_s:g} deg/s (1-sigma an axis), "
-            f"{duration_s:g} s, {runs} runs: NEES by component {by.min():.2f} to {by.max():.2f} [0, 1.3], "
+            f"{noise_deg:g} deg every {every_s:g} s, {duration_s:g} s, {runs} runs: NEES by component {by.min():.2f} to {by.max():.2f} [0, 1.3], "
             f"joint NEES / 6 {joint:.2f} [0.7, 1.3] {'met' if met else 'NOT MET'}",
             flush=True,
         )

@@ -121,9 +121,12 @@ def _turn_points(body: Matrix, points: Record, dt: float, work: Matrix) -> bool:
 
 @kernel
 def _turn_time(rate: Vector, n: float) -> float:
-    """For how long an acceleration keeps its direction in a body that turns: a radian of turn, s; 0 at rest."""
+    """For how long an acceleration adds up in a body that turns: one turn, s; 0 at rest.
+
+    It is the same in the body's axes, in which the axis of the turn goes round in one to three turns.
+    """
     fastest = max(math.sqrt(rate[0] * rate[0] + rate[1] * rate[1] + rate[2] * rate[2]), n)
-    return 1.0 / fastest if fastest > 0.0 else 0.0
+    return 2.0 * math.pi / fastest if fastest > 0.0 else 0.0
 
 
 @entry

@@ -75,7 +75,7 @@ class TargetAttitude:
             Which filter.
         inertia_sigma_kg_m2 : (3, 3), optional
             1-sigma of each entry of the inertia, symmetric, >= 0: constant errors, considered in the covariance; what
-            they do to the acceleration in second order is noise that lasts for a radian of turn.
+            they do to the acceleration in second order is noise that lasts for a turn.
         chaser_attitude_sigma_rad : float
             1-sigma of the constant error of the chaser's attitude, each axis, >= 0. It is common to all measured
             attitudes and is not averaged out.
