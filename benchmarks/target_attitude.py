@@ -106,7 +106,8 @@ def inertia(runs: int) -> bool:
         print(
             f"moments {moments} kg m^2, {100 * tolerance:g} % off, {deg_s:g} deg/s (1-sigma an axis), "
             f"{noise_deg:g} deg every {every_s:g} s, {duration_s:g} s, {runs} runs: "
-            f"NEES by component {by.min():.2f} to {by.max():.2f} [0, 1.3], joint NEES / 6 {joint:.2f} [0.7, 1.3] {'met' if met else 'NOT MET'}",
+            f"NEES by component {by.min():.2f} to {by.max():.2f} [0, 1.3], "
+            f"joint NEES / 6 {joint:.2f} [0.7, 1.3] {'met' if met else 'NOT MET'}",
             flush=True,
         )
     _, joint = tests.nees_of_moments_off("multiplicative", runs, 2.0, 200.0, 0.05, second_order=False)
