@@ -33,7 +33,8 @@ class StarCamera:
     principal_point_px : (2,)
         Where the optical axis meets the detector, from its centre.
     distortion : (2,)
-        k1, k2 of p = d (1 + k1 |d|^2 + k2 |d|^4), d = (spot - principal point) / f, p on the plane z = 1.
+        k1, k2 of p = d (1 + k1 |d|^2 + k2 |d|^4), d = (spot - principal point) / f, p on the plane z = 1: from spot to
+        ray. OpenCV's, and a marker camera's, lead from ray to spot, the inverse: k1 has about the opposite sign.
     detector_size_px : (2,)
         Width and height; a spot outside is not used.
     spot_noise_px : float

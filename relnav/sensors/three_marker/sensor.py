@@ -37,7 +37,8 @@ class MarkerCamera:
     spot_noise_px : float
         1-sigma of each coordinate of a spot, unless a spot comes with its own covariance.
     distortion : (5,)
-        k1, k2, p1, p2, k3 as in `relnav.geometry.distortion`: factors of powers of the normalised radius.
+        k1, k2, p1, p2, k3 as in `relnav.geometry.distortion`: factors of powers of the normalised radius, from ray to
+        spot as OpenCV's. A star camera's `distortion` is the inverse, from spot to ray.
     position_m : (3,)
         Lens from the chaser's centre of mass, chaser axes.
     q_cam_from_chaser : (4,)
