@@ -4,6 +4,8 @@ A late image is taken in where it belongs: the filter as it stood before it is l
 came after replayed. The answer is, bit for bit, that of the same events in order.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from importlib.metadata import version

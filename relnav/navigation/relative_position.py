@@ -1,5 +1,7 @@
 """The relative navigation filter, one image at a time."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from importlib.metadata import version
 from types import BuiltinFunctionType

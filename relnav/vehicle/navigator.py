@@ -1,5 +1,7 @@
 """One navigator for a whole vehicle: observations in any order in, the state at the docking port out."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
 from typing import Any
 

@@ -1,5 +1,7 @@
 """From measured spots to a calibration: ray model, spline where the data ask for one, compiled to a table."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -4,6 +4,8 @@ What stands between the axes in which the directions are known and the sensor's 
 turn, so that the crystal's own axes are the sensor's.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 

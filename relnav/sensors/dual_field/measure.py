@@ -1,5 +1,7 @@
 """The sensor's public call: spots of one frame in, inertial attitude with covariance and matched stars out."""
 
+from __future__ import annotations
+
 import dataclasses
 import math
 from typing import NamedTuple
