@@ -16,7 +16,7 @@ from relnav.codegen.python_members import method_of, read_by_machine_code
 from relnav.dynamics.error_state import MOTION
 from relnav.geometry.rotation import is_rotation
 from relnav.mission import Model
-from relnav.navigation.arguments import choose, not_negative, refuse_another_version, start_values, vector
+from relnav.navigation.arguments import choose, not_negative, refuse_another_version, start_values, told_time, vector
 from relnav.navigation.blocks import attitude_counts, beacon_layout
 from relnav.navigation.epoch_report import (
     ACCELERATION,
@@ -123,6 +123,12 @@ class Navigator:
         )
         if by_call is not None:
             self.step = by_call  # type: ignore[method-assign]  # the same method
+
+    def __repr__(self) -> str:
+        """One line for the console."""
+        clock = self._named.clock
+        known = "with a state" if clock["running"] else "WAITING for two images that agree"
+        return f"{type(self).__name__}({self.model.name}, {self.method}, {told_time(float(clock['t']))}, {known})"
 
     def start(self, t_s: float, state: ArrayLike, covariance: ArrayLike) -> None:
         """Start from a known state, such as that of relative GPS or of another filter.

@@ -71,6 +71,10 @@ class VehicleNavigator:
         start, window_s = self._filters.start, vehicle.filter.replay_window_s
         self._timeline = Replay(start, start.estimates.t_s, window_s, self._filters.apply, self._filters.again)
 
+    def __repr__(self) -> str:
+        """The estimate's line for the console."""
+        return f"VehicleNavigator of {self.state()!r}"
+
     @property
     def on_outcome(self) -> Callable[[Event, Outcome], None] | None:
         """Called with every (event, outcome), and again whenever an event is processed again."""

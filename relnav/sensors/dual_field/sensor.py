@@ -15,6 +15,7 @@ from relnav.sensors.dual_field.catalogue import StarCatalogue
 from relnav.sensors.dual_field.fold import mirror_fold
 from relnav.sensors.dual_field.identify import Limits
 from relnav.sensors.dual_field.sky import Sky, prepare_sky
+from relnav.sensors.loaded_model import LoadedModel
 
 Positive = Annotated[float, Gt(0.0)]
 Pair = tuple[float, float]
@@ -163,8 +164,8 @@ class Identification:
         return Limits(self.false_alarm_probability, self.most_attitudes_tried, shortest_rad=self.shortest_pair_rad)
 
 
-@dataclass(frozen=True)
-class StarSensor:
+@dataclass(frozen=True, repr=False)
+class StarSensor(LoadedModel, sensor_type="dual_field"):
     """One star sensor with its catalogue.
 
     `provenance` maps a key path to where its value comes from; `path` is the file it was loaded from.
@@ -175,7 +176,7 @@ class StarSensor:
     camera: StarCamera
     fold: Fold
     identification: Identification
-    catalogue: StarCatalogue = field(repr=False, compare=False)
+    catalogue: StarCatalogue = field(compare=False)
     provenance: Mapping[str, str] = field(default_factory=dict)
     path: str = ""
 

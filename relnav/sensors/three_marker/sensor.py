@@ -11,6 +11,7 @@ from annotated_types import Ge, Gt, Le
 
 from relnav.arrays import Matrix, Vector
 from relnav.geometry.rotation import dcm_from_quaternion
+from relnav.sensors.loaded_model import LoadedModel
 
 Positive = Annotated[float, Gt(0.0)]
 NonNegative = Annotated[float, Ge(0.0)]
@@ -157,8 +158,8 @@ class Imager:
     centroid_floor_px: NonNegative = 0.0
 
 
-@dataclass(frozen=True)
-class ThreeMarkerModel:
+@dataclass(frozen=True, repr=False)
+class ThreeMarkerModel(LoadedModel, sensor_type="three_marker"):
     """One three-marker vision system: camera, markers, expected view, imager.
 
     `provenance` maps a key path ("camera.spot_noise_px") to where its value comes from; `path` is the file it was
