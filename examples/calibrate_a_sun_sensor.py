@@ -14,7 +14,7 @@ POINTS = Path(__file__).parent / "aps_sun_turntable" / "turntable.csv"
 
 
 def main() -> None:
-    """Print the error before and after, and the direction of one spot both ways."""
+    """Print the error before, after (each point by the others), and the direction of one spot."""
     model = relnav.load_model("aps_sun")
     report = calibrate_sun(POINTS, model)
     calibration = report.result.calibration

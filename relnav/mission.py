@@ -10,6 +10,7 @@ from annotated_types import Ge, Gt, Lt
 
 from relnav.arrays import Matrix, Stack, Vector
 from relnav.geometry.rotation import dcm_from_quaternion
+from relnav.sensors.loaded_model import LoadedModel
 from relnav.sensors.three_beacon.calibration import Calibration
 from relnav.sensors.three_beacon.light import Light
 from relnav.sensors.three_beacon.psd import Detector
@@ -186,15 +187,14 @@ class Tolerances:
     considered: bool = False
 
 
-@dataclass(frozen=True)
-class Model:
+@dataclass(frozen=True, repr=False)
+class Model(LoadedModel, sensor_type="three_beacon"):
     """One mission: sensor, docking frame, camera, attitude, orbit, noise and filter settings.
 
     A PSD as an instrument (`detector`, `light`, `pulses`), its calibration and the tolerances of the error budget may
     be left out.
 
-    `provenance` maps a key path ("sensor.focal_length_mm") to where its value comes from; `path` is the file it was
-    loaded from.
+    `provenance` maps a key path ("sensor.focal_length_mm") to its value's source; `path` is the file it came from.
     """
 
     name: str
@@ -370,7 +370,7 @@ class MarkerTolerances:
     considered: bool = False
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class VisionMission(ThreeMarkerModel):
     """A three-marker vision system on its mission: orbit, target, chaser, noise and filter settings."""
 

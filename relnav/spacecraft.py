@@ -1,8 +1,8 @@
 """What flies: a chaser with its sensors, gyro and thrusters, and the target it docks with; the vehicle file in SI.
 
 Axes: `chaser` is what mountings are told from, `target` the docking axes (x out toward the chaser), both from their
-centre of mass. A sensor is named in the vehicle file and described by a model (`relnav models`); the vehicle file says
-where it sits, how often it looks, and how well it is aligned.
+centre of mass. A sensor's model (`relnav models`) describes it; the vehicle file names it and says where it sits, how
+often it looks, and how well it is aligned.
 """
 
 import math
@@ -25,6 +25,7 @@ from relnav.mission import Model as BeaconMission
 from relnav.sensors.aps_sun.sensor import ApsSunModel
 from relnav.sensors.birefringent_sun.sensor import BirefringentSunModel
 from relnav.sensors.dual_field.sensor import StarSensor
+from relnav.sensors.loaded_model import LoadedModel
 
 RESERVED = GYRO, THRUST = "gyro", "thrust"
 """Names under which samples of the gyro and commands to the thrusters are observed."""
@@ -298,12 +299,11 @@ _OF_POINTS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Vehicle:
+@dataclass(frozen=True, repr=False)
+class Vehicle(LoadedModel, sensor_type="vehicle"):
     """A chaser that docks with a target.
 
-    `sensor` maps a name to how the sensor is mounted, in the order of the file; `models` the same name to what it is.
-    `provenance` and `path` as for every model.
+    `sensor`: name to mounting, in the order of the file; `models`: name to model; `provenance`, `path`: as for a model.
     """
 
     name: str
@@ -317,8 +317,8 @@ class Vehicle:
     hand_over: HandOver
     filter: VehicleFilter
     sensor: Mapping[str, MountedSensor]
-    models: Mapping[str, Any] = field(repr=False)
-    provenance: Mapping[str, str] = field(default_factory=dict, repr=False)
+    models: Mapping[str, Any]
+    provenance: Mapping[str, str] = field(default_factory=dict)
     path: str = ""
 
     def __post_init__(self) -> None:

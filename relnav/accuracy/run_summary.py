@@ -292,9 +292,10 @@ class RunSummary:
             sigmas = (f"{n} {v:.5f} {u}" for n, v, u in zip(quantities, values, ("m", "deg", "deg"), strict=True))
             lines.append(f"1-sigma at {self.known_s:.12g} s: {', '.join(sigmas)}")
         if self.comparisons:
-            lines.append(f"1-sigma at {self.known_s:.12g} s   reported    published   ratio   within it from")
+            lines.append(f"1-sigma at {self.known_s:.12g} s   reported    published   ratio   within it after")
             for row in self.comparisons:
-                since = f"{row.met_from_s:.12g} s" if row.met_from_s == row.met_from_s else "never"
+                after_s = round(row.met_from_s - self.t_first_s, 3)
+                since = "never" if math.isnan(after_s) else f"{after_s:.12g} s"
                 value = f"{row.sigma:.5f} {row.claim.unit}"
                 claim = f"{row.claim.value:g} {row.claim.unit}"
                 lines.append(f"  {row.claim.quantity:<16}{value:>12}{claim:>13}{row.ratio:>8.3f}   {since}")

@@ -126,7 +126,8 @@ def command(
 
     LOG may be a pipe, - is standard input (CSV); it may be a ROS bag whose messages name spots.
 
-    Columns of LOG: t_s; spot_a_x_um, spot_a_y_um, spot_b_..., spot_c_... (any length unit; empty = not seen);
+    Columns of LOG: t_s; spot_a_x_um, spot_a_y_um, spot_b_..., spot_c_..., and spot_d_..., of further beacons
+    (extra_beacons_mm in the model), in any length unit, empty = not seen;
     optionally accel_{x,y,z}_m_s2, delta_v_{x,y,z}_m_s (lvlh_ccsds), q_cam_from_lvlh_{x,y,z,w}, image_t_s (middle of the
     exposure, if images may be late and the model has a longest_delay_s). A raw log of a detector
     (CSV, one row per slot) has t_s, beacon (a, b, c or dark), and adc_{x1,x2,y1,y2} or current_{x1,x2,y1,y2}_na instead

@@ -39,9 +39,10 @@ class TrackOutput:
             return
         from relnav.files.atomic import check_folder
         from relnav.files.tables import TRACKS, check_format
+        from relnav.files.tracks import EXCHANGE
 
         if not self._exchanged:
-            check_format(self.path, TRACKS)
+            check_format(self.path, TRACKS, EXCHANGE)
         check_folder(self.path)
 
     def check_settings(self, mission: Any, *, follow: bool) -> None:

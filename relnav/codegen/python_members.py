@@ -87,7 +87,8 @@ def _same(one: Any) -> Any:
 @cache
 def _unbound(function: Callable[..., Any], address: int) -> Callable[..., Any]:
     """The machine code as a function that is bound to an `_Own`; with anything else it is the function of Python."""
-    own, doc = (_Own, function), _shown(function)
+    of = type(function.__qualname__.rpartition(".")[0], (tuple,), {"__slots__": ()})  # in whose name it is printed
+    own, doc = of((_Own, function)), _shown(function)
     return store.python_function(function.__name__, address, own, store.FASTCALL | store.KEYWORDS, doc)
 
 

@@ -215,7 +215,7 @@ def frame_words(frame: str, mission: Any, orientation_deg: tuple[float, float, f
         raise UsageError(f"frame is one of {', '.join(FRAMES)}; got {frame!r}")
     said = {"frame": f"{frame}: {FRAMES[frame]}"}
     if mission is None and frame in (*INERTIAL, "dock"):
-        raise UsageError(f"frame {frame!r} needs the model that was flown, which is no shipped one: pass it")
+        raise UsageError(f"frame {frame!r} needs the model that was flown, which is no shipped one: pass it as model=")
     if frame not in INERTIAL:
         return said
     angles = None if orientation_deg is None else numbers("orientation_deg", orientation_deg)

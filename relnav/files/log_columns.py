@@ -11,7 +11,7 @@ import numpy as np
 from relnav.arrays import Matrix, Vector
 from relnav.errors import LogError
 from relnav.files.units import UNITS, same_kind, split_unit
-from relnav.files.wording import listed
+from relnav.files.wording import columns_are, listed
 from relnav.geometry.linear_algebra import lengths
 
 AXES = ("x", "y", "z")
@@ -149,7 +149,7 @@ def parse_header(names: list[str], where: str, layout: Layout = BEACONS) -> Colu
         if required not in index:
             beacons = layout is not BEACONS and any(split_unit(name)[0] in BEACONS.spots for name in names)
             raise LogError(
-                f"{where}: column '{_example(required, layout)}' is missing; the columns are {listed(names)}"
+                f"{where}: column '{_example(required, layout)}' is missing; {columns_are(names)}"
                 + ("; a log of beacons? --model three_beacon_psd, or a beacon model of yours" if beacons else "")
             )
     for group in (ACCELERATION, DELTA_V, layout.quaternion, sigmas):

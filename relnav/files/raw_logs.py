@@ -17,7 +17,7 @@ from relnav.files.log_columns import ACCELERATION, DELTA_V, QUATERNION, check_qu
 from relnav.files.logs import MOST, check_size, pieces
 from relnav.files.text_table import TextTable, table_of
 from relnav.files.units import UNITS, split_unit, to_si
-from relnav.files.wording import listed, shown
+from relnav.files.wording import columns_are, shown
 from relnav.sensors.three_beacon.pulses import NAMES
 
 ELECTRODES = ("x1", "x2", "y1", "y2")
@@ -128,7 +128,7 @@ def _places(names: list[str], where: str) -> tuple[dict[str, tuple[int, float]],
     for base in ("t", "beacon", *needed):
         if base not in places:
             example = base + {"s": "_s", "a": "_na", "": ""}[KIND[base]]
-            raise LogError(f"{where}: column '{example}' is missing; the columns are {listed(names)}")
+            raise LogError(f"{where}: column '{example}' is missing; {columns_are(names)}")
     for bases in (CURRENTS, COUNTS, ACCELERATION, DELTA_V, QUATERNION):
         missing = [base for base in bases if base not in places]
         if missing and len(missing) < len(bases):

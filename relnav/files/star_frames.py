@@ -12,7 +12,7 @@ from relnav.errors import InputError
 from relnav.files.log_columns import Columns
 from relnav.files.logs import read_csv
 from relnav.files.text_table import MOST_ROWS, READ_WHOLE
-from relnav.files.wording import listed
+from relnav.files.wording import columns_are
 
 PLACES = ("x_px", "y_px")
 BRIGHTNESS = ("flux", "magnitude")
@@ -113,7 +113,7 @@ def _parse(
             others = [other for other in names if other not in columns and other[:1].lower() == name[0]]
             near = difflib.get_close_matches(name, others[:100], n=1, cutoff=0.3)
             hint = f"; is it '{near[0]}'? rename it" if near else ""
-            raise InputError(f"{where}: column '{name}' is missing; the columns are {listed(names)}{hint}")
+            raise InputError(f"{where}: column '{name}' is missing; {columns_are(names)}{hint}")
     for name in (*columns, *choices):
         if names.count(name) > 1:
             raise InputError(f"{where}: column '{name}' stands twice; keep one")

@@ -55,7 +55,7 @@ class SunCalibrationReport:
         ]
 
     def to_dict(self) -> dict[str, Any]:
-        """Figures of the calibration as plain values; errors in deg, spots in px."""
+        """Figures of the calibration as plain values; errors in deg, `after` of points held out, spots in px."""
         result, fit = self.result, self.result.fit
         before, after = self.before_rad[self.counted], self.result.error_rad[self.counted]
         figures: dict[str, Any] = {

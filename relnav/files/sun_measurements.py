@@ -11,7 +11,7 @@ from relnav.errors import InputError, LogError
 from relnav.files.log_columns import Columns
 from relnav.files.logs import read_csv
 from relnav.files.units import UNITS, same_kind, split_unit
-from relnav.files.wording import listed
+from relnav.files.wording import columns_are
 from relnav.geometry.projection_angles import direction_from_angles, direction_from_gimbal, tangents_from_direction
 from relnav.sensors.aps_sun.sensor import ApsSunModel
 
@@ -148,7 +148,7 @@ def turntable_columns(
     for base in (*(pairs[0] if pairs else PROJECTION), *spots):
         if base not in index:
             example = base if base in spots else f"{base}_deg"
-            raise LogError(f"{where}: column '{example}' is missing; the columns are {listed(names)}")
+            raise LogError(f"{where}: column '{example}' is missing; {columns_are(names)}")
     return Columns(tuple(names), index, factor, tuple(ignored))
 
 

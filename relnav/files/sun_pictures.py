@@ -24,7 +24,7 @@ def draw_residual_maps(report: SunCalibrationReport, path: Path) -> None:
     with styled():
         figure = new_figure(10.5, 9.0)
         axes = figure.subplots(2, 2, sharex=True, sharey=True)
-        for row, (when, error) in enumerate((("before", report.before_rad), ("after", report.result.error_rad))):
+        for row, (when, error) in enumerate((("before", report.before_rad), ("held out", report.result.error_rad))):
             degrees = np.degrees(error[counted])
             for column, name in enumerate(("alpha", "beta")):
                 _draw(axes[row, column], angles, degrees[:, column], float(np.abs(degrees).max()))
@@ -36,7 +36,7 @@ def draw_residual_maps(report: SunCalibrationReport, path: Path) -> None:
         for axis in axes[:, 0]:
             axis.set_ylabel("beta, deg")
         method = report.result.calibration.method
-        heading(figure, f"Calibrated minus stated angle, {len(angles)} points, method {method}")
+        heading(figure, f"Calibrated minus stated angle, {len(angles)} points, each held out, method {method}")
         save([figure], path)
 
 

@@ -55,7 +55,7 @@ class SunSelfCalibrationReport:
     left_out : list of int
         Lines of the file whose two spots contradict the others.
     known : TurntableCalibration, optional
-        Where directions came with the spots; its errors are of the pairs that were fitted.
+        Where directions came with the spots; its errors are of the pairs that were fitted, each by the others.
     """
 
     model: str

@@ -1,7 +1,7 @@
 """A solution as a table: one row an epoch, the columns of the log contract."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from importlib.metadata import PackageNotFoundError, version
 from operator import add
 from pathlib import Path
@@ -166,8 +166,10 @@ TABLES, TRACKS = (".csv", ".parquet"), (".csv", ".jsonl", ".parquet")
 """Endings of tables that are read again, and of those that are not only."""
 
 
-def check_format(path: Path, endings: tuple[str, ...] = TABLES) -> None:
+def check_format(path: Path, endings: tuple[str, ...] = TABLES, others: Iterable[str] = ()) -> None:
     """Refuse a table of a kind that cannot be written; a pipe without an ending is given CSV.
+
+    `others` are endings of what is no table, which could be written instead.
 
     Raises
     ------
@@ -175,11 +177,17 @@ def check_format(path: Path, endings: tuple[str, ...] = TABLES) -> None:
         Naming the endings that can.
     """
     if path.suffix.lower() not in endings and not (path.suffix == "" and is_stream(path)):
-        raise UsageError(f"{path}: a table ends in {', '.join(endings[:-1])} or {endings[-1]}; got '{path.suffix}'")
+        beside = f", other formats in {_either(others)}" if others else ""
+        raise UsageError(f"{path}: a table ends in {_either(endings)}{beside}; got '{path.suffix}'")
     if path.suffix.lower() == ".parquet":
         from relnav.files.parquet import require_pyarrow
 
         require_pyarrow()
+
+
+def _either(endings: Iterable[str]) -> str:
+    *first, last = endings
+    return f"{', '.join(first)} or {last}"
 
 
 def read_json(path: Path, kind: str) -> Any:

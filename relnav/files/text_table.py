@@ -91,7 +91,10 @@ class TextTable:
             raise LogError(f"{self.path}:{self.line}: not a text file in UTF-8: zero bytes; UTF-16? save it as UTF-8")
         if "," not in text:
             seen = "';'" if ";" in text else "tabs" if "\t" in text else "no comma"
-            raise LogError(f"{self.path}:{self.line}: cells separated by commas are expected in the header; got {seen}")
+            raise LogError(
+                f"{self.path}:{self.line}: cells separated by commas are expected in the header; got {seen}: save it "
+                "with commas between cells, and points in numbers"
+            )
         names = [printable(name.strip()) for name in cells(text, f"{self.path}:{self.line}")]
         if len(names) > MOST_COLUMNS:
             raise LogError(

@@ -83,7 +83,7 @@ def write(
         check_exchange(target, settings)
         write_exchange(solution, target, settings | {"clock": clock_beside(target)})
         return
-    check_format(target, TRACKS)
+    check_format(target, TRACKS, EXCHANGE)
     turning = Turning(frame, mission, orientation_deg)
     if isinstance(solution, PoseSolution):
         from relnav.files.marker_logs import write_track  # scipy's rotations, which a beacon log does not need

@@ -21,6 +21,12 @@ def shown(value: object, most: int = LONGEST) -> str:
     return printable(text) if len(text) <= most else f"{printable(text[:most])} ... ({len(text)} characters)"
 
 
+def columns_are(names: Iterable[object]) -> str:
+    """The columns of a header where one is missing; of units in brackets, how they are written here."""
+    words = listed(names)
+    return f"the columns are {words}" + ("; write a unit without brackets: t_s" if "(" in words or "[" in words else "")
+
+
 def listed(names: Iterable[object], most: int = MOST_LISTED) -> str:
     """Names after commas; of many only the first, and how many more there are."""
     every = list(names)

@@ -115,3 +115,8 @@ def refuse_another_version(saved: str) -> None:
             f"a navigator saved by relnav {saved} cannot go on in relnav {here}: its memory may be laid out "
             "otherwise; filter from the log again, or begin from its last state (`start`)"
         )
+
+
+def told_time(t_s: float) -> str:
+    """Time of the last step, for the console."""
+    return f"t_s={t_s:.12g}" if math.isfinite(t_s) else "no step yet"

@@ -274,15 +274,16 @@ def filter_epochs(
         From `relnav.load_model`.
     t_s : (n,)
         Strictly increasing times.
-    spots_m : (n, 3, 2)
-        Detector coordinates of beacons A, B, C, m; NaN = not seen.
+    spots_m : (n, beacons, 2)
+        Detector coordinates, m, one row for each of the model's beacons: A, B, C, then `extra_beacons_m` in order; NaN
+        = not seen.
     acceleration_m_s2, delta_v_m_s : (n, 3), optional
         Control in `lvlh_ccsds`: acceleration held since the row before, impulse just before the row.
     q_cam_from_lvlh : (n, 4), optional
         Camera attitude of each row, unit quaternions, scalar last; the model's if left out.
     method, projection, engine
         As for `Navigator`.
-    spot_sigma_m : (n, 3, 2), optional
+    spot_sigma_m : (n, beacons, 2), optional
         1-sigma of each spot coordinate's noise; the model's if left out. Where it is NaN the last one stays. The
         residual of a calibration is added.
     smooth : bool

@@ -15,6 +15,7 @@ from relnav.navigation.pose_epoch import EPOCH, covariances_of
 from relnav.navigation.presented import Presented
 from relnav.navigation.record import real_at, whole_at
 from relnav.navigation.status import Alarm, EpochStatus
+from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
 
 _FLOAT = np.dtype(np.float64)
 _AT = {name: place for name, (_, place, *_) in EPOCH.fields.items()}  # type: ignore[union-attr]  # it has fields
@@ -140,7 +141,14 @@ class PoseRecord:
         if self.hypotheses == 0:
             return f"PoseRecord(t_s={self.t_s:.12g}, {self.status.name})"
         x, y, z = self.state[:3]
-        return f"PoseRecord(t_s={self.t_s:.12g}, {self.status.name}, position {x:.4f}, {y:.4f}, {z:.4f} m)"
+        doubts = [
+            f", {self.hypotheses} poses possible" if self.hypotheses > 1 else "",
+            f", AMBIGUOUS ({self.ambiguity:.1f})" if self.ambiguity < AMBIGUITY_LIMIT else "",
+            "" if self.observable else ", NOT OBSERVABLE",
+            f", ALARM {self.alarm.words}" if self.alarm else "",
+        ]
+        where = f"position {x:.4f}, {y:.4f}, {z:.4f} m"
+        return f"PoseRecord(t_s={self.t_s:.12g}, {self.status.name}, {where}{''.join(doubts)})"
 
 
 @dataclass(frozen=True, repr=False)

@@ -4,6 +4,8 @@ A late image is taken in where it belongs: the filter as it stood before it is l
 came after replayed. The answer is, bit for bit, that of the same events in order.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -22,7 +24,13 @@ from relnav.estimation.timeline import Passed, Timeline
 from relnav.geometry.rotation import is_rotation
 from relnav.geometry.rotation_vector import turned
 from relnav.mission import VisionMission
-from relnav.navigation.arguments import not_negative, refuse_another_version, refuse_unknown_engine, start_values
+from relnav.navigation.arguments import (
+    not_negative,
+    refuse_another_version,
+    refuse_unknown_engine,
+    start_values,
+    told_time,
+)
 from relnav.navigation.blocks import marker_layout
 from relnav.navigation.memory import fill, orbit_values
 from relnav.navigation.observation.marker_poses import state_of
@@ -111,6 +119,13 @@ class PoseNavigator:
         refuse_another_version(state.pop("version"))
         self.__dict__.update(state)
         self._named = pose_views(self.memory)
+
+    def __repr__(self) -> str:
+        """One line for the console."""
+        count = len(self.hypotheses)
+        poses = "pose" if count == 1 else "poses"
+        known = f"{count} {poses} possible" if count else "WAITING for two images that agree"
+        return f"{type(self).__name__}({self.mission.name}, {told_time(self.last_t_s)}, {known})"
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:

@@ -1,7 +1,10 @@
 """The relative navigation filter, one image at a time."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from importlib.metadata import version
+from string import ascii_uppercase as letters
 from types import BuiltinFunctionType
 from typing import Any
 
@@ -14,7 +17,7 @@ from relnav.codegen.python_members import method_of, read_by_machine_code
 from relnav.dynamics.error_state import MOTION
 from relnav.geometry.rotation import is_rotation
 from relnav.mission import Model
-from relnav.navigation.arguments import choose, not_negative, refuse_another_version, start_values, vector
+from relnav.navigation.arguments import choose, not_negative, refuse_another_version, start_values, told_time, vector
 from relnav.navigation.blocks import attitude_counts, beacon_layout
 from relnav.navigation.epoch_report import (
     ACCELERATION,
@@ -122,6 +125,12 @@ class Navigator:
         if by_call is not None:
             self.step = by_call  # type: ignore[method-assign]  # the same method
 
+    def __repr__(self) -> str:
+        """One line for the console."""
+        clock = self._named.clock
+        known = "with a state" if clock["running"] else "WAITING for two images that agree"
+        return f"{type(self).__name__}({self.model.name}, {self.method}, {told_time(float(clock['t']))}, {known})"
+
     def start(self, t_s: float, state: ArrayLike, covariance: ArrayLike) -> None:
         """Start from a known state, such as that of relative GPS or of another filter.
 
@@ -193,8 +202,9 @@ class Navigator:
         t_s : float
             Time of the state, and of the image unless `image_t_s` says another; after that of the last step, or at it
             with an image that is late.
-        spots_m : (3, 2)
-            Detector coordinates of beacons A, B, C, m; NaN = not seen.
+        spots_m : (n, 2)
+            Detector coordinates, m, one row for each of the model's beacons: A, B, C, then `extra_beacons_m` in their
+            order; NaN = not seen.
         image_t_s : float, optional
             Middle of the exposure, at most the model's `longest_delay_s` before t_s: the image is inserted there, and
             all later events are processed again. An image that is later than that is not used (`TOO_LATE`). Attitude
@@ -205,7 +215,7 @@ class Navigator:
             Impulse in `lvlh_ccsds` just before this image.
         dcm_cam_from_lvlh : (3, 3), optional
             Camera attitude now; the model's if left out.
-        spot_sigma_m : (3, 2), optional
+        spot_sigma_m : (n, 2), optional
             1-sigma of the spots' noise from now on; where it is NaN, or left out, the last one stays. The residual of a
             calibration is added.
         attitude_noise_rad : float, optional
@@ -303,8 +313,9 @@ class Navigator:
 
     def _wrong_use(self, t_s: float, spots: Matrix) -> ValueError:
         if spots.shape != (self._beacons, 2):
+            rows = ", ".join(letters[: self._beacons])
             return ValueError(
-                f"spots_m has shape ({self._beacons}, 2), rows A, B, C, columns x, y in metres; got {spots.shape}"
+                f"spots_m has shape ({self._beacons}, 2), rows {rows}, columns x, y in metres; got {spots.shape}"
             )
         last = float(self._named.clock["t"])
         return ValueError(f"t_s must be finite and after the last step's {last!r} s; got {t_s!r}")

@@ -4,6 +4,8 @@ The patent sums everything above a threshold. Counts that stand on a background 
 centre toward the middle of the window, by up to 0.028 px at a threshold of 10 %; here both are subtracted.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import Annotated

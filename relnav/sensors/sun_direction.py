@@ -1,5 +1,7 @@
 """How a sun sensor is mounted, what it returns, and the attitude observation that a filter makes of it."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,7 +52,7 @@ class SunDirection:
         """Root mean square of the two 1-sigma errors across the direction."""
         return float(np.sqrt(0.5 * np.trace(self.covariance)))
 
-    def turned(self, dcm_b_from_a: ArrayLike) -> "SunDirection":
+    def turned(self, dcm_b_from_a: ArrayLike) -> SunDirection:
         """The same in other axes, v_b = dcm @ v_a: the body's with the mounting, inertial ones with the attitude."""
         dcm = numbers("dcm_b_from_a", dcm_b_from_a)
         if not is_rotation(dcm):

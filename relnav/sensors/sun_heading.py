@@ -10,6 +10,8 @@ azimuth, of elevation e:
 Yaws of the sun beside those of a gyro over time are a straight line whose slope is the gyro's drift.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 

@@ -17,7 +17,7 @@ from relnav.vehicle.port import PortState
 from relnav.vehicle.separation import FAULT_PROBABILITY, protection_level_m
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class VehicleEstimate:
     """What the navigator knows at one time.
 
@@ -69,11 +69,24 @@ class VehicleEstimate:
     gyro_lost: bool
     drifts: Drifts
     final_before_s: float
-    vehicle: Vehicle = field(repr=False)
+    vehicle: Vehicle
     ambiguous: bool = False
     explanations: int = 1
     restarts: int = 0
-    without: Mapping[str, PortState] = field(default_factory=dict, repr=False)
+    without: Mapping[str, PortState] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """A few lines for the console."""
+        place = ", ".join(f"{x:.4f} +- {s:.4f}" for x, s in zip(self.port.position_m, self.port.sigma[:3], strict=True))
+        doubts = [
+            f", AMBIGUOUS: {self.explanations} explanations" if self.ambiguous else "",
+            f", ALARM {', '.join(self.alarms)}" if self.alarms else "",
+            ", gyro lost" if self.gyro_lost else "",
+        ]
+        return (
+            f"VehicleEstimate({self.vehicle.name}, t_s={self.t_s:.12g}, port from port {place} m{''.join(doubts)})\n"
+            f"  {len(self.sensors)} sensors: .sensors  .port  .drifts  .in_frame('rsw'); print(.layout) for all errors"
+        )
 
     def protection_level_m(self, probability: float = 1e-7, fault_probability: float = FAULT_PROBABILITY) -> Vector:
         """What the port's position error exceeds along each axis with no more than this probability, (3,) m.

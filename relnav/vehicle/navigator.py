@@ -1,5 +1,7 @@
 """One navigator for a whole vehicle: observations in any order in, the state at the docking port out."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -68,6 +70,10 @@ class VehicleNavigator:
         self._timeline: Replay[Tracked, Outcome | None]
         start, window_s = self._filters.start, vehicle.filter.replay_window_s
         self._timeline = Replay(start, start.estimates.t_s, window_s, self._filters.apply, self._filters.again)
+
+    def __repr__(self) -> str:
+        """The estimate's line for the console."""
+        return f"VehicleNavigator of {self.state()!r}"
 
     @property
     def on_outcome(self) -> Callable[[Event, Outcome], None] | None:

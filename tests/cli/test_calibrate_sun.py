@@ -17,6 +17,7 @@ def test_all_outputs(tmp_path, capsys):
     out = capsys.readouterr().out
     assert "49 points, model aps_sun, method: rays, field +-60 deg" in out
     assert "residual map, rms in 0.001 deg" in out
+    assert "deg, each point predicted by the others; its spot's noise included" in out
     assert "hole_height_m" in out
     assert files["maps.png"].read_bytes().startswith(b"\x89PNG")
     report = json.loads(files["report.json"].read_text())

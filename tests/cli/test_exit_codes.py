@@ -30,7 +30,10 @@ WRONG_USE = {
     "unknown option": (["filter", "LOG", *MODEL, "--methods", "fix"], "No such option"),
     "missing folder": (["filter", "LOG", *MODEL, "--out", "none/track.csv"], "the folder none does not exist"),
     "missing folder of JSON": (["filter", "LOG", *MODEL, "--json", "none/a.json"], "the folder none does not exist"),
-    "unknown ending": (["filter", "LOG", *MODEL, "--out", "track.xyz"], "a table ends in .csv"),
+    "unknown ending": (
+        ["filter", "LOG", *MODEL, "--out", "track.xyz"],
+        ".parquet, other formats in .oem, .aem, .mat, .nc,",
+    ),
     "no ending": (["filter", "LOG", *MODEL, "--out", "track"], "a table ends in .csv"),
     "models of no such name": (["models", "psd"], "no model 'psd'"),
 }

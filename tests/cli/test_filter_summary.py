@@ -40,6 +40,21 @@ def test_the_figures_in_the_terminal(run, vbar_log, solutions, method):
     assert f"{sigma[0] / 0.02:.3f}" in lines["range"]
 
 
+def test_how_soon_it_was_met_is_a_duration(run, vbar_log, tmp_path):
+    """A log in Unix time says the same as one from zero; it said when, 1796040002.1 s."""
+    head, *rows = [line for line in vbar_log.read_text().splitlines()[:400] if not line.startswith("#")]
+    table = {}
+    for name, first in (("zero", 0.0), ("unix", 1796040000.0)):
+        path = tmp_path / f"{name}.csv"
+        cells = [row.split(",", 1) for row in rows]
+        path.write_text("\n".join([head, *(f"{first + float(t):.3f},{rest}" for t, rest in cells)]) + "\n")
+        code, out, _ = run("filter", path, *MODEL, "--method", "spots")
+        assert code == 0
+        table[name] = [line for line in out.splitlines() if line.startswith("  ") and " s" in line]
+        assert "within it after" in out
+    assert table["unix"] == table["zero"] != []
+
+
 def test_the_same_as_json(run, vbar_log, solutions, tmp_path):
     path = tmp_path / "summary.json"
     code, _, _ = run("filter", vbar_log, *MODEL, "--method", "spots", "--json", path)

@@ -241,3 +241,8 @@ def test_scripts_of_other_shells(monkeypatch, capfd, shell):
     assert f"_RELNAV_COMPLETE={shell}_complete" in script
     if shutil.which(shell):
         subprocess.run([shell, "-n", "/dev/stdin"], input=script, text=True, check=True, timeout=60)
+
+
+def test_further_beacons_are_in_the_help_of_filter():
+    text = " ".join(help_of("filter").split())
+    assert "spot_d_..., of further beacons (extra_beacons_mm in the model)" in text

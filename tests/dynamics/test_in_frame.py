@@ -188,7 +188,7 @@ def test_a_track_without_attitude_has_none(track, mission):
         ("eci", True, None, "needs the orientation of the target's orbit"),
         ("eci", True, (1.0, 2.0), "needs the orientation of the target's orbit"),
         ("eci", True, (1.0, 2.0, math.nan), "needs the orientation of the target's orbit"),
-        ("dock", False, None, "needs the model that was flown"),
+        ("dock", False, None, "needs the model that was flown, which is no shipped one: pass it as model=$"),
     ],
 )
 def test_what_is_missing_is_said(track, mission, frame, known, orientation, said):

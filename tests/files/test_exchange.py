@@ -347,7 +347,11 @@ def test_parts_joined_are_the_whole(solution):
         ("a.mat", {"frame": "eci"}, "frame 'eci' needs the orientation of the target's orbit"),
         ("a.mcap", {"frame": "rtn"}, "frame is one of lvlh_ccsds, rsw, dock, eci_relative, eci; got 'rtn'"),
         ("a.aem", {"epoch": EPOCH}, "which a three-beacon track does not estimate"),
-        ("a.xyz", {}, r"a table ends in \.csv, \.jsonl or \.parquet"),
+        (
+            "a.xyz",
+            {},
+            r"a table ends in \.csv, \.jsonl or \.parquet, other formats in \.oem, .*, \.bsp or \.bc; got '.xyz'",
+        ),
     ],
 )
 def test_what_cannot_be_written_is_said(solution, tmp_path, name, keywords, said):

@@ -95,8 +95,10 @@ HEADERS = {
     "time in metres": ("t_s,", "t_m,", "column 't_m': unit 'm' does not fit; write one of t_s, t_min"),
     "repeated": ("spot_b_x_um", "spot_a_x_um", "column 'spot_a_x_um' repeats 'spot_a_x_um'; keep one"),
     "repeated in another unit": ("spot_b_x_um", "spot_a_x_mm", "column 'spot_a_x_mm' repeats 'spot_a_x_um'"),
-    "semicolons": (",", ";", "cells separated by commas are expected in the header; got ';'"),
-    "tabs": (",", "\t", "cells separated by commas are expected in the header; got tabs"),
+    "semicolons": (",", ";", "in the header; got ';': save it with commas between cells, and points in numbers"),
+    "tabs": (",", "\t", "in the header; got tabs: save it with commas between cells, and points in numbers"),
+    "brackets": ("t_s,", "t (s),", "the columns are t (s), spot_a_x_um, "),
+    "unit in brackets": ("t_s,", "t [s],", "; write a unit without brackets: t_s"),
     "half a control": (
         "spot_c_y_um",
         "spot_c_y_um,accel_x_m_s2,accel_z_m_s2",

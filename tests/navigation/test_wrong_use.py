@@ -1,5 +1,6 @@
 """Wrong use raises ValueError with the fix in its text, and the filter is afterwards as it was before."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import relnav
 
 SPOTS = np.array([[-0.0015, 0.0], [0.0015, 0.0], [0.0, 0.0]])
+FIVE = ((0.0, 0.06, 0.0), (0.0, -0.06, 0.0))
 TURN = np.eye(3)[[1, 0, 2]]  # a reflection
 
 CALLS = {
@@ -171,3 +173,12 @@ def test_times_of_a_log_in_nanoseconds_are_refused(vbar):
         relnav.filter_epochs(vbar, t, np.stack([IMAGE, IMAGE]))
     with pytest.raises(ValueError, match=r"t_s .*spans of time"):
         relnav.filter_epochs(vbar, t - t[0], np.stack([IMAGE, IMAGE]))
+
+
+def test_all_rows_of_five_beacons_are_named():
+    model = relnav.load_model("three_beacon_psd")
+    model = dataclasses.replace(model, sensor=dataclasses.replace(model.sensor, extra_beacons_m=FIVE))
+    with pytest.raises(
+        ValueError, match=r"spots_m has shape \(5, 2\), rows A, B, C, D, E, columns x, y in metres; got"
+    ):
+        relnav.Navigator(model, method="spots").step(0.0, SPOTS)

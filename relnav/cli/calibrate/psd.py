@@ -30,7 +30,8 @@ def command(
     """Fit a two-dimensional correction from GRID, a CSV of known and measured spots, one row a point.
 
     Columns of GRID: true_x_um, true_y_um, spot_x_um, spot_y_um (any length unit; an empty spot is not seen). The order
-    of the correction is chosen by cross-validation. Sizes are those of one axis; the residual is 3 x rms over the grid.
+    of the correction is chosen by cross-validation. Sizes are those of one axis; the residual is
+    the expected 3 x rms over the grid's area, between its points too.
     """
     from relnav.errors import LogError, UsageError
     from relnav.files.atomic import Outputs, check_distinct, check_folder

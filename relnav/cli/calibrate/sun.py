@@ -165,7 +165,8 @@ def self_calibration_lines(report: "SunSelfCalibrationReport") -> list[str]:
         turn, sigma = figures["alignment_deg"], figures["alignment_sigma_deg"]
         lines += [
             f"error calibrated: 3 sigma {figures['error_after_3rms_deg']:.4f} deg, at most "
-            f"{figures['error_after_max_deg']:.4f} deg, spot noise of the measurements included",
+            f"{figures['error_after_max_deg']:.4f} deg, each position with constants of the others; its spots' "
+            "noise included",
             "the axes of the angles are turned to the sensor's by "
             + ", ".join(f"{t:.4f} +- {s:.4f}" for t, s in zip(turn, sigma, strict=True))
             + " deg about x, y, z: put it into the sensor's mounting",
@@ -187,7 +188,8 @@ def report_lines(report: "SunCalibrationReport") -> list[str]:
         f"field +-{figures['field_half_angle_deg']:.4g} deg",
         f"error of a plain hole: up to {figures['error_before_max_deg']:.4g} deg",
         f"error calibrated: 3 sigma {figures['error_after_3rms_deg']:.4f} deg, at most "
-        f"{figures['error_after_max_deg']:.4f} deg, spot noise of the measurements included",
+        f"{figures['error_after_max_deg']:.4f} deg, each point predicted by the others; its spot's noise included, "
+        "points at the edge extrapolated",
         f"spot noise stated {figures['spot_noise_px']:.4f} px, calibration itself off by "
         f"{figures['calibration_noise_px']:.4f} px (both in every covariance)",
     ]
@@ -226,7 +228,7 @@ def residual_map(report: "SunCalibrationReport") -> list[str]:
     total, count = np.zeros((MAP_SIDE, MAP_SIDE)), np.zeros((MAP_SIDE, MAP_SIDE))
     np.add.at(total, (bins[:, 0], bins[:, 1]), np.mean(np.degrees(error) ** 2, axis=1))
     np.add.at(count, (bins[:, 0], bins[:, 1]), 1)
-    lines = ["residual map, rms in 0.001 deg: alpha to the right, beta upward"]
+    lines = ["residual map, rms in 0.001 deg, each point predicted by the others: alpha to the right, beta upward"]
     centres = np.degrees(edge) * (2.0 * np.arange(MAP_SIDE) + 1.0 - MAP_SIDE) / MAP_SIDE
     for j in reversed(range(MAP_SIDE)):
         cells = [

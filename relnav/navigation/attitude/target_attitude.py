@@ -7,6 +7,8 @@ an extended Kalman filter of a small rotation vector. They differ in the predict
 the same figures. Start, gate, restart and lasting errors are one: `step.py`.
 """
 
+from __future__ import annotations
+
 import math
 
 import numpy as np

@@ -1,5 +1,7 @@
 """From measured spots to a calibration: ray model, spline where the data ask for one, compiled to a table."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +16,8 @@ from relnav.geometry.projection_angles import (
     direction_from_tangents,
     tangents_from_direction,
 )
-from relnav.sensors.aps_sun.patent import PatentTables, fit_patent, patent_angles
+from relnav.sensors.aps_sun.held_out import held_out_error
+from relnav.sensors.aps_sun.patent import PatentTables, fit_patent, leverage, patent_angles
 from relnav.sensors.aps_sun.physical import PhysicalFit, fit_physical, parameter_jacobian
 from relnav.sensors.aps_sun.rays import project, project_jacobian, tangents_from_spots
 from relnav.sensors.aps_sun.residual import ResidualChoice, SplineResidual, choose_spline
@@ -77,7 +80,8 @@ class CalibrationResult:
     compile_loss_rad : float
         Largest difference between the table and the model that it tabulates, halfway between nodes.
     error_rad : (N, 2)
-        Calibrated minus stated (alpha, beta) at every calibration point; NaN for a spot beyond the field.
+        Calibrated minus stated (alpha, beta) at every calibration point, by a calibration that has not seen it (of
+        what the whole one leaves there less would be seen); NaN for a spot beyond the field.
     used : (N,)
         Whether a point was fitted: False for one that the others contradict.
     left_px : (N,)
@@ -132,7 +136,7 @@ def calibrate(
     if method == "patent":
         used, left = np.ones(len(xy), dtype=bool), np.full(len(xy), np.nan)
         form = fit_patent(xy, angles[:, 0], angles[:, 1])
-        error = angles_of_spots(form, xy) - angles
+        error = (angles_of_spots(form, xy) - angles) / (1.0 - leverage(form, xy, angles))
         off = _patent_noise(error, start)
         name = "patent"
     else:
@@ -140,6 +144,8 @@ def calibrate(
         spline = choice.spline if choice is not None else None
         form, loss = compile_table(fit.model, spline)
         error = angles_of_spots(form, xy) - angles
+        rng, inside = np.random.default_rng(seed), used & np.isfinite(error).all(axis=1)
+        error[inside] = held_out_error(xy[used], s[used], fit, choice, rng)[inside[used]]
         off = _calibration_noise(fit, choice, int(used.sum()))
         name = "rays" if spline is None else "rays and spline"
     done = Calibration(name, form, sensor.field_half_angle_rad, sensor.spot_noise_px, off)

@@ -1,5 +1,7 @@
 """The sensor's public call: an image of the sun spot, or its centre, in; the sun direction with covariance out."""
 
+from __future__ import annotations
+
 import math
 
 from numpy.typing import ArrayLike

@@ -177,6 +177,19 @@ def patent_angles(tables: PatentTables, spots_px: ArrayLike, *, rows: str = "rou
     return out, valid
 
 
+def leverage(tables: PatentTables, spots_px: Matrix, angles_rad: Matrix) -> Matrix:
+    """Share (N, 2) that a grid point has in its own row's polynomial: held out, its residual is 1 / (1 - it) larger."""
+    before = stage_one_angles(tables, spots_px) * DEG / tables.limit_deg
+    rows = np.rint(angles_rad * DEG).astype(np.int64)
+    out = np.empty_like(before)
+    for axis in range(2):
+        for row in range(-tables.limit_deg, tables.limit_deg + 1):
+            there = rows[:, 1 - axis] == row
+            basis = np.linalg.qr(np.vander(before[there, axis], tables.rows.shape[2]))[0]
+            out[there, axis] = np.sum(basis**2, axis=1)
+    return out
+
+
 @kernel
 def patent_batch(
     spots: Matrix, x0: float, y0: float, h: float, radial: Matrix, rows: Stack, limit: int, interpolate: bool,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relnav.arrays import Codes, Matrix, Vector
+from relnav.arrays import Codes, Flags, Matrix, Vector
 
 INTERIOR_KNOTS = 14
 STIFFNESS = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
@@ -43,6 +43,28 @@ class SplineResidual:
         bx, by = _basis(self.knots_x, spots_px[:, 0]), _basis(self.knots_y, spots_px[:, 1])
         shift: Matrix = np.einsum("ni,nj,ijk->nk", bx, by, self.coefficients, optimize=True)
         return shift
+
+
+@dataclass(frozen=True)
+class SplineData:
+    """Points of which some can be held out: knots of their spline, its B-splines there (N, m^2), normal matrix."""
+
+    knots: list[Vector]
+    design: Matrix
+    normal: Matrix
+
+    @classmethod
+    def under(cls, spline: SplineResidual, spots_px: Matrix) -> "SplineData":
+        """Of the points that a spline was fitted to."""
+        knots = [spline.knots_x, spline.knots_y]
+        design = _design(knots, spots_px)
+        return cls(knots, design, design.T @ design)
+
+    def without(self, out: Flags, shifts_px: Matrix, stiffness: float) -> SplineResidual:
+        """The spline through shifts (N, 2) of all points but those of `out` (N,)."""
+        held, seen = self.design[out], ~out
+        right = self.design[seen].T @ shifts_px[seen]
+        return _solved(self.knots, self.normal - held.T @ held, right, stiffness, int(seen.sum()))
 
 
 @dataclass(frozen=True)
@@ -111,9 +133,14 @@ def _held_out(spots_px: Matrix, shifts_px: Matrix, fold: Codes) -> dict[float, V
 
 def _normal(knots: list[Vector], spots_px: Matrix, shifts_px: Matrix) -> tuple[Matrix, Matrix]:
     """Normal matrix (m^2, m^2) and right side (m^2, 2) of the data alone."""
-    bx, by = _basis(knots[0], spots_px[:, 0]), _basis(knots[1], spots_px[:, 1])
-    design = (bx[:, :, None] * by[:, None, :]).reshape(len(spots_px), SIZE * SIZE)
+    design = _design(knots, spots_px)
     return design.T @ design, design.T @ shifts_px
+
+
+def _design(knots: list[Vector], spots_px: Matrix) -> Matrix:
+    """Products (N, m^2) of the B-splines along x and y."""
+    bx, by = _basis(knots[0], spots_px[:, 0]), _basis(knots[1], spots_px[:, 1])
+    return (bx[:, :, None] * by[:, None, :]).reshape(len(spots_px), SIZE * SIZE)
 
 
 def _solved(knots: list[Vector], normal: Matrix, right: Matrix, stiffness: float, points: int) -> SplineResidual:

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 
+from relnav.sensors.loaded_model import LoadedModel
 from relnav.sensors.spot_centroid import SpotImage
 from relnav.sensors.sun_direction import Mounting
 
@@ -98,8 +99,8 @@ class Dome:
             raise ValueError("the hole must lie inside the dome: centre, wedge and thickness reach beyond its radius")
 
 
-@dataclass(frozen=True)
-class ApsSunModel:
+@dataclass(frozen=True, repr=False)
+class ApsSunModel(LoadedModel, sensor_type="aps_sun"):
     """One APS sun sensor; `provenance` and `path` say where its values come from."""
 
     name: str

@@ -1,5 +1,7 @@
 """The sensor's public call: the two spots of one image in, the sun direction with covariance out."""
 
+from __future__ import annotations
+
 import math
 
 import numpy as np

@@ -6,6 +6,8 @@ polarisation, in axes of the crystal. With the line of sight from the places of 
 attitude up to the polarisation's own sign.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,6 +4,8 @@ Each frame's direction is eliminated, and what is left of its four coordinates s
 cannot do this: there a shift of the detector looks like another direction.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -13,6 +13,7 @@ from annotated_types import Ge, Gt, Le, Lt
 
 from relnav.arrays import Matrix, Vector
 from relnav.sensors.birefringent_sun.crystal import optic_axis
+from relnav.sensors.loaded_model import LoadedModel
 from relnav.sensors.spot_centroid import SpotImage
 from relnav.sensors.sun_direction import Mounting
 
@@ -95,8 +96,8 @@ class BirefringentSunSensor:
         return float(np.arcsin(sine)) if sine <= 1.0 else float("nan")
 
 
-@dataclass(frozen=True)
-class BirefringentSunModel:
+@dataclass(frozen=True, repr=False)
+class BirefringentSunModel(LoadedModel, sensor_type="birefringent_sun"):
     """One birefringent sun sensor; `provenance` and `path` say where its values come from."""
 
     name: str

@@ -4,6 +4,8 @@ What stands between the axes in which the directions are known and the sensor's 
 turn, so that the crystal's own axes are the sensor's.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -40,7 +42,8 @@ class TurntableCalibration:
     miss_px : (N, 4)
         Residuals of every pair of spots.
     error_rad : (N,)
-        Angle between the direction from both spots and the known one; NaN if they give none.
+        Angle between the direction from both spots and the known one, by constants that have not seen that pair; NaN
+        if they give none.
     """
 
     constants: SelfCalibration
@@ -107,8 +110,16 @@ def calibrate_known(
     made = with_constants(sensor, names, x[:count])
     chi2 = float(miss @ miss) / noise**2 / (miss.size - x.size)
     constants = SelfCalibration(made, names, x[:count], covariance[:count, :count], chi2)
-    error = direction_error(made, spots, _turned(known, x[count:]))
+    held_out = _held_out(J / lengths, normal, miss).reshape(spots.shape)
+    error = direction_error(made, _spots(sensor, names, x, known) + held_out, _turned(known, x[count:]))
     return TurntableCalibration(constants, x[count:], np.sqrt(np.diag(covariance)[count:]), miss.reshape(-1, 4), error)
+
+
+def _held_out(J: Matrix, normal: Matrix, miss: Vector) -> Matrix:
+    """Residuals (N, 4) of every pair from the constants that all others give: (I - leverage)^-1 times its own."""
+    rows = J.reshape(-1, 4, J.shape[1])
+    own: Stack = np.eye(4) - rows @ np.linalg.inv(normal) @ rows.transpose(0, 2, 1)
+    return np.asarray(np.linalg.solve(own, miss.reshape(-1, 4, 1))[..., 0], dtype=np.float64)
 
 
 def direction_error(sensor: BirefringentSunSensor, spots_px: Stack, s: Matrix) -> Vector:

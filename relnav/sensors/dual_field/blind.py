@@ -36,7 +36,7 @@ from relnav.sensors.dual_field.pair_block import SCALE, TRIED, new_work
 from relnav.sensors.dual_field.scaled_pair import try_pairs
 from relnav.sensors.dual_field.search import CLUSTERING
 from relnav.sensors.dual_field.sky import Sky, prepare_sky, prepare_stars
-from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solution
+from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solution, which_way
 from relnav.sensors.dual_field.spot_template import Spots
 from relnav.sensors.dual_field.star_levels import Levels, levels_for
 
@@ -229,6 +229,8 @@ def solve_blind(
         if fit is not None:
             return fit.in_order(order).solution(sky(stars), tried)
     reason = f"no attitude with a focal length within {FOCAL_RANGE:.0%} of {blind.focal_px:g} px explains the spots"
+    if here := which_way(blind.distortion):
+        reason += f"; is the model's distortion{here} that of this camera?"
     if searches == FIRST_SEARCH:
         return no_solution(StarStatus.NO_MATCH, reason, n, tried=tried)
     mirrored = replace(blind, spots_px=blind.spots_px * (1.0, -1.0), lens_known=False)

@@ -1,5 +1,7 @@
 """The sensor's public call: spots of one frame in, inertial attitude with covariance and matched stars out."""
 
+from __future__ import annotations
+
 import dataclasses
 import math
 from typing import NamedTuple
@@ -26,8 +28,8 @@ from relnav.sensors.dual_field.frame_solver import (
 from relnav.sensors.dual_field.identify import OFF_FOLD_REASON, ONE_FIELD_REASON, SINGLE_FIELD_REASON
 from relnav.sensors.dual_field.optics import plane_points, ray_sigma, rays
 from relnav.sensors.dual_field.search import AMBIGUOUS, FOUND, MOST_TRIED, ONE_FIELD
-from relnav.sensors.dual_field.sensor import StarSensor
-from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solution
+from relnav.sensors.dual_field.sensor import StarCamera, StarSensor
+from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solution, which_way
 from relnav.sensors.dual_field.tracking import (
     ALONG_A_LINE,
     FOUND_ALONE,
@@ -93,7 +95,7 @@ def measure(
     verdict = solve_spots(spots, brightness, parameters, *sky.arrays, sky.hip, star, found, block)
     focal = model.camera.focal_length_px
     if verdict != FOUND:
-        return _refused(verdict, block, len(spots), focal)
+        return _refused(verdict, block, len(spots), model.camera)
     return _solution(StarStatus.OK, "", block, star, found, focal)
 
 
@@ -133,22 +135,22 @@ def _solution(
     )
 
 
-def _refused(verdict: int, block: Vector, spots: int, focal_px: float) -> StarSolution:
+def _refused(verdict: int, block: Vector, spots: int, camera: StarCamera) -> StarSolution:
     """Why there is no attitude."""
-    tried = int(block[19])
+    tried, here = int(block[19]), which_way(camera.distortion)
     if verdict == TOO_FEW:
         status, reason = StarStatus.TOO_FEW, f"{int(block[20])} spots; {LEAST_SPOTS} or more are needed"
     elif verdict == MISFIT:
         status, reason = (
             StarStatus.NO_MATCH,
             f"stars are found, but the spots lie {block[20]:.1f} times as far from them as the model's noise: are "
-            "focal length, distortion and mirror those of this camera, and is the velocity right?",
+            f"focal length, distortion{here} and mirror those of this camera, and is the velocity right?",
         )
     elif verdict == NOISIER:
         status, reason = (
             StarStatus.NO_MATCH,
             "stars are found, but more spots lie beside a star than on one: is the model's spot_noise_px that of the "
-            "spots, and are focal length and distortion those of this camera?",
+            f"spots, and are focal length and distortion{here} those of this camera?",
         )
     elif verdict == OFF_FOLD:
         status, reason = StarStatus.NO_MATCH, OFF_FOLD_REASON
@@ -158,7 +160,8 @@ def _refused(verdict: int, block: Vector, spots: int, focal_px: float) -> StarSo
         status, reason = StarStatus.AMBIGUOUS, "two attitudes explain the spots equally well"
     else:
         status, reason = StarStatus.NO_MATCH, f"none of {tried} attitudes explains the spots"
-    return no_solution(status, reason, spots, tried=tried, focal_length_px=focal_px)
+        reason += f"; is the model's distortion{here} that of this camera?" if here else ""
+    return no_solution(status, reason, spots, tried=tried, focal_length_px=camera.focal_length_px)
 
 
 def track(

@@ -15,6 +15,7 @@ from relnav.sensors.dual_field.catalogue import StarCatalogue
 from relnav.sensors.dual_field.fold import mirror_fold
 from relnav.sensors.dual_field.identify import Limits
 from relnav.sensors.dual_field.sky import Sky, prepare_sky
+from relnav.sensors.loaded_model import LoadedModel
 
 Positive = Annotated[float, Gt(0.0)]
 Pair = tuple[float, float]
@@ -33,7 +34,8 @@ class StarCamera:
     principal_point_px : (2,)
         Where the optical axis meets the detector, from its centre.
     distortion : (2,)
-        k1, k2 of p = d (1 + k1 |d|^2 + k2 |d|^4), d = (spot - principal point) / f, p on the plane z = 1.
+        k1, k2 of p = d (1 + k1 |d|^2 + k2 |d|^4), d = (spot - principal point) / f, p on the plane z = 1: from spot to
+        ray. OpenCV's, and a marker camera's, lead from ray to spot, the inverse: k1 has about the opposite sign.
     detector_size_px : (2,)
         Width and height; a spot outside is not used.
     spot_noise_px : float
@@ -162,8 +164,8 @@ class Identification:
         return Limits(self.false_alarm_probability, self.most_attitudes_tried, shortest_rad=self.shortest_pair_rad)
 
 
-@dataclass(frozen=True)
-class StarSensor:
+@dataclass(frozen=True, repr=False)
+class StarSensor(LoadedModel, sensor_type="dual_field"):
     """One star sensor with its catalogue.
 
     `provenance` maps a key path to where its value comes from; `path` is the file it was loaded from.
@@ -174,7 +176,7 @@ class StarSensor:
     camera: StarCamera
     fold: Fold
     identification: Identification
-    catalogue: StarCatalogue = field(repr=False, compare=False)
+    catalogue: StarCatalogue = field(compare=False)
     provenance: Mapping[str, str] = field(default_factory=dict)
     path: str = ""
 

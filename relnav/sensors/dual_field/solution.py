@@ -27,6 +27,11 @@ class StarStatus(StrEnum):
     """Too few spots to tell a match from chance."""
 
 
+def which_way(distortion: tuple[float, float]) -> str:
+    """To be said after the word in a reason: whose coefficients are meant, if there are any."""
+    return " (here from spot to ray, the inverse of OpenCV's)" if any(distortion) else ""
+
+
 @dataclass(frozen=True)
 class StarLens:
     """The camera that goes with a solution, as known or as estimated with it.

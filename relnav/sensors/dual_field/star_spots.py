@@ -6,6 +6,8 @@ the light under a Gaussian window is balanced, a window as wide as this picture'
 positional parameters"); what is not as wide as a star is none.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any
 

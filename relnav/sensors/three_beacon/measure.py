@@ -1,5 +1,7 @@
 """The sensor's public call: spots of one image in, range, azimuth and elevation with covariance out."""
 
+from __future__ import annotations
+
 from functools import partial
 from typing import Protocol
 

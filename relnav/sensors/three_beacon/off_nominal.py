@@ -4,6 +4,8 @@ Far off the docking axis, or close in, up to four poses show the same three spot
 (OUTSIDE_DOMAIN). Which of them is true, an image cannot tell: a prior must.
 """
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -1,5 +1,7 @@
 """The system's public call: marker spots of one image in, relative position and attitude with covariance out."""
 
+from __future__ import annotations
+
 from typing import Protocol
 
 import numpy as np

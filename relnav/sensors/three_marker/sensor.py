@@ -11,6 +11,7 @@ from annotated_types import Ge, Gt, Le
 
 from relnav.arrays import Matrix, Vector
 from relnav.geometry.rotation import dcm_from_quaternion
+from relnav.sensors.loaded_model import LoadedModel
 
 Positive = Annotated[float, Gt(0.0)]
 NonNegative = Annotated[float, Ge(0.0)]
@@ -37,7 +38,8 @@ class MarkerCamera:
     spot_noise_px : float
         1-sigma of each coordinate of a spot, unless a spot comes with its own covariance.
     distortion : (5,)
-        k1, k2, p1, p2, k3 as in `relnav.geometry.distortion`: factors of powers of the normalised radius.
+        k1, k2, p1, p2, k3 as in `relnav.geometry.distortion`: factors of powers of the normalised radius, from ray to
+        spot as OpenCV's. A star camera's `distortion` is the inverse, from spot to ray.
     position_m : (3,)
         Lens from the chaser's centre of mass, chaser axes.
     q_cam_from_chaser : (4,)
@@ -156,8 +158,8 @@ class Imager:
     centroid_floor_px: NonNegative = 0.0
 
 
-@dataclass(frozen=True)
-class ThreeMarkerModel:
+@dataclass(frozen=True, repr=False)
+class ThreeMarkerModel(LoadedModel, sensor_type="three_marker"):
     """One three-marker vision system: camera, markers, expected view, imager.
 
     `provenance` maps a key path ("camera.spot_noise_px") to where its value comes from; `path` is the file it was

@@ -1,5 +1,7 @@
 """From an image to spots: threshold, centroid with covariance, and which spots are not to be trusted."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
