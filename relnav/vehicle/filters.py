@@ -128,13 +128,12 @@ class VehicleFilters:
         self.sensors |= {name: Flown(own, name, self.layout) for name, own in more.items()}
         self._lights = [name for name in vehicle.sensor if vehicle.kind(name) == POINTS]
         rows = max(sensor.most_rows for sensor in self.sensors.values())
-        turning = -vehicle.orbit.mean_motion_rad_s * vehicle.chaser.dcm_chaser_from_lvlh[:, 1]  # held in its orbit
-        self.samples = GyroSamples(turning)
+        self.samples = GyroSamples(self.frame.held_rate(vehicle.chaser.dcm_chaser_from_lvlh.T, number("t_s", t_s)))
         lacking = self._without.get(GYRO, -1), self._without.get(THRUST, -1)
         drifts = watched_drifts(self.layout, self.sensors) if monitor else {}
         drives, watched = np.concatenate([NO_CODES, *drifts.values()]), 1 if monitor else -1
         self._drifts = {name: len(places) for name, places in drifts.items()}
-        self.motion = VehicleMotion(vehicle, self.frame, len(layouts), turning, *lacking, watched, drives)
+        self.motion = VehicleMotion(vehicle, self.frame, len(layouts), *lacking, watched, drives)
         self._updater = Updater(layouts, vehicle.filter.gate_probability, rows, watched, len(drives))
         self.places = {name: k for k, name in enumerate([*RESERVED, *self.sensors])}
         motion = np.concatenate([place, speed])
@@ -221,8 +220,8 @@ class VehicleFilters:
         assert isinstance(sensor, PointSensor)
         poses = sensor.poses(blind, event.value, event.noise)
         if before is None:
-            return [hypothesis_about(blind, attitude, self.vehicle) for attitude, _ in poses]
-        return [hypothesis_anew(blind, pose, self.vehicle) for pose in poses]
+            return [hypothesis_about(blind, attitude, self.vehicle, self.frame) for attitude, _ in poses]
+        return [hypothesis_anew(blind, pose, self.vehicle, self.frame) for pose in poses]
 
     def _through(self, before: Estimates, event: Event) -> tuple[Estimates, list[Outcome]]:
         """What an event makes of estimates, and what became of it in each filter; nothing of a command."""
