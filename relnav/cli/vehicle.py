@@ -107,13 +107,15 @@ class Summary:
         self._ambiguous = 0
         self._alarms: dict[str, tuple[float, int]] = {}
         self._readings: dict[str, str] = {}
+        self._latest: dict[str, Row] = {}
 
     def counted(self, rows: "Iterable[Row]") -> "Iterator[Row]":
-        """The observations, counted; the first of each sensor looked at."""
-        from relnav.files.vehicle_log import attitude_note
+        """The observations, counted; the first and the last of each sensor looked at."""
+        from relnav.files.vehicle_notes import attitude_note
 
         for row in rows:
             self._rows += 1
+            self._latest[row[0]] = row
             if self._rows <= NOTED:
                 self._times.setdefault(row[0], []).append(row[1])
                 if row[0] not in self._readings:
@@ -143,13 +145,17 @@ class Summary:
         return _figures(self._last, self._vehicle, self._rows) | said
 
     def _notes(self) -> list[str]:
-        """What is odd about the times of the sensor that is seen most often, and about attitudes."""
+        """What is odd about the times of the sensor that is seen most often, about attitudes, and what is refused."""
         import numpy as np
 
         from relnav.files.filter_file import spacing_note
+        from relnav.files.vehicle_notes import refused_note
 
+        assert self._last is not None
+        seen = [(self._latest[name], health) for name, health in self._last.sensors.items() if name in self._latest]
+        said = [*self._readings.values(), *(refused_note(*one, self._vehicle) for one in seen)]
         most = max(self._times.values(), key=len, default=[])
-        return [*spacing_note(np.array(most), "divide them by 1000"), *filter(None, self._readings.values())]
+        return [*spacing_note(np.array(most), "divide them by 1000"), *filter(None, said)]
 
     def lines(self, name: str) -> list[str]:
         """For a reader."""

@@ -13,6 +13,7 @@ from relnav.estimation.state_layout import StateLayout
 from relnav.spacecraft import Vehicle
 from relnav.vehicle.drifts import Drifts
 from relnav.vehicle.health import SensorHealth
+from relnav.vehicle.monitor import ALARM_SIGMA
 from relnav.vehicle.port import PortState
 from relnav.vehicle.separation import FAULT_PROBABILITY, protection_level_m
 
@@ -116,9 +117,9 @@ class VehicleEstimate:
         """What may be at fault, the most likely first: while there is anything do not use the estimate.
 
         Sensors, "gyro" and "thrust" of which one drifts (`relnav.vehicle.drifts`). Where no drift explains it,
-        sensors that contradict the others (`SensorHealth.alarm`), the furthest off first.
+        sensors that contradict the others, the furthest off first. Then those of which nothing is believed
+        (`SensorHealth.shut_out`): no test of innovations sees them.
         """
-        if self.drifts.suspects:
-            return self.drifts.suspects
-        off = {name: health.deviation for name, health in self.sensors.items() if health.alarm}
-        return tuple(sorted(off, key=lambda name: -off[name]))
+        off = {name: health.deviation for name, health in self.sensors.items() if health.deviation > ALARM_SIGMA}
+        shut_out = [name for name, health in self.sensors.items() if health.shut_out]
+        return tuple(dict.fromkeys([*(self.drifts.suspects or sorted(off, key=lambda name: -off[name])), *shut_out]))

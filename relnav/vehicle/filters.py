@@ -188,7 +188,8 @@ class VehicleFilters:
                 search = None
         if source == THRUST or not outcomes:
             return Tracked(at, fares, search, tracked.restarts, trial), None
-        fares = {**fares, source: fares[source].after(event.t_s, outcomes[: self._watched])}
+        misplaced = source in self._lights and outcomes[0] is not NOT_USED  # spots, and no light before the lens
+        fares = {**fares, source: fares[source].after(event.t_s, outcomes[: self._watched], misplaced=misplaced)}
         if search is None and source in self._lights and self._is_locked_out(event, outcomes[0].groups, fares):
             search = self._anew(at, event)
             lights = {name: Fare(Sums(event.t_s), *fares[name][1:]) for name in self._lights}
