@@ -1,5 +1,6 @@
 """`relnav simulate` and `relnav filter` for a vehicle: a log of all its sensors, and the port's track."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -105,7 +106,7 @@ class Summary:
         self._last: VehicleEstimate | None = None
         self._estimates = 0
         self._ambiguous = 0
-        self._alarms: dict[str, tuple[float, int]] = {}
+        self._alarms = Counter[str]()
         self._readings: dict[str, str] = {}
         self._latest: dict[str, Row] = {}
 
@@ -130,9 +131,7 @@ class Summary:
             self._last = estimate
             self._estimates += 1
             self._ambiguous += estimate.ambiguous
-            for name in estimate.alarms:
-                first, count = self._alarms.get(name, (estimate.t_s, 0))
-                self._alarms[name] = first, count + 1
+            self._alarms.update(estimate.alarms)
             if progress is not None:
                 progress(1)
             yield estimate
@@ -140,7 +139,11 @@ class Summary:
     def figures(self) -> dict[str, Any]:
         """As plain values."""
         assert self._last is not None
-        alarms = {name: {"first_s": first, "estimates": count} for name, (first, count) in self._alarms.items()}
+        last_s = self._last.last_alarm_s
+        alarms = {
+            name: {"first_s": first_s, "last_s": last_s[name], "estimates": self._alarms[name]}
+            for name, first_s in self._last.first_alarm_s.items()
+        }
         said = {"estimates": self._estimates, "ambiguous": self._ambiguous, "alarms": alarms, "notes": self._notes()}
         return _figures(self._last, self._vehicle, self._rows) | said
 
@@ -220,7 +223,8 @@ def _lines(figures: dict[str, Any], name: str) -> list[str]:
         )
     for sensor, alarm in figures["alarms"].items():
         lines.append(
-            f"ALARM {sensor} in {alarm['estimates']} of {figures['estimates']} estimates, first at "
-            f"{alarm['first_s']:.2f} s: it may be at fault, do not use the states there"
+            f"ALARM {sensor} in {alarm['estimates']} of {figures['estimates']} estimates, raised first at "
+            f"{alarm['first_s']:.2f} s and last at {alarm['last_s']:.2f} s: it may be at fault; do not use the states "
+            "from then on, unless the fault is known to be over"
         )
     return lines

@@ -11,9 +11,9 @@ from relnav.dynamics.error_state import POSE
 from relnav.dynamics.in_frame import FramedTrack, in_frame
 from relnav.estimation.state_layout import StateLayout
 from relnav.spacecraft import Vehicle
+from relnav.vehicle.alarms import AlarmMemory, contradicting
 from relnav.vehicle.drifts import Drifts
 from relnav.vehicle.health import SensorHealth
-from relnav.vehicle.monitor import ALARM_SIGMA
 from relnav.vehicle.port import PortState
 from relnav.vehicle.separation import FAULT_PROBABILITY, protection_level_m
 
@@ -75,6 +75,7 @@ class VehicleEstimate:
     explanations: int = 1
     restarts: int = 0
     without: Mapping[str, PortState] = field(default_factory=dict, repr=False)
+    _memory: AlarmMemory = field(default=AlarmMemory(), repr=False)
 
     def protection_level_m(self, probability: float = 1e-7, fault_probability: float = FAULT_PROBABILITY) -> Vector:
         """What the port's position error exceeds along each axis with no more than this probability, (3,) m.
@@ -116,10 +117,22 @@ class VehicleEstimate:
     def alarms(self) -> tuple[str, ...]:
         """What may be at fault, the most likely first: while there is anything do not use the estimate.
 
-        Sensors, "gyro" and "thrust" of which one drifts (`relnav.vehicle.drifts`). Where no drift explains it,
-        sensors that contradict the others, the furthest off first. Then those of which nothing is believed
-        (`SensorHealth.shut_out`): no test of innovations sees them.
+        What the last observations say (`relnav.vehicle.alarms.contradicting`), then what they said within `HOLDS_S`.
+        That an alarm ends does not say that its fault is over: `last_alarm_s` tells which there were.
         """
-        off = {name: health.deviation for name, health in self.sensors.items() if health.deviation > ALARM_SIGMA}
-        shut_out = [name for name, health in self.sensors.items() if health.shut_out]
-        return tuple(dict.fromkeys([*(self.drifts.suspects or sorted(off, key=lambda name: -off[name])), *shut_out]))
+        return tuple(dict.fromkeys([*contradicting(self.drifts, self.sensors), *self._memory.held(self.t_s)]))
+
+    @property
+    def first_alarm_s(self) -> Mapping[str, float]:
+        """When each that ever was among `alarms` was raised first, by name."""
+        return self._alarms.first_s
+
+    @property
+    def last_alarm_s(self) -> Mapping[str, float]:
+        """When each that ever was among `alarms` was raised last, by name; `alarms` holds it for `HOLDS_S` after."""
+        return self._alarms.last_s
+
+    @property
+    def _alarms(self) -> AlarmMemory:
+        """With those of the last observation."""
+        return self._memory.noted(self._memory.asked_s, contradicting(self.drifts, self.sensors))

@@ -265,10 +265,11 @@ def test_alarms_are_in_the_summary():
     summary = Summary(vehicle)
     for t_s, alarms in ((10.0, ()), (11.0, ("camera",)), (12.0, ("camera",)), (13.0, ())):
         told = {"t_s": t_s, "sensors": good, "alarms": alarms, "port": port, "ambiguous": False, "restarts": 0}
-        list(summary.passing([SimpleNamespace(**told)]))
-    assert summary.figures()["alarms"] == {"camera": {"first_s": 11.0, "estimates": 2}}
+        raised = {"first_alarm_s": {"camera": 10.4}, "last_alarm_s": {"camera": 11.7}}
+        list(summary.passing([SimpleNamespace(**told, **raised)]))
+    assert summary.figures()["alarms"] == {"camera": {"first_s": 10.4, "last_s": 11.7, "estimates": 2}}
     (said,) = [line for line in summary.lines("log.csv") if line.startswith("ALARM")]
-    assert said.startswith("ALARM camera in 2 of 4 estimates, first at 11.00 s")
+    assert said.startswith("ALARM camera in 2 of 4 estimates, raised first at 10.40 s and last at 11.70 s: ")
 
 
 def test_where_the_targets_attitude_is_not_known_yet(run, model, log, tmp_path):
