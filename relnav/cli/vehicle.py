@@ -107,6 +107,7 @@ class Summary:
         self._estimates = 0
         self._ambiguous = 0
         self._alarms = Counter[str]()
+        self._raised: dict[str, tuple[float, float]] = {}
         self._readings: dict[str, str] = {}
         self._latest: dict[str, Row] = {}
 
@@ -132,6 +133,9 @@ class Summary:
             self._estimates += 1
             self._ambiguous += estimate.ambiguous
             self._alarms.update(estimate.alarms)
+            for name, last_s in estimate.last_alarm_s.items():
+                first_s, before_s = self._raised.get(name, (estimate.first_alarm_s[name], last_s))
+                self._raised[name] = first_s, max(before_s, last_s)
             if progress is not None:
                 progress(1)
             yield estimate
@@ -139,10 +143,9 @@ class Summary:
     def figures(self) -> dict[str, Any]:
         """As plain values."""
         assert self._last is not None
-        last_s = self._last.last_alarm_s
         alarms = {
-            name: {"first_s": first_s, "last_s": last_s[name], "estimates": self._alarms[name]}
-            for name, first_s in self._last.first_alarm_s.items()
+            name: {"first_s": first_s, "last_s": last_s, "estimates": self._alarms[name]}
+            for name, (first_s, last_s) in self._raised.items()
         }
         said = {"estimates": self._estimates, "ambiguous": self._ambiguous, "alarms": alarms, "notes": self._notes()}
         return _figures(self._last, self._vehicle, self._rows) | said

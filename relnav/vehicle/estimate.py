@@ -124,7 +124,7 @@ class VehicleEstimate:
 
     @property
     def first_alarm_s(self) -> Mapping[str, float]:
-        """When each that ever was among `alarms` was raised first, by name."""
+        """When each that ever was among `alarms` was raised first, by name; it is noted every `ASKED_EVERY_S`."""
         return self._alarms.first_s
 
     @property

@@ -263,10 +263,12 @@ def test_alarms_are_in_the_summary():
     port = SimpleNamespace(sigma=np.ones(12), position_m=np.zeros(3))
     good = {"camera": SensorHealth(1.0, 0, 1.0, 0.5)}
     summary = Summary(vehicle)
-    for t_s, alarms in ((10.0, ()), (11.0, ("camera",)), (12.0, ("camera",)), (13.0, ())):
-        told = {"t_s": t_s, "sensors": good, "alarms": alarms, "port": port, "ambiguous": False, "restarts": 0}
-        raised = {"first_alarm_s": {"camera": 10.4}, "last_alarm_s": {"camera": 11.7}}
-        list(summary.passing([SimpleNamespace(**told, **raised)]))
+    raised = [{}, {"camera": 10.4}, {"camera": 11.7}, {"camera": 11.5}]  # the last was noted by one estimate alone
+    for t_s, last_s in zip((10.0, 11.0, 12.0, 13.0), raised, strict=True):
+        told = {"t_s": t_s, "sensors": good, "port": port, "ambiguous": False, "restarts": 0}
+        alarms = ("camera",) if t_s in {11.0, 12.0} else ()
+        first_s = dict.fromkeys(last_s, 10.4)
+        list(summary.passing([SimpleNamespace(**told, alarms=alarms, first_alarm_s=first_s, last_alarm_s=last_s)]))
     assert summary.figures()["alarms"] == {"camera": {"first_s": 10.4, "last_s": 11.7, "estimates": 2}}
     (said,) = [line for line in summary.lines("log.csv") if line.startswith("ALARM")]
     assert said.startswith("ALARM camera in 2 of 4 estimates, raised first at 10.40 s and last at 11.70 s: ")
