@@ -392,9 +392,3 @@ class Vehicle(LoadedModel, sensor_type="vehicle"):
         position: Vector = target.dcm_target_from_lvlh.T @ port
         position = position - chaser.dcm_chaser_from_lvlh.T @ np.array(chaser.port_position_m)
         return position
-
-    @property
-    def start_rate_rad_s(self) -> Vector:
-        """Inertial rate of a target that is held in `lvlh_ccsds`, target axes, (3,)."""
-        rate: Vector = -self.orbit.mean_motion_rad_s * self.target.dcm_target_from_lvlh[:, 1]
-        return rate

@@ -119,7 +119,7 @@ def loose_errors(mission: VisionMission, flight: MarkerFlight) -> PoseErrors:
             state, _, _ = time_update(state, dt, body, mission, flight.acceleration_m_s2[k], np.zeros(3))
         pose = measure(flight.spots_px[k], mission)
         if pose.ok and state is None:
-            state = state_from_pose(pose.pose, mission, dcm)
+            state = state_from_pose(pose.pose, mission, dcm, t_s=float(t))
         elif pose.ok and state is not None:
             state = pose_update(state, pose.pose, mission, dcm)
         if state is not None:

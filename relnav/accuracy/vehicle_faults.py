@@ -1,7 +1,7 @@
 """A fault of one sensor of a vehicle or its thrusters at a time, and whether the estimate is ever wrong unsaid.
 
 What goes wrong is in `relnav.simulation.vehicle_faults`. A run is silently wrong if at any second the port's position
-is off by more than its protection level along an axis while there is no alarm. That level is of a vehicle without
+is off by more than its protection level along an axis before any alarm. That level is of a vehicle without
 faults; beside it stands the one with a sensor at fault (`relnav.vehicle.separation`), beyond which the port may never
 be before the alarm. A sensor that is lost raises no alarm (`last_used_s` says so): at the end of the loss the port's
 twelve errors have to lie within the ellipsoid of 3 sigma, and ten seconds later its position and attitude are known as
@@ -164,7 +164,7 @@ class VehicleFaultsReport:
             "error / level: at the alarm, over the level without faults; one fault: until then, over that with one",
             "of thrusters: from then on, direction drawn once a run",
             "naming it, alone: the first alarm has it among what may be at fault, and has nothing else",
-            "after: median, from its beginning; silent: the port off by more than its protection level, and no alarm",
+            "after: median, from its beginning; silent: the port beyond its protection level before any alarm",
             "inside: within 3 sigma when the sensor returns; pose, all: the longest until no sigma of position and",
             "attitude, and of all twelve, is a quarter larger than usual, s; later: the most times the usual one, from",
             f"{BACK_S:g} s on",

@@ -1,5 +1,6 @@
 """`relnav simulate` and `relnav filter` for a vehicle: a log of all its sensors, and the port's track."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -105,15 +106,18 @@ class Summary:
         self._last: VehicleEstimate | None = None
         self._estimates = 0
         self._ambiguous = 0
-        self._alarms: dict[str, tuple[float, int]] = {}
+        self._alarms = Counter[str]()
+        self._raised: dict[str, tuple[float, float]] = {}
         self._readings: dict[str, str] = {}
+        self._latest: dict[str, Row] = {}
 
     def counted(self, rows: "Iterable[Row]") -> "Iterator[Row]":
-        """The observations, counted; the first of each sensor looked at."""
-        from relnav.files.vehicle_log import attitude_note
+        """The observations, counted; the first and the last of each sensor looked at."""
+        from relnav.files.vehicle_notes import attitude_note
 
         for row in rows:
             self._rows += 1
+            self._latest[row[0]] = row
             if self._rows <= NOTED:
                 self._times.setdefault(row[0], []).append(row[1])
                 if row[0] not in self._readings:
@@ -128,9 +132,10 @@ class Summary:
             self._last = estimate
             self._estimates += 1
             self._ambiguous += estimate.ambiguous
-            for name in estimate.alarms:
-                first, count = self._alarms.get(name, (estimate.t_s, 0))
-                self._alarms[name] = first, count + 1
+            self._alarms.update(estimate.alarms)
+            for name, last_s in estimate.last_alarm_s.items():
+                first_s, before_s = self._raised.get(name, (estimate.first_alarm_s[name], last_s))
+                self._raised[name] = first_s, max(before_s, last_s)
             if progress is not None:
                 progress(1)
             yield estimate
@@ -138,18 +143,25 @@ class Summary:
     def figures(self) -> dict[str, Any]:
         """As plain values."""
         assert self._last is not None
-        alarms = {name: {"first_s": first, "estimates": count} for name, (first, count) in self._alarms.items()}
+        alarms = {
+            name: {"first_s": first_s, "last_s": last_s, "estimates": self._alarms[name]}
+            for name, (first_s, last_s) in self._raised.items()
+        }
         said = {"estimates": self._estimates, "ambiguous": self._ambiguous, "alarms": alarms, "notes": self._notes()}
         return _figures(self._last, self._vehicle, self._rows) | said
 
     def _notes(self) -> list[str]:
-        """What is odd about the times of the sensor that is seen most often, and about attitudes."""
+        """What is odd about the times of the sensor that is seen most often, about attitudes, and what is refused."""
         import numpy as np
 
         from relnav.files.filter_file import spacing_note
+        from relnav.files.vehicle_notes import refused_note
 
+        assert self._last is not None
+        seen = [(self._latest[name], health) for name, health in self._last.sensors.items() if name in self._latest]
+        said = [*self._readings.values(), *(refused_note(*one, self._vehicle) for one in seen)]
         most = max(self._times.values(), key=len, default=[])
-        return [*spacing_note(np.array(most), "divide them by 1000"), *filter(None, self._readings.values())]
+        return [*spacing_note(np.array(most), "divide them by 1000"), *filter(None, said)]
 
     def lines(self, name: str) -> list[str]:
         """For a reader."""
@@ -214,7 +226,8 @@ def _lines(figures: dict[str, Any], name: str) -> list[str]:
         )
     for sensor, alarm in figures["alarms"].items():
         lines.append(
-            f"ALARM {sensor} in {alarm['estimates']} of {figures['estimates']} estimates, first at "
-            f"{alarm['first_s']:.2f} s: it may be at fault, do not use the states there"
+            f"ALARM {sensor} in {alarm['estimates']} of {figures['estimates']} estimates, raised first at "
+            f"{alarm['first_s']:.2f} s and last at {alarm['last_s']:.2f} s: it may be at fault; do not use the states "
+            "from then on, unless the fault is known to be over"
         )
     return lines

@@ -33,10 +33,10 @@ def reading_that_looks(
     name, frames, expects: what the quaternion is called, a and b, and what the expected attitude is; far_deg: from when
     on it does not fit.
     """
-    away = _away_deg(dcm_a_from_b, expected)
+    away = away_deg(dcm_a_from_b, expected)
     quaternion = quaternion_from_dcm(dcm_a_from_b)
     for reading, (columns, signs) in READINGS.items():
-        read = _away_deg(dcm_from_quaternion(quaternion[columns] * signs), expected)
+        read = away_deg(dcm_from_quaternion(quaternion[columns] * signs), expected)
         if away > far_deg and read < NEAR_DEG:
             a, b = frames
             words = reading.replace("cam", a).replace("lvlh", b)
@@ -47,7 +47,8 @@ def reading_that_looks(
     return ""
 
 
-def _away_deg(one: Matrix, other: Matrix) -> float:
+def away_deg(one: Matrix, other: Matrix) -> float:
+    """By what angle two attitudes (3, 3) of one thing differ."""
     return math.degrees(math.acos(min(1.0, max(-1.0, 0.5 * (float(np.trace(one @ other.T)) - 1.0)))))
 
 

@@ -16,24 +16,19 @@ import numpy as np
 from relnav.arrays import Vector
 from relnav.errors import LogError, UsageError
 from relnav.files.atomic import replacing
-from relnav.files.attitude_reading import reading_that_looks
 from relnav.files.tables import check_format, head_text, relnav_version
 from relnav.files.text_table import MOST_ROWS, TextTable, table_of
 from relnav.files.vehicle_parquet import check_columns
 from relnav.files.wording import shown
 from relnav.geometry.linear_algebra import lengths
-from relnav.geometry.rotation import dcm_from_quaternion
 from relnav.sensors.sun_direction import SunDirection, direction_with_covariance
 from relnav.simulation.vehicle_sensors import Value, VehicleRun
 from relnav.spacecraft import POINTS, RESERVED, STAR, Vehicle
 from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.navigator import LONGEST_PREDICTION_S, VehicleNavigator
-from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.replay import check_gap
 from relnav.vehicle.smoothing import VehicleSmoother
 
-FAR_FROM_HELD_DEG = 30.0
-"""No chaser on its way to a port turns so far away from the attitude of its file."""
 _UPPER_3 = np.triu_indices(3)
 
 Row = tuple[str, float, Value]
@@ -167,20 +162,6 @@ def _value(values: Vector, name: str, vehicle: Vehicle, where: str) -> Value:
     if abs(lengths(values[:3]) - 1.0) > 1e-6:
         raise LogError(f"{where}: {name}: v0 to v2 are a unit vector; got {values[:3].tolist()}")
     return direction_with_covariance(values[:3].copy(), covariance)
-
-
-def attitude_note(row: Row, vehicle: Vehicle) -> str:
-    """A sentence on a star sensor's quaternion that fits read another way (scalar first, inverse); else empty."""
-    name, t_s, value = row
-    if name in RESERVED or vehicle.kind(name) != STAR or isinstance(value, SunDirection):
-        return ""
-    size = float(lengths(value))
-    if not 0.5 < size < 2.0:
-        return ""
-    inertial = OrbitFrame(vehicle.orbit).dcm_lvlh_from_inertial(t_s)
-    held = vehicle.sensor[name].dcm_sensor_from_chaser @ vehicle.chaser.dcm_chaser_from_lvlh @ inertial
-    said, called = dcm_from_quaternion(value / size), (f"{name}'s quaternion", ("sensor", "inertial"))
-    return reading_that_looks(said, held, *called, "the attitude that is held", FAR_FROM_HELD_DEG)
 
 
 def filter_rows(

@@ -19,10 +19,12 @@ from relnav.arrays import Flags, Matrix, Stack, Vector
 from relnav.dynamics.clohessy_wiltshire import propagate, transition
 from relnav.dynamics.error_state import MOTION, POSE, RATE, THETA, VELOCITY
 from relnav.dynamics.process_noise import acceleration_noise, add_execution_error
-from relnav.dynamics.rigid_body import RigidBody
+from relnav.dynamics.relative_motion import frame_rate
+from relnav.dynamics.rigid_body import RigidBody, lvlh_rate
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.rotation_vector import rotation_vector_between, turned
 from relnav.mission import VisionMission
+from relnav.navigation.memory import orbit_values
 from relnav.sensors.three_marker.camera import project
 from relnav.sensors.three_marker.jacobians import spot_jacobians
 from relnav.sensors.three_marker.pose import Pose
@@ -105,9 +107,9 @@ def camera_pose(state: PoseState, mission: VisionMission, dcm_chaser_from_lvlh: 
 
 
 def state_from_pose(
-    pose: Pose, mission: VisionMission, dcm_chaser_from_lvlh: Matrix, *, widened: float = 1.0
+    pose: Pose, mission: VisionMission, dcm_chaser_from_lvlh: Matrix, *, t_s: float, widened: float = 1.0
 ) -> PoseState:
-    """State of a first pose: at rest in the rotating frame, but for the initial sigmas of velocity and rate.
+    """State of a first pose, of t_s: at rest in the rotating frame, but for the initial sigmas of velocity and rate.
 
     widened: factor on the pose's covariance.
     """
@@ -115,7 +117,7 @@ def state_from_pose(
     back = dcm_chaser_from_lvlh.T
     motion = np.concatenate([-back @ seen.position_m, np.zeros(3)])
     dcm = back @ seen.dcm_cam_from_target
-    rate = -mission.orbit.mean_motion_rad_s * dcm[1]
+    rate = lvlh_rate(dcm, frame_rate(orbit_values(mission.orbit), t_s))
     state = PoseState(motion, dcm, rate, np.zeros((POSE, POSE)))
     spread = np.eye(len(SHOWN))
     spread[:3, :3] = -back

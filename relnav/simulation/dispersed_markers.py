@@ -13,7 +13,7 @@ from relnav.simulation.dispersions import Scenario
 from relnav.simulation.marker_flight import MarkerFlight, true_spots
 from relnav.simulation.run_draws import built_names, disturbed, lose, replaced
 from relnav.simulation.streams import Draws, Stream
-from relnav.simulation.target_rotation import rotate_target
+from relnav.simulation.target_rotation import rotate_target, turning_rad_s
 from relnav.simulation.trajectory import fly_disturbed
 
 MOST_TURN_RAD = math.radians(10.0)
@@ -47,7 +47,7 @@ def fly_marker_run(
     drawn |= dict(zip(OF_TARGET, turned.tolist(), strict=True))
     attitude, rate = sigmas_of_target(mission, scenario)
     start = Rotation.from_matrix(mission.target.dcm_target_from_lvlh.T) * Rotation.from_rotvec(attitude * turned[:3])
-    held = start.inv().apply([0.0, -mission.orbit.mean_motion_rad_s, 0.0])
+    held = start.inv().apply([0.0, -turning_rad_s(0.0, mission.orbit), 0.0])
     dcm, rates = rotate_target(
         t,
         start.as_quat()[None],

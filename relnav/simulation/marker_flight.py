@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from relnav.arrays import Matrix, Stack, Vector
 from relnav.mission import VisionMission
 from relnav.sensors.three_marker.camera import project
-from relnav.simulation.target_rotation import rotate_target
+from relnav.simulation.target_rotation import rotate_target, turning_rad_s
 from relnav.simulation.trajectory import Approach, fly
 
 
@@ -92,7 +92,7 @@ def simulate_flight(
     faults = faults or MarkerFaults()
     streams = [np.random.default_rng(stream) for stream in np.random.SeedSequence(seed).spawn(3)]
     t, motion, command = fly(mission, approach or Approach(), streams[0])
-    rng, n = streams[1], mission.orbit.mean_motion_rad_s
+    rng, n = streams[1], turning_rad_s(0.0, mission.orbit)
     off = mission.view.attitude_sigma_rad * rng.normal(size=3)
     start = Rotation.from_matrix(mission.target.dcm_target_from_lvlh.T) * Rotation.from_rotvec(off)
     spread = np.minimum(mission.filter.initial_rate_sigma_rad_s, math.radians(10.0) / max(float(t[-1]), 1.0))

@@ -165,7 +165,8 @@ class Truth:
         self.slow_acceleration = self._slow(count)
         begin, target = vehicle.hand_over, vehicle.target
         turn = numbers.once("target_attitude", 3) * begin.target_attitude_sigma_rad
-        rate = vehicle.start_rate_rad_s + numbers.once("target_rate", 3) * begin.target_rate_sigma_rad_s
+        held = self._held_rates()
+        rate = held[0] + numbers.once("target_rate", 3) * begin.target_rate_sigma_rad_s
         first = Rotation.from_matrix(frames[0].T @ target.dcm_target_from_lvlh.T) * Rotation.from_rotvec(turn)
         pushed, pushes = self._noise(count)
         course = Course(
@@ -180,7 +181,7 @@ class Truth:
             rate,
             np.array(target.inertia_kg_m2),
             target.dcm_target_from_lvlh,
-            vehicle.start_rate_rad_s,
+            held,
             pushes,
         )
         errors = self.lasting["thrust.scale"], self.lasting["thrust.direction"]
@@ -229,6 +230,14 @@ class Truth:
     def _frame_rates(self) -> Vector:
         """Rate of `lvlh_ccsds` about its own y axis at each step, (m,) rad/s."""
         return stated_states(self.vehicle.orbit, self._times)[2]
+
+    def _held_rates(self) -> Matrix:
+        """Inertial rate of a target that is held in that frame at each step, its axes, (m, 3) rad/s."""
+        orbit, turns = self.vehicle.orbit, self._frame_rates()
+        if orbit.eccentricity == 0.0:
+            turns[:] = -orbit.mean_motion_rad_s  # to the last digit
+        held: Matrix = turns[:, None] * self.vehicle.target.dcm_target_from_lvlh[:, 1]
+        return held
 
     def _slow(self, count: int) -> Matrix:
         """The slow acceleration as the filter believes in it, (m, 3); zero otherwise."""

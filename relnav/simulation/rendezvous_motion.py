@@ -142,7 +142,7 @@ def _relative(y: Matrix, frame: Matrix, turn: float, work: Matrix, x: Vector) ->
 def _integrate(
     y: Matrix, frames: Stack, turns: Vector, chaser: Stack, profile: Matrix, environment: Vector, thrust: Vector,
     pushed: Matrix, pushes: Matrix, dcm: Matrix, rate: Vector, inertia: Matrix, inverse: Matrix, held: Matrix,
-    held_rate: Vector, ports: Matrix, n: float, track: Matrix, attitudes: Stack, rates: Matrix, commands: Matrix,
+    held_rates: Matrix, ports: Matrix, n: float, track: Matrix, attitudes: Stack, rates: Matrix, commands: Matrix,
     work: Matrix,
 ) -> None:  # fmt: skip
     """Write relative states (m, 6), the target's attitudes (m, 3, 3) and rates (m, 3), commands (one a period, 3).
@@ -179,7 +179,7 @@ def _integrate(
             for i in range(3):
                 push[i] = pushes[k, i]
         else:
-            _controlled(frame, dcm, rate, held, held_rate, scratch, push)
+            _controlled(frame, dcm, rate, held, held_rates[k], scratch, push)
         _turn_target(dcm, rate, y[0], n, inertia, inverse, push, scratch)
 
 
@@ -192,8 +192,8 @@ class Turning:
     dcm, rate_rad_s : (3, 3), (3,)
         At the start: its axes to inertial ones, inertial rate in its axes.
     inertia_kg_m2 : (3, 3)
-    held, held_rate_rad_s : (3, 3), (3,)
-        What it holds: target's axes from the frame's, and the rate of that.
+    held, held_rates_rad_s : (3, 3), (m, 3)
+        What it holds: target's axes from the frame's, and the rate of that step by step.
     pushes_rad_s2 : (m, 3)
         Angular accelerations step by step in place of its control; (0, 3) for none.
     """
@@ -202,7 +202,7 @@ class Turning:
     rate_rad_s: Vector
     inertia_kg_m2: Matrix
     held: Matrix
-    held_rate_rad_s: Vector
+    held_rates_rad_s: Matrix
     pushes_rad_s2: Matrix
 
 
@@ -265,7 +265,7 @@ def integrate(
         target.inertia_kg_m2,
         own(np.linalg.inv(target.inertia_kg_m2)),
         own(target.held),
-        own(target.held_rate_rad_s),
+        own(target.held_rates_rad_s),
         ports,
         n,
         flown.track,

@@ -26,6 +26,15 @@ def true_anomaly_rad(t_s: float, orbit: Orbit) -> float:
     return turns + 2.0 * math.atan2(math.sqrt(1.0 + e) * math.sin(half), math.sqrt(1.0 - e) * math.cos(half))
 
 
+def turning_rad_s(t_s: float, orbit: Orbit) -> float:
+    """Rate at which `lvlh_ccsds` turns about -y at t_s: that of the target's true anomaly."""
+    if orbit.eccentricity == 0.0:
+        return orbit.mean_motion_rad_s
+    p = 1.0 - orbit.eccentricity**2
+    near = (1.0 + orbit.eccentricity * math.cos(true_anomaly_rad(t_s, orbit))) / p
+    return orbit.mean_motion_rad_s * near**2 * math.sqrt(p)
+
+
 def lvlh_from_inertial(t_s: float | Vector, orbit: Orbit) -> Rotation:
     """Rotation of components from the inertial frame into `lvlh_ccsds`, which turns about -y; one, or one a time."""
     t = np.asarray(t_s, dtype=np.float64)

@@ -157,20 +157,20 @@ def opened(blind: Estimates, explained: Sequence[Hypothesis], before: Estimates 
     return Search(blind, tuple(sorted(hypotheses, key=lambda one: one.score)), before=before)
 
 
-def hypothesis_about(blind: Estimates, dcm_lvlh_from_target: Matrix, vehicle: Vehicle) -> Hypothesis:
+def hypothesis_about(blind: Estimates, dcm_lvlh_from_target: Matrix, vehicle: Vehicle, frame: OrbitFrame) -> Hypothesis:
     """Where an explanation begins at a start: nothing is known of the target but about which attitude it is held."""
     dcm, held = dcm_lvlh_from_target, vehicle.target.dcm_target_from_lvlh.T
     at = blind.copied()
     at.dcm_lvlh_from_target[:] = dcm
-    at.values[:, TARGET_RATE] = -vehicle.orbit.mean_motion_rad_s * dcm[1]
+    at.values[:, TARGET_RATE] = frame.held_rate(dcm, at.t_s)
     _forget(at.covariance, TARGET_ATTITUDE, START_RAD)
     angle = rotation_vector_between(dcm, held)
     return Hypothesis(at, float(angle @ angle) / vehicle.hand_over.target_attitude_sigma_rad**2)
 
 
-def hypothesis_anew(blind: Estimates, pose: tuple[Matrix, Vector], vehicle: Vehicle) -> Hypothesis:
+def hypothesis_anew(blind: Estimates, pose: tuple[Matrix, Vector], vehicle: Vehicle, frame: OrbitFrame) -> Hypothesis:
     """Where an explanation begins after a lock-out: about a pose, and none is more credible than another."""
-    at = hypothesis_about(blind, pose[0], vehicle).estimates
+    at = hypothesis_about(blind, pose[0], vehicle, frame).estimates
     at.values[:, POSITION] = pose[1]
     _forget(at.covariance, POSITION, START_SHARE * float(np.linalg.norm(pose[1])))
     return Hypothesis(at, 0.0)
@@ -206,7 +206,7 @@ def found_at_start(start: Estimates, found: Estimates, vehicle: Vehicle, frame: 
     back = found.values[0, TARGET_RATE] * (start.t_s - found.t_s)
     inertial = frame.dcm_lvlh_from_inertial(found.t_s).T @ found.dcm_lvlh_from_target[0]
     attitude = frame.dcm_lvlh_from_inertial(start.t_s) @ turned(inertial, back)
-    return hypothesis_about(start, attitude, vehicle).estimates
+    return hypothesis_about(start, attitude, vehicle, frame).estimates
 
 
 def _is_same(one: Hypothesis, other: Hypothesis) -> bool:

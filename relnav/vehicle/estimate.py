@@ -11,6 +11,7 @@ from relnav.dynamics.error_state import POSE
 from relnav.dynamics.in_frame import FramedTrack, in_frame
 from relnav.estimation.state_layout import StateLayout
 from relnav.spacecraft import Vehicle
+from relnav.vehicle.alarms import AlarmMemory, contradicting
 from relnav.vehicle.drifts import Drifts
 from relnav.vehicle.health import SensorHealth
 from relnav.vehicle.port import PortState
@@ -74,6 +75,7 @@ class VehicleEstimate:
     explanations: int = 1
     restarts: int = 0
     without: Mapping[str, PortState] = field(default_factory=dict)
+    _memory: AlarmMemory = field(default=AlarmMemory(), repr=False)
 
     def __repr__(self) -> str:
         """A few lines for the console."""
@@ -128,10 +130,22 @@ class VehicleEstimate:
     def alarms(self) -> tuple[str, ...]:
         """What may be at fault, the most likely first: while there is anything do not use the estimate.
 
-        Sensors, "gyro" and "thrust" of which one drifts (`relnav.vehicle.drifts`). Where no drift explains it,
-        sensors that contradict the others (`SensorHealth.alarm`), the furthest off first.
+        What the last observations say (`relnav.vehicle.alarms.contradicting`), then what they said within `HOLDS_S`.
+        That an alarm ends does not say that its fault is over: `last_alarm_s` tells which there were.
         """
-        if self.drifts.suspects:
-            return self.drifts.suspects
-        off = {name: health.deviation for name, health in self.sensors.items() if health.alarm}
-        return tuple(sorted(off, key=lambda name: -off[name]))
+        return tuple(dict.fromkeys([*contradicting(self.drifts, self.sensors), *self._memory.held(self.t_s)]))
+
+    @property
+    def first_alarm_s(self) -> Mapping[str, float]:
+        """When each that ever was among `alarms` was raised first, by name; it is noted every `ASKED_EVERY_S`."""
+        return self._alarms.first_s
+
+    @property
+    def last_alarm_s(self) -> Mapping[str, float]:
+        """When each that ever was among `alarms` was raised last, by name; `alarms` holds it for `HOLDS_S` after."""
+        return self._alarms.last_s
+
+    @property
+    def _alarms(self) -> AlarmMemory:
+        """With those of the last observation."""
+        return self._memory.noted(self._memory.asked_s, contradicting(self.drifts, self.sensors))

@@ -24,6 +24,7 @@ from relnav.vehicle.acquisition import (
     locked_out,
     opened,
 )
+from relnav.vehicle.alarms import AlarmMemory, contradicting
 from relnav.vehicle.directions import StarTracker, SunSensor
 from relnav.vehicle.drift_sums import score_of
 from relnav.vehicle.drifts import Drifts, watched_drifts
@@ -54,7 +55,7 @@ NOT_USED = Outcome(0.0, 0, 0, 0)
 class Tracked(NamedTuple):
     """Estimates, how each sensor has fared until then, the search of which they are the best, if it is not over.
 
-    And how many searches there were after a lock-out, and the trial of the first image, if it is not over.
+    And how many searches there were after a lock-out, the trial of the first image, if it is not over, and the alarms.
     """
 
     estimates: Estimates
@@ -62,6 +63,7 @@ class Tracked(NamedTuple):
     search: Search | None = None
     restarts: int = 0
     trial: Trial | None = None
+    alarms: AlarmMemory = AlarmMemory()
 
     def moved(self, move: Callable[[Estimates], Estimates]) -> "Tracked":
         """The same with all estimates moved."""
@@ -128,13 +130,12 @@ class VehicleFilters:
         self.sensors |= {name: Flown(own, name, self.layout) for name, own in more.items()}
         self._lights = [name for name in vehicle.sensor if vehicle.kind(name) == POINTS]
         rows = max(sensor.most_rows for sensor in self.sensors.values())
-        turning = -vehicle.orbit.mean_motion_rad_s * vehicle.chaser.dcm_chaser_from_lvlh[:, 1]  # held in its orbit
-        self.samples = GyroSamples(turning)
+        self.samples = GyroSamples(self.frame.held_rate(vehicle.chaser.dcm_chaser_from_lvlh.T, number("t_s", t_s)))
         lacking = self._without.get(GYRO, -1), self._without.get(THRUST, -1)
         drifts = watched_drifts(self.layout, self.sensors) if monitor else {}
         drives, watched = np.concatenate([NO_CODES, *drifts.values()]), 1 if monitor else -1
         self._drifts = {name: len(places) for name, places in drifts.items()}
-        self.motion = VehicleMotion(vehicle, self.frame, len(layouts), turning, *lacking, watched, drives)
+        self.motion = VehicleMotion(vehicle, self.frame, len(layouts), *lacking, watched, drives)
         self._updater = Updater(layouts, vehicle.filter.gate_probability, rows, watched, len(drives))
         self.places = {name: k for k, name in enumerate([*RESERVED, *self.sensors])}
         motion = np.concatenate([place, speed])
@@ -177,6 +178,16 @@ class VehicleFilters:
 
     def again(self, tracked: Tracked, event: Event) -> tuple[Tracked, Outcome | None]:
         """The same of an event of which the outcome was told."""
+        after, outcome = self._after(tracked, event)
+        memory = after.alarms
+        if after.search is not None:  # what was raised until its end is over with it
+            memory = memory._replace(holds_from_s=event.t_s)
+        if memory.is_due(event.t_s):
+            sensors = {name: fare.health for name, fare in after.fares.items()}
+            memory = memory.noted(event.t_s, contradicting(self.drifts(after.estimates), sensors))
+        return (after if memory is after.alarms else after._replace(alarms=memory)), outcome
+
+    def _after(self, tracked: Tracked, event: Event) -> tuple[Tracked, Outcome | None]:
         source, fares, search, at, trial = event.source, tracked.fares, tracked.search, tracked.estimates, tracked.trial
         if search is None:
             at, outcomes = self._through(at, event)
@@ -188,13 +199,15 @@ class VehicleFilters:
             if search.is_over:
                 search = None
         if source == THRUST or not outcomes:
-            return Tracked(at, fares, search, tracked.restarts, trial), None
-        fares = {**fares, source: fares[source].after(event.t_s, outcomes[: self._watched])}
+            return Tracked(at, fares, search, tracked.restarts, trial, tracked.alarms), None
+        misplaced = source in self._lights and outcomes[0] is not NOT_USED  # spots, and no light before the lens
+        fares = {**fares, source: fares[source].after(event.t_s, outcomes[: self._watched], misplaced=misplaced)}
         if search is None and source in self._lights and self._is_locked_out(event, outcomes[0].groups, fares):
             search = self._anew(at, event)
             lights = {name: Fare(Sums(event.t_s), *fares[name][1:]) for name in self._lights}
-            return Tracked(search.estimates, {**fares, **lights}, search, tracked.restarts + 1), outcomes[0]
-        return Tracked(at, fares, search, tracked.restarts, trial), outcomes[0]
+            fares, anew = {**fares, **lights}, tracked.restarts + 1
+            return Tracked(search.estimates, fares, search, anew, alarms=tracked.alarms), outcomes[0]
+        return Tracked(at, fares, search, tracked.restarts, trial, tracked.alarms), outcomes[0]
 
     def _tried(self, trial: Trial, event: Event, taken: Taken) -> Verdict:
         """What an event makes of a start of which no two images have agreed yet; taken: of its estimates."""
@@ -221,8 +234,8 @@ class VehicleFilters:
         assert isinstance(sensor, PointSensor)
         poses = sensor.poses(blind, event.value, event.noise)
         if before is None:
-            return [hypothesis_about(blind, attitude, self.vehicle) for attitude, _ in poses]
-        return [hypothesis_anew(blind, pose, self.vehicle) for pose in poses]
+            return [hypothesis_about(blind, attitude, self.vehicle, self.frame) for attitude, _ in poses]
+        return [hypothesis_anew(blind, pose, self.vehicle, self.frame) for pose in poses]
 
     def _through(self, before: Estimates, event: Event) -> tuple[Estimates, list[Outcome]]:
         """What an event makes of estimates, and what became of it in each filter; nothing of a command."""
@@ -320,6 +333,7 @@ class VehicleFilters:
                 name: port_state(self.vehicle, self.frame, at.of(f), self.motion.chaser_rate(at, self.samples, f))[0]
                 for name, f in self._without.items()
             },
+            _memory=tracked.alarms._replace(asked_s=tracked.estimates.t_s),
         )
 
 

@@ -59,15 +59,14 @@ class VehicleMotion:
         vehicle: Vehicle,
         frame: OrbitFrame,
         filters: int,
-        held: Vector,
         without: int = -1,
         untold: int = -1,
         watched: int = -1,
         drives: Codes | None = None,
     ) -> None:
-        """Constants; held: the chaser's rate (3,) rad/s where there is no gyro.
+        """Constants; without: the filter that has no gyro, for which the chaser is held in its orbit.
 
-        without: the filter that has none; untold: the filter that is told no commands to the thrusters; watched: the
+        untold: the filter that is told no commands to the thrusters; watched: the
         filter of which drifts are looked for, of the errors drives (k,).
         """
         gyro, motion, thrust = vehicle.gyro, vehicle.motion, vehicle.thrust
@@ -75,7 +74,8 @@ class VehicleMotion:
         self.on_step: Callable[[Step], None] | None = None
         self._bias_walk, lost_walk = gyro.bias_walk_rad_s_sqrt_s**2, gyro.lost_rate_walk_rad_s_sqrt_s**2
         self._walks, self._lost_walks = np.full(filters, self._bias_walk), np.full(filters, lost_walk)
-        self._held, self._without, self._untold = np.array([[-math.inf, *held]]), without, untold
+        self._chaser, self._held = vehicle.chaser.dcm_chaser_from_lvlh.T, np.full((1, 4), -math.inf)
+        self._without, self._untold = without, untold
         if without >= 0:
             self._walks[without] = lost_walk
         self._watched, self._drives = watched, np.zeros(0, dtype=np.int64) if drives is None else drives
@@ -98,7 +98,8 @@ class VehicleMotion:
 
     def chaser_rate(self, at: Estimates, samples: GyroSamples, filter_: int = 0) -> Vector:
         """Inertial rate (3,) rad/s of the chaser as one of the filters has it, its axes."""
-        told = self._held[0, 1:] if filter_ == self._without else samples.rate_at(at.t_s)
+        held = filter_ == self._without
+        told = self.frame.held_rate(self._chaser, at.t_s) if held else samples.rate_at(at.t_s)
         rate: Vector = told - at.values[filter_, GYRO_BIAS]
         return rate
 
@@ -155,6 +156,8 @@ class VehicleMotion:
         """All from at.t_s to t_s in one piece."""
         begin_s, values, target, chaser, covariance, command, lost, drift = at
         drift = drift.copy() if self._watched >= 0 else drift
+        if self._without >= 0:
+            self._held[0, 1:] = self.frame.held_rate(self._chaser, 0.5 * (begin_s + t_s))
         values, target, chaser, after = values.copy(), target.copy(), chaser.copy(), np.empty_like(covariance)
         known = settle_into(
             self._constants,

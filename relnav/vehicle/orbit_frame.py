@@ -4,7 +4,8 @@ import numpy as np
 
 from relnav.arrays import Matrix, Vector
 from relnav.codegen.kernel import entry
-from relnav.dynamics.relative_motion import orbit_vector, true_anomaly_at
+from relnav.dynamics.relative_motion import frame_rate, orbit_vector, true_anomaly_at
+from relnav.dynamics.rigid_body import lvlh_rate
 from relnav.spacecraft import InertialOrbit
 
 
@@ -46,3 +47,7 @@ class OrbitFrame:
         out = np.empty((3, 3))
         lvlh_from_inertial_into(self.vector, self.axes, t_s, out)
         return out
+
+    def held_rate(self, dcm_lvlh_from_body: Matrix, t_s: float) -> Vector:
+        """Inertial rate of a body that is held in `lvlh_ccsds`, as that turns at t_s, body axes, (3,) rad/s."""
+        return lvlh_rate(dcm_lvlh_from_body, frame_rate(self.vector, t_s))

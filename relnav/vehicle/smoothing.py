@@ -31,6 +31,7 @@ from relnav.codegen.kernel import entry, kernel
 from relnav.geometry.linear_algebra import cholesky, solve_lower, solve_lower_transposed
 from relnav.geometry.rotation_vector import rotation_vector_between
 from relnav.spacecraft import GYRO, Vehicle
+from relnav.vehicle.alarms import AlarmMemory
 from relnav.vehicle.drifts import Drifts
 from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.filters import Tracked, VehicleFilters, three
@@ -49,13 +50,14 @@ LEAST_PIVOTS = (0.0, 1e-13, 1e-11, 1e-9)
 
 
 class _Told(NamedTuple):
-    """A time that was asked for: what the filter said of its sensors and restarts; all it said during a search."""
+    """A time that was asked for: what the filter said of sensors, restarts and alarms; all it said during a search."""
 
     t_s: float
     fares: Mapping[str, Fare]
     drifts: Drifts
     restarts: int
     searching: VehicleEstimate | None
+    alarms: AlarmMemory
 
 
 class _Piece(NamedTuple):
@@ -177,7 +179,7 @@ class VehicleSmoother:
                 tracked = filters.settled(tracked, t_s)
                 said = None if tracked.search is None else filters.estimate(tracked, t_s, math.inf)
                 drifts = filters.drifts(tracked.estimates)
-                told.append(_Told(t_s, tracked.fares, drifts, tracked.restarts, said))
+                told.append(_Told(t_s, tracked.fares, drifts, tracked.restarts, said, tracked.alarms))
             if found.search is None and tracked.search is not None:  # what this event is a part of is no longer tracked
                 pieces.append(_Piece(begin, k, _first(before), _first(found).estimates))
             elif tracked.search is None and (found.search is not None or k + 1 - begin == CHUNK):
@@ -205,8 +207,8 @@ class VehicleSmoother:
         return steps, marks
 
     def _estimate(self, at: Estimates, told: _Told) -> VehicleEstimate:
-        estimate = self._alone.estimate(Tracked(at, told.fares, restarts=told.restarts), told.t_s, math.inf)
-        return replace(estimate, drifts=told.drifts)
+        tracked = Tracked(at, told.fares, restarts=told.restarts, alarms=told.alarms)
+        return replace(self._alone.estimate(tracked, told.t_s, math.inf), drifts=told.drifts)
 
 
 def _first(tracked: Tracked) -> Tracked:

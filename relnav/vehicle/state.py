@@ -165,13 +165,13 @@ def start_state(
 
     drifting: how many errors are watched for a drift.
     """
-    values, filters = np.zeros(layouts[0].size), len(layouts)
-    values[:MOTION], values[TARGET_RATE] = motion, vehicle.start_rate_rad_s
+    values, filters, target = np.zeros(layouts[0].size), len(layouts), vehicle.target.dcm_target_from_lvlh.T
+    values[:MOTION], values[TARGET_RATE] = motion, frame.held_rate(target, t_s)
     dcm = (vehicle.chaser.dcm_chaser_from_lvlh @ frame.dcm_lvlh_from_inertial(t_s)).T
     return Estimates(
         t_s=t_s,
         values=np.stack([values] * filters),
-        dcm_lvlh_from_target=np.stack([vehicle.target.dcm_target_from_lvlh.T] * filters),
+        dcm_lvlh_from_target=np.stack([target] * filters),
         dcm_inertial_from_chaser=np.stack([dcm] * filters),
         covariance=np.stack([layout.prior for layout in layouts]),
         command_m_s2=np.zeros(3),

@@ -15,7 +15,8 @@ from pyarrow import parquet
 import relnav
 from relnav.cli.vehicle import Summary
 from relnav.files.model_folders import find_model
-from relnav.files.vehicle_log import attitude_note, filter_vehicle_log, smoothed_rows
+from relnav.files.vehicle_log import filter_vehicle_log, smoothed_rows
+from relnav.files.vehicle_notes import attitude_note
 from relnav.vehicle.health import SensorHealth
 
 HEADER = "t_s,sensor,v0,v1,v2,v3,v4,v5,v6,v7,v8,v9,v10,v11"
@@ -200,6 +201,46 @@ def test_a_star_sensors_quaternion_read_another_way(run, model, log, tmp_path, o
     assert "x, y, z, w of v_sensor = R v_inertial is expected" in out
 
 
+@pytest.mark.parametrize(
+    ("sensor", "words"),
+    [
+        ("star", "deg off the attitude that is held: check q_sensor_from_chaser, that t_s = 0 is epoch_utc"),
+        ("sun_aps", "deg off that of the attitude that is held: check q_sensor_from_chaser and that"),
+        ("psd", "check q_sensor_from_chaser, position_m, pattern_position_m, and the order and unit of its spots"),
+    ],
+)
+def test_a_sensor_that_is_refused_from_the_start(run, model, log, tmp_path, sensor, words):
+    """A file that says wrong how a sensor is mounted: an alarm, and what to check."""
+    wrong, text = tmp_path / "wrong.toml", model.read_text()
+    section = text.index(f"[sensor.{sensor}]")
+    place = text.index("q_sensor_from_chaser", section)
+    turned = 'q_sensor_from_chaser = { value = [0.0, 0.6, 0.0, 0.8], source = "assumed", why = "a mistake" }'
+    wrong.write_text(text[:place] + turned + text[text.index("\n", place) :])
+    code, out, _ = run("filter", log, "--model", wrong, "--out", tmp_path / "track.csv")
+    assert code == 0
+    track = table(tmp_path / "track.csv")
+    assert track[f"alarm_{sensor}"][-1] == 1
+    (said,) = [line for line in out.splitlines() if line.startswith(f"{sensor}: ") and "refused" in line]
+    assert "observations in a row were refused, up to the last" in said
+    assert words in said
+    assert f"ALARM {sensor} in " in out
+
+
+def test_a_log_that_counts_from_another_zero(run, model, log, tmp_path):
+    """Unix time, where the file's orbit is that of `epoch_utc`: stars and sun are elsewhere then."""
+    lines = log.read_text().splitlines()
+    for k, line in enumerate(lines):
+        if line[0].isdigit():
+            t_s, rest = line.split(",", 1)
+            lines[k] = f"{float(t_s) + 1.8e9!r},{rest}"
+    other = tmp_path / "unix.csv"
+    other.write_text("\n".join(lines) + "\n")
+    code, out, _ = run("filter", other, "--model", model)
+    assert code == 0
+    (said,) = [line for line in out.splitlines() if line.startswith("star: ") and "refused" in line]
+    assert "that t_s = 0 is epoch_utc, with the target at true_anomaly" in said
+
+
 def test_what_is_not_for_a_vehicle(run, model, vbar_log, tmp_path):
     code, _, error = run("filter", vbar_log, "--model", model)
     assert (code, "a vehicle's log has columns t_s, sensor, v0, v1, ..." in error) == (3, True)
@@ -222,12 +263,15 @@ def test_alarms_are_in_the_summary():
     port = SimpleNamespace(sigma=np.ones(12), position_m=np.zeros(3))
     good = {"camera": SensorHealth(1.0, 0, 1.0, 0.5)}
     summary = Summary(vehicle)
-    for t_s, alarms in ((10.0, ()), (11.0, ("camera",)), (12.0, ("camera",)), (13.0, ())):
-        told = {"t_s": t_s, "sensors": good, "alarms": alarms, "port": port, "ambiguous": False, "restarts": 0}
-        list(summary.passing([SimpleNamespace(**told)]))
-    assert summary.figures()["alarms"] == {"camera": {"first_s": 11.0, "estimates": 2}}
+    raised = [{}, {"camera": 10.4}, {"camera": 11.7}, {"camera": 11.5}]  # the last was noted by one estimate alone
+    for t_s, last_s in zip((10.0, 11.0, 12.0, 13.0), raised, strict=True):
+        told = {"t_s": t_s, "sensors": good, "port": port, "ambiguous": False, "restarts": 0}
+        alarms = ("camera",) if t_s in {11.0, 12.0} else ()
+        first_s = dict.fromkeys(last_s, 10.4)
+        list(summary.passing([SimpleNamespace(**told, alarms=alarms, first_alarm_s=first_s, last_alarm_s=last_s)]))
+    assert summary.figures()["alarms"] == {"camera": {"first_s": 10.4, "last_s": 11.7, "estimates": 2}}
     (said,) = [line for line in summary.lines("log.csv") if line.startswith("ALARM")]
-    assert said.startswith("ALARM camera in 2 of 4 estimates, first at 11.00 s")
+    assert said.startswith("ALARM camera in 2 of 4 estimates, raised first at 10.40 s and last at 11.70 s: ")
 
 
 def test_where_the_targets_attitude_is_not_known_yet(run, model, log, tmp_path):

@@ -192,7 +192,7 @@ def test_a_start_by_the_attitudes_of_target_and_chaser(mission, scene, seen, tru
     def started(theta=ZERO, alpha=ZERO, covariance=0.0, sigma=0.0):
         one = dataclasses.replace(mission, chaser=dataclasses.replace(mission.chaser, attitude_noise_rad=sigma))
         pose = Pose(seen[3], true_dcm(seen[:3].T, theta).T, covariance * np.diag([0.0, 0.0, 0.0, 1.0, 2.0, 3.0]))
-        return state_from_pose(pose, one, true_dcm(scene[0], alpha))
+        return state_from_pose(pose, one, true_dcm(scene[0], alpha), t_s=0.0)
 
     plain = started()
 

@@ -1,5 +1,6 @@
 """About an eccentric target: honest at 60 m, filtered and smoothed, where a circular model is not."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -62,3 +63,14 @@ def test_markers(eccentricity):
     approach = Approach(100.0, 2.0, start_m=(14.0, 0.25, -0.15), final_range_m=4.0, speed_m_s=0.1, assumed_noise=True)
     errors = flown(mission, approach, MarkerFaults(), 6, 70)
     assert 0.8 < errors.where(errors.t_s > 15.0).nees_ratio < 1.3
+
+
+@pytest.mark.parametrize("anomaly_rad", [0.0, 2.5])
+def test_a_held_target_turns_with_the_frame(anomaly_rad):
+    """E = 0.7, markers, the rate known to 0.02 deg/s about that of a held target: 7.9 and 0.5 times the mean motion."""
+    mission = about(relnav.load_model("three_marker_vision"), 0.7)
+    settings = replace(mission.filter, initial_rate_sigma_rad_s=math.radians(0.02))
+    mission = replace(mission, filter=settings, orbit=replace(mission.orbit, true_anomaly_rad=anomaly_rad))
+    approach = Approach(20.0, 2.0, start_m=(8.0, 0.25, -0.15), final_range_m=7.0, speed_m_s=0.05, assumed_noise=True)
+    errors = flown(mission, approach, MarkerFaults(), 12, 70)
+    assert 0.8 < errors.nees_ratio < 1.3

@@ -248,7 +248,7 @@ def test_a_healthy_flight_is_relied_on(mission):
 def wrong_roots(mission, spots, dcm_chaser_from_lvlh, dcm_lvlh_from_target):
     """Poses of an image by how far they are off the true attitude, rad, the farthest last."""
     any_view = replace(mission, view=replace(mission.view, attitude_sigma_rad=math.pi))
-    found, _, _ = roots(spots, None, dcm_chaser_from_lvlh, any_view, None, [], math.pi)
+    found, _, _ = roots(spots, None, dcm_chaser_from_lvlh, any_view, None, [], math.pi, 0.0)
     off = [np.linalg.norm(attitude_error(one.state.dcm_lvlh_from_target, dcm_lvlh_from_target)) for one in found]
     return sorted(zip(off, (one.state for one in found), strict=True), key=lambda one: one[0])
 

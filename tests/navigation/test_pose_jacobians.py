@@ -192,14 +192,18 @@ def test_start_covariance(mission):
     root = 1e-3 * rng.normal(size=(6, 6))
     seen = camera_pose(a_state(), mission, dcm)
     pose = Pose(seen[3], seen[:3], root @ root.T)
-    reference = state_from_pose(pose, mission, dcm)
+
+    def started(pose, chaser=dcm):
+        return state_from_pose(pose, mission, chaser, t_s=0.0)
+
+    reference = started(pose)
 
     def by_pose(e):
         off = Pose(pose.position_m + e[:3], turned(pose.dcm_cam_from_target, e[3:]), pose.covariance)
-        return reference.error_of(state_from_pose(off, mission, dcm))[[0, 1, 2, 6, 7, 8]]
+        return reference.error_of(started(off))[[0, 1, 2, 6, 7, 8]]
 
     def by_chaser(a):
-        return reference.error_of(state_from_pose(pose, mission, turned(np.eye(3), -a) @ dcm))[[0, 1, 2, 6, 7, 8]]
+        return reference.error_of(started(pose, turned(np.eye(3), -a) @ dcm))[[0, 1, 2, 6, 7, 8]]
 
     P, A = differences(by_pose, 6, 1e-5), differences(by_chaser, 3, 1e-5)
     expected = P @ pose.covariance @ P.T + (2e-3) ** 2 * A @ A.T

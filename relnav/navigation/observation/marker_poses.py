@@ -93,12 +93,14 @@ def roots(
     believed: tuple[PoseState, Matrix] | None,
     near: Sequence[Matrix],
     view_sigma_rad: float,
+    t_s: float,
 ) -> tuple[list[Root], Flags, bool]:
-    """States on the poses that explain an image and are not a million times less credible than the best; markers used.
+    """States on the poses that explain an image, of t_s, and the markers used.
 
-    The expected view decides and is part of the state. An image whose spots misfit every pose has none, and a pose that
-    contradicts the view, to view_sigma_rad, has no state, unless it is as near an attitude of `near`,
-    dcm_cam_from_target: the last value says whether one was left out for that.
+    Left out is a pose that is a million times less credible than the best. The expected view decides and is part of the
+    state. An image whose spots misfit every pose has none, and a pose that contradicts the view, to view_sigma_rad, has
+    no state, unless it is as near an attitude of `near`, dcm_cam_from_target: the last value says whether one was left
+    out for that.
     """
     result = measure(spots, mission, spot_covariance_px2=covariances)
     expected = [mission.view.dcm_cam_from_target, *near]
@@ -112,7 +114,7 @@ def roots(
             contradicted = True
             continue
         pose = _with_view(root.pose, mission.view)
-        state = state_from_pose(pose, mission, dcm_chaser_from_lvlh, widened=WIDENED)
+        state = state_from_pose(pose, mission, dcm_chaser_from_lvlh, t_s=t_s, widened=WIDENED)
         if believed is not None:  # the velocity is common to all: unknown, its width alone would cost the odds
             known = believed[0]
             motion, covariance = np.concatenate([state.motion[:3], known.motion[3:]]), state.covariance.copy()

@@ -38,8 +38,8 @@ def twins_of(
     moved = lead.motion.copy()
     moved[:3] += APART_S * lead.motion[3:]
     later = replace(lead, motion=moved, dcm_lvlh_from_target=turned(lead.dcm_lvlh_from_target, APART_S * slow))
-    poses = _poses_like(lead, mission, dcm_chaser_from_lvlh, least_credible)
-    others = _poses_like(later, mission, dcm_chaser_from_lvlh, least_credible)
+    poses = _poses_like(lead, t_s, mission, dcm_chaser_from_lvlh, least_credible)
+    others = _poses_like(later, t_s + APART_S, mission, dcm_chaser_from_lvlh, least_credible)
     out = []
     for pose in sorted(poses, key=lambda pose: _angle(pose, lead))[1:]:  # the first is the leading one's own
         following = min(others, key=lambda other: _angle(other, pose), default=pose)
@@ -63,13 +63,14 @@ def _in_axes(dcm_lvlh_from_target: Matrix, lead: PoseState) -> Matrix:
 
 
 def _poses_like(
-    state: PoseState, mission: VisionMission, dcm_chaser_from_lvlh: Matrix, most_misfit: float
+    state: PoseState, t_s: float, mission: VisionMission, dcm_chaser_from_lvlh: Matrix, most_misfit: float
 ) -> list[PoseState]:
     """All poses that look like a state, itself among them, at rest."""
     pose = camera_pose(state, mission, dcm_chaser_from_lvlh)
     spots, _ = image_of(mission.markers.points_m @ pose[:3].T + pose[3], mission.camera)
     found = measure(spots, mission).roots
-    return [state_from_pose(root.pose, mission, dcm_chaser_from_lvlh) for root in found if root.misfit <= most_misfit]
+    poses = [root.pose for root in found if root.misfit <= most_misfit]
+    return [state_from_pose(pose, mission, dcm_chaser_from_lvlh, t_s=t_s) for pose in poses]
 
 
 def _angle(one: PoseState, other: PoseState) -> float:
