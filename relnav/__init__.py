@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from relnav.mission import Model as Model
     from relnav.navigation.attitude.target_attitude import TargetAttitude as TargetAttitude
     from relnav.navigation.log import filter_epochs as filter_epochs
+    from relnav.navigation.pose_log import filter_marker_epochs as filter_marker_epochs
     from relnav.navigation.record import FilterRecord as FilterRecord
     from relnav.navigation.record import Solution as Solution
     from relnav.navigation.relative_pose import PoseNavigator as PoseNavigator

@@ -20,12 +20,7 @@ ENGINES = ("compiled", "filterpy")
 
 def choose(model: Model, method: str, projection: str | None, engine: str) -> Vector:
     """Memory of a fresh filter; ValueError for an unknown method, projection or engine."""
-    if isinstance(model, VisionMission):
-        raise ValueError(
-            f"{model.name} is a marker mission: it is flown by relnav.PoseNavigator, not by relnav.Navigator"
-        )
-    if not isinstance(model, Model):
-        raise ValueError(f"model is a loaded mission, relnav.load_model(...); got {model!r}")
+    refuse_no_beacons(model, "it is flown by relnav.PoseNavigator, not by relnav.Navigator")
     refuse_unknown_engine(engine)
     if method not in METHODS:
         raise ValueError(f'method must be "spots" or "fix"; got {method!r}')
@@ -36,6 +31,14 @@ def choose(model: Model, method: str, projection: str | None, engine: str) -> Ve
     m = views(block)
     attitude_changed(m.kept, m.sensor)
     return block
+
+
+def refuse_no_beacons(model: object, instead: str) -> None:
+    """ValueError unless it is a mission of beacons; instead: who takes one of markers."""
+    if isinstance(model, VisionMission):
+        raise ValueError(f"{model.name} is a marker mission: {instead}")
+    if not isinstance(model, Model):
+        raise ValueError(f"model is a loaded mission, relnav.load_model(...); got {model!r}")
 
 
 def refuse_unknown_engine(engine: str) -> None:

@@ -17,7 +17,7 @@ from relnav.estimation.considered import join_considered
 from relnav.estimation.rows import copy_track
 from relnav.geometry.rotation import dcm_from_quaternion_into
 from relnav.mission import Model
-from relnav.navigation.arguments import choose, controls, quaternions
+from relnav.navigation.arguments import choose, controls, quaternions, refuse_no_beacons
 from relnav.navigation.lasting_words import lasting_words
 from relnav.navigation.memory import Memory, views
 from relnav.navigation.observation.beacon_geometry import attitude_changed
@@ -294,8 +294,10 @@ def filter_epochs(
     Raises
     ------
     ValueError
-        For shapes that do not agree, times that do not increase, control or attitude that is not usable.
+        For another kind of model, shapes that do not agree, times that do not increase, control or attitude that is not
+        usable.
     """
+    refuse_no_beacons(model, "its log is filtered by relnav.filter_marker_epochs, not by relnav.filter_epochs")
     t, spots = _epochs(model, t_s, spots_m)
     n = len(t)
     if spot_sigma_m is not None:

@@ -1,5 +1,7 @@
 """A whole log of marker spots through the marker filter, chunk by chunk, late images included."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np
@@ -9,9 +11,9 @@ from relnav.codegen.kernel import entry
 from relnav.dynamics.error_state import POSE
 from relnav.errors import UsageError
 from relnav.estimation.timeline import Passed, Timeline
-from relnav.geometry.rotation import dcm_from_quaternion, dcm_from_quaternion_into
+from relnav.geometry.rotation import dcm_from_quaternion, dcm_from_quaternion_into, quaternion_from_dcm
 from relnav.mission import VisionMission
-from relnav.navigation.arguments import controls, quaternions
+from relnav.navigation.arguments import controls, quaternions, refuse_no_beacons, vector
 from relnav.navigation.pose_call import NO_COVARIANCES, Event
 from relnav.navigation.pose_epoch import EPOCH, read_epoch, write_epoch
 from relnav.navigation.pose_filter import NOTHING, pose_step
@@ -153,10 +155,11 @@ def filter_marker_epochs(
     acceleration_m_s2: Matrix | None = None,
     delta_v_m_s: Matrix | None = None,
     q_chaser_from_lvlh: Matrix | None = None,
+    dcm_chaser_from_lvlh: Stack | None = None,
     smooth: bool = False,
     engine: str = "compiled",
 ) -> PoseSolution:
-    """Filter a log of marker spots that is already in memory.
+    """Filter a log of marker spots that is already in memory: the same step as `PoseNavigator`, epoch after epoch.
 
     Parameters
     ----------
@@ -172,6 +175,8 @@ def filter_marker_epochs(
         Control in `lvlh_ccsds`: acceleration held since the row before, impulse just before the row.
     q_chaser_from_lvlh : (n, 4), optional
         The chaser's attitude at each row, unit quaternions, scalar last; the model's if left out.
+    dcm_chaser_from_lvlh : (n, 3, 3), optional
+        The same as rotation matrices.
     smooth : bool
         Run backward too: every state then rests on the images after it as well.
     engine : {"compiled", "filterpy"}
@@ -180,8 +185,15 @@ def filter_marker_epochs(
     Raises
     ------
     ValueError
-        For shapes that do not agree, times that go back, control or attitude that is not usable, an unknown engine.
+        For another kind of model, shapes that do not agree, times that go back, control or attitude that is not usable,
+        an attitude given twice, an unknown engine.
     """
+    if not isinstance(mission, VisionMission):
+        refuse_no_beacons(mission, "")
+        raise ValueError(
+            f"{mission.name} is a beacon mission: its log is filtered by relnav.filter_epochs, not by "
+            "relnav.filter_marker_epochs"
+        )
     t, spots = one_piece("t_s", t_s), one_piece("spots_px", spots_px)
     expected = (len(t), len(mission.markers.positions_m), 2)
     if t.ndim != 1 or spots.shape != expected:
@@ -190,6 +202,11 @@ def filter_marker_epochs(
         raise ValueError("t_s must be finite")
     control = controls(len(t), acceleration_m_s2, delta_v_m_s)
     quaternion = quaternions("q_chaser_from_lvlh", len(t), q_chaser_from_lvlh)
+    if dcm_chaser_from_lvlh is not None:
+        if q_chaser_from_lvlh is not None:
+            raise ValueError("q_chaser_from_lvlh and dcm_chaser_from_lvlh are the same attitude: give one of them")
+        turns = vector("dcm_chaser_from_lvlh", dcm_chaser_from_lvlh, (len(t), 3, 3))
+        quaternion = np.array([quaternion_from_dcm(turn) for turn in turns]).reshape(-1, 4)
     log = MarkerLogFilter(mission, keep=smooth, engine=engine)
     epochs = log.forward(t, spots, control, quaternion, image_t_s)
     if smooth:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import relnav
 from relnav.simulation.marker_flight import simulate_flight
@@ -120,3 +121,34 @@ def test_each_navigator_names_the_other(vbar):
         relnav.Navigator(marker)
     with pytest.raises(ValueError, match=r"a beacon mission is flown by relnav.Navigator"):
         relnav.PoseNavigator(vbar)
+
+
+def test_a_log_of_the_other_kind_is_told_who_filters_it():
+    beacons, markers = relnav.load_model("three_beacon_psd"), relnav.load_model("three_marker_vision")
+    t, spots = np.arange(3.0), np.full((3, 3, 2), np.nan)
+    with pytest.raises(
+        ValueError, match=r"three_marker_vision is a marker mission: .* relnav.filter_marker_epochs, not"
+    ):
+        relnav.filter_epochs(markers, t, spots)
+    with pytest.raises(ValueError, match=r"three_beacon_psd is a beacon mission: .* relnav.filter_epochs, not"):
+        relnav.filter_marker_epochs(beacons, t, spots)
+    with pytest.raises(ValueError, match=r"model is a loaded mission, relnav.load_model\(...\); got None"):
+        relnav.filter_marker_epochs(None, t, spots)
+
+
+def test_the_chasers_attitude_of_a_log_as_matrices_or_quaternions():
+    mission = relnav.load_model("three_marker_vision")
+    flight = relnav.simulate(mission, seed=3)
+    t, spots = flight.t_s[:40], flight.spots_px[:40]
+    turned = Rotation.from_rotvec(np.linspace(0.0, 0.01, 40)[:, None] * [1.0, 0.0, 0.0]) * Rotation.from_matrix(
+        flight.dcm_chaser_from_lvlh[:40]
+    )
+    ours = relnav.filter_marker_epochs(mission, t, spots, dcm_chaser_from_lvlh=turned.as_matrix())
+    theirs = relnav.filter_marker_epochs(mission, t, spots, q_chaser_from_lvlh=turned.as_quat())
+    np.testing.assert_allclose(ours.state, theirs.state, rtol=0.0, atol=1e-11)
+    assert (ours.status == theirs.status).all()
+    twice = {"dcm_chaser_from_lvlh": turned.as_matrix(), "q_chaser_from_lvlh": turned.as_quat()}
+    with pytest.raises(ValueError, match="are the same attitude: give one of them"):
+        relnav.filter_marker_epochs(mission, t, spots, **twice)
+    with pytest.raises(ValueError, match=r"dcm_chaser_from_lvlh has shape \(40, 3, 3\); got \(39, 3, 3\)"):
+        relnav.filter_marker_epochs(mission, t, spots, dcm_chaser_from_lvlh=turned.as_matrix()[:39])
