@@ -112,6 +112,9 @@ def _epoch_tiles(view: RunView) -> list[str]:
         tile("epochs used whole", str(used), f"of {view.thin.epochs}"),
         tile("epochs with something refused", str(refused), f"{counts[EpochStatus.PREDICTED]} without a measurement"),
     ]
+    if view.ambiguous >= 0:
+        note, verdict = ("not to be used", "bad") if view.ambiguous else (f"of {view.thin.epochs}", "good")
+        tiles.append(tile("epochs with an ambiguous pose", str(view.ambiguous), note, verdict))
     if view.nis.dof:
         lasting = view.metadata.get("considered", "")
         verdict = "" if lasting else "bad" if view.nis.overconfident else "good"

@@ -23,6 +23,7 @@ from relnav.files.thinning import Thin, Thinning
 from relnav.mission import Model
 from relnav.navigation.record import Solution
 from relnav.navigation.status import Alarm, EpochStatus
+from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
 
 FLAGS = tuple(f"is_{status.name.lower()}" for status in EpochStatus)
 ALARMS = {f"alarm_{one.name.lower()}": one for one in Alarm if one.name}
@@ -126,6 +127,8 @@ class RunView:
         Epochs by EpochStatus.
     alarmed : dict
         Epochs with each alarm that there was, by its column (`ALARMS`).
+    ambiguous : int
+        Epochs whose pose is ambiguous, of markers; -1 where nothing is known of that.
     rows : tuple of Row
         The timeline's.
     nis : Consistency
@@ -152,6 +155,7 @@ class RunView:
     names: dict[str, int]
     counts: Counter[int]
     alarmed: dict[str, int]
+    ambiguous: int
     nis: Consistency
     gate_probability: float = math.nan
     claims: tuple[Claim, ...] = ()
@@ -276,7 +280,7 @@ class RunWatcher:
         self._alarms = Spans((0,), lambda code: f"ALARM {Alarm(code).words}")
         self._counts: Counter[int] = Counter()
         self._alarmed: Counter[str] = Counter()
-        self._total, self._dof, self._title = 0.0, 0, ""
+        self._total, self._dof, self._title, self._ambiguous = 0.0, 0, "", -1
         self._innovations: Innovations | SpotInnovations | None = None
         self._port, self._unsaid = PortColumns(), ""
         self._metadata: dict[str, str] = {}
@@ -312,6 +316,10 @@ class RunWatcher:
         alarm = np.nan_to_num(columns.get("alarm", np.zeros(len(status)))).astype(np.int64)
         flags |= {name: (alarm & int(one) > 0).astype(np.float64) for name, one in ALARMS.items()}
         self._alarmed.update({name: int(flags[name].sum()) for name in ALARMS})
+        if "ambiguity" in columns:
+            unsure = (np.asarray(columns["ambiguity"]) < AMBIGUITY_LIMIT) & (status != EpochStatus.WAITING)
+            flags["ambiguous"] = unsure.astype(np.float64)
+            self._ambiguous = max(0, self._ambiguous) + int(unsure.sum())
         t, nis, dof = np.asarray(columns["t_s"]), np.asarray(columns["nis"]), np.asarray(columns["dof"])
         whole = np.isin(status, (EpochStatus.UPDATED, EpochStatus.STARTED)) & (dof > 0) & np.isfinite(nis)
         sums = np.stack([np.where(whole, nis, 0.0), np.where(whole, dof, 0), np.ones(len(t))])
@@ -343,6 +351,7 @@ class RunWatcher:
             names={name: k for k, name in enumerate(self._names)},
             counts=self._counts,
             alarmed={name: self._alarmed[name] for name in ALARMS if self._alarmed[name]},
+            ambiguous=self._ambiguous,
             nis=consistency_of_sum("NIS", self._total, self._dof),
             gate_probability=math.nan if settings is None else settings.gate_probability,
             claims=self._claims,
@@ -367,7 +376,9 @@ class RunWatcher:
             if self._counts[code]
         ]
         alarmed = [(name, self._alarmed[name]) for name in ALARMS if self._alarmed[name]]
-        return (*decided, *(Row(name, f"ALARM {ALARMS[name].name} ({count})", "gate") for name, count in alarmed))
+        unsure = [Row("ambiguous", f"ambiguous pose ({self._ambiguous})", "gate")] if self._ambiguous > 0 else []
+        alarms = (Row(name, f"ALARM {ALARMS[name].name} ({count})", "gate") for name, count in alarmed)
+        return (*decided, *unsure, *alarms)
 
     def _compared(self) -> tuple[Quantity, ...]:
         names = () if self._innovations is None else self._innovations.names()

@@ -13,7 +13,11 @@ import pytest
 
 import relnav
 import relnav.cli
+from relnav.files.marker_logs import write_marker_log
 from relnav.files.report_page import data_block, words
+from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
+from relnav.simulation.marker_flight import simulate_flight
+from relnav.simulation.trajectory import Approach
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
 
@@ -296,3 +300,18 @@ def test_a_pipe_is_read_once(tmp_path, vbar_log, marker_log, what):
     assert relnav.cli.run([str(argument) for argument in arguments]) == 0
     writer.join()
     assert "<canvas" in (tmp_path / "page.html").read_text()
+
+
+def test_ambiguous_poses_are_counted(tmp_path, page):
+    mission = relnav.load_model("three_marker_vision_flat")
+    flight = simulate_flight(mission, Approach(duration_s=10.0, rate_hz=4.0), seed=1)
+    write_marker_log(flight, tmp_path / "log.csv")
+    solution = relnav.filter_marker_log(tmp_path / "log.csv", mission)
+    count = np.count_nonzero((solution.ambiguity < AMBIGUITY_LIMIT) & (solution.status != relnav.EpochStatus.WAITING))
+    assert count > 10
+    log, out = str(tmp_path / "log.csv"), tmp_path / "page.html"
+    assert relnav.cli.run(["report", log, "--model", mission.name, "--out", str(out), "--quiet"]) == 0
+    text = out.read_text(encoding="utf-8")
+    assert re.search(rf"epochs with an ambiguous pose.{{0,80}}\b{count}\b.{{0,80}}not to be used", text, re.DOTALL)
+    assert f"ambiguous pose ({count})" in text
+    assert "ambiguous pose" not in page
