@@ -33,23 +33,31 @@ def twins_of(
     mission: its view is the expected one by now. One that misfits the spots, or is farther from the expected attitude
     or rate, than least_credible (chi-square) allows is left out.
     """
+    at_camera, view = mission.camera.dcm_cam_from_chaser @ dcm_chaser_from_lvlh, mission.view
+
+    def is_expected(pose: PoseState) -> bool:
+        off = rotation_vector_between(at_camera @ pose.dcm_lvlh_from_target, view.dcm_cam_from_target)
+        return float(off @ off) <= least_credible * view.attitude_sigma_rad**2
+
+    poses = _poses_like(lead, t_s, mission, dcm_chaser_from_lvlh, least_credible)
+    others = sorted(poses, key=lambda pose: _angle(pose, lead))[1:]  # the first is the leading one's own
+    twins = [pose for pose in others if is_expected(pose)]
+    if not twins:
+        return []
     n = frame_rate(orbit_values(mission.orbit), t_s)
     slow = lead.rate_rad_s - lvlh_rate(lead.dcm_lvlh_from_target, n)
     moved = lead.motion.copy()
     moved[:3] += APART_S * lead.motion[3:]
     later = replace(lead, motion=moved, dcm_lvlh_from_target=turned(lead.dcm_lvlh_from_target, APART_S * slow))
-    poses = _poses_like(lead, t_s, mission, dcm_chaser_from_lvlh, least_credible)
-    others = _poses_like(later, t_s + APART_S, mission, dcm_chaser_from_lvlh, least_credible)
+    soon = _poses_like(later, t_s + APART_S, mission, dcm_chaser_from_lvlh, least_credible)
     out = []
-    for pose in sorted(poses, key=lambda pose: _angle(pose, lead))[1:]:  # the first is the leading one's own
-        following = min(others, key=lambda other: _angle(other, pose), default=pose)
+    for pose in twins:
+        following = min(soon, key=lambda other: _angle(other, pose), default=pose)
         motion, dcm = pose.motion.copy(), pose.dcm_lvlh_from_target
         motion[3:] = (following.motion[:3] - pose.motion[:3]) / APART_S
         turn = rotation_vector_between(following.dcm_lvlh_from_target, dcm) / APART_S
-        seen = mission.camera.dcm_cam_from_chaser @ dcm_chaser_from_lvlh @ dcm
-        off = rotation_vector_between(seen, mission.view.dcm_cam_from_target) / mission.view.attitude_sigma_rad
         fast = turn / mission.filter.initial_rate_sigma_rad_s
-        if max(off @ off, fast @ fast) <= least_credible:
+        if fast @ fast <= least_credible:
             out.append(PoseState(motion, dcm, turn + lvlh_rate(dcm, n), _in_axes(dcm, lead)))
     return out
 
