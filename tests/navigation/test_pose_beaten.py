@@ -73,6 +73,22 @@ def test_a_pose_is_beaten_once_it_has_had_its_chance(odds, doubt, added, confirm
     assert beaten(m) == (pytest.approx([30.0]) if kept else [])
 
 
+def test_each_that_is_beaten_has_its_place():
+    m = bank((10.0, 0.0, 0.0, -math.inf), (40.0, 50.0, 0.0, -math.inf), (-30.0, 60.0, 0.0, LATE))
+    assert ordered(m) == (3, 1, 1)
+    assert sorted(beaten(m)) == pytest.approx([-40.0, 30.0])
+
+
+def test_a_start_has_beaten_nothing():
+    mission = relnav.load_model("three_marker_vision")
+    flight, nav = relnav.simulate(mission, seed=1), relnav.PoseNavigator(mission)
+    pose_views(nav.memory).beaten["t"] = 0.0
+    for k in range(3):
+        record = nav.step(flight.t_s[k], flight.spots_px[k], dcm_chaser_from_lvlh=flight.dcm_chaser_from_lvlh[k])
+    assert record.status is relnav.EpochStatus.UPDATED
+    assert beaten(pose_views(nav.memory)) == []
+
+
 def test_of_another_leading_one_nothing_is_kept():
     m = bank((10.0, 0.0, 0.0, -math.inf), (40.0, 50.0, 0.0, -math.inf))
     ordered(m)
