@@ -152,8 +152,10 @@ def target_attitude(data: Any) -> list[str]:
 
 
 def filter_epochs(data: Any) -> list[str]:
-    """A log in memory."""
+    """A log in memory, of beacons or of markers."""
     n = data.draw(st.integers(1, 12))
+    if data.draw(st.booleans()):
+        return marker_epochs(data, n)
     solution = asked(
         relnav.filter_epochs,
         model("three_beacon_psd"),
@@ -178,6 +180,29 @@ def filter_epochs(data: Any) -> list[str]:
         check_track(track)
     asked(solution.nis_consistency, data.draw(like(0.95)))
     return ["given", "refused" if track is None else "given"]
+
+
+def marker_epochs(data: Any, n: int) -> list[str]:
+    """The same of markers."""
+    solution = asked(
+        relnav.filter_marker_epochs,
+        model("three_marker_vision"),
+        data.draw(like(0.1 * np.arange(n))),
+        data.draw(like(np.tile(SPOTS_PX, (n, 1, 1)))),
+        smooth=data.draw(st.booleans()),
+        **drawn(
+            data,
+            image_t_s=0.1 * np.arange(n) - 0.05,
+            acceleration_m_s2=np.zeros((n, 3)),
+            delta_v_m_s=np.zeros((n, 3)),
+            q_chaser_from_lvlh=np.tile([0.5, -0.5, -0.5, -0.5], (n, 1)),
+            dcm_chaser_from_lvlh=np.tile(model("three_marker_vision").dcm_chaser_from_lvlh, (n, 1, 1)),
+        ),
+    )
+    if solution is None:
+        return ["refused"]
+    check_track(solution)
+    return ["given"]
 
 
 def check_track(track: Any) -> None:

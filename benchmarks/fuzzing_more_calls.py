@@ -178,6 +178,7 @@ COVERED = {
     "campaign": "campaign",
     "dual_field": "dual_field.measure",
     "filter_epochs": "filter_epochs",
+    "filter_marker_epochs": "filter_epochs",
     "filter_log": "filter_log",
     "filter_marker_log": "filter_log",
     "find_stars": "find_stars",

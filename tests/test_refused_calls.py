@@ -291,7 +291,7 @@ CALLS = {
         lambda: relnav.filter_epochs(PSD, [0.0, 0.1], UNSEEN + SPOTS, spot_sigma_m=np.zeros((2, 3, 2))),
         "spot_sigma_m is above zero, up to 1e\\+30; got .* at epoch 0",
     ),
-    "pose log": (lambda: pose_log([0.0], UNSEEN), "t_s has one axis and spots_px has shape .*; got"),
+    "pose log": (lambda: pose_log([0.0], UNSEEN), "spots_px has shape .*, one row a marker; got"),
     "pose times": (lambda: pose_log([0.0, math.inf], UNSEEN), "t_s must be finite"),
     "pose order": (lambda: pose_log([1.0, 0.0], UNSEEN), "t_s must not go back; the last epoch was at nan s"),
     "pose model": (lambda: relnav.PoseNavigator(PSD), "PoseNavigator flies a marker mission, such as"),

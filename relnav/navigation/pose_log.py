@@ -195,11 +195,16 @@ def filter_marker_epochs(
             "relnav.filter_marker_epochs"
         )
     t, spots = one_piece("t_s", t_s), one_piece("spots_px", spots_px)
+    if t.ndim != 1 or len(t) == 0:
+        raise ValueError(f"t_s has one axis, with at least one epoch; got shape {t.shape}")
     expected = (len(t), len(mission.markers.positions_m), 2)
-    if t.ndim != 1 or spots.shape != expected:
-        raise ValueError(f"t_s has one axis and spots_px has shape {expected}; got {t.shape} and {spots.shape}")
+    if spots.shape != expected:
+        raise ValueError(f"spots_px has shape {expected}, one row a marker; got {spots.shape}")
     if not np.all(np.isfinite(t)):
         raise ValueError("t_s must be finite")
+    exposed = None if image_t_s is None else one_piece("image_t_s", image_t_s)
+    if exposed is not None and exposed.shape != t.shape:
+        raise ValueError(f"image_t_s has shape {t.shape}, as t_s; got {exposed.shape}")
     control = controls(len(t), acceleration_m_s2, delta_v_m_s)
     quaternion = quaternions("q_chaser_from_lvlh", len(t), q_chaser_from_lvlh)
     if dcm_chaser_from_lvlh is not None:
@@ -208,7 +213,7 @@ def filter_marker_epochs(
         turns = vector("dcm_chaser_from_lvlh", dcm_chaser_from_lvlh, (len(t), 3, 3))
         quaternion = np.array([quaternion_from_dcm(turn) for turn in turns]).reshape(-1, 4)
     log = MarkerLogFilter(mission, keep=smooth, engine=engine)
-    epochs = log.forward(t, spots, control, quaternion, image_t_s)
+    epochs = log.forward(t, spots, control, quaternion, exposed)
     if smooth:
         events, apart = log.passed(last=True)
         PoseSmoother(mission).backward(events, apart)

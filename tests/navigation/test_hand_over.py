@@ -152,3 +152,18 @@ def test_the_chasers_attitude_of_a_log_as_matrices_or_quaternions():
         relnav.filter_marker_epochs(mission, t, spots, **twice)
     with pytest.raises(ValueError, match=r"dcm_chaser_from_lvlh has shape \(40, 3, 3\); got \(39, 3, 3\)"):
         relnav.filter_marker_epochs(mission, t, spots, dcm_chaser_from_lvlh=turned.as_matrix()[:39])
+
+
+@pytest.mark.parametrize(
+    ("told", "said"),
+    [
+        ({"t_s": 0.0}, r"t_s has one axis, with at least one epoch; got shape \(\)"),
+        ({"t_s": [], "spots_px": np.empty((0, 3, 2))}, r"at least one epoch; got shape \(0,\)"),
+        ({"image_t_s": [0.0]}, r"image_t_s has shape \(2,\), as t_s; got \(1,\)"),
+        ({"spots_px": np.zeros((2, 2, 2))}, r"spots_px has shape \(2, 3, 2\), one row a marker; got \(2, 2, 2\)"),
+    ],
+)
+def test_a_log_of_markers_of_another_shape(told, said):
+    mission = relnav.load_model("three_marker_vision")
+    with pytest.raises(ValueError, match=said):
+        relnav.filter_marker_epochs(mission, **{"t_s": [0.0, 0.1], "spots_px": np.full((2, 3, 2), np.nan), **told})
