@@ -20,7 +20,7 @@ With a camera's clock off by a quarter of a second no second is then unsaid in w
 level; without it, one in eight is (`benchmarks/vehicle_after_alarm.py`).
 """
 ASKED_EVERY_S = 2.0
-"""Between times at which alarms are noted: each costs a tenth of a second's processor time, and few end sooner."""
+"""Between times at which alarms are noted: at every event it would take longer than the filter; few end sooner."""
 
 
 def contradicting(drifts: Drifts, sensors: Mapping[str, SensorHealth]) -> tuple[str, ...]:

@@ -15,6 +15,8 @@ from relnav.navigation.pose_memory import new_pose_memory, pose_views
 from relnav.navigation.pose_propagation import MEMORY_S
 from relnav.navigation.pose_state import PoseState
 from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
+from relnav.simulation.marker_flight import simulate_flight
+from relnav.simulation.trajectory import Approach
 
 MOTION = np.array([5.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 SIGMA = 0.01
@@ -77,6 +79,23 @@ def test_each_that_is_beaten_has_its_place():
     m = bank((10.0, 0.0, 0.0, -math.inf), (40.0, 50.0, 0.0, -math.inf), (-30.0, 60.0, 0.0, LATE))
     assert ordered(m) == (3, 1, 1)
     assert sorted(beaten(m)) == pytest.approx([-40.0, 30.0])
+
+
+def test_of_one_beaten_fairly_no_second_is_looked_for():
+    """Nor is the leading one in doubt then; before a flat pattern, once the mirrored pose has fallen."""
+    mission, fell = relnav.load_model("three_marker_vision_flat"), 0
+    approach = Approach(120.0, 4.0, start_m=(8.0, 0.25, -0.15), final_range_m=2.0, speed_m_s=0.04, assumed_noise=True)
+    for seed in (50000, 50003, 50005):
+        flight, nav = simulate_flight(mission, approach, seed=seed), relnav.PoseNavigator(mission)
+        m = pose_views(nav.memory)
+        for k, t_s in enumerate(flight.t_s):
+            first = np.count_nonzero(m.bank["added"][: int(m.clock["running"])] == -math.inf)
+            nav.step(t_s, flight.spots_px[k], acceleration_m_s2=flight.acceleration_m_s2[k])
+            now = np.count_nonzero(m.bank["added"][: int(m.clock["running"])] == -math.inf)
+            if np.count_nonzero(m.beaten["t"] == t_s) == first - now > 0:
+                fell += 1
+                assert m.clock["renewed"] < t_s
+    assert fell > 0
 
 
 def test_a_start_has_beaten_nothing():

@@ -123,7 +123,8 @@ def _turn_points(body: Matrix, points: Record, dt: float, work: Matrix) -> bool:
 def _turn_time(rate: Vector, n: float) -> float:
     """For how long an acceleration adds up in a body that turns: one turn, s; 0 at rest.
 
-    It is the same in the body's axes, in which the axis of the turn goes round in one to three turns.
+    Constant errors make one that is the same in the body's axes as long as the axis of the turn is. About moments J it
+    goes round sqrt((J3 - J1) (J3 - J2) / (J1 J2)) times in a turn, at most once, as J3 <= J1 + J2.
     """
     fastest = max(math.sqrt(rate[0] * rate[0] + rate[1] * rate[1] + rate[2] * rate[2]), n)
     return 2.0 * math.pi / fastest if fastest > 0.0 else 0.0
