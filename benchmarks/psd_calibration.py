@@ -149,6 +149,8 @@ def main():
         return
     for row in campaign(options.detectors):
         print(json.dumps(row))
+    if options.flights < 1:
+        return
     model = relnav.load_model("three_beacon_psd")
     flights = [flight(model, seed) for seed in range(options.flights)]
     for k, name in enumerate(("without", "with")):

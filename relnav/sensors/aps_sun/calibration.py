@@ -145,8 +145,9 @@ def calibrate(
         form, loss = compile_table(fit.model, spline)
         error = angles_of_spots(form, xy) - angles
         rng, inside = np.random.default_rng(seed), used & np.isfinite(error).all(axis=1)
-        error[inside] = held_out_error(xy[used], s[used], fit, choice, rng)[inside[used]]
-        off = _calibration_noise(fit, choice, int(used.sum()))
+        unseen, missed_px = held_out_error(xy[used], s[used], fit, choice, rng)
+        error[inside] = unseen[inside[used]]
+        off = _calibration_noise(fit, spline is not None, missed_px)
         name = "rays" if spline is None else "rays and spline"
     done = Calibration(name, form, sensor.field_half_angle_rad, sensor.spot_noise_px, off)
     return CalibrationResult(done, fit, choice, loss, error, used, left)
@@ -258,23 +259,20 @@ def angles_of_spots(form: DirectionTable | PatentTables, spots_px: Matrix) -> Ma
     return np.arctan(tangents_from_direction(form.directions(spots_px)))
 
 
-def _calibration_noise(fit: PhysicalFit, choice: ResidualChoice | None, points: int) -> float:
+def _calibration_noise(fit: PhysicalFit, with_spline: bool, missed_px: Matrix) -> float:
     """1-sigma (px, each coordinate, mean over the field) of what fit and spline are off.
 
-    The larger of two: the fit's own covariance, and what held-out points show beyond the spot noise. The second counts
-    only if it is significant, two standard deviations of a mean square over so many points.
+    The fit's own covariance; or, if larger, what held-out points (N, 2) show beyond the spot noise, where the ray model
+    is not the sensor: it needs a spline, or leaves more than noise by two standard deviations of a mean square over so
+    many points.
     """
     s = _over_the_field(fit.model)
     moved = parameter_jacobian(fit.model, fit.free, s)
     from_fit = 0.5 * float(np.mean(np.einsum("nij,jk,nik->n", moved, fit.covariance, moved)))
-    noise2 = fit.model.sensor.spot_noise_px**2
-    held_out = fit.chi2_per_dof * noise2
-    if choice is not None and choice.spline is not None:
-        held_out = choice.held_out_px2
-    excess = held_out - noise2
-    if excess < 2.0 * noise2 / np.sqrt(points):
-        excess = 0.0
-    return float(np.sqrt(max(from_fit, excess)))
+    if with_spline or fit.chi2_per_dof > 1.0 + 2.0 / np.sqrt(len(missed_px)):
+        noise2 = fit.model.sensor.spot_noise_px**2
+        return float(np.sqrt(max(from_fit, float(np.mean(missed_px**2)) - noise2)))
+    return float(np.sqrt(from_fit))
 
 
 def _patent_noise(error_rad: Matrix, model: ApsSunModel) -> float:

@@ -19,8 +19,8 @@ MOST_GROUPS = 50
 
 def held_out_error(
     xy: Matrix, s: Matrix, fit: PhysicalFit, choice: ResidualChoice | None, rng: np.random.Generator
-) -> Matrix:
-    """Calibrated minus stated (alpha, beta) (N, 2) rad of fitted spots (N, 2), each held out.
+) -> tuple[Matrix, Matrix]:
+    """Calibrated minus stated (alpha, beta) (N, 2) rad of fitted spots (N, 2), each held out, and the same in px.
 
     Raises
     ------
@@ -45,7 +45,5 @@ def held_out_error(
         if choice is not None and data is not None:
             miss[out] -= data.without(out, shifts, choice.stiffness).shift_px(xy[out])
     tangents = tangents_from_direction(s)
-    error: Matrix = np.linalg.solve(project_jacobian(fit.model, tangents), miss[..., None])[..., 0] / (
-        1.0 + tangents**2
-    )
-    return error
+    moved = np.linalg.solve(project_jacobian(fit.model, tangents), miss[..., None])[..., 0]
+    return moved / (1.0 + tangents**2), miss

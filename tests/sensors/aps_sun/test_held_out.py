@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from relnav.sensors.aps_sun.calibration import angles_of_spots, calibrate
+from relnav.sensors.aps_sun.measure import measure
 from relnav.sensors.aps_sun.patent import stage_one_angles
 from relnav.sensors.aps_sun.rays import project
 
@@ -46,6 +47,21 @@ def test_it_is_that_of_fresh_directions(model, unit, kind, side):
     assert three_rms(own) < three_rms(error) / (10.0 if (kind, side) == ("smooth", 7) else 1.0)
     most = np.abs(result.error_rad).max() / np.abs(error).max()
     assert 0.8 < most < 2.5
+
+
+@pytest.mark.parametrize(("kind", "side"), [("smooth", 5), ("smooth", 7), ("ripple", 5), ("ripple", 7), ("ripple", 13)])
+def test_covariances_contain_it(model, unit, kind, side):
+    """NEES / 2 of fresh directions is at most 1; with what rays leave at their points it is 1.2 to 1.3 of a ripple."""
+    rng, along = np.random.default_rng(side), np.linspace(-55.0, 55.0, side)
+    grid, fresh = np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2), rng.uniform(-54.0, 54.0, (500, 2))
+    spots, seen = (distorted(a, kind) + NOISE_PX * rng.normal(size=a.shape) for a in (grid, fresh))
+    start = replace(model, sensor=replace(model.sensor, field_half_angle_rad=np.radians(55.0), spot_noise_px=NOISE_PX))
+    calibration, nees = calibrate(spots, unit(grid), start).calibration, []
+    for spot, s in zip(seen, unit(fresh), strict=True):
+        out = measure(spot, start, calibration=calibration)
+        error = out.direction - s
+        nees.append(error @ np.linalg.pinv(out.covariance, rcond=1e-6) @ error)
+    assert 0.1 < np.mean(nees) / 2.0 < 1.05
 
 
 def test_it_is_that_of_points_measured_anew(model, unit, grid):
