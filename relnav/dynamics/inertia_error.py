@@ -4,7 +4,7 @@ The error lasts as long as the body does, so that its effect grows where noise w
 for noise becomes overconfident. It is told as what one sigma of each entry does, to be carried beside the errors
 (Schmidt 1966). With J + E in place of J the angular acceleration is off by
 
-    a - J^-1 E a + ...,   a = J^-1 (-w x E w + 3 n^2 o x E o - E w').
+    a - J^-1 E a + ...,   a = J^-1 (-w x E w + g o x E o - E w').
 
 The first part is linear in E. The second is not, and cannot be carried like this; it is told as noise. Without it, what
 remains after some turns of a body would be larger than a filter says.
@@ -14,7 +14,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Vector
 from relnav.codegen.kernel import straight_line
-from relnav.dynamics.rigid_body import BODY_ROWS, INERTIA, INVERSE, MEAN_MOTION, TORQUE
+from relnav.dynamics.rigid_body import BODY_ROWS, GRADIENT, INERTIA, INVERSE, ORBIT, TORQUE
 
 INERTIA_ENTRIES = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
 """Which entries of an inertia its errors are of: three moments, then three products."""
@@ -41,12 +41,12 @@ def _torque(rate: Vector, nadir: Vector, gradient: float, inertia: Matrix) -> Ve
 def inertia_effect_into(body: Matrix, sigma: Matrix, dcm: Matrix, rate: Vector, out: Matrix) -> None:
     """Write what one sigma of each entry of the inertia does to the angular acceleration, rad/s^2, into out (3, 6).
 
-    J w' = -w x J w + 3 n^2 o x J o + tau, so J dw' = -w x E w + 3 n^2 o x E o - E w' for an error E of J. body as in
+    J w' = -w x J w + g o x J o + tau, so J dw' = -w x E w + g o x E o - E w' for an error E of J. body as in
     `rigid_body`; sigma (3, 3) kg m^2; columns as in INERTIA_ENTRIES. Without a torque tau an error of the inertia's
     size alone, E = J, does nothing.
     """
-    inertia, inverse, nadir, n = body[INERTIA : INERTIA + 3], body[INVERSE : INVERSE + 3], dcm[2], body[MEAN_MOTION, 0]
-    gradient, tau = 3.0 * n * n, _torque(rate, nadir, 3.0 * n * n, inertia)
+    inertia, inverse, nadir = body[INERTIA : INERTIA + 3], body[INVERSE : INVERSE + 3], dcm[2]
+    gradient, tau = body[ORBIT, GRADIENT], _torque(rate, nadir, body[ORBIT, GRADIENT], inertia)
     for i in range(3):
         tau[i] = tau[i] + body[TORQUE, i]
     acceleration = _times(inverse, tau)

@@ -54,12 +54,22 @@ def true_anomaly_at(orbit: Vector, t: float) -> tuple[float, float]:
 @entry
 def frame_rate(orbit: Vector, t: float) -> float:
     """Rate at which `lvlh_ccsds` turns about -y at t s on the log's clock, rad/s: h / r^2 of the target."""
-    e = orbit[1]
+    rate, _ = frame_and_gradient(orbit, t)
+    return rate
+
+
+@kernel
+def frame_and_gradient(orbit: Vector, t: float) -> tuple[float, float]:
+    """That rate, and three times mu / r^3 of the target, 1/s^2.
+
+    mu / r^3 = n^2 (a / r)^3, a / r = (1 + e cos v) / (1 - e^2).
+    """
+    n, e = float(orbit[0]), orbit[1]
     if e == 0.0:
-        return float(orbit[0])
+        return n, 3.0 * n * n
     _, cosine = true_anomaly_at(orbit, t)
-    q = 1.0 - e * e
-    return float(orbit[0] * (1.0 + e * cosine) ** 2 / (q * math.sqrt(q)))
+    q, near = 1.0 - e * e, 1.0 + e * cosine
+    return n * near**2 / (q * math.sqrt(q)), 3.0 * n * n * (near / q) ** 3
 
 
 @kernel

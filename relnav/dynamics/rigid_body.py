@@ -1,9 +1,10 @@
-"""Rotation of a rigid body in a circular orbit, its attitude told from `lvlh_ccsds` and its rate from inertial space.
+"""Rotation of a rigid body in orbit, its attitude told from `lvlh_ccsds` and its rate from inertial space.
 
-    J w' = -w x J w + 3 n^2 o x J o + tau,   o = C^T z,   C' = C [(w - C^T w_L) x],   w_L = -n y
+    J w' = -w x J w + g o x J o + tau,   o = C^T z,   C' = C [(w - C^T w_L) x],   w_L = -n y,   g = 3 mu / r^3
 
 (Hughes, Spacecraft Attitude Dynamics, ch. 9, for the gravity gradient.) C is `dcm_lvlh_from_target`; w (inertial rate)
-and J in body axes, o the nadir in body axes. No inertial frame is needed: the orbit's turning is in C'.
+and J in body axes, o the nadir in body axes. No inertial frame is needed: the orbit's turning is in C'. n, the rate of
+the frame, is the mean motion of a circular orbit, and g = 3 n^2; about an eccentric one both are those of the time.
 
 An error of the attitude is a small rotation vector in body axes, C = C_hat exp([theta x]).
 """
@@ -22,9 +23,11 @@ MOST_STEPS = 20_000
 """Of one propagation, 1000 rad: ten days held in low orbit, 16 hours at a degree a second. A rate known to a part in
 a thousand has by then lost the attitude, and so have the orbit and the torques that are not modelled."""
 
-INERTIA, INVERSE, MEAN_MOTION, TORQUE = 0, 3, 6, 7
-"""Rows of a body (8, 3): its inertia and the inverse, three rows each; (mean motion, 0, 0); the torque on it."""
+INERTIA, INVERSE, ORBIT, TORQUE = 0, 3, 6, 7
+"""Rows of a body (8, 3): its inertia and the inverse, three rows each; its orbit; the torque on it."""
 BODY_ROWS = 8
+FRAME_RATE, GRADIENT = 0, 1
+"""Of the row of the orbit: rate at which `lvlh_ccsds` turns about -y, rad/s, and three times mu / r^3, 1/s^2."""
 
 _RATES_PATTERN = ("0***00", "*0*0*0", "**000*", "******", "******", "******")
 """Of F: theta' = -w x theta + dw."""
@@ -32,9 +35,17 @@ _RATES_PATTERN = ("0***00", "*0*0*0", "**000*", "******", "******", "******")
 
 @kernel
 def _derivative(
-    start: Matrix, turn: Vector, rate: Vector, inertia: Matrix, inverse: Matrix, n: float, tau: Vector, work: Matrix
+    start: Matrix,
+    turn: Vector,
+    rate: Vector,
+    inertia: Matrix,
+    inverse: Matrix,
+    orbit: Vector,
+    tau: Vector,
+    work: Matrix,
 ) -> None:
     """Write (turn', rate') into work rows 3, 4, where C = start exp([turn x]) goes to rows 0-2."""
+    n, gradient = orbit[FRAME_RATE], orbit[GRADIENT]
     turn_by_rotation_vector(start, turn, work)  # writes the first three rows
     r0, r1, r2 = rate[0] + n * work[1, 0], rate[1] + n * work[1, 1], rate[2] + n * work[1, 2]  # w - C^T w_L
     c0, c1, c2 = turn[1] * r2 - turn[2] * r1, turn[2] * r0 - turn[0] * r2, turn[0] * r1 - turn[1] * r0
@@ -44,7 +55,6 @@ def _derivative(
     for i in range(3):
         work[5, i] = inertia[i, 0] * rate[0] + inertia[i, 1] * rate[1] + inertia[i, 2] * rate[2]
         work[6, i] = inertia[i, 0] * work[2, 0] + inertia[i, 1] * work[2, 1] + inertia[i, 2] * work[2, 2]
-    gradient = 3.0 * n * n
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         torque = tau[i] - (rate[j] * work[5, k] - rate[k] * work[5, j])
@@ -55,7 +65,7 @@ def _derivative(
 
 @kernel
 def turn_body(
-    dcm: Matrix, rate: Vector, inertia: Matrix, inverse: Matrix, n: float, tau: Vector, dt: float, work: Matrix
+    dcm: Matrix, rate: Vector, inertia: Matrix, inverse: Matrix, orbit: Vector, tau: Vector, dt: float, work: Matrix
 ) -> None:
     """Advance dcm (3, 3) and rate (3,), in place, by one Runge-Kutta step dt of Munthe-Kaas; work (14, 3) scratch.
 
@@ -65,7 +75,7 @@ def turn_body(
     for i in range(3):
         turn[i], trial[i], total_turn[i], total_rate[i] = 0.0, rate[i], 0.0, 0.0
     for stage in range(4):
-        _derivative(dcm, turn, trial, inertia, inverse, n, tau, derivative)
+        _derivative(dcm, turn, trial, inertia, inverse, orbit, tau, derivative)
         weight = dt / 6.0 if stage in (0, 3) else dt / 3.0
         ahead = 0.5 * dt if stage < 2 else dt
         for i in range(3):
@@ -82,11 +92,11 @@ def turn_body(
 
 @kernel
 def error_rates_into(
-    dcm: Matrix, rate: Vector, inertia: Matrix, inverse: Matrix, n: float, F: Matrix, work: Matrix
+    dcm: Matrix, rate: Vector, inertia: Matrix, inverse: Matrix, gradient: float, F: Matrix, work: Matrix
 ) -> None:
     """Write F (6, 6) of (theta, dw)' = F (theta, dw) into F; work (6, 3) scratch.
 
-    theta' = -w x theta + dw, the orbit's turning drops out; dw' = J^-1 (3 n^2 ([o x] J - [Jo x]) [o x] theta
+    theta' = -w x theta + dw, the orbit's turning drops out; dw' = J^-1 (g ([o x] J - [Jo x]) [o x] theta
     + ([Jw x] - [w x] J) dw).
     """
     for i in range(6):
@@ -97,7 +107,6 @@ def error_rates_into(
         F[i, j], F[i, k], F[i, 3 + i] = rate[k], -rate[j], 1.0
         work[0, i] = inertia[i, 0] * rate[0] + inertia[i, 1] * rate[1] + inertia[i, 2] * rate[2]
         work[1, i] = inertia[i, 0] * dcm[2, 0] + inertia[i, 1] * dcm[2, 1] + inertia[i, 2] * dcm[2, 2]
-    gradient = 3.0 * n * n
     for c in range(3):  # column by column: what a unit error does to the torque
         d, e = (c + 1) % 3, (c + 2) % 3
         work[2, c], work[2, d], work[2, e] = 0.0, dcm[2, e], -dcm[2, d]  # [o x] of it
@@ -166,7 +175,7 @@ def turn_body_with_errors(
     rate: Vector,
     inertia: Matrix,
     inverse: Matrix,
-    n: float,
+    orbit: Vector,
     tau: Vector,
     h: float,
     count: int,
@@ -180,13 +189,13 @@ def turn_body_with_errors(
     density: of white angular acceleration; work (50, 6) scratch.
     """
     before, after, columns, turning = work[0:6], work[6:12], work[12:18, 0:3], work[18:32, 0:3]
-    error_rates_into(dcm, rate, inertia, inverse, n, before, columns)
+    error_rates_into(dcm, rate, inertia, inverse, orbit[GRADIENT], before, columns)
     for i in range(6):
         for j in range(6):
             noise[i, j] = 0.0
     for taken in range(count):
-        turn_body(dcm, rate, inertia, inverse, n, tau, h, turning)
-        error_rates_into(dcm, rate, inertia, inverse, n, after, columns)
+        turn_body(dcm, rate, inertia, inverse, orbit, tau, h, turning)
+        error_rates_into(dcm, rate, inertia, inverse, orbit[GRADIENT], after, columns)
         for i in range(6):
             for j in range(6):
                 later = after[i, j]
@@ -224,12 +233,12 @@ def propagate_into(
     axis) adds, into phi and q (6, 6). body (BODY_ROWS, 3): its rows by name above, kg m^2, rad/s, N m; work (50, 6)
     scratch. False, and nothing written, for a step of more than MOST_STEPS: nothing is known of the attitude after it.
     """
-    n = body[MEAN_MOTION, 0]
-    count = step_count(rate, n, dt)
+    orbit = body[ORBIT]
+    count = step_count(rate, orbit[FRAME_RATE], dt)
     if count == 0:
         return False
     inertia, inverse = body[INERTIA : INERTIA + 3], body[INVERSE : INVERSE + 3]
-    turn_body_with_errors(dcm, rate, inertia, inverse, n, body[TORQUE], dt / count, count, density, phi, q, work)
+    turn_body_with_errors(dcm, rate, inertia, inverse, orbit, body[TORQUE], dt / count, count, density, phi, q, work)
     return True
 
 
@@ -270,7 +279,8 @@ class RigidBody:
         self.mean_motion_rad_s = float(mean_motion_rad_s)
         self.matrix = np.zeros((BODY_ROWS, 3))
         self.matrix[INERTIA : INERTIA + 3], self.matrix[INVERSE : INVERSE + 3] = self.inertia, self.inverse
-        self.matrix[MEAN_MOTION, 0] = self.mean_motion_rad_s
+        self.matrix[ORBIT, FRAME_RATE] = self.mean_motion_rad_s
+        self.matrix[ORBIT, GRADIENT] = 3.0 * self.mean_motion_rad_s * self.mean_motion_rad_s
         self._work, self._errors = np.zeros((14, 3)), np.zeros((50, 6))
 
     def steps(self, rate_rad_s: Vector, dt_s: float) -> int:
@@ -289,13 +299,13 @@ class RigidBody:
         tau = np.zeros(3) if torque_n_m is None else np.asarray(torque_n_m, dtype=np.float64)
         count = self.steps(rate, dt_s)
         for _ in range(count):
-            turn_body(dcm, rate, self.inertia, self.inverse, self.mean_motion_rad_s, tau, dt_s / count, self._work)
+            turn_body(dcm, rate, self.inertia, self.inverse, self.matrix[ORBIT], tau, dt_s / count, self._work)
         return dcm, rate
 
     def error_rates(self, dcm_lvlh_from_target: Matrix, rate_rad_s: Vector) -> Matrix:
         """F (6, 6) of (theta, dw)' = F (theta, dw), as in `error_rates_into`."""
-        F, n = np.empty((6, 6)), self.mean_motion_rad_s
-        error_rates_into(dcm_lvlh_from_target, rate_rad_s, self.inertia, self.inverse, n, F, np.empty((6, 3)))
+        F, gradient = np.empty((6, 6)), float(self.matrix[ORBIT, GRADIENT])
+        error_rates_into(dcm_lvlh_from_target, rate_rad_s, self.inertia, self.inverse, gradient, F, np.empty((6, 3)))
         return F
 
     def propagate_with_errors(

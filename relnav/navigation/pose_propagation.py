@@ -7,8 +7,8 @@ from relnav.codegen.kernel import kernel, straight_line, variant
 from relnav.codegen.trace import Shape
 from relnav.dynamics import rigid_body
 from relnav.dynamics.error_state import MOTION, POSE, RATE, ROTATION, THETA
-from relnav.dynamics.relative_motion import frame_rate
-from relnav.dynamics.rigid_body import MEAN_MOTION
+from relnav.dynamics.relative_motion import frame_and_gradient
+from relnav.dynamics.rigid_body import FRAME_RATE, GRADIENT, ORBIT
 from relnav.dynamics.yamanaka_ankersen import PHI_PATTERN
 from relnav.estimation.considered import is_felt
 from relnav.estimation.factored import factorize_into, time_update_into
@@ -94,7 +94,7 @@ def advance_pose(
     """
     phi, noise = scratch["phi"], scratch["noise"]
     turn, spread_, factors, values = body["phi"], body["noise"], body["factors"], body["values"]
-    values[MEAN_MOTION, 0] = frame_rate(orbit, t + 0.5 * dt)
+    values[ORBIT, FRAME_RATE], values[ORBIT, GRADIENT] = frame_and_gradient(orbit, t + 0.5 * dt)
     if not rotate_into(values, dt, track["dcm"], track["rate"], body["noise_density"], turn, spread_, body["work"]):
         return False
     carry_state_eccentric(track["motion"], step["phi"], step["effect"], track["motion"])

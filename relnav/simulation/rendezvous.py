@@ -187,8 +187,7 @@ class Truth:
         errors = self.lasting["thrust.scale"], self.lasting["thrust.direction"]
         thrust = np.concatenate([*errors, [vehicle.thrust.largest_m_s2]])
         ports = np.array([target.port_position_m, vehicle.chaser.port_position_m])
-        n = vehicle.orbit.mean_motion_rad_s
-        flown = integrate(y, course, turning, self._environment(), thrust, ports, n)
+        flown = integrate(y, course, turning, self._environment(), thrust, ports)
         self._rates = flown.rates
         self.commands = list(zip(self._times[::GUIDANCE_STEPS].tolist(), flown.commands, strict=True))
         self._position = CubicHermiteSpline(self._times, flown.track[:, :3], flown.track[:, 3:])

@@ -8,7 +8,7 @@ import numpy as np
 from relnav.arrays import Matrix, Stack, Vector
 from relnav.codegen.kernel import kernel, long_kernel
 from relnav.geometry.rotation_vector import rotation_vector_into, turn_by_rotation_vector
-from relnav.simulation.orbits import lvlh_axes, runge_kutta_step
+from relnav.simulation.orbits import MU, lvlh_axes, runge_kutta_step
 
 STEP_S = 0.1
 GUIDANCE_PERIOD_S = 1.0
@@ -70,12 +70,12 @@ def _command(
 
 @kernel
 def _angular(
-    dcm: Matrix, w: Vector, nadir: Vector, n: float, inertia: Matrix, inverse: Matrix, push: Vector, work: Matrix,
-    out: Vector,
+    dcm: Matrix, w: Vector, nadir: Vector, gradient: float, inertia: Matrix, inverse: Matrix, push: Vector,
+    work: Matrix, out: Vector,
 ) -> None:  # fmt: skip
     """Write the target's angular acceleration: gravity gradient, Euler's equations, push (3,).
 
-    dcm (3, 3): target's axes to inertial ones; nadir (3,) inertial; work (5, 3).
+    dcm (3, 3): target's axes to inertial ones; nadir (3,) inertial; gradient: three times mu / r^3; work (5, 3).
     """
     down, bent, torque, spin, gyroscopic = work[0], work[1], work[2], work[3], work[4]
     _times_transposed(dcm, nadir, down)
@@ -84,7 +84,7 @@ def _angular(
     _times(inertia, w, spin)
     _cross(w, spin, gyroscopic)
     for i in range(3):
-        torque[i] = 3.0 * n * n * torque[i] - gyroscopic[i]
+        torque[i] = gradient * torque[i] - gyroscopic[i]
     _times(inverse, torque, out)
     for i in range(3):
         out[i] += push[i]
@@ -92,18 +92,19 @@ def _angular(
 
 @kernel
 def _turn_target(
-    dcm: Matrix, rate: Vector, r: Vector, n: float, inertia: Matrix, inverse: Matrix, push: Vector, work: Matrix
+    dcm: Matrix, rate: Vector, r: Vector, mu: float, inertia: Matrix, inverse: Matrix, push: Vector, work: Matrix
 ) -> None:
     """Turn the target by a step, in place: Euler's equations at its middle; r (3,): inertial place; work (14, 3)."""
     nadir, angle, first, middle, half, scratch = work[0], work[1], work[2], work[3], work[4:7], work[7:12]
     distance = math.sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
+    gradient = 3.0 * mu / (distance * distance * distance)
     for i in range(3):
         nadir[i] = -r[i] / distance
-    _angular(dcm, rate, nadir, n, inertia, inverse, push, scratch, first)
+    _angular(dcm, rate, nadir, gradient, inertia, inverse, push, scratch, first)
     for i in range(3):
         angle[i], middle[i] = 0.5 * STEP_S * rate[i], rate[i] + 0.5 * STEP_S * first[i]
     turn_by_rotation_vector(dcm, angle, half)
-    _angular(half, middle, nadir, n, inertia, inverse, push, scratch, work[12])
+    _angular(half, middle, nadir, gradient, inertia, inverse, push, scratch, work[12])
     for i in range(3):
         angle[i] = STEP_S * middle[i]
         rate[i] += STEP_S * work[12, i]
@@ -142,7 +143,7 @@ def _relative(y: Matrix, frame: Matrix, turn: float, work: Matrix, x: Vector) ->
 def _integrate(
     y: Matrix, frames: Stack, turns: Vector, chaser: Stack, profile: Matrix, environment: Vector, thrust: Vector,
     pushed: Matrix, pushes: Matrix, dcm: Matrix, rate: Vector, inertia: Matrix, inverse: Matrix, held: Matrix,
-    held_rates: Matrix, ports: Matrix, n: float, track: Matrix, attitudes: Stack, rates: Matrix, commands: Matrix,
+    held_rates: Matrix, ports: Matrix, track: Matrix, attitudes: Stack, rates: Matrix, commands: Matrix,
     work: Matrix,
 ) -> None:  # fmt: skip
     """Write relative states (m, 6), the target's attitudes (m, 3, 3) and rates (m, 3), commands (one a period, 3).
@@ -180,7 +181,7 @@ def _integrate(
                 push[i] = pushes[k, i]
         else:
             _controlled(frame, dcm, rate, held, held_rates[k], scratch, push)
-        _turn_target(dcm, rate, y[0], n, inertia, inverse, push, scratch)
+        _turn_target(dcm, rate, y[0], environment[MU], inertia, inverse, push, scratch)
 
 
 @dataclass(frozen=True)
@@ -239,13 +240,11 @@ class Flown:
     commands: Matrix
 
 
-def integrate(
-    y: Matrix, course: Course, target: Turning, environment: Vector, thrust: Vector, ports: Matrix, n: float
-) -> Flown:
+def integrate(y: Matrix, course: Course, target: Turning, environment: Vector, thrust: Vector, ports: Matrix) -> Flown:
     """Fly from inertial states y (4, 3), as `orbits` has them and its environment.
 
     thrust (5,): relative error of size, turn, largest command along an axis, m/s^2; ports (2, 3) m: target's and
-    chaser's, each in its own axes; n: the stated orbit's mean motion.
+    chaser's, each in its own axes.
     """
     m = len(course.profile)
     flown = Flown(np.empty((m, 6)), np.empty((m, 3, 3)), np.empty((m, 3)), np.empty((-(-m // GUIDANCE_STEPS), 3)))
@@ -267,7 +266,6 @@ def integrate(
         own(target.held),
         own(target.held_rates_rad_s),
         ports,
-        n,
         flown.track,
         flown.attitudes,
         flown.rates,

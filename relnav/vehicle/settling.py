@@ -16,7 +16,7 @@ from relnav.dynamics import gauss_markov, relative_motion, rigid_body
 from relnav.dynamics.clohessy_wiltshire import acceleration_effect_into
 from relnav.dynamics.error_state import MOTION, ROTATION
 from relnav.dynamics.process_noise import NODES
-from relnav.dynamics.rigid_body import BODY_ROWS, MEAN_MOTION
+from relnav.dynamics.rigid_body import BODY_ROWS, FRAME_RATE, GRADIENT, ORBIT
 from relnav.estimation.schmidt import carry_into, clear
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
 from relnav.vehicle.drift_sums import carry_drifts
@@ -188,7 +188,8 @@ def _turn_through(
 def _shared(constants: Record, scratch: Record, t: float, dt: float) -> None:
     """Write into scratch what is the same in every estimate over dt from t: the frame, and what fades."""
     lvlh_from_inertial_into(constants["orbit"], constants["axes"], t + dt, scratch["frame"])
-    constants["body"][MEAN_MOTION, 0] = relative_motion.frame_rate(constants["orbit"], t + 0.5 * dt)
+    rate, gradient = relative_motion.frame_and_gradient(constants["orbit"], t + 0.5 * dt)
+    constants["body"][ORBIT, FRAME_RATE], constants["body"][ORBIT, GRADIENT] = rate, gradient
     sigma, time, fade, drift = constants["slow_sigma"], constants["slow_time"], scratch["fade"], scratch["drift"]
     gauss_markov.propagate_into(sigma, time, dt, fade, drift)
 

@@ -12,6 +12,7 @@ from relnav.dynamics import clohessy_wiltshire, process_noise
 from relnav.dynamics.process_noise import NODES
 from relnav.dynamics.relative_motion import (
     depends_on_dt_alone,
+    frame_and_gradient,
     frame_rate,
     orbit_vector,
     propagate_into,
@@ -190,6 +191,7 @@ def test_the_targets_place_and_the_turn_of_the_frame(e: float, theta: float, t: 
     orbit = orbit_vector(N, e, theta)
     np.testing.assert_allclose(true_anomaly_at(orbit, t), [math.sin(place), math.cos(place)], rtol=0.0, atol=1e-8)
     assert frame_rate(orbit, t) == pytest.approx(h / target(N, e, place)[0] ** 2, rel=1e-8)
+    assert frame_and_gradient(orbit, t)[1] == pytest.approx(3.0 * MU / target(N, e, place)[0] ** 3, rel=1e-8)
 
 
 @pytest.mark.parametrize("dt", [0.1, 2.0, 400.0, 3000.0])

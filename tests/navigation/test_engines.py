@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import relnav
-from relnav.dynamics.rigid_body import RigidBody
+from relnav.dynamics.rigid_body import GRADIENT, ORBIT, RigidBody
 from relnav.errors import UsageError
 from relnav.files.filter_log import filter_log
 from relnav.files.marker_logs import write_marker_log
@@ -176,8 +176,10 @@ def test_marker_engines_agree(missions, name, outside):
 def _turns_alike(monkeypatch):
     """The target's turn predicted as by the compiled filter: all else stays two implementations."""
 
-    def alike(inertia, n, dcm, rate, dt_s, density):
-        return RigidBody(inertia, n).propagate_with_errors(dcm, rate, dt_s, density)
+    def alike(inertia, orbit, dcm, rate, dt_s, density):
+        body = RigidBody(inertia, orbit[0])
+        body.matrix[ORBIT, GRADIENT] = 3.0 * orbit[1]
+        return body.propagate_with_errors(dcm, rate, dt_s, density)
 
     monkeypatch.setattr(reference_bank, "predict_rotation", alike)
 

@@ -9,9 +9,10 @@ from relnav.codegen.kernel import entry, kernel
 from relnav.dynamics.inertia_error import inertia_effect_into, second_order_square
 from relnav.dynamics.rigid_body import (
     BODY_ROWS,
+    FRAME_RATE,
     INERTIA,
     INVERSE,
-    MEAN_MOTION,
+    ORBIT,
     TORQUE,
     propagate_into,
     step_count,
@@ -108,12 +109,12 @@ def _largest_sigmas(track: Record) -> tuple[float, float]:
 @kernel
 def _turn_points(body: Matrix, points: Record, dt: float, work: Matrix) -> bool:
     """Carry the sigma points over dt."""
-    inertia, inverse, n = body[INERTIA : INERTIA + 3], body[INVERSE : INVERSE + 3], body[MEAN_MOTION, 0]
+    inertia, inverse, orbit = body[INERTIA : INERTIA + 3], body[INVERSE : INVERSE + 3], body[ORBIT]
     for k in range(POINTS):
         rate = points["rate"][k]
-        count = step_count(rate, n, dt)
+        count = step_count(rate, orbit[FRAME_RATE], dt)
         for _ in range(count):
-            turn_body(points["dcm"][k], rate, inertia, inverse, n, body[TORQUE], dt / count, work)
+            turn_body(points["dcm"][k], rate, inertia, inverse, orbit, body[TORQUE], dt / count, work)
         if count == 0:
             return False
     return True
@@ -152,7 +153,7 @@ def advance(memory: Record, t: float) -> int:
         dcm, rate, lasting = track["dcm"][:], track["rate"][:], track["lasting"]
         turn, speed = _largest_sigmas(track)
         coming = turn + speed * dt
-        steps = step_count(rate, body[MEAN_MOTION, 0], dt)
+        steps = step_count(rate, body[ORBIT, FRAME_RATE], dt)
         known = steps > 0 and coming * coming + density * dt * dt * dt / 3.0 <= limit * limit
         pieces = (steps + STEPS_A_PIECE - 1) // STEPS_A_PIECE
         for _ in range(pieces):
@@ -165,7 +166,7 @@ def advance(memory: Record, t: float) -> int:
             inertia_effect_into(body, sigma, dcm, rate, before)
             jitter = density
             if m["inertia_off"] > 0:
-                jitter += second_order_square(body, sigma, before) * _turn_time(rate, body[MEAN_MOTION, 0])
+                jitter += second_order_square(body, sigma, before) * _turn_time(rate, body[ORBIT, FRAME_RATE])
             known = known and propagate_into(body, h, dcm, rate, jitter, phi, noise, work)
             inertia_effect_into(body, sigma, dcm, rate, after)
             carry_lasting(lasting, phi, before, after, h)

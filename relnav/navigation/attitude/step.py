@@ -19,7 +19,7 @@ import math
 import numpy as np
 
 from relnav.arrays import Matrix, Record
-from relnav.dynamics.rigid_body import MEAN_MOTION, lvlh_rate
+from relnav.dynamics.rigid_body import FRAME_RATE, ORBIT, lvlh_rate
 from relnav.estimation.attitude import CHASER, TURNING
 from relnav.estimation.factored import compose, factorize
 from relnav.navigation.attitude.prediction import LARGEST_SIGMA_RAD, take_if_near
@@ -93,7 +93,7 @@ def _open_trial(memory: Record, measured: Matrix, noise: Matrix, chaser: Matrix,
         sigma = max(sigma, min(LARGEST_RATE_SIGMA_RAD_S, UNKNOWN_TURN_RAD / interval_s))
     covariance = sigma**2 * np.eye(TURNING)
     covariance[:3, :3] = noise
-    trial["dcm"], trial["rate"] = measured, lvlh_rate(measured, m["body"][MEAN_MOTION, 0])
+    trial["dcm"], trial["rate"] = measured, lvlh_rate(measured, m["body"][ORBIT, FRAME_RATE])
     trial["ld"], trial["lasting"] = factorize(covariance), 0.0
     trial["lasting"][:3, CHASER] = m["chaser_sigma"] * (chaser @ measured).T
     m["has_trial"], m["agreed"], m["chance"] = 1, 0, 1.0

@@ -22,7 +22,7 @@ import math
 from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import kernel
 from relnav.dynamics.error_state import MOTION, THETA
-from relnav.dynamics.rigid_body import MEAN_MOTION
+from relnav.dynamics.rigid_body import FRAME_RATE, ORBIT
 from relnav.estimation.monitors import (
     AWAY_S,
     JUMP_S,
@@ -61,7 +61,7 @@ OUTLYING = 100.0
 @kernel
 def _note_spots(m: PoseMemory, lead: Record, count: int) -> None:
     """Note how fast each spot is to move and, of one that was refused for long, how surprising it is."""
-    v, rate, dcm, mean_motion = lead["motion"], lead["rate"], lead["dcm"], m.body["values"][MEAN_MOTION, 0]
+    v, rate, dcm, mean_motion = lead["motion"], lead["rate"], lead["dcm"], m.body["values"][ORBIT, FRAME_RATE]
     for g in range(count):
         source, spot = m.groups[g], m.spots[int(m.which[g])]
         speed = m.scratch["error"]

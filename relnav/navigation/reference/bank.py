@@ -15,7 +15,7 @@ from relnav.navigation.pose_filter import DROP, JOINED, JOINED_LATE, MARGIN, TEL
 from relnav.navigation.pose_propagation import MEMORY_S
 from relnav.navigation.pose_update import LONE_SHARE, SETTLING_S
 from relnav.navigation.reference.marker_rows import MarkerImage, MarkerOptics, PoseTrack
-from relnav.navigation.reference.motion import orbit_rate, predict_motion, predict_rotation
+from relnav.navigation.reference.motion import predict_motion, predict_rotation, rate_and_gravity
 
 _TURN, _RATE = slice(6, 9), slice(9, 12)
 
@@ -77,9 +77,9 @@ def carried(
     drift = mission.target.rate_noise_density_rad2_s3 * dt_s**3 / 3.0
     if not variance[_TURN].max() + variance[_RATE].max() * dt_s**2 + drift <= math.pi**2:
         return None
-    n = orbit_rate(mission.orbit, t_s + 0.5 * dt_s)
+    orbit = rate_and_gravity(mission.orbit, t_s + 0.5 * dt_s)
     inertia, density = np.array(mission.target.inertia_kg_m2), mission.target.rate_noise_density_rad2_s3
-    rotation = predict_rotation(inertia, n, track.dcm, track.rate, dt_s, density)
+    rotation = predict_rotation(inertia, orbit, track.dcm, track.rate, dt_s, density)
     if rotation is None:
         return None
     dcm, rate, turning, turn_noise = rotation

@@ -135,18 +135,21 @@ def _orbit_rates(orbit: Orbit, t_s: float) -> tuple[float, float, float]:
     return w, -2.0 * w * w * e * sine / rho, w * w / rho
 
 
-def orbit_rate(orbit: Orbit, t_s: float) -> float:
-    """Rate at which `lvlh_ccsds` turns about -y, rad/s."""
-    return _orbit_rates(orbit, t_s)[0]
+def rate_and_gravity(orbit: Orbit, t_s: float) -> tuple[float, float]:
+    """Rate at which `lvlh_ccsds` turns about -y, rad/s, and mu / r^3, 1/s^2."""
+    rate, _, gravity = _orbit_rates(orbit, t_s)
+    return rate, gravity
 
 
 def predict_rotation(
-    inertia: Matrix, n: float, dcm: Matrix, rate: Vector, dt_s: float, density: float
+    inertia: Matrix, orbit: tuple[float, float], dcm: Matrix, rate: Vector, dt_s: float, density: float
 ) -> tuple[Matrix, Vector, Matrix, Matrix] | None:
     """dcm_lvlh_from_target and inertial rate after dt, and Phi and Q (6, 6) of their errors (theta, dw).
 
-    inertia (3, 3) kg m^2, n rad/s, density of white angular acceleration, rad^2/s^3. None after MOST_TURN_RAD.
+    inertia (3, 3) kg m^2, orbit as `rate_and_gravity` has it, density of white angular acceleration, rad^2/s^3.
+    None after MOST_TURN_RAD.
     """
+    n, gravity = orbit
     fastest = max(float(np.linalg.norm(rate)), n)
     if not fastest * dt_s <= MOST_TURN_RAD:
         return None
@@ -158,7 +161,7 @@ def predict_rotation(
         attitude, turning = values[:63].reshape(7, 3, 3), values[63:].reshape(7, 3)
         nadir = attitude[:, 2]
         relative = turning + n * attitude[:, 1]
-        torque = 3.0 * n * n * cross(nadir, nadir @ inertia) - cross(turning, turning @ inertia)
+        torque = 3.0 * gravity * cross(nadir, nadir @ inertia) - cross(turning, turning @ inertia)
         return np.concatenate([cross(attitude, relative[:, None]).ravel(), (torque @ inverse).ravel()])
 
     for _ in range(pieces):

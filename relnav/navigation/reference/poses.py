@@ -14,7 +14,7 @@ from relnav.navigation.observation.marker_poses import WIDENED
 from relnav.navigation.pose_filter import DROP
 from relnav.navigation.reference.bank import Exposure, turn_between, turned_by
 from relnav.navigation.reference.marker_rows import SEEN, MarkerOptics, PoseTrack
-from relnav.navigation.reference.motion import orbit_rate
+from relnav.navigation.reference.motion import rate_and_gravity
 from relnav.sensors.three_marker.measure import measure
 from relnav.sensors.three_marker.outcome import MISFIT_PROBABILITY
 from relnav.sensors.three_marker.pose import Pose
@@ -92,7 +92,7 @@ def _track_on(
     covariance[3:6, 3:6] = settings.initial_velocity_sigma_m_s**2 * np.eye(3)
     covariance[9:, 9:] = settings.initial_rate_sigma_rad_s**2 * np.eye(3)
     motion, considered = np.concatenate([-back @ place, np.zeros(3)]), np.zeros((optics.considered, 12))
-    track = PoseTrack(motion, dcm, -orbit_rate(mission.orbit, image.t_s) * dcm[1], covariance, considered)
+    track = PoseTrack(motion, dcm, -rate_and_gravity(mission.orbit, image.t_s)[0] * dcm[1], covariance, considered)
     _, slopes = optics.derivatives(track, image.chaser, used)
     left = optics.by_lasting(slopes, used).reshape(len(used), 2, -1)
     for i, marker in enumerate(used):
