@@ -65,12 +65,14 @@ MEMORY = np.dtype(
         ("rejections", _I),
         ("interval", _F),  # since the measured attitude before
         ("has_trial", _I),
+        ("opened_t", _F),  # of the attitude that the trial began with
         ("agreed", _I),  # attitudes that have confirmed the trial
         ("chance", _F),  # that attitudes without relation would have
         ("contradicted", _I),  # trials in a row
         ("rate_unknown", _I),
         ("track", ATTITUDE_TRACK),
         ("trial", ATTITUDE_TRACK),
+        ("opened", ATTITUDE_TRACK),  # the trial as it began
         ("compared", COMPARED),
         ("given", _F, (3, 3)),  # covariance of the measured attitude, symmetric to the last bit
         ("recent", INNOVATION, RECENT),  # of the track
@@ -131,58 +133,67 @@ def _turn_time(rate: Vector, n: float) -> float:
     return 2.0 * math.pi / fastest if fastest > 0.0 else 0.0
 
 
-@entry
-def advance(memory: Record, t: float) -> int:
-    """Carry the track and the trial of memory (1,), of type MEMORY, to t s; returns the status if nothing is measured.
+@kernel
+def _carry(memory: Record, track: Record, dt: float, limit: float, unscented: bool) -> bool:
+    """Carry a track over dt; False where its attitude is lost: its 1-sigma exceeds a limit, rad.
 
-    One whose attitude is lost is dropped: its 1-sigma exceeds a limit, or by kinematics alone is going to, and then
-    nothing long is computed.
+    If by kinematics alone it is going to, nothing long is computed.
     """
     m = memory[0]
     # [:] makes all arrays of one kind: a kernel is compiled once for each kind that it is given
     body, points, phi, noise = m["body"], m["points"], m["phi"][:], m["noise"][:]
     before, after = m["before"], m["after"]
-    sigma, density, unscented, work = m["inertia_sigma"], m["density"], m["unscented"] > 0, m["work"][:]
-    narrow, dt, m["t"] = work[0:14, 0:3], t - m["t"], t
-    for which in range(2):
-        if not dt > 0.0 or (which == 0 and m["running"] == 0) or (which == 1 and m["has_trial"] == 0):
-            continue
-        track, limit = m["track"], LARGEST_SIGMA_RAD
-        if which == 1:
-            track, limit = m["trial"], LARGEST_TRIAL_SIGMA_RAD
-        dcm, rate, lasting = track["dcm"][:], track["rate"][:], track["lasting"]
+    sigma, density, work = m["inertia_sigma"], m["density"], m["work"][:]
+    narrow, dcm, rate, lasting = work[0:14, 0:3], track["dcm"][:], track["rate"][:], track["lasting"]
+    turn, speed = _largest_sigmas(track)
+    coming = turn + speed * dt
+    steps = step_count(rate, body[ORBIT, FRAME_RATE], dt)
+    known = steps > 0 and coming * coming + density * dt * dt * dt / 3.0 <= limit * limit
+    pieces = (steps + STEPS_A_PIECE - 1) // STEPS_A_PIECE
+    for _ in range(pieces):
+        if not known:
+            break
+        h = dt / pieces
+        if unscented:
+            spread_points(track, points, narrow)
+            known = _turn_points(body, points, h, narrow)
+        inertia_effect_into(body, sigma, dcm, rate, before)
+        jitter = density
+        if m["inertia_off"] > 0:
+            jitter += second_order_square(body, sigma, before) * _turn_time(rate, body[ORBIT, FRAME_RATE])
+        known = known and propagate_into(body, h, dcm, rate, jitter, phi, noise, work)
+        inertia_effect_into(body, sigma, dcm, rate, after)
+        carry_lasting(lasting, phi, before, after, h)
+        if unscented:
+            gather_points(track, points, noise, narrow)
+        else:
+            carry_errors(track["ld"], phi, noise)
         turn, speed = _largest_sigmas(track)
-        coming = turn + speed * dt
-        steps = step_count(rate, body[ORBIT, FRAME_RATE], dt)
-        known = steps > 0 and coming * coming + density * dt * dt * dt / 3.0 <= limit * limit
-        pieces = (steps + STEPS_A_PIECE - 1) // STEPS_A_PIECE
-        for _ in range(pieces):
-            if not known:
-                break
-            h = dt / pieces
-            if unscented:
-                spread_points(track, points, narrow)
-                known = _turn_points(body, points, h, narrow)
-            inertia_effect_into(body, sigma, dcm, rate, before)
-            jitter = density
-            if m["inertia_off"] > 0:
-                jitter += second_order_square(body, sigma, before) * _turn_time(rate, body[ORBIT, FRAME_RATE])
-            known = known and propagate_into(body, h, dcm, rate, jitter, phi, noise, work)
-            inertia_effect_into(body, sigma, dcm, rate, after)
-            carry_lasting(lasting, phi, before, after, h)
-            if unscented:
-                gather_points(track, points, noise, narrow)
-            else:
-                carry_errors(track["ld"], phi, noise)
-            turn, speed = _largest_sigmas(track)
-            known = known and turn <= limit
-        if not known and which == 0:
-            m["running"], m["rejections"] = 0, 0
-        elif not known:
-            m["has_trial"] = 0
+        known = known and turn <= limit
+    return known
+
+
+@entry
+def advance(memory: Record, t: float) -> int:
+    """Carry the track and the trial of memory (1,), of type MEMORY, to t s; returns the status if nothing is measured.
+
+    One whose attitude is lost is dropped.
+    """
+    m = memory[0]
+    dt, unscented, m["t"] = t - m["t"], m["unscented"] > 0, t
+    if dt > 0.0 and m["running"] > 0 and not _carry(memory, m["track"], dt, LARGEST_SIGMA_RAD, unscented):
+        m["running"], m["rejections"] = 0, 0
+    if dt > 0.0 and m["has_trial"] > 0 and not _carry(memory, m["trial"], dt, LARGEST_TRIAL_SIGMA_RAD, unscented):
+        m["has_trial"] = 0
     if m["running"] == 0:
         return WAITING
     return REJECTED if m["rejections"] > 0 else PREDICTED
+
+
+@entry
+def carry_trial(memory: Record, dt: float) -> bool:
+    """Carry the trial over dt by slopes alone; False where its attitude is lost."""
+    return bool(_carry(memory, memory[0]["trial"], dt, LARGEST_TRIAL_SIGMA_RAD, False))
 
 
 @entry

@@ -1,8 +1,8 @@
 """What the target-attitude filter makes of a measured attitude: used, rejected, a start, a start anew.
 
-Start: a measured attitude opens a trial, at rest in `lvlh_ccsds` but for what is told of the rate. A later one that the
-trial predicts confirms it, as soon as attitudes without relation would hardly have agreed so well by chance. One that
-contradicts it opens another trial.
+Start: a measured attitude opens a trial, at rest in `lvlh_ccsds` but for what is told of the rate. The next one is
+fitted together with it (`trial.py`), later ones are predicted. Those that agree confirm it, as soon as attitudes
+without relation would hardly have agreed so well by chance. One that contradicts it opens another trial.
 
 Lock-out: from the first attitude that the track rejects, trials run beside it. After `restart_after` rejections in a
 row a trial that two more attitudes have confirmed replaces it; a shorter burst of wrong attitudes, even of ones that
@@ -19,15 +19,11 @@ import math
 import numpy as np
 
 from relnav.arrays import Matrix, Record
-from relnav.dynamics.rigid_body import FRAME_RATE, ORBIT, lvlh_rate
-from relnav.estimation.attitude import CHASER, TURNING
-from relnav.estimation.factored import compose, factorize
+from relnav.estimation.factored import compose
 from relnav.navigation.attitude.prediction import LARGEST_SIGMA_RAD, take_if_near
+from relnav.navigation.attitude.trial import fit_trial, open_trial
 from relnav.navigation.status import REJECTED, STARTED, WAITING
 
-UNKNOWN_TURN_RAD = 0.5
-"""1-sigma of the turn from one measured attitude to the next, where nothing is known of the rate."""
-LARGEST_RATE_SIGMA_RAD_S = 1.0
 LARGEST_CHANCE = 1e-3
 """That attitudes without relation would have agreed as those of a trial did."""
 MOST_CONTRADICTED = 3
@@ -51,7 +47,7 @@ def use(memory: Record, measured: Matrix, chaser: Matrix) -> tuple[int, bool]:
             m["running"], m["rejections"], m["has_trial"], m["remembered"] = 1, 0, 0, 0
             return STARTED, True
     else:
-        _open_trial(memory, measured, noise, chaser, interval)
+        open_trial(memory, measured, noise, chaser, interval)
     if running:
         m["compared"] = rejected
     return REJECTED if running else WAITING, running
@@ -60,7 +56,11 @@ def use(memory: Record, measured: Matrix, chaser: Matrix) -> tuple[int, bool]:
 def _agrees(memory: Record, measured: Matrix, noise: Matrix, chaser: Matrix) -> bool:
     """Whether a measured attitude agrees with the trial, which then has learnt from it."""
     m = memory[0]
-    if not take_if_near(memory, True, measured, noise, chaser, m["trial_gate"]):
+    if m["agreed"] == 0:
+        near = fit_trial(memory, measured, noise, chaser)
+    else:
+        near = take_if_near(memory, True, measured, noise, chaser, m["trial_gate"])
+    if not near:
         m["contradicted"] += 1
         if m["contradicted"] >= MOST_CONTRADICTED:
             m["rate_unknown"] = 1
@@ -83,17 +83,3 @@ def _is_confirmed(m: Record) -> bool:
     trial = m["trial"]
     variances = np.diagonal(compose(trial["ld"])) + np.sum(trial["lasting"] ** 2, axis=1)
     return bool(variances[:3].max() <= LARGEST_SIGMA_RAD**2)
-
-
-def _open_trial(memory: Record, measured: Matrix, noise: Matrix, chaser: Matrix, interval_s: float) -> None:
-    """Begin a trial at a measured attitude, the last one having come interval_s before."""
-    m = memory[0]
-    trial, sigma = m["trial"], m["rate_sigma"]
-    if (m["rate_unknown"] or m["running"]) and interval_s > 0.0:
-        sigma = max(sigma, min(LARGEST_RATE_SIGMA_RAD_S, UNKNOWN_TURN_RAD / interval_s))
-    covariance = sigma**2 * np.eye(TURNING)
-    covariance[:3, :3] = noise
-    trial["dcm"], trial["rate"] = measured, lvlh_rate(measured, m["body"][ORBIT, FRAME_RATE])
-    trial["ld"], trial["lasting"] = factorize(covariance), 0.0
-    trial["lasting"][:3, CHASER] = m["chaser_sigma"] * (chaser @ measured).T
-    m["has_trial"], m["agreed"], m["chance"] = 1, 0, 1.0
