@@ -382,18 +382,3 @@ def carry_sensitivities(places: Codes, weights: Matrix, counts: Codes, sensitivi
     for i in range(len(moved)):
         for c in range(moved.shape[1]):
             sensitivity[i, c] = moved[i, c]
-
-
-@kernel
-def reset_into(P: Matrix, theta: Vector, at: int) -> None:
-    """Replace P by that about the attitude that took theta (3,) in: G P G^T, G = I - [theta x] / 2 from row `at` on.
-
-    These three rows of P are whole.
-    """
-    a, b, c = 0.5 * theta[0], 0.5 * theta[1], 0.5 * theta[2]
-    for k in range(P.shape[0]):
-        x, y, z = P[at, k], P[at + 1, k], P[at + 2, k]
-        P[at, k], P[at + 1, k], P[at + 2, k] = x + c * y - b * z, y + a * z - c * x, z + b * x - a * y
-    for k in range(P.shape[0]):
-        x, y, z = P[k, at], P[k, at + 1], P[k, at + 2]
-        P[k, at], P[k, at + 1], P[k, at + 2] = x + c * y - b * z, y + a * z - c * x, z + b * x - a * y

@@ -6,6 +6,9 @@ The first are those of every filter (`dynamics/error_state.py`).
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from relnav.arrays import Codes
 from relnav.dynamics import error_state
 from relnav.estimation.state_layout import Block, Role, StateLayout
 from relnav.spacecraft import POINTS, Vehicle
@@ -64,6 +67,12 @@ def layout_of(vehicle: Vehicle, more: Mapping[str, tuple[LastingError, ...]] | N
             blocks.append(Block(f"{name}.{error.kind}", slice(at, at + error.size), error.sigma, error.role))
             at += error.size
     return StateLayout(tuple(blocks))
+
+
+def lights_of(layout: StateLayout) -> Codes:
+    """Where the three errors of each light of any sensor begin, (l,)."""
+    blocks = (b.place for b in layout.blocks if b.name.endswith(".points"))
+    return np.array([at for place in blocks for at in range(place.start, place.stop, 3)], dtype=np.int64)
 
 
 def untold(layout: StateLayout, vehicle: Vehicle) -> StateLayout:

@@ -32,16 +32,15 @@ class Step(NamedTuple):
         At its beginning.
     F, Q : (MOVING, DRIVING), (MOVING, MOVING)
         By what the errors that move depend on the first ones before, and their noise.
-    values, dcm_lvlh_from_target, dcm_inertial_from_chaser : (n,), (3, 3), (3, 3)
-        At its end.
+    values, attitudes : (n,), ((3, 3), (3, 3))
+        At its end; dcm_lvlh_from_target, dcm_inertial_from_chaser.
     """
 
     before: Estimates
     F: Matrix
     Q: Matrix
     values: Vector
-    dcm_lvlh_from_target: Matrix
-    dcm_inertial_from_chaser: Matrix
+    attitudes: tuple[Matrix, Matrix]
 
 
 class VehicleMotion:
@@ -149,12 +148,12 @@ class VehicleMotion:
 
     def _tell(self, before: Estimates, F: Matrix, Q: Matrix, after: Estimates) -> None:
         if self.on_step is not None:
-            ends = after.values[0], after.dcm_lvlh_from_target[0], after.dcm_inertial_from_chaser[0]
-            self.on_step(Step(before, F.copy(), Q.copy(), *(end.copy() for end in ends)))
+            ends = after.dcm_lvlh_from_target[0].copy(), after.dcm_inertial_from_chaser[0].copy()
+            self.on_step(Step(before, F.copy(), Q.copy(), after.values[0].copy(), ends))
 
     def _step(self, at: Estimates, samples: GyroSamples, t_s: float) -> Estimates:
         """All from at.t_s to t_s in one piece."""
-        begin_s, values, target, chaser, covariance, command, lost, drift = at
+        begin_s, values, target, chaser, covariance, _, lights, command, lost, drift = at
         drift = drift.copy() if self._watched >= 0 else drift
         if self._without >= 0:
             self._held[0, 1:] = self.frame.held_rate(self._chaser, 0.5 * (begin_s + t_s))
@@ -184,7 +183,8 @@ class VehicleMotion:
         if not known:
             rate = np.linalg.norm(at.values[:, TARGET_RATE], axis=1).max()
             raise ValueError(f"the target's rate, {rate:.3g} rad/s, is no longer known: start anew")
-        new = Estimates(t_s, values, target, chaser, after, command, lost, drift)
+        frame = self._scratch["frame"].copy()
+        new = Estimates(t_s, values, target, chaser, after, frame, lights, command, lost, drift)
         if self.on_step is not None:
             self._tell(at, self._scratch["F"], self._scratch["Q"], new)
         return new

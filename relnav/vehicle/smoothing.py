@@ -298,14 +298,14 @@ def _combine_into(P: Matrix, Q: Matrix, later: Matrix, G: Matrix, rest: Matrix, 
 def step_back(step: Step, later: Estimates) -> Estimates:
     """Smoothed estimates of one filter before a step, from those after it."""
     before, n = step.before, later.values.shape[1]
-    P, P_later = before.of(0).covariance, later.of(0).covariance
+    P, P_later = before.of(0).covariance, later.referred(step.values, *step.attitudes).of(0).covariance
     G, rest, work, smoothed = np.empty((MOVING, n)), np.empty((MOVING, n)), np.empty((max(n, 3 * MOVING), n)), P.copy()
     for more in LEAST_PIVOTS:
         if smooth_into(P, step.F, step.Q, P_later, more, G, rest, work, smoothed):
             break
     else:
         raise ValueError("the filter's covariance is no longer positive definite: it cannot be smoothed")
-    difference, target, chaser = later.values[0] - step.values, step.dcm_lvlh_from_target, step.dcm_inertial_from_chaser
+    difference, (target, chaser) = later.values[0] - step.values, step.attitudes
     difference[TARGET_ATTITUDE] = rotation_vector_between(later.dcm_lvlh_from_target[0], target)
     difference[CHASER_ATTITUDE] = rotation_vector_between(later.dcm_inertial_from_chaser[0], chaser)
     correction = np.concatenate([np.sum(G * difference, axis=1), difference[MOVING:]])

@@ -4,55 +4,68 @@ The filters of a navigator, the one that is told and the one that watches it, st
 array is the filter, and what is done to one is done to all in one compiled call.
 """
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from relnav.arrays import Matrix, Stack, Vector
+from relnav.arrays import Codes, Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import entry, kernel
 from relnav.dynamics.error_state import MOTION
-from relnav.estimation.schmidt import reset_into
 from relnav.estimation.state_layout import StateLayout
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
 from relnav.spacecraft import Vehicle
 from relnav.vehicle.drift_sums import no_sums
-from relnav.vehicle.layout import CHASER_ATTITUDE, TARGET_ATTITUDE, TARGET_RATE
+from relnav.vehicle.layout import CHASER_ATTITUDE, TARGET_ATTITUDE, TARGET_RATE, lights_of
 from relnav.vehicle.orbit_frame import OrbitFrame
+from relnav.vehicle.reset import change_into, is_felt, refer_into, reset_scratch
 
 _TARGET, _CHASER = TARGET_ATTITUDE.start, CHASER_ATTITUDE.start
-RESET_FROM_RAD = 1e-3
-"""Below this correction the covariance is the same about the old and the new attitude to 5e-4 of itself."""
 
 
 @kernel
-def _take_turn(theta: Vector, dcm: Matrix, P: Matrix, at: int, turned: Matrix) -> None:
-    """Turn an attitude, in place, by theta (3,), and replace P (n, n) by that about it; turned (3, 3) scratch."""
-    turn_by_rotation_vector(dcm, theta, turned)
-    for i in range(3):
-        for c in range(3):
-            dcm[i, c] = turned[i, c]
-    if math.sqrt(theta[0] ** 2 + theta[1] ** 2 + theta[2] ** 2) > RESET_FROM_RAD:
-        reset_into(P, theta, at)
+def correct_one(
+    values: Vector,
+    target: Matrix,
+    chaser: Matrix,
+    P: Matrix,
+    correction: Vector,
+    frame: Matrix,
+    lights: Codes,
+    scratch: Record,
+) -> None:
+    """Take a correction (n,) into values (n,), both attitudes (3, 3) and P (n, n), in place.
 
-
-@kernel
-def correct_one(values: Vector, target: Matrix, chaser: Matrix, P: Matrix, correction: Vector, turned: Matrix) -> None:
-    """Take a correction (n,) into values (n,), both attitudes (3, 3) and P (n, n), in place; turned (3, 3) scratch."""
+    frame (3, 3): dcm_lvlh_from_inertial; lights (l,): where the errors of each begin; scratch of `reset_scratch`.
+    """
+    new, change = scratch["attitudes"], scratch["change"]
+    turn_by_rotation_vector(target, correction[_TARGET : _TARGET + 3], new[0])
+    turn_by_rotation_vector(chaser, correction[_CHASER : _CHASER + 3], new[1])
+    if is_felt(P, correction, lights):
+        change_into(correction, target, chaser, new[0], new[1], frame, lights, change, scratch["to_lvlh"])
+        refer_into(P, change, scratch["turns"], scratch["carried"])
     for i in range(len(values)):
         values[i] += correction[i]
     for i in range(3):
         values[_TARGET + i] = values[_CHASER + i] = 0.0
-    _take_turn(correction[_TARGET : _TARGET + 3], target, P, _TARGET, turned)
-    _take_turn(correction[_CHASER : _CHASER + 3], chaser, P, _CHASER, turned)
+        for c in range(3):
+            target[i, c], chaser[i, c] = new[0, i, c], new[1, i, c]
 
 
 @entry
-def correct_into(values: Matrix, targets: Stack, chasers: Stack, P: Stack, corrections: Matrix, turned: Matrix) -> None:
+def correct_into(
+    values: Matrix,
+    targets: Stack,
+    chasers: Stack,
+    P: Stack,
+    corrections: Matrix,
+    frame: Matrix,
+    lights: Codes,
+    scratch: Record,
+) -> None:
     """Take corrections (k, n) into k estimates, in place: as `correct_one`."""
     for f in range(len(values)):
-        correct_one(values[f], targets[f], chasers[f], P[f], corrections[f], turned)
+        correct_one(values[f], targets[f], chasers[f], P[f], corrections[f], frame, lights, scratch[0])
 
 
 class VehicleState(NamedTuple):
@@ -104,6 +117,10 @@ class Estimates(NamedTuple):
     dcm_lvlh_from_target, dcm_inertial_from_chaser : (k, 3, 3)
     covariance : (k, n, n)
         These as of `VehicleState`.
+    frame : (3, 3)
+        dcm_lvlh_from_inertial at t_s.
+    lights : (l,)
+        Where in the layout the three errors of each light begin.
     command_m_s2 : (3,)
         To the thrusters, chaser axes.
     lost : Lost or None
@@ -117,6 +134,8 @@ class Estimates(NamedTuple):
     dcm_lvlh_from_target: Stack
     dcm_inertial_from_chaser: Stack
     covariance: Stack
+    frame: Matrix
+    lights: Codes
     command_m_s2: Vector
     lost: Lost | None
     drift: Matrix
@@ -150,11 +169,29 @@ class Estimates(NamedTuple):
             drift=self.drift.copy(),
         )
 
+    def referred(self, values: Vector, dcm_lvlh_from_target: Matrix, dcm_inertial_from_chaser: Matrix) -> "Estimates":
+        """The one estimate with the covariance of its errors about another one, (n,) and (3, 3) twice (`reset`)."""
+        new, scratch = self.copied(), reset_scratch(self.values.shape[1])[0]
+        change_into(
+            values - self.values[0],
+            self.dcm_lvlh_from_target[0],
+            self.dcm_inertial_from_chaser[0],
+            dcm_lvlh_from_target,
+            dcm_inertial_from_chaser,
+            self.frame,
+            self.lights,
+            scratch["change"],
+            scratch["to_lvlh"],
+        )
+        refer_into(new.covariance[0], scratch["change"], scratch["turns"], scratch["carried"])
+        return new
+
     def corrected(self, corrections: Matrix) -> "Estimates":
         """The estimates with corrections (k, n) of their errors taken in."""
         new = self.copied()
         attitudes = new.dcm_lvlh_from_target, new.dcm_inertial_from_chaser
-        correct_into(new.values, *attitudes, new.covariance, corrections, np.empty((3, 3)))
+        scratch = reset_scratch(new.values.shape[1])
+        correct_into(new.values, *attitudes, new.covariance, corrections, new.frame, new.lights, scratch)
         return new
 
 
@@ -174,6 +211,8 @@ def start_state(
         dcm_lvlh_from_target=np.stack([target] * filters),
         dcm_inertial_from_chaser=np.stack([dcm] * filters),
         covariance=np.stack([layout.prior for layout in layouts]),
+        frame=frame.dcm_lvlh_from_inertial(t_s),
+        lights=lights_of(layouts[0]),
         command_m_s2=np.zeros(3),
         lost=None,
         drift=no_sums(layouts[0].size, drifting),

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from relnav.arrays import Codes, Flags, Matrix, Stack, Vector
+from relnav.arrays import Codes, Flags, Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import entry, kernel
 from relnav.estimation.gating import gate_limits
 from relnav.estimation.information import information_gained, squared_volume
@@ -14,6 +14,7 @@ from relnav.estimation.schmidt import copy_into, gate_rows, take_chosen, take_ga
 from relnav.estimation.state_layout import StateLayout
 from relnav.vehicle.drift_sums import take_drifts
 from relnav.vehicle.layout import CHASER_ATTITUDE, DRIVING, POSITION, TARGET_ATTITUDE
+from relnav.vehicle.reset import refer_rows_into, reset_scratch
 from relnav.vehicle.rows import Rows
 from relnav.vehicle.state import Estimates, correct_into, correct_one
 
@@ -67,7 +68,9 @@ def take_into(
     corrections: Matrix,
     prior: Stack,
     told: Matrix,
-    turned: Matrix,
+    frame: Matrix,
+    lights: Codes,
+    scratch: Record,
     work: Matrix,
     places: Codes,
     watched: int,
@@ -102,7 +105,7 @@ def take_into(
             take_drifts(H[f], believed, work, places, wide, drift, drift_rows)
         _gains_into(gains, P[f])
         if not wide:
-            correct_one(values[f], targets[f], chasers[f], P[f], corrections[f], turned)
+            correct_one(values[f], targets[f], chasers[f], P[f], corrections[f], frame, lights, scratch[0])
     return again
 
 
@@ -175,7 +178,7 @@ class Updater:
         self._limits = np.concatenate([[0.0], gate_limits(gate_probability, most_rows)])
         self._chosen = np.zeros((filters, most_rows), dtype=np.int64)
         self._prior, self._corrections = np.empty((filters, n, n)), np.empty((filters, n))
-        self._told, self._turned = np.empty((filters, _TOLD)), np.empty((3, 3))
+        self._told, self._reset = np.empty((filters, _TOLD)), reset_scratch(n)
         self._watched, self._drift_rows = watched, np.empty((most_rows, drifting))
         self._scratch = np.empty((4 * most_rows + 3, max(n, most_rows))), np.empty(max(n, most_rows), dtype=np.int64)
 
@@ -195,7 +198,9 @@ class Updater:
             corrections,
             self._prior,
             told,
-            self._turned,
+            at.frame,
+            at.lights,
+            self._reset,
             *self._scratch,
             self._watched,
             at.drift,
@@ -215,10 +220,22 @@ class Updater:
         corrections[~again] = 0.0  # taken in already
         before = at._replace(covariance=np.where(again[:, None, None], prior, at.covariance))
         for _ in range(ITERATIONS - 1):
-            rows = rows_at(before.corrected(corrections))
+            there = before.corrected(corrections)
+            rows = rows_at(there)
+            refer_rows_into(
+                rows.jacobian,
+                corrections,
+                before.dcm_lvlh_from_target,
+                before.dcm_inertial_from_chaser,
+                there.dcm_lvlh_from_target,
+                there.dcm_inertial_from_chaser,
+                at.frame,
+                at.lights,
+                self._reset,
+            )
             given = rows.residual, rows.jacobian, rows.noise
             take_again(
                 prior, self._considered, *given, self._chosen, at.covariance, corrections, told, again, *self._scratch
             )
         numbers = at.values, at.dcm_lvlh_from_target, at.dcm_inertial_from_chaser, at.covariance
-        correct_into(*numbers, corrections, self._turned)
+        correct_into(*numbers, corrections, at.frame, at.lights, self._reset)

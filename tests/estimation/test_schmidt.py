@@ -6,7 +6,6 @@ import pytest
 from relnav.estimation.schmidt import (
     carry_into,
     gate_rows,
-    reset_into,
     take_chosen,
     take_gated,
 )
@@ -18,16 +17,6 @@ LIMITS = np.array([0.0, 10.8, 13.8, 16.3, 18.5, 20.5, 22.5, 24.3, 26.1])
 def covariance(n, seed):
     A = np.random.default_rng(seed).normal(size=(n, n + 3))
     return A @ A.T
-
-
-def test_a_turn_taken_in_turns_the_errors():
-    P, theta = covariance(8, 1), np.array([0.3, -0.2, 0.5])
-    cross = np.array([[0.0, -theta[2], theta[1]], [theta[2], 0.0, -theta[0]], [-theta[1], theta[0], 0.0]])
-    G = np.eye(8)
-    G[2:5, 2:5] -= 0.5 * cross
-    out = P.copy()
-    reset_into(out, theta, 2)
-    np.testing.assert_allclose(out, G @ P @ G.T, rtol=0.0, atol=1e-13 * np.abs(P).max())
 
 
 def test_a_step_of_the_errors_that_move():

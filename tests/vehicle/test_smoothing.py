@@ -37,7 +37,10 @@ def flights(slow):
 
 
 def test_a_step_back_is_the_textbooks(navigator):
-    """P + G (P_s+ - P-) G^T with dense matrices, where the code keeps what lasts apart and never subtracts."""
+    """P + G (P_s+ - P-) G^T with dense matrices, where the code keeps what lasts apart and never subtracts.
+
+    All about the prediction: what is given is referred to the moved estimate, and what is found referred back.
+    """
     rng, start = np.random.default_rng(4), navigator._timeline.newest.estimates
     n = start.values.shape[1]
     root = rng.normal(size=(n, n)) * np.sqrt(np.diagonal(start.covariance[0]))[:, None]
@@ -51,13 +54,12 @@ def test_a_step_back_is_the_textbooks(navigator):
     known = predicted - 0.3 * predicted[:, :5] @ np.linalg.solve(predicted[:5, :5], predicted[:5])
     G = P @ whole.T @ np.linalg.inv(predicted)
     before = start._replace(covariance=P[None].copy())
-    step = Step(before, F, Q, start.values[0], start.dcm_lvlh_from_target[0], start.dcm_inertial_from_chaser[0])
-    change = 1e-6 * rng.normal(size=n)
-    moved = start.corrected(change[None])._replace(covariance=known[None])
-    found = step_back(step, moved)
-    expected = P + G @ (known - predicted) @ G.T
+    end = start.values[0], (start.dcm_lvlh_from_target[0], start.dcm_inertial_from_chaser[0])
     scale = np.sqrt(np.diagonal(P))
-    off = (found.covariance[0] - expected) / np.outer(scale, scale)
+    change = scale * rng.normal(size=n)
+    found = step_back(Step(before, F, Q, *end), start._replace(covariance=known[None]).corrected(change[None]))
+    expected = P + G @ (known - predicted) @ G.T
+    off = (found.referred(end[0], *end[1]).of(0).covariance - expected) / np.outer(scale, scale)
     assert np.abs(off).max() < 1e-9
     additive = np.r_[0:6, 9:12, 15:n]
     off = (found.values[0] - start.values[0] - G @ change) / scale
@@ -124,7 +126,7 @@ def test_a_covariance_that_is_none_cannot_be_smoothed(navigator):
     start = navigator._timeline.newest.estimates
     P = start.covariance.copy()
     P[0, 0, 1] = P[0, 1, 0] = 2.0 * P[0, 0, 0]
-    ends = start.values[0], start.dcm_lvlh_from_target[0], start.dcm_inertial_from_chaser[0]
+    ends = start.values[0], (start.dcm_lvlh_from_target[0], start.dcm_inertial_from_chaser[0])
     step = Step(start._replace(covariance=P), np.eye(MOVING, DRIVING), np.zeros((MOVING, MOVING)), *ends)
     with pytest.raises(ValueError, match="no longer positive definite: it cannot be smoothed"):
         step_back(step, start)

@@ -1,0 +1,199 @@
+"""What is known of the errors about one estimate, referred to another one.
+
+An update moves the estimate, and errors are told anew about where it is. Two turns no image of lights tells: one of
+target, chaser and the path between them together, and one of the lights' places against the target's own turn. A filter
+whose errors are told in axes of their own, each slope taken where the estimate was then, sees these turns a little
+differently at every image, and takes the difference for a measurement: its covariance shrinks where nothing was
+measured (Huang, Mourikis, Roumeliotis 2010, "Observability-based rules for designing consistent EKF SLAM estimators").
+
+So errors are referred such that these turns stay what they are (Barrau, Bonnabel 2017, "The invariant extended Kalman
+filter as a stable observer"). With the chaser's error phi in `lvlh_ccsds`, and the target's error less the chaser's in
+the target's axes, b,
+
+    phi, b, rho - phi x r, v - phi x u, dw + b x w, m + b x p
+
+are the same about both estimates, where r and u are position and velocity, w the target's rate, p the place of a light,
+and rho, v, dw, m their errors. A correction of no size changes nothing, so it is a reset of second order for a filter
+that knows its attitudes, and of first order in what an image cannot tell.
+"""
+
+import math
+
+import numpy as np
+
+from relnav.arrays import Codes, Matrix, Record, Stack, Vector
+from relnav.codegen.kernel import entry, kernel
+from relnav.vehicle.layout import (
+    CHASER_ATTITUDE,
+    DRIVING,
+    POSITION,
+    TARGET_ATTITUDE,
+    TARGET_RATE,
+    VELOCITY,
+)
+
+TURNS = 6
+"""Errors of both attitudes, on which alone the others' references depend: the target's three, then the chaser's."""
+LEAST_SHARE = 1e-3
+"""Of a sigma: a reset that moves no error by more than this share of its own is left out."""
+
+_POSITION, _VELOCITY, _RATE = POSITION.start, VELOCITY.start, TARGET_RATE.start
+_TARGET, _CHASER = TARGET_ATTITUDE.start, CHASER_ATTITUDE.start
+_TOUCHED = TURNS
+"""Column of a change that says whether its row is not zero."""
+
+
+def reset_scratch(n: int) -> Record:
+    """Scratch (1,) for resets of n errors."""
+    fields = [
+        ("attitudes", np.float64, (2, 3, 3)),
+        ("change", np.float64, (n, TURNS + 1)),
+        ("to_lvlh", np.float64, (6, 3)),
+        ("turns", np.float64, (TURNS, n)),
+        ("carried", np.float64, (TURNS, n)),
+    ]
+    return np.zeros(1, np.dtype(fields))
+
+
+@kernel
+def _turn_with(v: Vector, by_chaser: Matrix, by_target: bool, change: Matrix, at: int) -> None:
+    """Write three rows of a change, from `at` on: K theta_C x v, or (K theta_C - theta_T) x v; K (3, 3) by_chaser."""
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        for c in range(3):
+            change[at + i, 3 + c] = by_chaser[j, c] * v[k] - by_chaser[k, c] * v[j]
+        if by_target:
+            change[at + i, j], change[at + i, k] = -v[k], v[j]
+        change[at + i, _TOUCHED] = 1.0
+
+
+@kernel
+def change_into(
+    moved: Vector,
+    target: Matrix,
+    chaser: Matrix,
+    new_target: Matrix,
+    new_chaser: Matrix,
+    frame: Matrix,
+    lights: Codes,
+    change: Matrix,
+    to_lvlh: Matrix,
+) -> None:
+    """Write N (n, TURNS + 1) with errors about the new estimate = errors + N (theta_T, theta_C) about the old one.
+
+    moved (n,): new less old values; both attitudes of both estimates, (3, 3); frame (3, 3): dcm_lvlh_from_inertial;
+    lights (l,): where the three errors of each light begin; to_lvlh (6, 3) scratch.
+    """
+    A, K = to_lvlh[0:3], to_lvlh[3:6]
+    for i in range(len(moved)):
+        for c in range(TURNS + 1):
+            change[i, c] = 0.0
+    for i in range(3):
+        for c in range(3):
+            A[i, c] = frame[i, 0] * chaser[0, c] + frame[i, 1] * chaser[1, c] + frame[i, 2] * chaser[2, c]
+    for i in range(3):
+        change[_TARGET + i, _TOUCHED] = change[_CHASER + i, _TOUCHED] = 1.0
+        for c in range(3):
+            K[i, c] = target[0, i] * A[0, c] + target[1, i] * A[1, c] + target[2, i] * A[2, c]
+            same = new_chaser[0, i] * chaser[0, c] + new_chaser[1, i] * chaser[1, c] + new_chaser[2, i] * chaser[2, c]
+            change[_CHASER + i, 3 + c] = same - (1.0 if i == c else 0.0)
+            there = new_target[0, i] * A[0, c] + new_target[1, i] * A[1, c] + new_target[2, i] * A[2, c]
+            change[_TARGET + i, 3 + c] = there - K[i, c]
+    _turn_with(moved[_POSITION : _POSITION + 3], A, False, change, _POSITION)
+    _turn_with(moved[_VELOCITY : _VELOCITY + 3], A, False, change, _VELOCITY)
+    _turn_with(moved[_RATE : _RATE + 3], K, True, change, _RATE)
+    for first in lights:
+        if moved[first] != 0.0 or moved[first + 1] != 0.0 or moved[first + 2] != 0.0:
+            _turn_with(moved[first : first + 3], K, True, change, first)
+
+
+@kernel
+def is_felt(P: Matrix, moved: Vector, lights: Codes) -> bool:
+    """Whether a reset over moved (n,), turns in place of attitudes, moves any error by LEAST_SHARE of its own sigma."""
+    chaser, target = 0.0, 0.0
+    for i in range(3):
+        chaser, target = max(chaser, P[_CHASER + i, _CHASER + i]), max(target, P[_TARGET + i, _TARGET + i])
+    if _feels(P, moved, _CHASER, chaser) or _feels(P, moved, _TARGET, chaser):
+        return True
+    if _feels(P, moved, _POSITION, chaser) or _feels(P, moved, _VELOCITY, chaser):
+        return True
+    if _feels(P, moved, _RATE, target + chaser):
+        return True
+    for first in lights:  # noqa: SIM110  (a generator cannot be compiled)
+        if _feels(P, moved, first, target + chaser):
+            return True
+    return False
+
+
+@kernel
+def _feels(P: Matrix, moved: Vector, at: int, turn: float) -> bool:
+    """Whether a turn of this variance moves three errors, by what has moved, by a share of the least of them."""
+    length2, least = 0.0, math.inf
+    for i in range(at, at + 3):
+        length2, least = length2 + moved[i] * moved[i], min(least, P[i, i])
+    return length2 * turn > LEAST_SHARE * LEAST_SHARE * least
+
+
+@kernel
+def refer_into(P: Matrix, change: Matrix, turns: Matrix, carried: Matrix) -> None:
+    """Replace P (n, n) by that of the changed errors, G P G^T with G = 1 + N; N as of `change_into`.
+
+    The first DRIVING rows are whole, of the others what stands right of the diagonal; turns and carried (TURNS, n)
+    scratch.
+    """
+    n = P.shape[0]
+    for k in range(3):
+        for c in range(n):
+            turns[k, c], turns[3 + k, c] = P[_TARGET + k, c], P[_CHASER + k, c]
+    for c in range(n):
+        for k in range(TURNS):
+            carried[k, c] = turns[k, c]
+        if change[c, _TOUCHED] > 0.0:
+            for k in range(TURNS):
+                for m in range(3):
+                    own = turns[k, _TARGET + m] * change[c, m] + turns[k, _CHASER + m] * change[c, 3 + m]
+                    carried[k, c] += own
+    for r in range(n):
+        touched = change[r, _TOUCHED] > 0.0
+        for c in range(r, n):
+            if not touched and not change[c, _TOUCHED] > 0.0:
+                continue
+            total = P[r, c]
+            for k in range(TURNS):
+                total += change[r, k] * carried[k, c] + change[c, k] * turns[k, r]
+            P[r, c] = total
+            if c < DRIVING:
+                P[c, r] = total
+
+
+@entry
+def refer_rows_into(
+    H: Stack,
+    moved: Matrix,
+    targets: Stack,
+    chasers: Stack,
+    new_targets: Stack,
+    new_chasers: Stack,
+    frame: Matrix,
+    lights: Codes,
+    scratch: Record,
+) -> None:
+    """Replace rows H (k, m, n) of k filters, about new estimates, by rows about the errors of the old ones: H G.
+
+    The rest as of `change_into`, one of each a filter; scratch (1,) of `reset_scratch`.
+    """
+    change, total = scratch[0]["change"], scratch[0]["to_lvlh"][0:2]
+    for f in range(len(H)):
+        new = new_targets[f], new_chasers[f]
+        change_into(moved[f], targets[f], chasers[f], *new, frame, lights, change, scratch[0]["to_lvlh"])
+        for i in range(H.shape[1]):
+            row = H[f, i]
+            for k in range(3):
+                total[0, k] = total[1, k] = 0.0
+                for c in range(len(row)):
+                    if change[c, _TOUCHED] > 0.0:
+                        total[0, k] += row[c] * change[c, k]
+                        total[1, k] += row[c] * change[c, 3 + k]
+            for k in range(3):
+                row[_TARGET + k] += total[0, k]
+                row[_CHASER + k] += total[1, k]
