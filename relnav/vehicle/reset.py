@@ -17,8 +17,6 @@ and rho, v, dw, m their errors. A correction of no size changes nothing, so it i
 that knows its attitudes, and of first order in what an image cannot tell.
 """
 
-import math
-
 import numpy as np
 
 from relnav.arrays import Codes, Matrix, Record, Stack, Vector
@@ -128,10 +126,11 @@ def is_felt(P: Matrix, moved: Vector, lights: Codes) -> bool:
 @kernel
 def _feels(P: Matrix, moved: Vector, at: int, turn: float) -> bool:
     """Whether a turn of this variance moves three errors, by what has moved, by a share of the least of them."""
-    length2, least = 0.0, math.inf
-    for i in range(at, at + 3):
-        length2, least = length2 + moved[i] * moved[i], min(least, P[i, i])
-    return length2 * turn > LEAST_SHARE * LEAST_SHARE * least
+    length2 = moved[at] * moved[at] + moved[at + 1] * moved[at + 1] + moved[at + 2] * moved[at + 2]
+    if length2 == 0.0:
+        return False
+    least = min(P[at, at], P[at + 1, at + 1], P[at + 2, at + 2])
+    return bool(length2 * turn > LEAST_SHARE * LEAST_SHARE * least)
 
 
 @kernel

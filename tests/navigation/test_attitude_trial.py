@@ -67,7 +67,7 @@ def flights(rate_deg_s, every_s, noise_deg, method="multiplicative", told_deg_s=
 def test_half_a_radian_and_more_between_two_attitudes(method, rate_deg_s, every_s, noise_deg):
     """50 deg of turn: started by the third attitude in all runs, NEES/6 as chance has it.
 
-    With slopes at the rate that was told NEES/6 is 4 at the start, and of 0.1 deg of noise few runs start at all.
+    Slopes at the rate that was told would be at the wrong place by then.
     """
     squares = flights(rate_deg_s, every_s, noise_deg, method)
     assert np.isfinite(squares[:, 2:]).all()

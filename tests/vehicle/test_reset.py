@@ -180,6 +180,27 @@ def test_a_common_turn_stays_as_unknown_as_it_was(lights_alone, flights):
         assert lower < ratio < upper, name
 
 
+def test_the_places_of_lights_are_not_taken_for_an_attitude(slow):
+    """A star sensor too; lights placed to 3 mm of 0.3 m, and the target's attitude handed over to 2 deg."""
+    begin = dataclasses.replace(slow.hand_over, target_attitude_sigma_rad=np.radians(2.0))
+    sensors = {
+        "camera": dataclasses.replace(slow.sensor["camera"], points_sigma_m=3e-3),
+        "star": slow.sensor["star"],
+    }
+    vehicle, points = dataclasses.replace(slow, hand_over=begin, sensor=sensors), []
+    for k in range(16):
+        run = simulate_rendezvous(vehicle, dataclasses.replace(FLIGHT, final_m=3.5), seed=90 + k)
+        nav = VehicleNavigator(vehicle)
+        for seen in sorted(run.observations, key=lambda observation: observation.t_s):
+            nav.observe(seen.sensor, seen.t_s, seen.value)
+        points.append(checkpoint(run, nav.state()))
+    places = layout_of(vehicle).by_name
+    for name in ("port", "target_attitude", "camera.points"):
+        ratio, dof = honesty(points, places, name)
+        lower, upper = chi_square_interval(dof, 0.9999)
+        assert lower < ratio < upper, name
+
+
 def test_smoothed_too(lights_alone, flights):
     """At the start, from all images, and in the middle: NEES/n of all that moves, six flights."""
     places = layout_of(lights_alone).by_name

@@ -76,7 +76,7 @@ def fit_trial(memory: Record, measured: Matrix, noise: Matrix, chaser: Matrix) -
 
 def _most_likely(m: Record, measured: Matrix, noise: Matrix, dt: float) -> tuple[Matrix, Vector, Vector] | None:
     """Attitude and rate at the beginning, dt ago, and what was told of them less that, (6,), carried to now."""
-    opened, body, density, work = m["opened"], m["body"], float(m["density"]), np.zeros((50, 6))
+    opened, body, density, work = m["opened"], m["body"], float(m["density"]), m["work"]
     p, dcm, rate, told = compose(opened["ld"]), opened["dcm"].copy(), opened["rate"].copy(), np.zeros(TURNING)
     for _ in range(MOST_STEPS):
         then, spin, phi, q = dcm.copy(), rate.copy(), np.empty((TURNING, TURNING)), np.empty((TURNING, TURNING))
