@@ -140,7 +140,7 @@ class FilterSettings:
     Attributes
     ----------
     initial_velocity_sigma_m_s : float
-        1-sigma of each velocity component before the first measurement.
+        1-sigma of each velocity component about zero at a start: the first, and any later one after a fault.
     gate_probability : float
         Probability with which a good spot (or fix) passes the gate.
     restart_after_epochs : int

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from relnav.dynamics.rigid_body import RigidBody
 from relnav.dynamics.two_body import MU_EARTH_M3_S2
 from relnav.geometry.rotation import dcm_from_quaternion
 from relnav.mission import Model, Orbit, VisionMission
@@ -21,6 +22,8 @@ FASTEST_RAD_S = 1.25 * math.sqrt(MU_EARTH_M3_S2 / EARTH_RADIUS_M**3)
 """A quarter more than at the ground: a body's fastest orbit is sqrt(4/3 pi G density), and no planet is denser."""
 LARGEST_RAD = 0.2
 """Noise or misalignment of a sensor that anybody flies, 11 deg: above it a unit was meant otherwise."""
+LARGEST_SHARE = 0.2
+"""Of a focal length that its 1-sigma is: above it a percentage, or a length, was meant."""
 LARGEST_PART_M, LARGEST_DETECTOR_M, FASTEST_START_M_S = 1e3, 1.0, 1e3
 """A lever arm or beacons' spacing, a detector, and what is not known of a velocity at the start of an approach."""
 LATEST_S, STRONGEST_M2_S3 = 3600.0, 100.0
@@ -80,7 +83,16 @@ def _too_large(mission: Model | VisionMission) -> list[tuple[str, str]]:
             "sensor.beacon_half_spacing_m": (mission.sensor.beacon_half_spacing_m, LARGEST_PART_M, "m"),
             "sensor.detector_size_m": (max(mission.sensor.detector_size_m), LARGEST_DETECTOR_M, "m"),
             "attitude.sigma_rad": (mission.attitude.sigma_rad, math.pi, "rad"),
+            "attitude.noise_rad": (mission.attitude.noise_rad, LARGEST_RAD, "rad"),
         }
+        if (built := mission.tolerances) is not None:
+            spacing = mission.sensor.beacon_half_spacing_m
+            limits |= {
+                "tolerances.camera_mounting_sigma_rad": (built.camera_mounting_sigma_rad, LARGEST_RAD, "rad"),
+                "tolerances.beacon_mounting_sigma_rad": (built.beacon_mounting_sigma_rad, LARGEST_RAD, "rad"),
+                "tolerances.beacon_placement_sigma_m": (built.beacon_placement_sigma_m, spacing, "m"),
+                "tolerances.focal_length_relative_sigma": (built.focal_length_relative_sigma, LARGEST_SHARE, "of it"),
+            }
     return [
         (key, f"{value:.4g} {unit}; up to {most:.4g} {unit} is credible; is the unit right?")
         for key, (value, most, unit) in limits.items()
@@ -107,6 +119,10 @@ def _beacon_camera(mission: Model) -> list[tuple[str, str]]:
                 f"{SHORTEST:g} to {LONGEST:g} times is a lens; are both units right?",
             )
         )
+    beacons = [tuple(place) for place in sensor.beacons_dock_m.tolist()]
+    if len(set(beacons)) < len(beacons):
+        twice = next(place for place in beacons if beacons.count(place) > 1)
+        found.append(("sensor.extra_beacons_m", f"two beacons stand at {list(twice)} m; give each its own place"))
     if mission.attitude.mode == "lvlh_hold":
         towards = -mission.dcm_dock_from_lvlh[0]
         found += _looks_away("attitude.q_cam_from_lvlh", mission.attitude.q_cam_from_lvlh, towards)
@@ -151,6 +167,22 @@ def _pixels(what: str, width: float, noise: float, focal: float) -> list[tuple[s
 def _marker_camera(mission: VisionMission) -> list[tuple[str, str]]:
     camera = mission.camera
     found = _pixels("image", min(camera.image_size_px), camera.spot_noise_px, min(camera.focal_length_px))
+    for axis, (centre, size) in enumerate(zip(camera.principal_point_px, camera.image_size_px, strict=True)):
+        if not 0.0 <= centre <= size:
+            found.append(
+                (
+                    "camera.principal_point_px",
+                    f"{centre:g} px along {'xy'[axis]} lies outside the image of {size} px; of another image?",
+                )
+            )
+    points = mission.markers.positions_m
+    if len(set(points)) < len(points):
+        twice = next(point for point in points if points.count(point) > 1)
+        found.append(("markers.positions_m", f"two markers stand at {list(twice)} m; give each its own place"))
+    try:
+        RigidBody(np.array(mission.target.inertia_kg_m2), 0.0)
+    except ValueError as wrong:
+        found.append(("target.inertia_kg_m2", str(wrong)))
     return found + _looks_away("view.q_cam_from_target", mission.view.q_cam_from_target, np.array([-1.0, 0.0, 0.0]))
 
 

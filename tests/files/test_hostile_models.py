@@ -111,6 +111,35 @@ def test_what_no_mission_has(write_model, name):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("model", "changes", "text"),
+    [
+        ("three_beacon_psd", {"attitude.noise_deg": 170.0}, "up to 0.2 rad is credible"),
+        ("three_beacon_psd", {"camera_mounting_sigma_deg": 300.0}, "up to 0.2 rad is credible"),
+        ("three_beacon_psd", {"beacon_mounting_sigma_deg": 300.0}, "up to 0.2 rad is credible"),
+        ("three_beacon_psd", {"beacon_placement_sigma_m": 5.0}, "up to 0.3 m is credible"),
+        ("three_beacon_psd", {"focal_length_relative_sigma": 3.0}, "up to 0.2 of it is credible"),
+        ("three_beacon_psd", {"extra_beacons_m": [[0.0, 0.3, 0.0]]}, "two beacons stand at"),
+        ("three_marker_vision", {"principal_point_px": [9000.0, 500.0]}, "along x lies outside the image"),
+        ("three_marker_vision", {"principal_point_px": [500.0, -4000.0]}, "along y lies outside the image"),
+        (
+            "three_marker_vision",
+            {"positions_m": [[0.0, 0.3, 0.3], [0.0, -0.3, 0.3], [0.3, 0.0, 0.0], [0.0, 0.3, 0.3]]},
+            "two markers stand at",
+        ),
+        (
+            "three_marker_vision",
+            {"inertia_kg_m2": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 5.0]]},
+            "none exceeds the sum of the others",
+        ),
+    ],
+)
+def test_what_no_sensor_has(model, changes, text):
+    with pytest.raises(relnav.ModelError, match=text) as caught:
+        relnav.load_model(model, changes)
+    assert "\n" not in str(caught.value)
+
+
 def test_unusual_missions_are_flown(write_model):
     """A lens of 3 m on 8 mm, an orbit at 150 km, a camera 80 deg off: odd, but possible."""
     relnav.load_model(write_model((FOCAL, "focal_length_m = { value = 3.0,")))
