@@ -3,6 +3,10 @@
 The error state is (theta, dw) with C = C_hat exp([theta x]), theta in body axes (Lefferts, Markley, Shuster 1982;
 Markley and Crassidis 2014, ch. 6). A measured attitude Z gives the innovation y = log(C_hat^T Z), with H = [I 0].
 
+A measured attitude is Z = C exp([v x]), so that exp([theta x]) = exp([y x]) exp([-v x]) and to second order
+y = theta + v + y x v / 2: the noise of the innovation is v turned by half of it. This matters where one axis is
+measured far better than the others, as by an image of markers in a plane.
+
 Errors that last a whole run are considered and not estimated (Schmidt 1966): the covariance is P = L D L^T + S S^T, S
 (6, LASTING) what one sigma of each of them does to the estimate. The measurement moves with them too, by B (3, LASTING)
 of one sigma each, so that with A = S_theta + B and noise R
@@ -199,20 +203,35 @@ def correct_errors(
 
 
 @kernel
+def _turn_noise(noise: Matrix, y: Vector, out: Matrix, turned: Matrix) -> None:
+    """Write T R T^T, T = 1 + [y x] / 2, R and T (3, 3); turned (3, 3) scratch."""
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        for c in range(3):
+            turned[i, c] = noise[i, c] + 0.5 * (y[j] * noise[k, c] - y[k] * noise[j, c])
+    for c in range(3):
+        j, k = (c + 1) % 3, (c + 2) % 3
+        for i in range(3):
+            out[i, c] = turned[i, c] + 0.5 * (y[j] * turned[i, k] - y[k] * turned[i, j])
+
+
+@kernel
 def compare_attitude(
     track: Record, measured: Matrix, noise: Matrix, by_lasting: Matrix, out: Record, work: Matrix
 ) -> None:
     """Compare a track with a measured attitude (3, 3), and correct a copy of it; into out, of type COMPARED.
 
-    noise R (3, 3), positive definite; by_lasting B (3, LASTING); work (4, 3) scratch.
+    noise R (3, 3), positive definite, of v; by_lasting B (3, LASTING); work (10, 3) scratch.
     """
     y, correction, after, dcm = out["innovation"], out["correction"], out["track"], track["dcm"][:]
     rotation_vector_into(measured, dcm, y[:])
+    seen = work[4:7]
+    _turn_noise(noise, y, seen, work[7:10])
     out["nis"] = correct_errors(
         track["ld"],
         track["lasting"],
         by_lasting,
-        noise,
+        seen,
         y,
         out["innovation_covariance"],
         correction,
