@@ -5,8 +5,14 @@ about its prediction, C turns these into errors of this event, and they are take
 attitudes are rotation vectors in target axes, as in the filter. What considered errors have done, S, goes back as the
 estimate does: S <- S + C (S later - Phi S). A piece ends where the bank began anew, and where more than one pose was
 possible: there the filter's own states stand.
+
+After two images the rate of a tumbling target may be degrees per second off, and torque is quadratic in rates. Slopes
+about such a state make the smoothed one wrong by many of its small sigmas. So where these slopes would differ about the
+smoothed state, the step is made again about that (an iterated smoother, Bell 1994): of an error e = (x - y) of the
+filter's state x about it, later - f(y) - Phi e is what the event after says anew.
 """
 
+import math
 from typing import Any
 
 import numpy as np
@@ -22,7 +28,7 @@ from relnav.geometry.rotation_vector import turn_by_rotation_vector
 from relnav.mission import VisionMission
 from relnav.navigation.packed_factors import unpack_factors
 from relnav.navigation.pose_epoch import write_covariance
-from relnav.navigation.pose_memory import POSE_TRACK, new_pose_memory, pose_views
+from relnav.navigation.pose_memory import POSE_TRACK, PoseMemory, new_pose_memory, pose_views
 from relnav.navigation.pose_propagation import (
     POSE_NOISE_PATTERN,
     POSE_PHI_PATTERN,
@@ -30,6 +36,8 @@ from relnav.navigation.pose_propagation import (
     copy_place,
     copy_pose,
     errors_between,
+    multiply_pose,
+    variance,
 )
 from relnav.navigation.propagation import prepare_step
 from relnav.navigation.smoothing import smooth_sensitivity
@@ -45,6 +53,8 @@ LATER = np.dtype(
         ("acceleration", _F, 3),
         ("delta_v", _F, 3),
         ("error", _F, POSE),
+        ("moved", _F, POSE),
+        ("before", _F, (POSE, POSE)),  # factors of `track`, while a step is made again
         ("none", _F, POSE),
         ("inverse", _F, (POSE, POSE)),
         ("carried", _F, (POSE, POSE)),
@@ -55,6 +65,11 @@ LATER = np.dtype(
     ]
 )
 """What stands after an event, and scratch."""
+
+STRAIGHT = 0.01
+"""Of the smoothed sigma: what second-order terms of one step may be. Some ten steps add up to a tenth of it."""
+MOST_REPEATED = 4
+"""Times that a step is made; each time the error of the slopes is about the square of the one before."""
 
 
 _WHOLE = (POSE, POSE)
@@ -98,6 +113,67 @@ def _invert(m: Matrix, work: Matrix, out: Matrix) -> None:
             out[THETA + i, THETA + j] = work[i, ROTATION + j]
 
 
+@kernel
+def _is_straight(moved: Vector, ld: Matrix, dt: float) -> bool:
+    """Whether slopes over dt s differ by nothing that matters between two states, moved (12,) being their difference.
+
+    Torques are quadratic in rates, and rotations do not add. ld: factors of the smoothed covariance.
+    """
+    turn, rate, least_turn, least_rate = 0.0, 0.0, math.inf, math.inf
+    for i in range(3):
+        turn += moved[THETA + i] * moved[THETA + i]
+        rate += moved[RATE + i] * moved[RATE + i]
+        least_turn = min(least_turn, variance(ld, THETA + i))
+        least_rate = min(least_rate, variance(ld, RATE + i))
+    bend = dt * (math.sqrt(turn * rate) + rate * dt)
+    of_rate, of_turn = rate * dt <= STRAIGHT * math.sqrt(least_rate), bend <= STRAIGHT * math.sqrt(least_turn)
+    return of_rate and of_turn
+
+
+@kernel
+def _move(track: Record, e: Vector, out: Record) -> None:
+    """Write the place of a hypothesis moved by errors (12,)."""
+    for i in range(MOTION):
+        out["motion"][i] = track["motion"][i] + e[i]
+    for i in range(3):
+        out["rate"][i] = track["rate"][i] + e[RATE + i]
+    turn_by_rotation_vector(track["dcm"], e[THETA:RATE], out["dcm"])
+
+
+@kernel
+def _step_back(m: PoseMemory, later: Record, own: Record, t: float) -> None:
+    """Over the prepared step make of the factors of `track`, of the event after, those of the event of t, own.
+
+    `error`: by what the smoothed state is off own. Slopes are taken about own first, and then about what follows.
+    """
+    ahead, about, dt, orbit = m.spare[1], m.spare[2], m.step["dt"], m.motion["orbit"]
+    track, e, moved, inverse = later["track"], later["error"], later["moved"], later["inverse"]
+    transition_into(orbit, t + dt, -dt, later["motion_inverse"])
+    for i in range(MOTION):
+        for j in range(MOTION):
+            inverse[i, j] = later["motion_inverse"][i, j]
+    copy_rows(track["ld"], later["before"])
+    copy_pose(own, about)
+    for repeated in range(MOST_REPEATED):
+        copy_pose(about, ahead)
+        advance_pose(m.body, m.step, m.scratch, orbit, ahead, t, dt)
+        _invert(m.body["phi"], later["elimination"], inverse)
+        pose_model(m.scratch["noise"], own["ld"], inverse, later["carried"], later["gain"], later["rest"])
+        errors_between(ahead, track, e)
+        if repeated > 0:
+            errors_between(about, own, moved)
+            multiply_pose(m.scratch["phi"], moved)
+            for i in range(POSE):
+                e[i] -= moved[i]
+            copy_rows(later["before"], track["ld"])
+        smooth_step(e, track["ld"], later["none"], later["none"], later["gain"], later["rest"])
+        _move(own, e, ahead)
+        errors_between(about, ahead, moved)
+        if _is_straight(moved, track["ld"], dt):
+            return
+        copy_place(ahead, about)
+
+
 @entry
 def _smooth(block: Vector, epochs: Record, apart: Stack, after: Vector, behind: Matrix) -> None:
     """Smooth filtered events in place, from their last to their first; after: `LATER`, of the event behind them.
@@ -106,8 +182,7 @@ def _smooth(block: Vector, epochs: Record, apart: Stack, after: Vector, behind: 
     behind (m, 12): the same of the event behind them, smoothed.
     """
     m, later = pose_views(block), after.view(LATER)[0]
-    track, e, inverse = later["track"], later["error"], later["inverse"]
-    own, ahead = m.spare[0], m.spare[1]
+    track, e, own = later["track"], later["error"], m.spare[0]
     acceleration, delta_v = m.motion["acceleration"], m.motion["delta_v"]
     for k in range(epochs.shape[0] - 1, -1, -1):
         one = epochs[k]
@@ -121,23 +196,8 @@ def _smooth(block: Vector, epochs: Record, apart: Stack, after: Vector, behind: 
             for i in range(3):
                 acceleration[i], delta_v[i] = later["acceleration"][i], later["delta_v"][i]
             prepare_step(m.step, m.motion, m.scratch, one["t"], later["t"] - one["t"])
-            dt = m.step["dt"]
-            copy_pose(own, ahead)
-            advance_pose(m.body, m.step, m.scratch, m.motion["orbit"], ahead, one["t"], dt)
-            transition_into(m.motion["orbit"], one["t"] + dt, -dt, later["motion_inverse"])
-            for i in range(MOTION):
-                for j in range(MOTION):
-                    inverse[i, j] = later["motion_inverse"][i, j]
-            _invert(m.body["phi"], later["elimination"], inverse)
-            pose_model(m.scratch["noise"], own["ld"], inverse, later["carried"], later["gain"], later["rest"])
-            errors_between(ahead, track, e)
-            smooth_step(e, track["ld"], later["none"], later["none"], later["gain"], later["rest"])
-            motion, rate = one["motion"], one["rate"]
-            for i in range(MOTION):
-                motion[i] += e[i]
-            for i in range(3):
-                rate[i] += e[RATE + i]
-            turn_by_rotation_vector(own["dcm"], e[THETA:RATE], one["dcm"])
+            _step_back(m, later, own, one["t"])
+            _move(own, e, one)
             for c in range(behind.shape[0]):
                 if is_felt(apart[k, c]) or is_felt(behind[c]):
                     smooth_sensitivity_pose(behind[c], apart[k, c], m.scratch["phi"], later["gain"])
