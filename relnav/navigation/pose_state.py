@@ -150,11 +150,18 @@ def lasting_by_spot(pose: Pose, mission: VisionMission) -> Stack:
 
 
 def sensitivities_from_pose(
-    pose: Pose, mission: VisionMission, dcm_chaser_from_lvlh: Matrix, used: Flags, covariances: Stack | None
+    pose: Pose,
+    joint: Matrix,
+    mission: VisionMission,
+    dcm_chaser_from_lvlh: Matrix,
+    used: Flags,
+    covariances: Stack | None,
 ) -> Matrix:
     """What considered errors do to the state of a first pose, (m, 12): dx/dz E, z the spots that were used.
 
-    covariances (n, 2, 2) px^2 of the spots; the camera's noise if None.
+    joint (6, 6): covariance of the pose joined with the expected view. Slopes are those of the pose of the spots alone,
+    of which it was made: seen head-on, those of another attitude multiply errors by hundreds. covariances (n, 2, 2)
+    px^2 of the spots; the camera's noise if None.
     """
     rows = 2 * int(np.count_nonzero(used))
     by = spot_jacobians(
@@ -164,7 +171,7 @@ def sensitivities_from_pose(
     noise = np.broadcast_to(mission.camera.spot_noise_px**2 * np.eye(2), (*h.shape[:1], 2, 2))
     weighted = np.linalg.solve(noise if covariances is None else covariances[used], h)
     by_error = lasting_by_spot(pose, mission)[used].reshape(rows, -1)
-    of_pose = pose.covariance @ weighted.reshape(rows, len(SHOWN)).T @ by_error
+    of_pose = joint @ weighted.reshape(rows, len(SHOWN)).T @ by_error
     out = np.zeros((by_error.shape[1], POSE))
     out[:, :3] = of_pose[:3].T @ (-dcm_chaser_from_lvlh.T @ mission.camera.dcm_cam_from_chaser.T).T
     out[:, THETA:RATE] = of_pose[3:].T

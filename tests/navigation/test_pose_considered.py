@@ -11,7 +11,10 @@ from relnav.accuracy.pose_filter import PoseErrors, joined, smoothed_errors, tig
 from relnav.estimation.consistency import nees
 from relnav.geometry.rotation import quaternion_from_dcm
 from relnav.geometry.rotation_vector import rotation_vector_between, turned
+from relnav.mission import MarkerTolerances
 from relnav.navigation.blocks import CHASER_ATTITUDE, FOCAL_LENGTH, MOUNTING, PLACEMENT
+from relnav.navigation.observation.marker_poses import WIDENED
+from relnav.navigation.pose_log import filter_marker_epochs
 from relnav.navigation.pose_memory import pose_views
 from relnav.navigation.relative_pose import PoseNavigator
 from relnav.simulation.as_built import markers_as_built
@@ -136,3 +139,25 @@ def test_the_port_does_not_feel_the_attitude_of_the_chaser():
     np.testing.assert_allclose(sigmas[0][6:9], sigmas[1][6:9], rtol=0.1)
     state = [np.sqrt(np.diag(record.covariance)) for record in records]
     assert (state[0][6:9] > 2.0 * state[1][6:9]).all()
+
+
+@pytest.mark.parametrize("engine", ["compiled", "filterpy"])
+def test_head_on_a_start_is_no_wider_than_the_expected_view(engine):
+    """A flat pattern from 25 m, the view stated to 1 deg: a turn of the camera turns a start no farther than itself.
+
+    The pose of the spots alone may be 10 deg off the one that it is joined to with the view. With slopes of the latter
+    and the covariance of the former one sigma of the camera's mounting turned a start by 10 deg.
+    """
+    flat, mounting = relnav.load_model("three_marker_vision_flat"), math.radians(0.2)
+    view = dataclasses.replace(flat.view, attitude_sigma_rad=math.radians(1.0))
+    built = MarkerTolerances(1e-3, 2e-4, mounting, considered=True)
+    markers = dataclasses.replace(flat.markers, positions_m=((0.0, 0.3, 0.3), (0.0, -0.3, 0.3), (0.0, 0.0, -0.3)))
+    flat, known = dataclasses.replace(flat, view=view, tolerances=built, markers=markers), 0
+    for seed in range(8):
+        far = simulate_flight(flat, dataclasses.replace(APPROACH, duration_s=2.0, start_m=(25.0, 0.3, -0.2)), seed=seed)
+        said = filter_marker_epochs(flat, far.t_s, far.spots_px, acceleration_m_s2=far.acceleration_m_s2, engine=engine)
+        attitudes = said.covariance[said.hypotheses > 0][:, 6:9, 6:9]
+        lasting = built.camera_mounting_sigma_rad**2 + flat.chaser.attitude_sigma_rad**2
+        assert (np.linalg.eigvalsh(attitudes) < 1.1 * (WIDENED * view.attitude_sigma_rad**2 + 4.0 * lasting)).all()
+        known += len(attitudes)
+    assert known > 20

@@ -121,15 +121,22 @@ def roots(
             covariance[VELOCITY:MOTION, VELOCITY:MOTION] = WIDENED * known.covariance[VELOCITY:MOTION, VELOCITY:MOTION]
             state = replace(state, motion=motion, covariance=covariance)
         held = None if believed is None else believed[1]
-        out.append(Root(state, partial(_sensitivities, pose, mission, dcm_chaser_from_lvlh, used, covariances, held)))
+        told = (root.pose, pose.covariance, mission, dcm_chaser_from_lvlh, used, covariances)
+        out.append(Root(state, partial(_sensitivities, held, *told)))
     return out, used, contradicted
 
 
 def _sensitivities(
-    pose: Pose, mission: VisionMission, dcm: Matrix, used: Flags, covariances: Stack | None, held: Matrix | None
+    held: Matrix | None,
+    pose: Pose,
+    joint: Matrix,
+    mission: VisionMission,
+    dcm: Matrix,
+    used: Flags,
+    covariances: Stack | None,
 ) -> Matrix:
     """Of the state on a root; held (m, 12): of the hypothesis whose velocity it takes."""
-    sensitivities = sensitivities_from_pose(pose, mission, dcm, used, covariances)
+    sensitivities = sensitivities_from_pose(pose, joint, mission, dcm, used, covariances)
     if held is not None:
         sensitivities[:, VELOCITY:MOTION] = held[:, VELOCITY:MOTION]
     return sensitivities

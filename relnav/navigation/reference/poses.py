@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -81,7 +81,8 @@ def _track_on(
     off = turn_between(mission.view.dcm_cam_from_target, pose.dcm_cam_from_target)
     shift = joined[:, 3:] @ off / mission.view.attitude_sigma_rad**2
     in_cam = turned_by(pose.dcm_cam_from_target, shift[3:])
-    place = mount.T @ (pose.position_m + shift[:3]) + np.array(mission.camera.position_m)  # chaser axes
+    lens = np.array(mission.camera.position_m)
+    seen_at, place = (mount.T @ at + lens for at in (pose.position_m, pose.position_m + shift[:3]))  # chaser axes
     dcm = back @ mount.T @ in_cam
     by_pose = np.eye(6)
     by_pose[:3, :3] = -back @ mount.T
@@ -93,7 +94,9 @@ def _track_on(
     covariance[9:, 9:] = settings.initial_rate_sigma_rad_s**2 * np.eye(3)
     motion, considered = np.concatenate([-back @ place, np.zeros(3)]), np.zeros((optics.considered, 12))
     track = PoseTrack(motion, dcm, -rate_and_gravity(mission.orbit, image.t_s)[0] * dcm[1], covariance, considered)
-    _, slopes = optics.derivatives(track, image.chaser, used)
+    shown = np.concatenate([-back @ seen_at, np.zeros(3)])  # by the spots alone, whose covariance was joined
+    unjoined = replace(track, motion=shown, dcm=back @ mount.T @ pose.dcm_cam_from_target)
+    _, slopes = optics.derivatives(unjoined, image.chaser, used)
     left = optics.by_lasting(slopes, used).reshape(len(used), 2, -1)
     for i, marker in enumerate(used):
         own = image.covariances[marker] if len(image.covariances) else optics.spot_noise**2 * np.eye(2)
