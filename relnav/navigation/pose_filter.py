@@ -17,6 +17,11 @@ predicts, all spots inside the gate and the gates small, confirms it. An image t
 one. Lock-out: after `restart after` epochs in a row with at least half of what was seen rejected, or when after a gap
 errors no longer count as small, trials run beside the bank, and a confirmed one replaces it.
 
+A spot that is refused image after image, others being used, is bad or tells that the pose is wrong. After `restart
+after` images in a row poses are looked for that explain all spots: of four or more a bad one leaves none. Three always
+have one; a hypothesis of it starts only if that spot has not been used since the leading one was too wide to tell roots
+apart. While two spots bear a pose that a third contradicts so, the alarm is CONTRADICTED.
+
 Roots come from the closed form, which is not compiled in here: `wants` says what the caller is to look for.
 """
 
@@ -25,6 +30,7 @@ import math
 from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import kernel, shared_entry
 from relnav.dynamics.error_state import POSE
+from relnav.estimation.monitors import CONTRADICTED as CONTRADICTS
 from relnav.estimation.rows import copy_rows
 from relnav.navigation.observation.marker_exchange import gates_share, is_exchanged
 from relnav.navigation.observation.marker_monitors import gather_markers, let_pass, watch_markers, watch_new_track
@@ -266,6 +272,27 @@ def keep_beaten(m: PoseMemory, t: float, before: int) -> int:
 
 
 @kernel
+def _is_denied(m: PoseMemory, spots: Matrix) -> bool:
+    """Count how often in a row each spot was refused, others not; whether one was too often, and tells of the pose.
+
+    Of three spots it does so only if it was not used since the leading hypothesis was too wide to tell roots apart.
+    """
+    used, seen, lasts, tells = m.result["used"], m.result["seen"], False, False
+    for i in range(m.spots.shape[0]):
+        spot = m.spots[i]
+        if m.accepted[i] > 0.0:
+            spot["denied"] = 0
+        elif used > 0 and has_spot(spots, i):
+            spot["denied"] += 1
+        if spot["denied"] >= m.fixed["restart_after"]:
+            lasts = True
+            tells = tells or seen > 3 or not m.used_s[i] > m.clock["blurred"]
+    if used > 0:
+        m.clock["denied"] = 1 if lasts and used < 3 else 0
+    return tells
+
+
+@kernel
 def _use(m: PoseMemory, t: float, spots: Matrix, covariances: Stack, seen: int) -> int:
     """Correct the bank with an image; what is then to be looked for: nothing, poses to restart from, or others."""
     clock, result = m.clock, m.result
@@ -281,6 +308,7 @@ def _use(m: PoseMemory, t: float, spots: Matrix, covariances: Stack, seen: int) 
         _mark_used(m.used_s, m.accepted, t)
         if blurred:
             clock["blurred"] = t
+    tells = _is_denied(m, spots)
     watch_markers(m, t, spots, covariances)
     anew = m.watch["restart"] > 0
     if 2 * used <= seen:
@@ -296,9 +324,9 @@ def _use(m: PoseMemory, t: float, spots: Matrix, covariances: Stack, seen: int) 
             return NOTHING
     if clock["rejected"] >= m.fixed["restart_after"] or anew:
         return ROOTS
-    # of an image that was used whole alone: another one's poses are those of its glints
+    # of an image that was used whole: another one's poses are those of its glints, unless the same spot is refused long
     often = RENEWED_BLURRED_S if t - clock["blurred"] <= SETTLED_S else RENEWED_S
-    if seen >= 3 and used == seen and t - clock["renewed"] >= often:
+    if seen >= 3 and (used == seen or (used > 0 and tells)) and t - clock["renewed"] >= often:
         clock["renewed"] = t
         return NEW_ROOTS
     return NOTHING
@@ -352,7 +380,7 @@ def pose_step(block: Vector, t: float, chaser: Matrix, spots: Matrix, covariance
     aim_camera(m.camera, chaser)
     wants = _look(m, t, spots, covariances)
     if m.clock["running"] > 0:
-        m.result["alarm"] |= m.watch["alarm"]
+        m.result["alarm"] |= m.watch["alarm"] | (CONTRADICTS if m.clock["denied"] > 0 else 0)
         if is_contested(m):
             m.clock["doubted"] = t
     return wants

@@ -116,6 +116,7 @@ POSE_CLOCK = np.dtype(
         ("windows", _I),  # that it has compared
         ("leader", _F),  # `added` of the hypothesis under watch
         ("usurped", _F),  # since when another one leads; NaN: it does not
+        ("denied", _I),  # 1: two spots bear a pose that another one contradicts, image after image
     ]
 )
 SPOT = np.dtype(
@@ -124,6 +125,7 @@ SPOT = np.dtype(
         ("means", _F, (3, 2)),  # of that in the last three windows, the latest first; NaN: not known
         ("count", _F),  # of how many images
         ("speed", _F),  # px/s, as predicted
+        ("denied", _I),  # images in a row that have refused it, others being used
         *RETURNING,
     ]
 )
@@ -249,5 +251,5 @@ def new_pose_memory(mission: VisionMission) -> Vector:
 def watch_markers_anew(m: PoseMemory) -> None:
     """Let the monitors know nothing yet; the first image is watched from the clock's time on."""
     watch_anew(m.watch, m.watched)
-    m.spots["refused"], m.past["added"] = 0.0, np.nan
-    fill(m.clock, watched=m.clock["t"], used=m.clock["t"], leader=-np.inf, usurped=np.nan)
+    m.spots["refused"], m.spots["denied"], m.past["added"] = 0.0, 0, np.nan
+    fill(m.clock, denied=0, watched=m.clock["t"], used=m.clock["t"], leader=-np.inf, usurped=np.nan)

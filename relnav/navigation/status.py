@@ -39,7 +39,10 @@ class Alarm(IntFlag):
     another pose has taken the lead from a settled one, or that a spot long refused is used again though it surprises.
     """
     CONTRADICTED = monitors.CONTRADICTED
-    """Images contradict the stated attitude, or beacons, by more than their lasting errors explain."""
+    """Images contradict the stated attitude, or beacons, by more than their lasting errors explain.
+
+    Of markers also: one of three spots is refused image after image, so that it is bad or the pose is wrong.
+    """
     NOISY = monitors.NOISY
     """Innovations scatter more than their noise explains."""
     STUCK = monitors.STUCK

@@ -376,8 +376,9 @@ def watch_new_track(m: PoseMemory, again: bool) -> None:
         m.bank[0]["added"],
         math.nan,
     )
+    clock["denied"] = 0
     for i in range(m.spots.shape[0]):
-        m.spots[i]["refused"] = 0.0
+        m.spots[i]["refused"], m.spots[i]["denied"] = 0.0, 0
     asked = again and (watch["restart"] > 0 or watch["jumped"] < JUMP_S)
     if again and watch["on"] > 0 and not asked:
         for i in range(m.watched.shape[0]):

@@ -19,7 +19,7 @@ import numpy as np
 from relnav.arrays import Flags, Matrix, Record, Vector
 from relnav.estimation.factored import factorize
 from relnav.estimation.gating import gate_limits
-from relnav.estimation.monitors import UNWATCHED
+from relnav.estimation.monitors import CONTRADICTED, UNWATCHED
 from relnav.mission import VisionMission
 from relnav.navigation.observation.marker_poses import BEATEN, COVERED, FOLLOWED, SAME_RAD, WIDENED, view_at
 from relnav.navigation.observation.marker_twins import twins_of
@@ -81,6 +81,7 @@ class ReferencePose:
         self.optics = MarkerOptics(self.mission)
         self._limits = gate_limits(self.mission.filter.gate_probability, 2 * count)
         self._used_s, self._trial_used_s = np.full(count, np.nan), np.full(count, np.nan)
+        self._denied, self._is_denied = np.zeros(count, dtype=np.int64), False
         self.result = Result(np.zeros(count, dtype=bool))
         self._control = np.zeros(6)
 
@@ -91,6 +92,7 @@ class ReferencePose:
         self.t_s, self.begun_s, self.renewed_s, self.confirmed_s, self.rejected = t_s, t_s, t_s, t_s, 0
         self.blurred_s, self.doubted_s, self.beaten = -math.inf, -math.inf, []
         self._used_s[:] = t_s
+        self._denied[:], self._is_denied = 0, False
 
     def take(self, event: Event, out: Record, covariance: Matrix, accepted: Vector) -> None:
         """Go on to an event, the control acting until then; write what is then known (`pose_call.views_of_report`)."""
@@ -113,7 +115,7 @@ class ReferencePose:
             self._look_for_start(image)
         if self.bank and self._is_contested():
             self.doubted_s = image.t_s
-        self.result.alarm |= UNWATCHED
+        self.result.alarm |= UNWATCHED | (CONTRADICTED if self.bank and self._is_denied else 0)
         out["chaser"], accepted[:] = image.chaser, self.result.accepted
         self._write_epoch(out)
         covariance[:] = covariances_of(out["factor"][None])[0]
@@ -161,6 +163,7 @@ class ReferencePose:
         if used > 0:
             self._used_s[lead.used] = t
             self.blurred_s = t if wide else self.blurred_s
+        tells = self._count_denied(image, lead)
         if 2 * used <= seen:
             self.rejected += 1
         else:
@@ -171,10 +174,25 @@ class ReferencePose:
         if self.rejected >= self.mission.filter.restart_after_epochs:
             return True
         often = RENEWED_BLURRED_S if t - self.blurred_s <= SETTLED_S else RENEWED_S
-        if seen >= 3 and used == seen and t - self.renewed_s >= often:
+        if seen >= 3 and (used == seen or (used > 0 and tells)) and t - self.renewed_s >= often:
             self.renewed_s = t
             self._add_uncovered(image)
         return False
+
+    def _count_denied(self, image: Exposure, lead: Corrected) -> bool:
+        """Count how often in a row spots were refused, others not; whether one was too often and may tell of the pose.
+
+        Of three spots: only one that was not used since the leading hypothesis was too wide.
+        """
+        used = len(lead.used)
+        if used > 0:
+            self._denied[np.isfinite(image.spots).all(axis=1)] += 1
+            self._denied[lead.used] = 0
+        lasting = self._denied >= self.mission.filter.restart_after_epochs
+        if used > 0:
+            self._is_denied = bool(lasting.any()) and used < 3
+        unsettled = ~(self._used_s > self.blurred_s)
+        return bool((lasting & (unsettled | (lead.seen > 3))).any())
 
     def _look_for_start(self, image: Exposure) -> None:
         """Test the trial with an image of three markers or more; open one on its poses if it contradicts it."""
@@ -208,7 +226,7 @@ class ReferencePose:
         if not lead.share < TELLING_SHARE or (self.rejected > 0 and self.agreed < AGREED):
             return False
         self.bank, self.trial, self.rejected, self.beaten = self.trial, [], 0, []
-        self.confirmed_s = image.t_s
+        self.confirmed_s, self._is_denied, self._denied[:] = image.t_s, False, 0
         self._used_s, self.renewed_s = self._trial_used_s.copy(), image.t_s
         self.blurred_s, self.doubted_s = image.t_s if wide else -math.inf, -math.inf
         return True
