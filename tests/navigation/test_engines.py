@@ -149,7 +149,7 @@ def apart(ours, theirs):
     """Largest difference of states, by sigma, and of covariances, by both sigmas; decisions are the same."""
     for name in ("status", "used", "dof", "hypotheses", "observable"):
         np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name), err_msg=name)
-    told = Alarm.EXCHANGED | Alarm.OUT_OF_VIEW | Alarm.CONTRADICTED  # all else is said by monitors, which the second engine has not
+    told = Alarm.EXCHANGED | Alarm.OUT_OF_VIEW | Alarm.CONTRADICTED  # monitors, of ours alone, say all else
     assert (theirs.alarm == ours.alarm & told | Alarm.UNWATCHED).all()
     np.testing.assert_array_equal(np.isinf(ours.ambiguity), np.isinf(theirs.ambiguity))
     known = ours.hypotheses > 0
