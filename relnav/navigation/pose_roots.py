@@ -30,7 +30,7 @@ def look_for_roots(m: PoseMemory, mission: VisionMission, event: Event, wants: i
     view = view_at(mission.view, elapsed, rate_sigma)
     # the poses of a trial begin as equals: of these the view as it is stated decides
     model = replace(mission, view=view) if wants == NEW_ROOTS else mission
-    found, used, contradicted = roots(spots, own, chaser, model, believed, near, view.attitude_sigma_rad, event.t_s)
+    found, used, contradicted = roots(spots, own, chaser, model, believed, near, view, event.t_s)
     if wants == NEW_ROOTS:
         add_uncovered(m, found + twins(m, model, chaser), view.dcm_cam_from_target)
     elif found:

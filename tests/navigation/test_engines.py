@@ -222,6 +222,16 @@ def test_marker_engines_agree_on_a_gap_and_a_restart(missions):
     assert np.count_nonzero(ours.status == EpochStatus.STARTED) == 3
 
 
+def test_marker_engines_agree_on_a_late_start(missions):
+    """The first spots come after 40 s, when the expected view is wider than the model states."""
+    mission = missions["flat"]
+    flight = simulate_flight(mission, MINUTE, seed=6)
+    spots = flight.spots_px.copy()
+    spots[:80] = np.nan
+    state, covariance = apart(*both(mission, flight, spots_px=spots))
+    assert max(state, covariance) < 4e-4
+
+
 def test_marker_engines_agree_on_exchanged_markers(missions):
     mission = missions["shipped"]
     flight = simulate_flight(mission, SHORT, seed=2)

@@ -27,6 +27,7 @@ FLAT = Approach(50.0, 4.0, start_m=(10.0, 0.25, -0.15), final_range_m=5.0, speed
 HEALTHY = Approach(300.0, 4.0, start_m=(10.0, 0.25, -0.15), final_range_m=4.0, speed_m_s=0.03, assumed_noise=True)
 FLAT_LONG = Approach(200.0, 4.0, start_m=(8.0, 0.25, -0.15), final_range_m=2.0, speed_m_s=0.04, assumed_noise=True)
 FLAT_NEAR = Approach(80.0, 4.0, start_m=(6.0, 0.15, -0.1), final_range_m=1.2, speed_m_s=0.08, assumed_noise=True)
+LATE = Approach(70.0, 2.0, start_m=(25.0, 0.3, -0.2), final_range_m=5.0, speed_m_s=0.1, assumed_noise=True)
 LAST_PX, NEAR_PX = 1023.0, 120.0
 
 
@@ -205,13 +206,14 @@ def healthy_flight(mission, approach, seed):
     return longest(far & relied), relied.mean(), longest(~relied) / approach.rate_hz
 
 
-def flat_flight(mission, approach, seed):
-    """A flight before a flat pattern.
+def flat_flight(mission, approach, seed, unseen=0):
+    """A flight before a flat pattern; unseen: first images without spots.
 
     Returns how many epochs in a row a wrong attitude (6 sigma and 1 deg) is relied on, of how many epochs that are, and
     which are relied on.
     """
     flight = simulate_flight(mission, approach, seed=seed)
+    flight.spots_px[:unseen] = np.nan
     solution = filter_marker_epochs(mission, flight.t_s, flight.spots_px, acceleration_m_s2=flight.acceleration_m_s2)
     wrong = np.zeros(len(solution), dtype=bool)
     for k, error, covariance in states(solution, flight):
@@ -245,10 +247,21 @@ def test_a_healthy_flight_is_relied_on(mission):
     assert unsure_s.max() <= 20.0
 
 
+def test_a_late_start_does_not_take_the_view_for_what_it_was():
+    """A flat pattern is seen first after 50 s, when the target has turned by some seven times the stated view.
+
+    Joined with the view as it was stated, a start is two degrees wide and may be many off: two of these flights relied
+    on it for more than ten epochs.
+    """
+    flat = relnav.load_model("three_marker_vision_flat")
+    flat = replace(flat, view=replace(flat.view, attitude_sigma_rad=math.radians(1.0)))
+    assert max(flat_flight(flat, LATE, seed, unseen=100)[0] for seed in range(30)) <= 3
+
+
 def wrong_roots(mission, spots, dcm_chaser_from_lvlh, dcm_lvlh_from_target):
     """Poses of an image by how far they are off the true attitude, rad, the farthest last."""
     any_view = replace(mission, view=replace(mission.view, attitude_sigma_rad=math.pi))
-    found, _, _ = roots(spots, None, dcm_chaser_from_lvlh, any_view, None, [], math.pi, 0.0)
+    found, _, _ = roots(spots, None, dcm_chaser_from_lvlh, any_view, None, [], any_view.view, 0.0)
     off = [np.linalg.norm(attitude_error(one.state.dcm_lvlh_from_target, dcm_lvlh_from_target)) for one in found]
     return sorted(zip(off, (one.state for one in found), strict=True), key=lambda one: one[0])
 

@@ -92,28 +92,28 @@ def roots(
     mission: VisionMission,
     believed: tuple[PoseState, Matrix] | None,
     near: Sequence[Matrix],
-    view_sigma_rad: float,
+    view: View,
     t_s: float,
 ) -> tuple[list[Root], Flags, bool]:
     """States on the poses that explain an image, of t_s, and the markers used.
 
-    Left out is a pose that is a million times less credible than the best. The expected view decides and is part of the
-    state. An image whose spots misfit every pose has none, and a pose that contradicts the view, to view_sigma_rad, has
-    no state, unless it is as near an attitude of `near`, dcm_cam_from_target: the last value says whether one was left
-    out for that.
+    view: the expected one by now; it is part of the state. Left out is a pose that is a million times less credible
+    than the best, by the mission's own view. An image whose spots misfit every pose has none, and a pose that
+    contradicts the view has no state, unless it is as near an attitude of `near`, dcm_cam_from_target: the last value
+    says whether one was left out for that.
     """
     result = measure(spots, mission, spot_covariance_px2=covariances)
-    expected = [mission.view.dcm_cam_from_target, *near]
+    expected = [view.dcm_cam_from_target, *near]
     used = np.array(result.labels) >= 0
     worst = chi_square_limit(1.0 - MISFIT_PROBABILITY, result.dof) if result.dof > 0 else math.inf
     out, contradicted = [], False
     for root in result.roots:
         if root.score - result.roots[0].score > DROP or root.misfit > worst:
             continue
-        if all(_contradicts(root.pose, dcm, view_sigma_rad) for dcm in expected):
+        if all(_contradicts(root.pose, dcm, view.attitude_sigma_rad) for dcm in expected):
             contradicted = True
             continue
-        pose = _with_view(root.pose, mission.view)
+        pose = _with_view(root.pose, view)
         state = state_from_pose(pose, mission, dcm_chaser_from_lvlh, t_s=t_s, widened=WIDENED)
         if believed is not None:  # the velocity is common to all: unknown, its width alone would cost the odds
             known = believed[0]

@@ -52,7 +52,7 @@ def find_poses(
         if root.score - result.roots[0].score > DROP or root.misfit > worst:
             continue
         if any(_agrees(root.pose, dcm, view_sigma_rad) for dcm in (mission.view.dcm_cam_from_target, *near)):
-            tracks.append(_track_on(optics, mission, image, root.pose, np.flatnonzero(used), believed))
+            tracks.append(_track_on(optics, mission, image, root.pose, np.flatnonzero(used), believed, view_sigma_rad))
         else:
             contradicted = True
     return Found(tracks, used, contradicted)
@@ -71,15 +71,16 @@ def _track_on(
     pose: Pose,
     used: Codes,
     believed: PoseTrack | None,
+    view_sigma_rad: float,
 ) -> PoseTrack:
     """A hypothesis on a pose joined with the expected view: at rest in the turning frame, or as one believed."""
     settings, mount, back = mission.filter, mission.camera.dcm_cam_from_chaser, image.chaser.T
     spots = np.linalg.inv(pose.covariance)
     known = np.zeros((6, 6))
-    known[3:, 3:] = np.eye(3) / mission.view.attitude_sigma_rad**2
+    known[3:, 3:] = np.eye(3) / view_sigma_rad**2
     joined = np.linalg.inv(spots + known)
     off = turn_between(mission.view.dcm_cam_from_target, pose.dcm_cam_from_target)
-    shift = joined[:, 3:] @ off / mission.view.attitude_sigma_rad**2
+    shift = joined[:, 3:] @ off / view_sigma_rad**2
     in_cam = turned_by(pose.dcm_cam_from_target, shift[3:])
     lens = np.array(mission.camera.position_m)
     seen_at, place = (mount.T @ at + lens for at in (pose.position_m, pose.position_m + shift[:3]))  # chaser axes

@@ -109,7 +109,8 @@ class View:
     q_cam_from_target : (4,)
         Nominal relative attitude v_cam = R v_target, scalar last.
     attitude_sigma_rad : float
-        1-sigma of the true relative attitude about it, each axis; it distinguishes the solutions of three spots.
+        1-sigma of the true relative attitude about it, each axis; it distinguishes the solutions of three spots. A
+        filter takes it for that of its first event, and wider afterwards, by the sigma of the target's rate.
     """
 
     q_cam_from_target: Quaternion
