@@ -12,7 +12,7 @@ from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
 
 LOST = 10.0
-"""Usual steps: two or three images in a row are often lost, so many seldom."""
+"""Usual times between images: two or three images in a row are often lost, so many seldom."""
 MATTERS2, DECIDED, DOUBTED_S = 25.0, 8.0, 60.0
 """A jump that would move the position by five sigma is doubted, a minute at most, until it is e^8 times as likely as
 none, or as unlikely."""

@@ -60,6 +60,8 @@ an error that the state takes up in part is spread over them all. While an alarm
 LASTING_LIMIT2, LASTING_CALM2 = 20.25, 6.25
 SCATTER_LIMIT = 8.0
 """Of the mean of squares, in 1-sigma of such a mean."""
+TOO_LONG = 2.5
+"""Usual times between images: one image is often lost, so that two such are usual."""
 JUMP_S = 5.0
 """A jump of the clock is looked for so long after a step that was too long; these are rare, so that four sigma do."""
 EXPLAINED, LATE_LIMIT2 = 0.25, 16.0
@@ -81,7 +83,8 @@ WATCH = np.dtype(
         ("contradicted", _F),  # left of it
         ("unproven", _F),  # left of what a start after it is watched before it is believed
         ("noisy", _F),
-        ("interval", _F),  # usual step
+        ("interval", _F),  # usual time between images
+        ("since", _F),  # since the last image
         ("jumped", _F),  # since a step that was too long
         ("offset", _F),  # s, by which an image seems late where `clock`
         ("doubted", _F),  # s, a step that may be the clock's; 0 if none is
@@ -158,6 +161,7 @@ def watch_start(watch: Record, groups: Record, again: bool, comparable: bool) ->
     if not again:
         forget(watch, groups, True)
         watch["hold"], watch["alarm"], watch["jumped"], watch["interval"] = 0.0, 0, math.inf, 0.0
+        watch["since"] = 0.0
         watch["contradicted"], watch["noisy"], watch["pause"] = 0.0, 0.0, 0.0
         watch["doubted"], watch["unproven"], watch["pulled"], watch["returned"] = 0.0, 0.0, 0, 0
         return
@@ -248,14 +252,24 @@ def _looks_late(watch: Record, groups: Record) -> bool:
 
 @kernel
 def note_step(watch: Record, dt: float) -> None:
-    """Let dt s pass, and notice a step that is much longer than usual."""
+    """Let dt s pass, and notice a step that is much longer than images are usually apart."""
     watch["jumped"] += dt
+    watch["since"] += dt
     watch["hold"] = max(0.0, watch["hold"] - dt)
     watch["noisy"] = max(0.0, watch["noisy"] - dt)
-    if watch["interval"] > 0.0 and dt > 2.5 * watch["interval"]:
+    if watch["interval"] > 0.0 and dt > TOO_LONG * watch["interval"]:
         watch["jumped"] = 0.0
-    else:
-        watch["interval"] = dt if watch["interval"] == 0.0 else watch["interval"] + 0.1 * (dt - watch["interval"])
+
+
+@kernel
+def note_image(watch: Record, seen: bool) -> None:
+    """Learn how far apart images are, where there is one: steps to epochs without images may be of any length."""
+    since, interval = watch["since"], watch["interval"]
+    first = interval == 0.0
+    usual = seen & (since > 0.0) & (first | (since <= TOO_LONG * interval))
+    longer = select(first, since, interval + 0.1 * (since - interval))
+    watch["interval"] = select(usual, longer, interval)
+    watch["since"] = select(seen, 0.0, since)
 
 
 @kernel

@@ -16,7 +16,7 @@ from relnav.navigation.memory import Memory
 from relnav.navigation.observation.attitude_check import attitude_is_credible
 from relnav.navigation.observation.beacon_considered import add_considered_noise, consider, look_at_errors, observed
 from relnav.navigation.observation.beacon_geometry import locate, uses_coordinates
-from relnav.navigation.observation.beacon_monitors import gather_rows
+from relnav.navigation.observation.beacon_monitors import gather_rows, show_nothing
 from relnav.navigation.observation.beacon_rows import observe, observe_again
 from relnav.navigation.status import LOST, PARTIAL, PREDICTED, REJECTED, UPDATED
 from relnav.sensors.measurement import MISALIGNED
@@ -92,6 +92,8 @@ def correct(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix, watc
     """
     x, result, work = track["state"], m.result, m.work
     clear_results(result, m.innovations)
+    if watched:
+        show_nothing(m)
     if not locate(m, track):
         return LOST
     seen, usable, reason = observe(m, x, spots)

@@ -200,7 +200,21 @@ def test_a_step_is_noted(filled, before, dt, after):
     names = ("jumped", "hold", "noisy", "interval")
     watch = filled(WATCH, **dict(zip(names, before, strict=True)))
     monitors.note_step(watch, dt)
+    monitors.note_image(watch, True)
     assert [float(watch[name]) for name in names] == pytest.approx(after, rel=1e-12)
+    assert watch["since"] == 0.0
+
+
+def test_what_is_usual_is_the_time_between_images(filled):
+    """Epochs without one, as short as may be, count for nothing but the time that they take."""
+    watch = filled(WATCH, interval=0.5)
+    for _ in range(40):
+        for dt, seen in ((0.001, False), (0.2, False), (0.299, True)):
+            monitors.note_step(watch, dt)
+            monitors.note_image(watch, seen)
+    assert watch["interval"] == pytest.approx(0.5, rel=1e-12)
+    monitors.note_image(watch, True)  # at the time of the last
+    assert watch["interval"] == pytest.approx(0.5, rel=1e-12)
 
 
 HERE = {"seen": 1, "present": 1, "images": 7}

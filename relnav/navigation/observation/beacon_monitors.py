@@ -17,6 +17,7 @@ from relnav.estimation.clock_monitor import doubt_clock, is_doubtful, weigh_jump
 from relnav.estimation.monitors import (
     AWAY_S,
     STUCK,
+    note_image,
     note_step,
     watch_image,
     watch_start,
@@ -29,7 +30,7 @@ from relnav.navigation.memory import Memory
 from relnav.navigation.observation.beacon_considered import shared_errors
 from relnav.navigation.observation.beacon_geometry import see_beacon, uses_coordinates
 from relnav.navigation.observation.beacon_lasting_change import lasting_change, learn_lasting
-from relnav.navigation.status import PARTIAL, UPDATED
+from relnav.navigation.status import PARTIAL, PREDICTED, UPDATED
 
 EDGE_SIGMAS = 2.0
 """So far from the edge noise cut off there moves a mean by 0.06 sigma."""
@@ -51,6 +52,13 @@ def _write_row(
     group["state"][k] = select(seen, own_variance(m.track["ld"], h, h), group["state"][k])
     motion = -(h[0] * x[3] + h[1] * x[4] + h[2] * x[5])
     group["motion"][k] = select(seen, motion, group["motion"][k])
+
+
+@kernel
+def show_nothing(m: Memory) -> None:
+    """Take away the rows of the image before: this one may show none."""
+    for i in range(m.watched.shape[0]):
+        m.watched[i]["seen"] = 0
 
 
 @kernel
@@ -155,7 +163,12 @@ def _is_stuck(m: Memory, i: int, spots: Matrix, dt: float) -> bool:
 def watch(m: Memory, spots: Matrix, dt: float, status: int) -> None:
     """Take an image (n, 2) m that the running track was updated with, or not, into the monitors."""
     stuck, groups = False, m.watched
+    if is_doubtful(m.watch, dt):  # an epoch that nothing was used of stands at its prediction
+        taken, unseen = (status == UPDATED) | (status == PARTIAL), m.fixed["unseen"]
+        for j in range(MOTION):
+            unseen[j] = select(taken, unseen[j], m.track["state"][j])
     note_step(m.watch, dt)
+    note_image(m.watch, status != PREDICTED)
     doubt_clock(m.watch, dt, m.track["state"], m.track["ld"])
     weigh_jump(m.watch, groups)
     coordinates = uses_coordinates(m.sensor)

@@ -28,6 +28,7 @@ from relnav.estimation.monitors import (
     JUMP_S,
     STUCK,
     WARM_S,
+    note_image,
     note_step,
     watch_image,
     watch_start,
@@ -338,6 +339,7 @@ def watch_markers(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) ->
     """Take an image (n, 2) px that the bank was corrected with, or not, into the monitors."""
     watch, clock = m.watch, m.clock
     dt, before = t - clock["watched"], watch["on"]
+    note_image(watch, True)
     clock["watched"] = t
     if m.result["used"] > 0:
         gap = t - clock["used"]
