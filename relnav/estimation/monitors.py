@@ -5,13 +5,14 @@ averaged with their sign over a second and over five, and compared with two thin
 mean over some 20 s): an error that lasts from the start, of attitude, mountings or beacons, is in both and falls out of
 the difference, so that the limit needs no knowledge of it; what is left has the variance
 
-    R (q + q') + (H P H' + H P' H') / 2
+    N + N' + (H P H' + H P' H') / 2
 
-with q, q' the sums of squared weights of the two means, P' the covariance when the older one was made. Innovations of a
-filter that weighs rightly are white, and means of them need R q alone while H P H' is small beside R. One that takes
+with N, N' the sums of R with squared weights, each image's own, in the two means, P' the covariance when the older one
+was made. Innovations of a filter that weighs rightly are white, and means of them need N alone while H P H' is small
+beside R. One that takes
 lasting errors for noise weighs its images less, and its innovations, as all residuals of the updated state, share the
 state's error for as long as the filter remembers (30 to 50 s): what of it differs over 20 s is half of 2 H P H'. And
-the older mean is compared with zero: it has the variance R q' + H P H' + c, c what lasting errors may leave in the row,
+the older mean is compared with zero: it has the variance N' + H P H' + c, c what lasting errors may leave in the row,
 not divided by the number of images: E - H S squared (`considered.py`), their effect less what the state has taken up,
 its sigma averaged as the innovations are. After a start H P H' falls by powers of ten, and means still hold innovations
 from before: instead of H P H' they have its sum with squared weights, where that is more. Scatter takes all of it.
@@ -130,10 +131,10 @@ def watched_type() -> np.dtype[np.void]:
             ("usual_white", _F, 3),  # H P H' in it, as of white innovations
             ("fast_state", _F, 3),
             ("scatter", _F),
-            ("fast_share", _F),
-            ("middle_share", _F),
-            ("usual_share", _F),
-            ("scatter_share", _F),
+            ("fast_noise", _F, 3),  # variance of each mean by its images' noise
+            ("middle_noise", _F, 3),
+            ("usual_noise", _F, 3),
+            ("scatter_share", _F),  # sum of squared weights
             ("reading", _F, 2),
             ("repeated", _I),
             ("since", _F),
@@ -188,12 +189,11 @@ def _shift(group: Record) -> tuple[float, float, float]:
     mean, longer, usual = group["fast"], group["middle"], group["usual"]
     largest, short, long = 0.0, 0.0, 0.0
     for k in range(group["rows"]):
-        noise = group["noise"][k]
         common = 0.5 * (group["state"][k] + group["usual_state"][k]) + group["changed"][k]
         off = mean[k] - usual[k]
-        one = off * off / (noise * (group["fast_share"] + group["usual_share"]) + common)
+        one = off * off / (group["fast_noise"][k] + group["usual_noise"][k] + common)
         off = longer[k] - usual[k]
-        two = off * off / (noise * (group["middle_share"] + group["usual_share"]) + common)
+        two = off * off / (group["middle_noise"][k] + group["usual_noise"][k] + common)
         largest, short, long = max(largest, one, two), short + one, long + two
     return largest, short, long
 
@@ -212,7 +212,7 @@ def _contradicts(group: Record, limit2: float) -> bool:
     for k in range(group["rows"]):
         usual = group["usual"][k]
         state = max(group["state"][k], group["usual_white"][k])
-        known = group["noise"][k] * group["usual_share"] + state + group["usual_spread"][k] ** 2
+        known = group["usual_noise"][k] + state + group["usual_spread"][k] ** 2
         found = found | (usual * usual > limit2 * known)
     return found
 
@@ -238,7 +238,7 @@ def _looks_late(watch: Record, groups: Record) -> bool:
         if group["present"] == 0 or group["learnt"] == 0 or group["images"] == 0:
             continue
         for k in range(group["rows"]):
-            variance = group["noise"][k] * (group["fast_share"] + group["usual_share"])
+            variance = group["fast_noise"][k] + group["usual_noise"][k]
             variance += 0.5 * (group["state"][k] + group["usual_state"][k]) + group["changed"][k]
             off, motion = group["fast"][k] - group["usual"][k], group["motion"][k]
             along += off * motion / variance

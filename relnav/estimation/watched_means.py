@@ -14,15 +14,9 @@ FAST_S, MIDDLE_S, USUAL_S, SCATTER_S = 1.0, 5.0, 20.0, 3.0
 
 
 @kernel
-def _mean_share(share: float, weight: float) -> float:
-    """Sum of squared weights of a mean after the next value."""
-    return (1.0 - weight) * (1.0 - weight) * share + weight * weight
-
-
-@kernel
-def _next_share(share: float, weight: float, taken: bool, begun: bool) -> float:
-    """The same where a value is taken; of the first it is 1."""
-    return select(taken, select(begun, _mean_share(share, weight), 1.0), share)
+def _white(carried: float, weight: float, newest: float) -> float:
+    """Variance of a mean after the next value, both of them white: a sum with squared weights."""
+    return (1.0 - weight) * (1.0 - weight) * carried + weight * weight * newest
 
 
 @kernel
@@ -30,24 +24,26 @@ def take_value(group: Record, dt: float, taken: bool, learning: bool) -> None:
     """Carry the means of a group on, where it is taken; dt: s since it was seen last."""
     images = group["images"] + 1
     first, begun = 1.0 / images, images > 1
-    fast, middle = max(first, dt / (dt + FAST_S)), max(first, dt / (dt + MIDDLE_S))
+    fast, middle = max(first, dt / (dt + FAST_S)), max(first, dt / (dt + MIDDLE_S))  # of the first value: 1
     value, noise, state = group["value"], group["noise"], group["state"]
     mean, longer, fast_state = group["fast"], group["middle"], group["fast_state"]
+    fast_noise, middle_noise = group["fast_noise"], group["middle_noise"]
     squares = 0.0
     for k in range(group["rows"]):
         off = value[k] - mean[k]
-        squares += off * off / (noise[k] * (1.0 + group["fast_share"]) + state[k] + fast_state[k])
+        squares += off * off / (noise[k] + fast_noise[k] + state[k] + fast_state[k])
     weight = max(1.0 / max(images - 1, 1), dt / (dt + SCATTER_S))
     scatter = group["scatter"] + weight * (squares / group["rows"] - group["scatter"])
     group["scatter"] = select(taken, select(begun, scatter, 1.0), group["scatter"])
-    group["scatter_share"] = _next_share(group["scatter_share"], weight, taken, begun)
-    group["fast_share"] = _next_share(group["fast_share"], fast, taken, begun)
-    group["middle_share"] = _next_share(group["middle_share"], middle, taken, begun)
+    share = select(begun, _white(group["scatter_share"], weight, 1.0), 1.0)
+    group["scatter_share"] = select(taken, share, group["scatter_share"])
     group["images"] = select(taken, images, group["images"])
     for k in range(group["rows"]):
         mean[k] = select(taken, select(begun, mean[k] + fast * (value[k] - mean[k]), value[k]), mean[k])
+        fast_noise[k] = select(taken, _white(fast_noise[k], fast, noise[k]), fast_noise[k])
         fast_state[k] = select(taken, fast_state[k] + fast * (state[k] - fast_state[k]), fast_state[k])
         longer[k] = select(taken, select(begun, longer[k] + middle * (value[k] - longer[k]), value[k]), longer[k])
+        middle_noise[k] = select(taken, _white(middle_noise[k], middle, noise[k]), middle_noise[k])
     if anywhere(taken & learning):
         _learn(group, dt, taken & learning)
 
@@ -55,19 +51,19 @@ def take_value(group: Record, dt: float, taken: bool, learning: bool) -> None:
 @kernel
 def _learn(group: Record, dt: float, learns: bool) -> None:
     """Carry the older mean on, where it is learnt."""
-    value, state, usual, usual_state = group["value"], group["state"], group["usual"], group["usual_state"]
+    value, noise, state, usual = group["value"], group["noise"], group["state"], group["usual"]
+    usual_noise, usual_state = group["usual_noise"], group["usual_state"]
     usual_white, usual_spread = group["usual_white"], group["usual_spread"]
     learnt = group["learnt"] + 1
     slow = max(1.0 / learnt, dt / (dt + USUAL_S))
-    share = _mean_share(select(learnt > 1, group["usual_share"], 1.0), slow)
-    group["usual_share"] = select(learns, share, group["usual_share"])
     group["learnt"], group["weight"] = select(learns, learnt, group["learnt"]), select(learns, slow, 0.0)
     for k in range(group["rows"]):
-        white = (1.0 - slow) * (1.0 - slow) * usual_white[k] + slow * slow * state[k]
         spread = usual_spread[k] + slow * (math.sqrt(group["lasting"][k]) - usual_spread[k])
         usual[k] = select(learns, usual[k] + slow * (value[k] - usual[k]), usual[k])
+        usual_noise[k] = select(learns, _white(usual_noise[k], slow, noise[k]), usual_noise[k])
         usual_state[k] = select(learns, usual_state[k] + slow * (state[k] - usual_state[k]), usual_state[k])
-        usual_spread[k], usual_white[k] = select(learns, spread, usual_spread[k]), select(learns, white, usual_white[k])
+        usual_white[k] = select(learns, _white(usual_white[k], slow, state[k]), usual_white[k])
+        usual_spread[k] = select(learns, spread, usual_spread[k])
 
 
 @kernel

@@ -37,7 +37,7 @@ def test_means_are_sums_over_all_images(filled, images):
             group[name] = rows[n]
         if n > 0:
             seen = weights_of(lengths[:n], 1, 1.0)
-            variance = noise[n] * (1.0 + seen @ seen) + state[n] + seen @ state[:n]
+            variance = noise[n] + seen**2 @ noise[:n] + state[n] + seen @ state[:n]
             squares.append(np.mean(((value[n] - seen @ value[:n]) ** 2 / variance)[:2]))
         watched_means.take_value(group, dt, True, True)
         pinned.append(float(group["weight"]))
@@ -50,11 +50,12 @@ def test_means_are_sums_over_all_images(filled, images):
         ("usual_state", usual, state),
         ("usual_spread", usual, np.sqrt(lasting)),
         ("usual_white", usual**2, state),
+        ("fast_noise", fast**2, noise),
+        ("middle_noise", middle**2, noise),
+        ("usual_noise", usual**2, noise),
     ):
         np.testing.assert_allclose(group[name][:2], (weights @ rows)[:2], rtol=1e-9, atol=1e-13, err_msg=name)
         assert group[name][2] == 0.0
-    for name, weights in (("fast_share", fast), ("middle_share", middle), ("usual_share", usual)):
-        assert group[name] == pytest.approx(weights @ weights, rel=1e-12)
     assert pinned == pytest.approx([weights_of(lengths[: n + 1], 1, 20.0)[-1] for n in range(images)])
     scatter = weights_of(lengths[1:], 1, 3.0)
     assert group["scatter"] == pytest.approx(scatter @ np.array(squares) if images > 1 else 1.0)
@@ -63,15 +64,16 @@ def test_means_are_sums_over_all_images(filled, images):
 
 
 def test_what_is_usual_stays_while_nothing_is_learnt(filled):
-    group = filled(watched_type(), rows=3, usual=5.0, usual_share=0.3, weight=0.2, value=1.0, noise=1.0)
+    group = filled(watched_type(), rows=3, usual=5.0, usual_noise=0.3, weight=0.2, value=1.0, noise=1.0)
     watched_means.take_value(group, 0.1, True, False)
-    assert (group["learnt"], group["usual_share"], group["weight"]) == (0, 0.3, 0.2)
+    assert (group["learnt"], group["weight"]) == (0, 0.2)
+    assert list(group["usual_noise"]) == [0.3] * 3
     assert list(group["usual"]) == [5.0] * 3
     assert list(group["fast"]) == [1.0] * 3
 
 
 def test_a_group_that_is_not_taken_stays_as_it_is(filled):
-    group = filled(watched_type(), rows=3, images=4, usual=5.0, usual_share=0.3, value=1.0, noise=1.0, fast=2.0)
+    group = filled(watched_type(), rows=3, images=4, usual=5.0, usual_noise=0.3, value=1.0, noise=1.0, fast=2.0)
     before = group.copy()
     watched_means.take_value(group, 0.1, False, True)
     assert group.tobytes() == before.tobytes()
@@ -80,13 +82,14 @@ def test_a_group_that_is_not_taken_stays_as_it_is(filled):
 @pytest.mark.parametrize("seed", range(12))
 def test_a_shift_is_in_sigmas_of_the_difference(filled, seed):
     rng = np.random.default_rng(seed)
-    names = ("noise", "state", "usual_state", "changed", "fast", "middle", "usual")
-    rows = dict(zip(names, (*rng.uniform(0.5, 2.0, (4, 3)), *rng.normal(size=(3, 3))), strict=True))
-    shares = {"fast_share": 0.4, "middle_share": 0.15, "usual_share": 0.07}
+    names = ("state", "usual_state", "changed", "fast", "middle", "usual")
+    rows = dict(zip(names, (*rng.uniform(0.5, 2.0, (3, 3)), *rng.normal(size=(3, 3))), strict=True))
+    noises = dict(zip(("fast_noise", "middle_noise", "usual_noise"), rng.uniform(0.05, 0.5, (3, 3)), strict=True))
     used = 2 + seed % 2
-    largest, short, long = monitors._shift(filled(watched_type(), rows=used, **rows, **shares))
+    largest, short, long = monitors._shift(filled(watched_type(), rows=used, noise=9.0, **rows, **noises))
     apart = np.stack([rows["fast"], rows["middle"]]) - rows["usual"]
-    variance = np.array([[0.47], [0.22]]) * rows["noise"] + (rows["state"] + rows["usual_state"]) / 2 + rows["changed"]
+    white = np.stack([noises["fast_noise"], noises["middle_noise"]]) + noises["usual_noise"]
+    variance = white + (rows["state"] + rows["usual_state"]) / 2 + rows["changed"]
     squares = (apart**2 / variance)[:, :used]
     assert (largest, short, long) == pytest.approx((squares.max(), *squares.sum(axis=1)), rel=1e-12)
 
@@ -101,8 +104,8 @@ def test_limit_of_a_sum_is_chi_square_s(rows, sigmas):
 @pytest.mark.parametrize(("state", "white"), [(2.0, 0.5), (0.5, 2.0)])
 @pytest.mark.parametrize(("usual", "says"), [(12.0, False), (12.0 + 1e-9, True), (-12.0 - 1e-9, True)])
 def test_what_lasts_contradicts_beyond_its_limit(filled, row, state, white, usual, says):
-    """Variance 4 * 0.5 + 2 + 2^2 = 8, times 18 is 144."""
-    group = filled(watched_type(), rows=2, noise=4.0, usual_share=0.5, state=state, usual_white=white, usual_spread=2.0)
+    """Variance 2 + 2 + 2^2 = 8, times 18 is 144."""
+    group = filled(watched_type(), rows=2, usual_noise=2.0, state=state, usual_white=white, usual_spread=2.0)
     group["usual"][row] = usual
     assert monitors._contradicts(group, 18.0) is says
     group["usual"][:] = (0.0, 0.0, 1e9)  # no row
@@ -131,9 +134,8 @@ LATE = {
     "present": 1,
     "learnt": 1,
     "images": 1,
-    "noise": (2.0, 0.5, 3.0),
-    "fast_share": 0.3,
-    "usual_share": 0.1,
+    "fast_noise": (0.6, 0.15, 0.9),
+    "usual_noise": (0.2, 0.05, 0.3),
     "state": (0.6, 1.4, 0.2),
     "usual_state": (0.8, 0.1, 0.3),
     "changed": (0.2, 0.7, 0.1),
@@ -147,7 +149,8 @@ def test_one_delay_is_sought_by_least_squares(filled, grouped):
     groups = grouped(LATE | one | {"rows": 3}, LATE | other | {"rows": 2}, *skipped)
     watch = filled(WATCH)
     assert not monitors._looks_late(watch, groups)
-    variance = 0.4 * np.array(LATE["noise"]) + (np.array(LATE["state"]) + LATE["usual_state"]) / 2 + LATE["changed"]
+    noise = np.array(LATE["fast_noise"]) + LATE["usual_noise"]
+    variance = noise + (np.array(LATE["state"]) + LATE["usual_state"]) / 2 + LATE["changed"]
     sigma = np.sqrt(np.concatenate([variance, variance[:2]]))
     motion = np.concatenate([one["motion"], other["motion"][:2]]) / sigma
     off = np.concatenate([one["fast"] - one["usual"], (other["fast"] - other["usual"])[:2]]) / sigma
@@ -165,7 +168,14 @@ def test_one_delay_is_sought_by_least_squares(filled, grouped):
     ],
 )
 def test_late_is_what_one_delay_explains(filled, grouped, off, late):
-    group = LATE | {"rows": 2, "noise": TINY, "state": 0.0, "usual_state": 0.0, "changed": 1.0}
+    group = LATE | {
+        "rows": 2,
+        "fast_noise": TINY,
+        "usual_noise": TINY,
+        "state": 0.0,
+        "usual_state": 0.0,
+        "changed": 1.0,
+    }
     groups = grouped(group | {"fast": (*off, 0.0), "motion": (0.5, 0.0, 0.0)})
     watch = filled(WATCH)
     assert monitors._looks_late(watch, groups) is late
