@@ -119,7 +119,7 @@ def correct(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix, watc
         passed = gate_groups(track, image, m.gate, work, nis, dof)
     taken = tells & (passed > 0)
     if not coordinates and anywhere(taken):
-        turned = not attitude_is_credible(m, work, spots, held(taken))
+        turned = not attitude_is_credible(m, work, sensitivities, spots, held(taken))
         result["reason"], taken = select(turned, MISALIGNED, reason), taken & (not turned)
     not_taken = select(seen == 0, PREDICTED, REJECTED)
     if not anywhere(taken):

@@ -13,7 +13,7 @@ T_S = 0.1 * np.arange(1500)
 USUAL_M = 10e-6
 
 
-def alternating(rng):
+def alternating(_rng):
     return np.where(np.arange(len(T_S)) % 2, USUAL_M, 3.0 * USUAL_M)[:, None]
 
 
@@ -22,12 +22,12 @@ def scattered(rng):
     return USUAL_M * np.exp(rng.normal(0.0, 0.7, (len(T_S), 3)))
 
 
-def glaring(rng):
+def glaring(_rng):
     """Six times as much for 5 s of every minute."""
     return np.where(T_S % 60.0 < 5.0, 6.0 * USUAL_M, USUAL_M)[:, None]
 
 
-def clearing(rng):
+def clearing(_rng):
     """Four times as much in the first minute."""
     return np.where(T_S < 60.0, 4.0 * USUAL_M, USUAL_M)[:, None]
 

@@ -105,40 +105,47 @@ def _rows_by_turn(x: Vector, mount: Matrix, position: Vector, gradient: Matrix, 
 
 
 @kernel
-def errors_of_coordinates(m: Memory, x: Vector, spots: Matrix) -> None:
-    """Write `turns` and `by_error` of the coordinates in use, linearised at x (6,); spots (n, 2) m.
+def errors_of_spot(
+    m: Memory, x: Vector, beacon: int, spot: Vector, gradient: Matrix, x_row: Vector, y_row: Vector
+) -> None:
+    """Write a beacon's two rows of `turns`, and its two coordinates by every error, (m,) each; gradient (2, 3) at x.
 
     A turn of the chaser, about its centre of mass, or a tolerance acts as if it moved the beacon, by delta: on a
     coordinate it does -h delta, h its row of H.
     """
     vectors, place, first = m.scratch["vectors"], m.scratch["places"][0], m.fixed["first_error"]
-    sight, arm, moved, count = vectors[0], vectors[1], vectors[2], m.by_error.shape[1]
-    mount, attitude_sigma = m.kept["mount"], m.sensor["attitude_sigma"]
-    for beacon in range(m.beacons.shape[0]):
-        variance, gradient = m.groups[beacon]["variance"], m.groups[beacon]["gradient"]
-        if not anywhere((variance[0] > 0.0) | (variance[1] > 0.0)):
-            continue
-        _sight_and_arm(m, x, beacon, sight, arm)
-        _rows_by_turn(x, mount, m.beacons[beacon]["position"], gradient, m.turns[2 * beacon : 2 * beacon + 2])
-        if first < FIELD_ERRORS:
-            place_in_field(m.sensor, spots[beacon], place)
-        lasting = m.beacons[beacon]["lasting_sigma"]
-        for j in range(count):
-            error, x_row, y_row = first + j, m.by_error[2 * beacon], m.by_error[2 * beacon + 1]
-            x_row[j], y_row[j] = 0.0, 0.0
-            if error < FIELD_ERRORS:
-                weight = lasting * _weight(place, error)
-                if error < NODES * NODES:
-                    x_row[j] = weight
-                else:
-                    y_row[j] = weight
-            elif error < TOLERANCES:
-                x_row[j] = attitude_sigma * m.turns[2 * beacon, error - FIELD_ERRORS]
-                y_row[j] = attitude_sigma * m.turns[2 * beacon + 1, error - FIELD_ERRORS]
-            elif _displacement(m, beacon, error - TOLERANCES, sight, arm, moved):
-                for k in range(2):
-                    h = gradient[k]
-                    m.by_error[2 * beacon + k, j] = -(h[0] * moved[0] + h[1] * moved[1] + h[2] * moved[2])
+    sight, arm, moved, mount = vectors[0], vectors[1], vectors[2], m.kept["mount"]
+    attitude_sigma, lasting = m.sensor["attitude_sigma"], m.beacons[beacon]["lasting_sigma"]
+    _sight_and_arm(m, x, beacon, sight, arm)
+    _rows_by_turn(x, mount, m.beacons[beacon]["position"], gradient, m.turns[2 * beacon : 2 * beacon + 2])
+    if first < FIELD_ERRORS:
+        place_in_field(m.sensor, spot, place)
+    for j in range(x_row.shape[0]):
+        error = first + j
+        x_row[j], y_row[j] = 0.0, 0.0
+        if error < FIELD_ERRORS:
+            weight = lasting * _weight(place, error)
+            if error < NODES * NODES:
+                x_row[j] = weight
+            else:
+                y_row[j] = weight
+        elif error < TOLERANCES:
+            x_row[j] = attitude_sigma * m.turns[2 * beacon, error - FIELD_ERRORS]
+            y_row[j] = attitude_sigma * m.turns[2 * beacon + 1, error - FIELD_ERRORS]
+        elif _displacement(m, beacon, error - TOLERANCES, sight, arm, moved):
+            h = gradient[0]
+            x_row[j] = -(h[0] * moved[0] + h[1] * moved[1] + h[2] * moved[2])
+            h = gradient[1]
+            y_row[j] = -(h[0] * moved[0] + h[1] * moved[1] + h[2] * moved[2])
+
+
+@kernel
+def errors_of_coordinates(m: Memory, x: Vector, spots: Matrix) -> None:
+    """Write `turns` and `by_error` of the coordinates in use, linearised at x (6,); spots (n, 2) m."""
+    for i in range(m.beacons.shape[0]):
+        variance, gradient = m.groups[i]["variance"], m.groups[i]["gradient"]
+        if anywhere((variance[0] > 0.0) | (variance[1] > 0.0)):
+            errors_of_spot(m, x, i, spots[i], gradient, m.by_error[2 * i], m.by_error[2 * i + 1])
 
 
 @kernel

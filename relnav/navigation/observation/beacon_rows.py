@@ -21,6 +21,7 @@ from relnav.estimation.factored import decorrelate
 from relnav.estimation.rows import say_nothing
 from relnav.geometry.spherical import docking_difference, range_azimuth_elevation_jacobian
 from relnav.navigation.memory import FIX, SPOTS, Memory
+from relnav.navigation.observation.beacon_arm import add_arm_noise
 from relnav.navigation.observation.beacon_geometry import (
     camera_position_dock,
     fix_of_spots,
@@ -208,7 +209,9 @@ def _prepare_position(m: Memory, spots: Matrix, whole: bool) -> int:
         return NO_CONVERGENCE
     spot_sigmas(m.beacons, sigma)
     if sensor["method"] == FIX and exact:
-        return OK if fix_noise(p, inverse, rays, f, sigma, jacobian, factor, variance) else DEGENERATE
+        if not fix_noise(p, inverse, rays, f, sigma, jacobian, factor, variance):
+            return DEGENERATE
+        return OK if add_arm_noise(m, p, factor, variance) else DEGENERATE
     if sensor["method"] == FIX:
         predicted = scratch["numbers"]
         for i in range(3):
@@ -219,7 +222,9 @@ def _prepare_position(m: Memory, spots: Matrix, whole: bool) -> int:
     else:
         invariants(fix["rays"], fix["value"])
         spot_gradient(rays, f, jacobian)
-    return OK if correlated_noise(jacobian, sigma, factor, variance) else DEGENERATE
+    if not correlated_noise(jacobian, sigma, factor, variance):
+        return DEGENERATE
+    return OK if sensor["method"] == SPOTS or add_arm_noise(m, p, factor, variance) else DEGENERATE
 
 
 @kernel

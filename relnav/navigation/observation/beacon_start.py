@@ -13,6 +13,7 @@ from relnav.estimation.factored import factorize_into
 from relnav.geometry.linear_algebra import invert_three
 from relnav.geometry.spherical import position_from_angles_jacobian
 from relnav.navigation.memory import Memory
+from relnav.navigation.observation.beacon_arm import arm_covariance, swings
 from relnav.navigation.observation.beacon_considered import (
     add_attitude_noise,
     add_considered_noise,
@@ -51,7 +52,7 @@ def _start_covariance(
 
 @kernel
 def _start_of_fix(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix) -> int:
-    """Set a track by the closed form: its covariance J S J^T, turned from angles into `lvlh_ccsds` position."""
+    """Set a track by the closed form: its covariance J S J^T, turned from angles into `lvlh_ccsds`, and the arm's."""
     sensor, scratch, p, x = m.sensor, m.scratch, m.fix["position"], track["state"]
     work = scratch["closed_form"]
     status = fix_of_spots(sensor, m.beacons, work, spots, p, m.fix["rays"])
@@ -68,6 +69,11 @@ def _start_of_fix(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix
     dock, sigma, velocity_sigma = m.kept["dock"], scratch["three"], m.motion["initial_velocity_sigma"]
     spot_sigmas(m.beacons, sigma)
     _start_covariance(dock, from_angles, jacobian, sigma, velocity_sigma, covariance)
+    if swings(m):
+        arm_covariance(m, from_angles)
+        for i in range(3):
+            for j in range(3):
+                covariance[i, j] += from_angles[i, j]
     if not factorize_into(covariance, track["ld"]):
         return DEGENERATE
     for i in range(3):

@@ -192,7 +192,7 @@ class ReferenceEngine:
             passed = len(set(image.groups[rows]))
         else:
             passed = int(self.result["nis"] <= self._limits[len(rows) - 1])
-            if passed and not attitude_is_credible(optics, self._limits, track.state, track.covariance, spots):
+            if passed and not attitude_is_credible(optics, self._limits, track, spots):
                 self.result["reason"], passed = MISALIGNED, 0
         if passed == 0:
             track.set(x, p)

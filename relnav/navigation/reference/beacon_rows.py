@@ -151,6 +151,13 @@ class BeaconOptics:
         place: Vector = self.dock @ (x[:3] + self.offset)
         return place
 
+    @property
+    def arm_covariance(self) -> Matrix:
+        """What the noise of the attitude does to where the camera is from the centre of mass, `lvlh_ccsds` m^2."""
+        swing = self.attitude_noise * cross(np.eye(3), self.dcm.T @ self.lever)
+        out: Matrix = swing.T @ swing
+        return out
+
     # --- coordinates
 
     def coordinate_slopes(self, x: Vector) -> tuple[Matrix, Vector, Stack]:
@@ -297,6 +304,8 @@ class BeaconOptics:
         predicted = self.focal_length * rays[:, :2] / rays[:, 2:]
         if self.method == "spots":
             return self._with_noise(x, self.by_spots(predicted, ALL), numbers_of(self.rays_of(three), ALL))
+        to_place = to_angles(at) @ self.dock
+        swung = to_place @ self.arm_covariance @ to_place.T
         if self.exact:
             by_spots = to_angles(at) @ np.linalg.solve(self.by_place(at, ALL)[1], self.by_spots(predicted, ALL))
         else:
@@ -304,11 +313,11 @@ class BeaconOptics:
             a, b = self.half_spacing, self.c_distance
             if not solve_parallel_jacobian(predicted, self.focal_length, a, b, by_spots):
                 return _nothing(1, NO_CONVERGENCE)
-        return self._with_noise(x, by_spots, p)
+        return self._with_noise(x, by_spots, p, swung)
 
-    def _with_noise(self, x: Vector, by_spots: Matrix, value: Vector) -> BeaconImage:
+    def _with_noise(self, x: Vector, by_spots: Matrix, value: Vector, more: Matrix | float = 0.0) -> BeaconImage:
         variance = (self.spot_sigma[:3] ** 2 + self.lasting[:3, None] ** 2).ravel()
-        noise = by_spots * variance @ by_spots.T
+        noise = by_spots * variance @ by_spots.T + more
         k = len(by_spots)
         if not (np.isfinite(noise).all() and np.linalg.eigvalsh(noise)[0] > 0.0):
             return _nothing(1, DEGENERATE)

@@ -36,7 +36,7 @@ class Begun:
 def errors_of(optics: BeaconOptics, image: BeaconImage, x: Vector, spots: Matrix) -> Matrix:
     """What one sigma of each considered error does to the rows of an image at a state, (k, m)."""
     if optics.coordinates:
-        whole = _of_coordinates(optics, x, spots)[image.places]
+        whole = errors_of_all_coordinates(optics, x, spots)[image.places]
         return whole[:, optics.wanted]
     p = optics.place(x)
     seen = [i for i in ALL if np.any(image.by_spots[:, 2 * i : 2 * i + 2])]
@@ -48,7 +48,7 @@ def errors_of(optics: BeaconOptics, image: BeaconImage, x: Vector, spots: Matrix
     return _of_numbers(optics, image.by_spots, shifts, spots)
 
 
-def _of_coordinates(optics: BeaconOptics, x: Vector, spots: Matrix) -> Matrix:
+def errors_of_all_coordinates(optics: BeaconOptics, x: Vector, spots: Matrix) -> Matrix:
     """Of every coordinate by every error that there may be, (2 n, all)."""
     n, built = len(optics.beacons), optics.built
     slopes = optics.coordinate_slopes(x)[2]
@@ -117,7 +117,7 @@ def _begin_on_fix(optics: BeaconOptics, model: Model, spots: Matrix) -> Begun:
             return _failed(DEGENERATE)
         by_spots = np.linalg.solve(to_angles(p), of_angles)
     back = optics.dock.T
-    covariance = back @ (by_spots * optics.spot_sigma[:3].ravel() ** 2) @ by_spots.T @ back.T
+    covariance = back @ (by_spots * optics.spot_sigma[:3].ravel() ** 2) @ by_spots.T @ back.T + optics.arm_covariance
     moved = np.einsum("ij,jkl->ikl", np.linalg.inv(by_place), shifts)
     effects = back @ _of_numbers(optics, by_spots, moved, spots)
     return _at_rest(optics, model, back @ p - optics.offset, covariance, effects)
