@@ -42,7 +42,7 @@ def _look(m: Memory, x: Vector, spots: Matrix, residual: Vector, rows: Matrix, p
             for j in range(3):
                 rows[k, j] += own[k, j] / 3.0
     u, v = predicted[0, 0] - predicted[1, 0], predicted[0, 1] - predicted[1, 1]
-    length2 = u * u + v * v
+    length2: float = u * u + v * v
     residual[ROLL] = (u * (spots[0, 1] - spots[1, 1]) - v * (spots[0, 0] - spots[1, 0])) / length2
     for j in range(3):
         rows[ROLL, j] = (u * (gradients[1, j] - gradients[3, j]) - v * (gradients[0, j] - gradients[2, j])) / length2

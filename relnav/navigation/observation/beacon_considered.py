@@ -27,6 +27,7 @@ beacons about the docking axes, at the port; every beacon along the docking axes
 only the attitude's are left.
 
 The noise of the attitude that comes with an image turns all its spots together: R then is a whole matrix.
+What it does to a fix is in `beacon_arm.py`.
 """
 
 from relnav.arrays import Matrix, Record, Vector
