@@ -15,7 +15,8 @@ state's error for as long as the filter remembers (30 to 50 s): what of it diffe
 the older mean is compared with zero: it has the variance N' + H P H' + c, c what lasting errors may leave in the row,
 not divided by the number of images: E - H S squared (`considered.py`), their effect less what the state has taken up,
 its sigma averaged as the innovations are. After a start H P H' falls by powers of ten, and means still hold innovations
-from before: instead of H P H' they have its sum with squared weights, where that is more. Scatter takes all of it.
+from before: instead of H P H' they have its sum with squared weights, where that is more. Scatter takes all of it, and
+what lasting errors show otherwise than in that second.
 
 The third is scatter: squared innovations about their own mean of the last second, over three seconds, for each group.
 
@@ -103,7 +104,7 @@ def watched_type() -> np.dtype[np.void]:
     Handed over for each image: rows; seen; value, z - h(x); variances of what is new in each image (noise), of the
     state's part H P H' (state), of lasting errors (lasting); motion, what an image one second late adds to value;
     taken, while a step is doubted, what images since have put into h(x); changed, variance by which lasting errors have
-    changed since the older mean was made.
+    changed since the older mean was made; moved, since that of the last second was.
     """
     return np.dtype(
         [
@@ -121,7 +122,9 @@ def watched_type() -> np.dtype[np.void]:
             ("motion", _F, 3),
             ("taken", _F, 3),
             ("changed", _F, 3),
+            ("moved", _F, 3),
             ("weight", _F),  # of this image in the older mean; 0: not learnt
+            ("fast_weight", _F),  # and in that of the last second; 0: not taken
             ("offset", _F, 3),  # mean of value over a second, watched or not
             ("fast", _F, 3),
             ("middle", _F, 3),
@@ -135,6 +138,7 @@ def watched_type() -> np.dtype[np.void]:
             ("middle_noise", _F, 3),
             ("usual_noise", _F, 3),
             ("scatter_share", _F),  # sum of squared weights
+            ("scatter_moved", _F),  # share of `moved` in the variance that scatter is measured by
             ("reading", _F, 2),
             ("repeated", _I),
             ("since", _F),
@@ -219,9 +223,12 @@ def _contradicts(group: Record, limit2: float) -> bool:
 
 @kernel
 def _is_noisy(group: Record) -> bool:
-    """Whether the group scatters more than its noise explains; variance of a mean of squares over rows: 2 / rows."""
-    over = group["scatter"] - 1.0
-    variance = 2.0 / group["rows"] * group["scatter_share"]
+    """Whether the group scatters more than its noise explains.
+
+    Variance of a mean of squares over rows: 2 / rows; of what lasting errors do there is one, in all rows and images.
+    """
+    over, moved = group["scatter"] - 1.0, group["scatter_moved"]
+    variance = 2.0 / group["rows"] * group["scatter_share"] + 2.0 * moved * moved
     noisy: bool = (over > 0.0) & (over * over > SCATTER_LIMIT * SCATTER_LIMIT * variance)
     return noisy
 
@@ -314,7 +321,7 @@ def watch_image(watch: Record, groups: Record, dt: float) -> None:
     warm = watch["age"] > WARM_S
     for g in range(groups.shape[0]):
         group = groups[g]
-        group["weight"] = 0.0
+        group["weight"], group["fast_weight"] = 0.0, 0.0
         taken = (group["seen"] > 0) & whole
         if not anywhere(taken):
             continue

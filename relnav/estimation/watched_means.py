@@ -28,16 +28,18 @@ def take_value(group: Record, dt: float, taken: bool, learning: bool) -> None:
     value, noise, state = group["value"], group["noise"], group["state"]
     mean, longer, fast_state = group["fast"], group["middle"], group["fast_state"]
     fast_noise, middle_noise = group["fast_noise"], group["middle_noise"]
-    squares = 0.0
+    moved, squares, lasting = group["moved"], 0.0, 0.0
     for k in range(group["rows"]):
-        off = value[k] - mean[k]
-        squares += off * off / (noise[k] + fast_noise[k] + state[k] + fast_state[k])
+        off, variance = value[k] - mean[k], noise[k] + fast_noise[k] + state[k] + fast_state[k] + moved[k]
+        squares, lasting = squares + off * off / variance, lasting + moved[k] / variance
     weight = max(1.0 / max(images - 1, 1), dt / (dt + SCATTER_S))
     scatter = group["scatter"] + weight * (squares / group["rows"] - group["scatter"])
     group["scatter"] = select(taken, select(begun, scatter, 1.0), group["scatter"])
+    lasting = group["scatter_moved"] + weight * (lasting / group["rows"] - group["scatter_moved"])
+    group["scatter_moved"] = select(taken, select(begun, lasting, 0.0), group["scatter_moved"])
     share = select(begun, _white(group["scatter_share"], weight, 1.0), 1.0)
     group["scatter_share"] = select(taken, share, group["scatter_share"])
-    group["images"] = select(taken, images, group["images"])
+    group["images"], group["fast_weight"] = select(taken, images, group["images"]), select(taken, fast, 0.0)
     for k in range(group["rows"]):
         mean[k] = select(taken, select(begun, mean[k] + fast * (value[k] - mean[k]), value[k]), mean[k])
         fast_noise[k] = select(taken, _white(fast_noise[k], fast, noise[k]), fast_noise[k])

@@ -179,6 +179,7 @@ class Memory(NamedTuple):
     watched: Annotated[Record, WATCHED, "n"]  # groups of rows under watch
     returning: Annotated[Record, RETURN, "n"]  # how long each spot was refused, and how far off
     lasting_usual: Annotated[Matrix, "2n", "m"]  # what each lasting error has usually shown in innovations of `spots`
+    lasting_fast: Annotated[Matrix, "2n", "m"]  # and in the last second
     beacons: Annotated[Record, BEACON, "n"]
     lasting_now: Annotated[Matrix, "2n", "m"]  # and shows now
     news: Annotated[Matrix, "m", MOTION]  # scratch

@@ -29,18 +29,20 @@ def weights_of(lengths, first, time_constant):
 def test_means_are_sums_over_all_images(filled, images):
     rng = np.random.default_rng(images)
     lengths = rng.uniform(0.1, 0.9, images)
-    value, noise, state, lasting = rng.normal(size=(images, 3)), *rng.uniform(0.2, 3.0, (3, images, 3))
+    value, noise, state, lasting, moved = rng.normal(size=(images, 3)), *rng.uniform(0.2, 3.0, (4, images, 3))
     group = filled(watched_type(), rows=2)
-    pinned, squares = [], []
+    pinned, shares, squares = [], [], []
     for n, dt in enumerate(lengths):
-        for name, rows in (("value", value), ("noise", noise), ("state", state), ("lasting", lasting)):
+        handed = {"value": value, "noise": noise, "state": state, "lasting": lasting, "moved": moved}
+        for name, rows in handed.items():
             group[name] = rows[n]
         if n > 0:
             seen = weights_of(lengths[:n], 1, 1.0)
-            variance = noise[n] + seen**2 @ noise[:n] + state[n] + seen @ state[:n]
+            variance = noise[n] + seen**2 @ noise[:n] + state[n] + seen @ state[:n] + moved[n]
+            shares.append(np.mean((moved[n] / variance)[:2]))
             squares.append(np.mean(((value[n] - seen @ value[:n]) ** 2 / variance)[:2]))
         watched_means.take_value(group, dt, True, True)
-        pinned.append(float(group["weight"]))
+        pinned.append((float(group["weight"]), float(group["fast_weight"])))
     fast, middle, usual = (weights_of(lengths, 1, constant) for constant in (1.0, 5.0, 20.0))
     for name, weights, rows in (
         ("fast", fast, value),
@@ -56,9 +58,11 @@ def test_means_are_sums_over_all_images(filled, images):
     ):
         np.testing.assert_allclose(group[name][:2], (weights @ rows)[:2], rtol=1e-9, atol=1e-13, err_msg=name)
         assert group[name][2] == 0.0
-    assert pinned == pytest.approx([weights_of(lengths[: n + 1], 1, 20.0)[-1] for n in range(images)])
+    newest = [[weights_of(lengths[: n + 1], 1, constant)[-1] for constant in (20.0, 1.0)] for n in range(images)]
+    np.testing.assert_allclose(pinned, newest, rtol=1e-12)
     scatter = weights_of(lengths[1:], 1, 3.0)
     assert group["scatter"] == pytest.approx(scatter @ np.array(squares) if images > 1 else 1.0)
+    assert group["scatter_moved"] == pytest.approx(scatter @ np.array(shares) if images > 1 else 0.0)
     assert group["scatter_share"] == pytest.approx(scatter @ scatter if images > 1 else 1.0)
     assert (group["images"], group["learnt"]) == (images, images)
 
@@ -127,6 +131,13 @@ def test_what_lasts_contradicts_beyond_its_limit(filled, row, state, white, usua
 )
 def test_scatter_is_noise_beyond_eight_sigma(filled, rows, share, scatter, says):
     group = filled(watched_type(), rows=rows, scatter_share=share, scatter=scatter)
+    assert monitors._is_noisy(group) is says
+
+
+@pytest.mark.parametrize(("scatter", "says"), [(7.0, False), (7.0 + 1e-9, True)])
+def test_scatter_by_lasting_errors_is_one_error_s(filled, scatter, says):
+    """8 sigma of sqrt(2 / 2 * 2^-4 + 2 * 0.5^2): 6 more than 1."""
+    group = filled(watched_type(), rows=2, scatter_share=2.0**-4, scatter_moved=0.5, scatter=scatter)
     assert monitors._is_noisy(group) is says
 
 

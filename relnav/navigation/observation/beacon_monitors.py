@@ -95,7 +95,8 @@ def gather_rows(m: Memory, track: Record, spots: Matrix, tells: bool) -> None:
                 turn = m.turns[2 * i + k]
                 noise += turned * (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
             _write_row(m, group, k, residual[k], noise, max(0.0, variance[k] - noise), h, seen)
-            changed = lasting_change(m, 2 * i + k, h, first, last, seen)
+            changed, moved = lasting_change(m, 2 * i + k, h, first, last, seen)
+            group["moved"][k] = select(seen, moved, group["moved"][k])
             if anywhere(calm):  # while an alarm lasts it is held: what follows is not to explain what was found
                 changed = select(group["learnt"] > 0, changed, 0.0)
                 group["changed"][k] = select(calm & seen, changed, group["changed"][k])
