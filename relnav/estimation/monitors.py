@@ -132,6 +132,8 @@ def watched_type() -> np.dtype[np.void]:
             ("usual_state", _F, 3),
             ("usual_spread", _F, 3),  # mean 1-sigma of lasting errors
             ("usual_white", _F, 3),  # H P H' in it, as of white innovations
+            ("fast_white", _F, 3),
+            ("middle_white", _F, 3),
             ("fast_state", _F, 3),
             ("scatter", _F),
             ("fast_noise", _F, 3),  # variance of each mean by its images' noise
@@ -193,11 +195,12 @@ def _shift(group: Record) -> tuple[float, float, float]:
     mean, longer, usual = group["fast"], group["middle"], group["usual"]
     largest, short, long = 0.0, 0.0, 0.0
     for k in range(group["rows"]):
-        common = 0.5 * (group["state"][k] + group["usual_state"][k]) + group["changed"][k]
+        state = 0.5 * (group["state"][k] + group["usual_state"][k])
+        known = group["usual_noise"][k] + group["changed"][k]
         off = mean[k] - usual[k]
-        one = off * off / (group["fast_noise"][k] + group["usual_noise"][k] + common)
+        one = off * off / (group["fast_noise"][k] + known + max(state, group["fast_white"][k]))
         off = longer[k] - usual[k]
-        two = off * off / (group["middle_noise"][k] + group["usual_noise"][k] + common)
+        two = off * off / (group["middle_noise"][k] + known + max(state, group["middle_white"][k]))
         largest, short, long = max(largest, one, two), short + one, long + two
     return largest, short, long
 
@@ -237,24 +240,28 @@ def _is_noisy(group: Record) -> bool:
 def _looks_late(watch: Record, groups: Record) -> bool:
     """Whether images that are late, or early, by one time explain most of a shift; the time into `offset`.
 
-    One number is sought, so that it is seen before any single row shows it.
+    One number is sought, so that it is seen before any single row shows it. After a gap the state's error, which is in
+    all rows alike, is in the shorter mean for as long as the first image is: it may look like one time in all of them.
     """
-    along, scale, total = 0.0, 0.0, 0.0
+    along, scale, total, alone, shared = 0.0, 0.0, 0.0, 0.0, 0.0
     for g in range(groups.shape[0]):
         group = groups[g]
         if group["present"] == 0 or group["learnt"] == 0 or group["images"] == 0:
             continue
         for k in range(group["rows"]):
-            variance = group["fast_noise"][k] + group["usual_noise"][k]
-            variance += 0.5 * (group["state"][k] + group["usual_state"][k]) + group["changed"][k]
+            white = group["fast_white"][k]
+            variance = group["fast_noise"][k] + group["usual_noise"][k] + group["changed"][k]
+            variance += max(0.5 * (group["state"][k] + group["usual_state"][k]), white)
             off, motion = group["fast"][k] - group["usual"][k], group["motion"][k]
             along += off * motion / variance
             scale += motion * motion / variance
             total += off * off / variance
+            alone += motion * motion * (variance - white) / (variance * variance)
+            shared += abs(motion) * math.sqrt(white) / variance
     if not scale > 0.0:
         return False
     watch["offset"] = along / scale
-    return bool(along * along > scale * max(EXPLAINED * total, LATE_LIMIT2))
+    return bool(along * along > max(EXPLAINED * total * scale, LATE_LIMIT2 * (alone + shared * shared)))
 
 
 @kernel

@@ -28,6 +28,7 @@ def take_value(group: Record, dt: float, taken: bool, learning: bool) -> None:
     value, noise, state = group["value"], group["noise"], group["state"]
     mean, longer, fast_state = group["fast"], group["middle"], group["fast_state"]
     fast_noise, middle_noise = group["fast_noise"], group["middle_noise"]
+    fast_white, middle_white = group["fast_white"], group["middle_white"]
     moved, squares, lasting = group["moved"], 0.0, 0.0
     for k in range(group["rows"]):
         off, variance = value[k] - mean[k], noise[k] + fast_noise[k] + state[k] + fast_state[k] + moved[k]
@@ -43,8 +44,10 @@ def take_value(group: Record, dt: float, taken: bool, learning: bool) -> None:
     for k in range(group["rows"]):
         mean[k] = select(taken, select(begun, mean[k] + fast * (value[k] - mean[k]), value[k]), mean[k])
         fast_noise[k] = select(taken, _white(fast_noise[k], fast, noise[k]), fast_noise[k])
+        fast_white[k] = select(taken, _white(fast_white[k], fast, state[k]), fast_white[k])
         fast_state[k] = select(taken, fast_state[k] + fast * (state[k] - fast_state[k]), fast_state[k])
         longer[k] = select(taken, select(begun, longer[k] + middle * (value[k] - longer[k]), value[k]), longer[k])
+        middle_white[k] = select(taken, _white(middle_white[k], middle, state[k]), middle_white[k])
         middle_noise[k] = select(taken, _white(middle_noise[k], middle, noise[k]), middle_noise[k])
     if anywhere(taken & learning):
         _learn(group, dt, taken & learning)

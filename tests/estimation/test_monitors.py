@@ -52,6 +52,8 @@ def test_means_are_sums_over_all_images(filled, images):
         ("usual_state", usual, state),
         ("usual_spread", usual, np.sqrt(lasting)),
         ("usual_white", usual**2, state),
+        ("fast_white", fast**2, state),
+        ("middle_white", middle**2, state),
         ("fast_noise", fast**2, noise),
         ("middle_noise", middle**2, noise),
         ("usual_noise", usual**2, noise),
@@ -86,14 +88,15 @@ def test_a_group_that_is_not_taken_stays_as_it_is(filled):
 @pytest.mark.parametrize("seed", range(12))
 def test_a_shift_is_in_sigmas_of_the_difference(filled, seed):
     rng = np.random.default_rng(seed)
-    names = ("state", "usual_state", "changed", "fast", "middle", "usual")
-    rows = dict(zip(names, (*rng.uniform(0.5, 2.0, (3, 3)), *rng.normal(size=(3, 3))), strict=True))
+    names = ("state", "usual_state", "changed", "fast_white", "middle_white", "fast", "middle", "usual")
+    rows = dict(zip(names, (*rng.uniform(0.5, 2.0, (5, 3)), *rng.normal(size=(3, 3))), strict=True))
     noises = dict(zip(("fast_noise", "middle_noise", "usual_noise"), rng.uniform(0.05, 0.5, (3, 3)), strict=True))
     used = 2 + seed % 2
     largest, short, long = monitors._shift(filled(watched_type(), rows=used, noise=9.0, **rows, **noises))
     apart = np.stack([rows["fast"], rows["middle"]]) - rows["usual"]
     white = np.stack([noises["fast_noise"], noises["middle_noise"]]) + noises["usual_noise"]
-    variance = white + (rows["state"] + rows["usual_state"]) / 2 + rows["changed"]
+    state = np.maximum((rows["state"] + rows["usual_state"]) / 2, [rows["fast_white"], rows["middle_white"]])
+    variance = white + state + rows["changed"]
     squares = (apart**2 / variance)[:, :used]
     assert (largest, short, long) == pytest.approx((squares.max(), *squares.sum(axis=1)), rel=1e-12)
 
@@ -150,6 +153,7 @@ LATE = {
     "state": (0.6, 1.4, 0.2),
     "usual_state": (0.8, 0.1, 0.3),
     "changed": (0.2, 0.7, 0.1),
+    "fast_white": (0.6, 0.9, 0.1),
 }
 
 
@@ -161,7 +165,8 @@ def test_one_delay_is_sought_by_least_squares(filled, grouped):
     watch = filled(WATCH)
     assert not monitors._looks_late(watch, groups)
     noise = np.array(LATE["fast_noise"]) + LATE["usual_noise"]
-    variance = noise + (np.array(LATE["state"]) + LATE["usual_state"]) / 2 + LATE["changed"]
+    state = np.maximum((np.array(LATE["state"]) + LATE["usual_state"]) / 2, LATE["fast_white"])
+    variance = noise + state + LATE["changed"]
     sigma = np.sqrt(np.concatenate([variance, variance[:2]]))
     motion = np.concatenate([one["motion"], other["motion"][:2]]) / sigma
     off = np.concatenate([one["fast"] - one["usual"], (other["fast"] - other["usual"])[:2]]) / sigma
@@ -186,11 +191,26 @@ def test_late_is_what_one_delay_explains(filled, grouped, off, late):
         "state": 0.0,
         "usual_state": 0.0,
         "changed": 1.0,
+        "fast_white": 0.0,
     }
     groups = grouped(group | {"fast": (*off, 0.0), "motion": (0.5, 0.0, 0.0)})
     watch = filled(WATCH)
     assert monitors._looks_late(watch, groups) is late
     assert watch["offset"] == pytest.approx(2.0 * off[0])
+
+
+@pytest.mark.parametrize(("off", "late"), [(8.0, False), (8.0 + 1e-9, True)])
+def test_the_state_s_error_after_a_gap_is_in_all_rows(filled, grouped, off, late):
+    """Four rows of the variance 1, all of it the state's: the sum over them is off by four of its sigmas, not by two.
+
+    Each row off by as much: along is 4 * off, its variance 4^2 by what is shared, and four of that are 16.
+    """
+    group = LATE | {"rows": 2, "fast_noise": 0.0, "usual_noise": 0.0, "changed": 0.0, "fast_white": 1.0}
+    group |= {"state": 0.0, "usual_state": 0.0, "motion": 1.0, "fast": off / 2.0}
+    groups = grouped(group, group)
+    assert monitors._looks_late(filled(WATCH), groups) is late
+    alone = group | {"fast_white": 0.0, "changed": 1.0}
+    assert monitors._looks_late(filled(WATCH), grouped(alone, alone))  # as of noise, eight sigmas
 
 
 def test_without_motion_nothing_is_late(filled, grouped):

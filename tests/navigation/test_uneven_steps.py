@@ -96,3 +96,19 @@ def test_a_gap_that_an_epoch_without_an_image_ends_is_a_gap(model, drift, look, 
     assert solution.alarm[600] & CLOCK
     assert solution.restarts == 0
     assert not solution.alarm[t > 72.0].any()
+
+
+@pytest.mark.parametrize("method", ["fix", "spots"])
+def test_what_moves_the_craft_in_a_gap_is_no_jump(drift, look, method):
+    """Pushes that move it by 6 mm in a gap of 5 s, as the filter is told: the state's error is in all rows alike."""
+    pushed = {"acceleration_noise_density_m2_s3": 1e-6, "detector_size_m": [0.04, 0.04]}
+    model, restarts = relnav.load_model("three_beacon_psd", pushed), 0
+    t = 0.1 * np.arange(900)
+    t[600:] += 5.0
+    for seed in range(12):
+        v = np.random.default_rng(seed).normal(0.0, 0.003, 3)
+        truth = drift(model, t, [7.0, 0.05, -0.04, *v], impulse=pushes(model, t, seed))
+        truth[600:, :3] += np.random.default_rng(50 + seed).normal(0.0, np.sqrt(1e-6 * 5.0**3 / 3.0), 3)
+        solution = relnav.filter_epochs(model, t, look(model, truth, seed=seed), method=method)
+        restarts += solution.restarts
+    assert restarts <= 1
