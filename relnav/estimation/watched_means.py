@@ -29,15 +29,16 @@ def take_value(group: Record, dt: float, taken: bool, learning: bool) -> None:
     mean, longer, fast_state = group["fast"], group["middle"], group["fast_state"]
     fast_noise, middle_noise = group["fast_noise"], group["middle_noise"]
     fast_white, middle_white = group["fast_white"], group["middle_white"]
-    moved, squares, lasting = group["moved"], 0.0, 0.0
+    moved, squares, lasting, whole = group["moved"], 0.0, 0.0, 0.0
     for k in range(group["rows"]):
         off, variance = value[k] - mean[k], noise[k] + fast_noise[k] + state[k] + fast_state[k] + moved[k]
-        squares, lasting = squares + off * off / variance, lasting + moved[k] / variance
+        squares += off * off / variance
+        lasting, whole = lasting + moved[k], whole + variance
     weight = max(1.0 / max(images - 1, 1), dt / (dt + SCATTER_S))
     scatter = group["scatter"] + weight * (squares / group["rows"] - group["scatter"])
     group["scatter"] = select(taken, select(begun, scatter, 1.0), group["scatter"])
-    lasting = group["scatter_moved"] + weight * (lasting / group["rows"] - group["scatter_moved"])
-    group["scatter_moved"] = select(taken, select(begun, lasting, 0.0), group["scatter_moved"])
+    shown = group["scatter_moved"] + weight * (lasting / whole - group["scatter_moved"])
+    group["scatter_moved"] = select(taken, select(begun, shown, 0.0), group["scatter_moved"])
     share = select(begun, _white(group["scatter_share"], weight, 1.0), 1.0)
     group["scatter_share"] = select(taken, share, group["scatter_share"])
     group["images"], group["fast_weight"] = select(taken, images, group["images"]), select(taken, fast, 0.0)

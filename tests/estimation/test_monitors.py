@@ -39,7 +39,7 @@ def test_means_are_sums_over_all_images(filled, images):
         if n > 0:
             seen = weights_of(lengths[:n], 1, 1.0)
             variance = noise[n] + seen**2 @ noise[:n] + state[n] + seen @ state[:n] + moved[n]
-            shares.append(np.mean((moved[n] / variance)[:2]))
+            shares.append(moved[n, :2].sum() / variance[:2].sum())
             squares.append(np.mean(((value[n] - seen @ value[:n]) ** 2 / variance)[:2]))
         watched_means.take_value(group, dt, True, True)
         pinned.append((float(group["weight"]), float(group["fast_weight"])))

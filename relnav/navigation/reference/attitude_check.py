@@ -37,9 +37,9 @@ def attitude_is_credible(optics: BeaconOptics, limits: Vector, track: ReferenceT
     left = numbers(whole)[:, optics.wanted] - h @ track.considered[:, :3].T
     of_attitude = np.arange(ATTITUDE_ERRORS) + FIELD_ERRORS - optics.wanted.start
     left = np.delete(left, of_attitude[of_attitude < left.shape[1]], axis=1)
-    shown = h @ p @ h.T + left @ left.T + fresh @ fresh.T
+    shown = left @ left.T + fresh @ fresh.T
     own = optics.spot_sigma[:3] ** 2
-    s = shown[:2, :2] + np.diag(np.sum(own, axis=0)) / 9.0 + turn * turns @ turns.T
+    s = h[:2] @ p @ h[:2].T + shown[:2, :2] + np.diag(np.sum(own, axis=0)) / 9.0 + turn * turns @ turns.T
     residual = numbers(spots[:3] - predicted)
     if residual[:2] @ np.linalg.solve(s, residual[:2]) > limits[1]:
         return False
