@@ -9,14 +9,13 @@ the difference, so that the limit needs no knowledge of it; what is left has the
 
 with N, N' the sums of R with squared weights, each image's own, in the two means, P' the covariance when the older one
 was made. Innovations of a filter that weighs rightly are white, and means of them need N alone while H P H' is small
-beside R. One that takes
-lasting errors for noise weighs its images less, and its innovations, as all residuals of the updated state, share the
-state's error for as long as the filter remembers (30 to 50 s): what of it differs over 20 s is half of 2 H P H'. And
-the older mean is compared with zero: it has the variance N' + H P H' + c, c what lasting errors may leave in the row,
-not divided by the number of images: E - H S squared (`considered.py`), their effect less what the state has taken up,
-its sigma averaged as the innovations are. After a start H P H' falls by powers of ten, and means still hold innovations
-from before: instead of H P H' they have its sum with squared weights, where that is more. Scatter takes all of it, and
-what lasting errors show otherwise than in that second.
+beside R. One that takes lasting errors for noise weighs its images less, and its innovations, as all residuals of the
+updated state, share the state's error for as long as the filter remembers (30 to 50 s): what of it differs over 20 s is
+half of 2 H P H'. And the older mean is compared with zero: it has the variance N' + H P H' + c, c what lasting errors
+may leave in the row, not divided by the number of images: E - H S squared (`considered.py`), their effect less what the
+state has taken up, its sigma averaged as the innovations are. After a start H P H' falls by powers of ten, and means
+still hold innovations from before: instead of H P H' they have its sum with squared weights, where that is more.
+Scatter takes all of it, and what lasting errors show otherwise than in that second.
 
 The third is scatter: squared innovations about their own mean of the last second, over three seconds, for each group.
 

@@ -128,7 +128,8 @@ def attitude_is_credible(m: Memory, track: Record, sensitivities: Matrix, spots:
     variance[Y] += turn * ((f + v * v / f) ** 2 + (u * v / f) ** 2 + u * u)
     variance[ROLL] = 2.0 * noise * shorter + turn
     both = turn * u * v * (1.0 + (u * u + v * v) / (f * f))
-    if sensitivities.shape[0] > 0 or sensor["attitude_noise"] > 0.0:
+    first, last = m.fixed["first_error"], m.fixed["first_error"] + sensitivities.shape[0]
+    if first < FIELD_ERRORS or last > TOLERANCES or sensor["attitude_noise"] > 0.0:
         both += _add_shown(m, x, sensitivities, spots, rows, predicted, lasting, fresh)
     for k in range(3):
         share = 1.0 / 3.0 if k < ROLL else 2.0 * shorter
