@@ -36,7 +36,7 @@ import numpy as np
 
 from relnav.arrays import Record
 from relnav.codegen.kernel import kernel
-from relnav.codegen.together import anywhere, select
+from relnav.codegen.together import anywhere, held, select
 from relnav.estimation.watched_means import take_value
 
 SHIFTED, CONTRADICTED, NOISY, STUCK, CLOCK, RESTARTED, UNWATCHED = 1, 2, 4, 8, 16, 32, 64
@@ -315,15 +315,15 @@ def watch_image(watch: Record, groups: Record, dt: float) -> None:
     if anywhere(paused):
         watch["pause"] = select(paused, watch["pause"] - dt, watch["pause"])
         changed, whole = changed | paused, whole & (not paused)
-    held = watch["hold"] > 0.0
-    anew = changed & (watch["on"] == 0) & (not held)
+    holding = watch["hold"] > 0.0
+    anew = changed & (watch["on"] == 0) & (not holding)
     if anywhere(anew):
         forget(watch, groups, anew)
     alarmed, said = watch["on"] > 0, (watch["contradicted"] > 0.0) | (watch["unproven"] > 0.0)
     lasting2 = select(said, LASTING_CALM2, LASTING_LIMIT2)
     limit2, sigmas = select(alarmed, CALM_LIMIT2, SHIFT_LIMIT2), select(alarmed, SUM_CALM, SUM_LIMIT)
     largest, short, long, rows = 0.0, 0.0, 0.0, 0
-    learning = (not alarmed) & (not held) & (watch["doubted"] == 0.0)
+    learning = (not alarmed) & (not holding) & (watch["doubted"] == 0.0)
     warm = watch["age"] > WARM_S
     for g in range(groups.shape[0]):
         group = groups[g]
@@ -331,10 +331,12 @@ def watch_image(watch: Record, groups: Record, dt: float) -> None:
         taken = (group["seen"] > 0) & whole
         if not anywhere(taken):
             continue
+        taken = held(taken)
         take_value(group, group["away"], taken, learning)
         group["away"] = select(taken, 0.0, group["away"])
         known = taken & (group["learnt"] > 0)
         if anywhere(known):
+            known = held(known)
             one, two, three = _shift(group)
             largest, rows = select(known, max(largest, one), largest), select(known, rows + group["rows"], rows)
             short, long = select(known, short + two, short), select(known, long + three, long)

@@ -7,7 +7,7 @@ import math
 
 from relnav.arrays import Record
 from relnav.codegen.kernel import kernel
-from relnav.codegen.together import anywhere, select
+from relnav.codegen.together import anywhere, held, select
 
 FAST_S, MIDDLE_S, USUAL_S, SCATTER_S = 1.0, 5.0, 20.0, 3.0
 """Time constants of the means."""
@@ -51,7 +51,7 @@ def take_value(group: Record, dt: float, taken: bool, learning: bool) -> None:
         middle_white[k] = select(taken, _white(middle_white[k], middle, state[k]), middle_white[k])
         middle_noise[k] = select(taken, _white(middle_noise[k], middle, noise[k]), middle_noise[k])
     if anywhere(taken & learning):
-        _learn(group, dt, taken & learning)
+        _learn(group, dt, held(taken & learning))
 
 
 @kernel
