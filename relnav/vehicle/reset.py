@@ -13,8 +13,8 @@ the target's axes, b,
     phi, b, rho - phi x r, v - phi x u, dw + b x w, m + b x p
 
 are the same about both estimates, where r and u are position and velocity, w the target's rate, p the place of a light,
-and rho, v, dw, m their errors. A correction of no size changes nothing, so it is a reset of second order for a filter
-that knows its attitudes, and of first order in what an image cannot tell.
+and rho, v, dw, m their errors. What this changes is a correction times an error of attitude: little for a filter that
+knows its attitudes, and all that is wrong where nothing but a hand-over tells them.
 """
 
 import numpy as np

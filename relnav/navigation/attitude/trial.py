@@ -23,8 +23,9 @@ UNKNOWN_TURN_RAD = 0.5
 """1-sigma of the turn from one measured attitude to the next, where nothing is known of the rate."""
 LARGEST_RATE_SIGMA_RAD_S = 1.0
 MOST_STEPS = 20
-"""Of the fit: three to six suffice where it has one answer."""
+"""Of the fit: four or five suffice across a turn of 50 deg; what has not settled by then has no one answer."""
 SETTLED_RAD = 1e-9
+"""Far below any noise, and above rounding: the last step squares what is left."""
 
 
 def open_trial(memory: Record, measured: Matrix, noise: Matrix, chaser: Matrix, interval_s: float) -> None:
