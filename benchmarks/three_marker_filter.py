@@ -109,7 +109,7 @@ def single_filter(mission, flight):
     dcm, memory, none = mission.dcm_chaser_from_lvlh, new_pose_memory(mission), np.empty((0, 2, 2))
     m = pose_views(memory)
     pose, seen = measure(flight.spots_px[0], mission).roots[0].pose, np.isfinite(flight.spots_px[0]).all(axis=1)
-    effects = sensitivities_from_pose(pose, mission, dcm, seen, None)
+    effects = sensitivities_from_pose(pose, pose.covariance, mission, dcm, seen, None)
     root = Root(state_from_pose(pose, mission, dcm, t_s=0.0, widened=4.0), lambda: effects)
     write_root(m.bank[0], m.bank_sensitivities[0], root)
     m.clock["running"], m.clock["t"], m.clock["renewed"] = 1, flight.t_s[0], np.inf

@@ -20,6 +20,15 @@ def test_mypy_strict(tool):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+def test_benchmarks_call_what_there_is(tool):
+    """Names and arguments of what they take from the package: no other test runs all that they do."""
+    done = tool("mypy", "--check-untyped-defs", "--no-pretty", "benchmarks")
+    lines = done.stdout.splitlines()
+    wrong = [line for line in lines if line.endswith("[call-arg]") or ('Module "relnav' in line and "has no" in line)]
+    assert wrong == []
+    assert "source files)" in done.stdout
+
+
 def test_the_import_rules_have_teeth(root, tmp_path, python):
     """A copy of the package with one upward import breaks the contract."""
     import shutil
