@@ -14,7 +14,13 @@ from relnav.estimation.factored import innovation_variance
 from relnav.estimation.rows import copy_track, gate_groups, give_back, sweep
 from relnav.navigation.memory import Memory
 from relnav.navigation.observation.attitude_check import attitude_is_credible
-from relnav.navigation.observation.beacon_considered import add_considered_noise, consider, look_at_errors, observed
+from relnav.navigation.observation.beacon_considered import (
+    add_considered_noise,
+    consider,
+    look_at_errors,
+    observed,
+    refer_turns,
+)
 from relnav.navigation.observation.beacon_geometry import locate, uses_coordinates
 from relnav.navigation.observation.beacon_monitors import gather_rows, show_nothing
 from relnav.navigation.observation.beacon_rows import observe, observe_again
@@ -140,9 +146,11 @@ def correct(m: Memory, track: Record, sensitivities: Matrix, spots: Matrix, watc
         sweep(track, at, image, work)
         iterations += 1
     result["iterations"], result["used"] = select(taken, iterations, 0), select(taken, passed, 0)
-    copy_track(work, track)
     if sensitivities.shape[0] > 0:
         if coordinates and iterations > 1:
+            refer_turns(m, x, at, sensitivities)
             look_at_errors(m, at, sensitivities, spots)
-        consider(m, track["ld"], at, image, sensitivities, spots)
+        consider(m, work["ld"], at, image, sensitivities, spots)
+        refer_turns(m, at, carried, sensitivities)
+    copy_track(work, track)
     return select(taken, select(passed == seen, UPDATED, PARTIAL), not_taken)

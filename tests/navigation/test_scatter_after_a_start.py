@@ -45,11 +45,18 @@ def test_what_the_state_takes_up_is_no_scatter(model, drift, look, start_m):
 
 
 @pytest.mark.parametrize("since_s", [0.0, 3.0, 25.0])
-@pytest.mark.parametrize("seed", range(3))
-def test_scatter_is_found_all_the_same(model, drift, look, since_s, seed):
-    """Four times the noise, from the start or from later on: as soon as what was taken up is less than that."""
-    spots, rng = flown(model, drift, look, seed), np.random.default_rng(200 + seed)
-    spots = spots + np.where(since_s > T_S, 1e-6, 4e-6)[:, None, None] * rng.normal(size=spots.shape)
-    solution = relnav.filter_epochs(model, T_S, spots, method="spots")
-    noisy = T_S[solution.alarm & NOISY > 0]
-    assert since_s < noisy[0] < max(since_s + 5.0, 15.0)
+def test_scatter_is_found_all_the_same(model, drift, look, since_s):
+    """Four times the noise, from the start or from later on: as soon as what was taken up is less than that.
+
+    Of 20 flights half are found within 10 s of the start, or one second of later noise. After a start one in six
+    takes longer than 15 s, more than seven with a probability of 1 %; later on none takes 5 s.
+    """
+    found = []
+    for seed in range(20):
+        spots, rng = flown(model, drift, look, seed), np.random.default_rng(200 + seed)
+        spots = spots + np.where(since_s > T_S, 1e-6, 4e-6)[:, None, None] * rng.normal(size=spots.shape)
+        solution = relnav.filter_epochs(model, T_S, spots, method="spots")
+        found.append(T_S[solution.alarm & NOISY > 0][0])
+    assert since_s < np.min(found)
+    assert np.median(found) < max(since_s + 1.0, 10.0)
+    assert np.sum(np.array(found) >= max(since_s + 5.0, 15.0)) <= (7 if since_s < 15.0 else 0)

@@ -25,7 +25,7 @@ from relnav.navigation.epoch_report import ACCELERATION, ATTITUDE, ATTITUDE_NOIS
 from relnav.navigation.memory import fill, views
 from relnav.navigation.reference.attitude_check import attitude_is_credible
 from relnav.navigation.reference.beacon_rows import POSITION, BeaconImage, BeaconOptics, Prior
-from relnav.navigation.reference.lasting_errors import begin, errors_of
+from relnav.navigation.reference.lasting_errors import begin, errors_of, turns_follow
 from relnav.navigation.reference.motion import predict_motion, step_between
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, WAITING
 from relnav.navigation.update import LONE_GATE_SHARE, MAX_ITERATIONS
@@ -218,8 +218,9 @@ class ReferenceEngine:
         if len(track.considered):
             h, r = image.rows[rows], image.noise[np.ix_(rows, rows)]
             gain = np.linalg.solve(r, h @ track.covariance).T
-            s = track.considered.T
-            track.considered = (s + gain @ (errors_of(self.optics, image, at, spots)[rows] - h @ s)).T
+            s = track.considered.T + turns_follow(self.optics, at - x)
+            s += gain @ (errors_of(self.optics, image, at, spots)[rows] - h @ s)
+            track.considered = (s + turns_follow(self.optics, track.state - at)).T
 
     def _update(
         self, track: ReferenceTrack, image: BeaconImage, at: Vector, x: Vector, p: Matrix, rows: Codes

@@ -6,6 +6,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Vector
 from relnav.mission import Model
+from relnav.navigation.blocks import ATTITUDE_ERRORS, FIELD_ERRORS
 from relnav.navigation.observation.measurement_matrices import field_errors
 from relnav.navigation.reference.beacon_rows import (
     BEACONS,
@@ -18,6 +19,7 @@ from relnav.navigation.reference.beacon_rows import (
     BeaconImage,
     BeaconOptics,
 )
+from relnav.navigation.reference.motion import cross
 from relnav.navigation.reference.numbers import ALL, to_angles
 from relnav.sensors.measurement import DEGENERATE, NOT_SEEN, OK
 from relnav.sensors.three_beacon.parallel import solve_parallel_jacobian
@@ -62,6 +64,21 @@ def errors_of_all_coordinates(optics: BeaconOptics, x: Vector, spots: Matrix) ->
         out.append(built.beacon_mounting_sigma_rad * each[:, BEACONS])
         out.append(placed.reshape(2 * n, 3 * n))
     return np.hstack(out)
+
+
+def turns_follow(optics: BeaconOptics, change: Vector) -> Matrix:
+    """What each considered error does to a state by coordinates more, where that moves by `change` (6,); (6, m).
+
+    A turn of chaser or camera turns all that is found: -sigma a x change, a along the camera's axes.
+    """
+    out = np.zeros((6, FIELD_ERRORS + ERRORS + 3 * len(optics.beacons)))
+    turns = [(FIELD_ERRORS, optics.attitude_sigma)]
+    if optics.built is not None:
+        turns.append((FIELD_ERRORS + ATTITUDE_ERRORS + 1, optics.built.camera_mounting_sigma_rad))
+    for first, sigma in turns if optics.coordinates else []:
+        for part in (slice(0, 3), slice(3, 6)):
+            out[part, first : first + 3] = -sigma * cross(optics.dcm, change[part]).T
+    return out[:, optics.wanted]
 
 
 def _of_numbers(optics: BeaconOptics, by_spots: Matrix, shifts: Matrix, spots: Matrix) -> Matrix:
