@@ -7,7 +7,12 @@ is carried as the estimate itself is:
 
     S <- Phi S                           from image to image
     S <- S + P+ H^T R^-1 (E - H S)       at an update, P+ after it
+    S <- S - sigma a x dx                where an update moves the estimate by dx, of a turn of the sensor about a
     P  = L D L^T + S^T S                 reported
+
+The fourth is what a linear filter does not have: a wrong attitude turns all that a sensor finds, position and velocity,
+about the target. Far away the range moves by metres as it becomes known, and what is found beside it by the error of
+the attitude times that. A turn of the camera in its mounting does the same.
 
 The innovation shows E e less what the estimate has taken up of it, (E - H S) e: gate and gain hold that part in R.
 """
@@ -122,6 +127,14 @@ def update_sensitivities(ld: Matrix, seen: Observed, by_error: Matrix, news: Mat
     for c in range(news.shape[0]):
         if anywhere(is_felt(news[c])):
             add_covariance_times(ld, news[c], sensitivities[c])
+
+
+@straight_line(axis=(3,), change=(3,), row=(3,))
+def follow_turn(sigma: float, axis: Vector, change: Vector, row: Vector) -> None:
+    """Take sigma a x dx from what a turn of the sensor by sigma about a does to a vector that an update moved by dx."""
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        row[i] -= sigma * (axis[j] * change[k] - axis[k] * change[j])
 
 
 @kernel

@@ -6,11 +6,12 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import kernel, straight_line
-from relnav.dynamics.error_state import MOTION, POSE, RATE, ROTATION, THETA
-from relnav.estimation.considered import update_sensitivities
+from relnav.dynamics.error_state import MOTION, POSE, RATE, ROTATION, THETA, VELOCITY
+from relnav.estimation.considered import follow_turn, update_sensitivities
 from relnav.estimation.factored import orthogonalise, spread
 from relnav.estimation.rows import Observed, copy_track, gate_groups, log_determinant, pair_covariance, sweep
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
+from relnav.navigation.blocks import CHASER_ATTITUDE, MOUNTING
 from relnav.navigation.observation.marker_exchange import gates_share
 from relnav.navigation.observation.marker_rows import observe_markers
 from relnav.navigation.pose_memory import PoseMemory
@@ -78,6 +79,34 @@ def take_in(scratch: Record, track: Record, sensitivities: Matrix) -> None:
 
 
 @kernel
+def _follow(sigma: float, axis: Vector, track: Record, row: Vector) -> None:
+    """Let what a turn by sigma about an axis, `lvlh_ccsds`, does to an estimate follow the errors that correct it.
+
+    It turns the attitude by C^T a, and where C is corrected by theta what follows is that - theta x C^T a: one half is
+    `take_in`'s, the other is here.
+    """
+    x, dcm = track["state"], track["dcm"]
+    follow_turn(sigma, axis, x[:VELOCITY], row[:VELOCITY])
+    follow_turn(sigma, axis, x[VELOCITY:MOTION], row[VELOCITY:MOTION])
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        along_j, along_k = 0.0, 0.0
+        for n in range(3):
+            along_j += dcm[n, j] * axis[n]
+            along_k += dcm[n, k] * axis[n]
+        row[THETA + i] += 0.5 * sigma * (x[THETA + j] * along_k - x[THETA + k] * along_j)
+
+
+@kernel
+def refer_turns(m: PoseMemory, track: Record, sensitivities: Matrix) -> None:
+    """Let what turns of chaser and camera do to a hypothesis follow the errors (12,) that correct it."""
+    for axis in range(3):
+        _follow(m.lasting["attitude"], m.camera["chaser"][axis], track, sensitivities[CHASER_ATTITUDE + axis])
+        if sensitivities.shape[0] > MOUNTING:
+            _follow(m.lasting["mounting"], m.camera["cam_from_lvlh"][axis], track, sensitivities[MOUNTING + axis])
+
+
+@kernel
 def _noise_log_determinant(image: Observed) -> float:
     """Of the noise of all rows that the last sweep took in."""
     total = 0.0
@@ -138,6 +167,7 @@ def spot_update(
             track["doubt"] += max(0.0, width - known)
         copy_track(m.work, track)
         update_sensitivities(track["ld"], image, m.by_error[:n], m.news, sensitivities)
+        refer_turns(m, track, sensitivities)
         take_in(m.scratch, track, sensitivities)
     track["score"] += min(whole, cost)
     return seen, count, used, nis

@@ -267,8 +267,12 @@ def wrong_roots(mission, spots, dcm_chaser_from_lvlh, dcm_lvlh_from_target):
 
 
 def test_a_start_on_a_wrong_root_is_doubted(mission):
-    """Handed the farthest pose of an image as a start: ten seconds later the expected view speaks for another."""
-    for seed in range(50000, 50006):
+    """Handed the farthest pose of an image as a start: ten seconds later the expected view speaks for another.
+
+    In five flights of six or more: of 12, nine with a probability of 87 % at least.
+    """
+    relied_on = []
+    for seed in range(50000, 50012):
         flight, nav, begin = simulate_flight(mission, HEALTHY, seed=seed), PoseNavigator(mission), 400
         off, state = wrong_roots(
             mission, flight.spots_px[begin], flight.dcm_chaser_from_lvlh[begin], flight.dcm_lvlh_from_target[begin]
@@ -282,7 +286,8 @@ def test_a_start_on_a_wrong_root_is_doubted(mission):
             flagged = record.status in (WAITING, REJECTED) or record.alarm or record.ambiguity < AMBIGUITY_LIMIT
             wrong.append(not flagged and np.linalg.norm(turn) > math.radians(1.0))
             np.testing.assert_array_equal(nav.hypotheses[0].state.dcm_lvlh_from_target, record.dcm_lvlh_from_target)
-        assert np.count_nonzero(wrong) <= 15 * 4
+        relied_on.append(np.count_nonzero(wrong))
+    assert np.count_nonzero(np.array(relied_on) <= 10 * 4) >= 9
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -9,16 +9,12 @@ measurements, so S is carried as the estimate itself is:
     S = dx/dz E                         at a start from one image z, E what the errors do to it
     S <- Phi S                          from epoch to epoch
     S <- S + P+ H^T R^-1 (E - H S)      at an update, P+ after it
-    S <- S - sigma a x (x+ - x)         of a turn by sigma about the axis a, where an update moves the estimate
+    S <- S - sigma a x dx               of turns of chaser and camera, where an update moves what `spots` find by dx
     S <- S + C (S later - Phi S)        smoothed (`smoothing.py`)
 
 and P = L D L^T + S S^T is reported. For gate and gain R holds them too, as if they were new in every image: what is a
 coordinate's own (its spot's, its beacon's place) whole, so that a bad one counts for less; what all share as far as
 the state cannot take it up, (E - H S)^2. R of a fix, which the state takes up whole, holds the spots' lasting errors.
-
-The fourth is what a linear filter does not have. A wrong attitude turns all that `spots` find, position and velocity,
-about the beacons. Far away the range moves by metres as it becomes known, and what is found beside the axis by the
-error of the attitude times that. A turn of the camera in its mounting does the same.
 
 What lasts in the spots is a smooth field over the detector: neighbouring spots share it, and a spot that travels
 leaves its error behind. It is carried as independent errors on 4 x 4 nodes over the calibrated box, for x and for y;
@@ -35,13 +31,11 @@ The noise of the attitude that comes with an image turns all its spots together:
 What it does to a fix is in `beacon_arm.py`.
 """
 
-import numpy as np
-
 from relnav.arrays import Matrix, Record, Vector
-from relnav.codegen.kernel import kernel, straight_line
+from relnav.codegen.kernel import kernel
 from relnav.codegen.together import anywhere, held, select
-from relnav.dynamics.error_state import MOTION
-from relnav.estimation.considered import add_covariance_times, subtract_taken, update_sensitivities
+from relnav.dynamics.error_state import MOTION, VELOCITY
+from relnav.estimation.considered import add_covariance_times, follow_turn, subtract_taken, update_sensitivities
 from relnav.estimation.factored import add_rank_one
 from relnav.estimation.rows import Observed
 from relnav.geometry.spherical import position_from_angles_jacobian
@@ -127,16 +121,11 @@ def consider(m: Memory, ld: Matrix, at: Vector, image: Observed, sensitivities: 
     update_sensitivities(ld, image, m.by_error, m.news, sensitivities)
 
 
-@straight_line(axis=(4,), before=(MOTION,), after=(MOTION,), row=(MOTION,))
-def _turn_with(sigma: float, axis: Vector, before: Vector, after: Vector, row: Vector) -> None:
-    """Take sigma a x (after - before), a along a camera axis, from what a turn about it does to a state."""
-    change = np.zeros(MOTION)
-    for i in range(MOTION):
-        change[i] = after[i] - before[i]
-    for part in range(0, MOTION, 3):
-        for i in range(3):
-            j, k = (i + 1) % 3, (i + 2) % 3
-            row[part + i] -= sigma * (axis[j] * change[part + k] - axis[k] * change[part + j])
+@kernel
+def _follow(sigma: float, axis: Vector, change: Vector, row: Vector) -> None:
+    """Let what a turn does to a state, (6,), follow its change (6,)."""
+    follow_turn(sigma, axis, change[:VELOCITY], row[:VELOCITY])
+    follow_turn(sigma, axis, change[VELOCITY:], row[VELOCITY:])
 
 
 @kernel
@@ -144,13 +133,15 @@ def refer_turns(m: Memory, before: Vector, after: Vector, sensitivities: Matrix)
     """Let what turns of chaser and camera do to an estimate by coordinates follow it from one state (6,) to another."""
     if not uses_coordinates(m.sensor):
         return
-    attitude, mount = FIELD_ERRORS - m.fixed["first_error"], m.kept["mount"]
+    attitude, mount, change = FIELD_ERRORS - m.fixed["first_error"], m.kept["mount"], m.news[0]
     camera = attitude + ATTITUDE_ERRORS + 1  # behind the focal length
+    for i in range(MOTION):
+        change[i] = after[i] - before[i]
     for axis in range(3):
         if attitude < sensitivities.shape[0]:
-            _turn_with(m.sensor["attitude_sigma"], mount[axis], before, after, sensitivities[attitude + axis])
+            _follow(m.sensor["attitude_sigma"], mount[axis, :3], change, sensitivities[attitude + axis])
         if camera < sensitivities.shape[0]:
-            _turn_with(m.tolerances["camera_mounting"], mount[axis], before, after, sensitivities[camera + axis])
+            _follow(m.tolerances["camera_mounting"], mount[axis, :3], change, sensitivities[camera + axis])
 
 
 @kernel

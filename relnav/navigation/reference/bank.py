@@ -142,12 +142,12 @@ def corrected(
             if lead is not None and len(lead.used) == len(used):
                 known = max(known, lead.width)
             doubt += max(0.0, width - known)
-        after = _taken_in(replace(track, doubt=track.doubt + doubt), view, used)
+        after = _taken_in(optics, replace(track, doubt=track.doubt + doubt), view, used, image.chaser)
     after = replace(after, score=score + min(whole + _log_determinant(spread, every), cost))
     return Corrected(after, view.seen, view.which, view.which[used], whole, share, view.bending, width)
 
 
-def _taken_in(track: PoseTrack, view: MarkerImage, used: list[int]) -> PoseTrack:
+def _taken_in(optics: MarkerOptics, track: PoseTrack, view: MarkerImage, used: list[int], chaser: Matrix) -> PoseTrack:
     """The update on filterpy, what it says of the errors folded into the state, and what is considered with it."""
     rows = _rows(used)
     h, r = view.rows[rows], view.noise[np.ix_(rows, rows)]
@@ -155,7 +155,7 @@ def _taken_in(track: PoseTrack, view: MarkerImage, used: list[int]) -> PoseTrack
     ekf.measurement_update(h, r, view.residual[rows])
     x, covariance = ekf.state, _symmetric(ekf.covariance)
     gain = np.linalg.solve(r, h @ covariance).T
-    considered = track.considered + (gain @ view.left[rows]).T
+    considered = track.considered + (gain @ view.left[rows]).T + optics.turns_follow(track.dcm, x, chaser)
     reset = np.eye(12)
     reset[_TURN, _TURN] -= 0.5 * cross_matrix(x[_TURN])
     return replace(

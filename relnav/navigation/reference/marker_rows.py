@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from relnav.arrays import Codes, Matrix, Stack, Vector
+from relnav.geometry.linear_algebra import cross_matrix
 from relnav.mission import VisionMission
 from relnav.navigation.pose_state import PoseState
 from relnav.navigation.reference.motion import IMAGINARY, cross
@@ -171,6 +172,22 @@ class MarkerOptics:
                 first = 7 + 3 * int(marker)
                 out[i, :, first : first + 3] = built.marker_placement_sigma_m * slopes[i, :, PLACE]
         return out.reshape(2 * k, self.considered)
+
+    def turns_follow(self, dcm: Matrix, correction: Vector, chaser: Matrix) -> Matrix:
+        """What each lasting error does to an estimate more, (m, 12), where that is corrected by errors (12,).
+
+        A turn of chaser or camera by a turns all that is found: -a x of position and velocity, -C^T a of the attitude
+        C = dcm. Of theta x C^T a, by which that changes, half; the rest is done where the errors are folded in.
+        """
+        out, turn = np.zeros((self.considered, 12)), 0.5 * cross_matrix(correction[6:9]) @ dcm.T
+        turns = [(0, self.attitude_sigma, chaser)]
+        if self._built is not None:
+            turns.append((3, self._built.camera_mounting_sigma_rad, self._mount @ chaser))
+        for first, sigma, axes in turns:
+            for part in (slice(0, 3), slice(3, 6)):
+                out[first : first + 3, part] = -sigma * cross(axes, correction[part])
+            out[first : first + 3, 6:9] = sigma * axes @ turn.T
+        return out
 
     def observe(
         self, at: PoseTrack, chaser: Matrix, spots: Matrix, covariances: Stack, attitude_noise: float
