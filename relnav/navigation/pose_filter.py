@@ -32,6 +32,7 @@ from relnav.codegen.kernel import kernel, shared_entry
 from relnav.dynamics.error_state import POSE
 from relnav.estimation.monitors import CONTRADICTED as CONTRADICTS
 from relnav.estimation.rows import copy_rows
+from relnav.navigation.blocks import MOUNTING
 from relnav.navigation.observation.marker_exchange import gates_share, is_exchanged
 from relnav.navigation.observation.marker_monitors import gather_markers, let_pass, watch_markers, watch_new_track
 from relnav.navigation.observation.marker_rows import aim_camera, has_spot
@@ -93,7 +94,9 @@ def _rank(track: Record) -> float:
 
 
 @kernel
-def order_bank(m: PoseMemory, bank: Record, sensitivities: Stack, count: int, far_behind: float) -> int:
+def order_bank(
+    m: PoseMemory, bank: Record, sensitivities: Stack, evidence: Stack, count: int, far_behind: float
+) -> int:
     """The most credible first, those far behind and those that have become one with a better one left out.
 
     far_behind: for hypotheses of the start; DROP for those taken up beside others.
@@ -105,6 +108,7 @@ def order_bank(m: PoseMemory, bank: Record, sensitivities: Stack, count: int, fa
         order[i], fell[i] = i, 0
         copy_pose(bank[i], spare[i])
         copy_rows(sensitivities[i], m.spare_sensitivities[i])
+        copy_rows(evidence[i], m.spare_evidence[i])
     for i in range(1, count):
         k, j = order[i], i
         while j > 0 and _rank(spare[order[j - 1]]) > _rank(spare[k]):
@@ -128,6 +132,7 @@ def order_bank(m: PoseMemory, bank: Record, sensitivities: Stack, count: int, fa
         if alone:
             copy_pose(one, bank[kept])
             copy_rows(m.spare_sensitivities[order[i]], sensitivities[kept])
+            copy_rows(m.spare_evidence[order[i]], evidence[kept])
             kept += 1
     return kept
 
@@ -137,6 +142,7 @@ def _correct_bank(
     m: PoseMemory,
     bank: Record,
     sensitivities: Stack,
+    evidence: Stack,
     count: int,
     far_behind: float,
     spots: Matrix,
@@ -153,7 +159,9 @@ def _correct_bank(
     result, least, telling, blurred = m.result, math.inf, False, False
     for k in range(count):
         copy_pose(bank[k], m.best)
-        seen, groups, used, nis = spot_update(m, bank[k], sensitivities[k], spots, covariances, k == 0)
+        # nothing is compared with one alone; of the attitude alone, which the pose takes up, spots show nothing
+        told = evidence[k] if count > 1 and sensitivities.shape[1] > MOUNTING else evidence[k, :0]
+        seen, groups, used, nis = spot_update(m, bank[k], sensitivities[k], told, spots, covariances, k == 0)
         if watched and k == 0:
             gather_markers(m, m.best, groups, covariances)
         if k == 0 or _rank(bank[k]) < least:
@@ -169,7 +177,7 @@ def _correct_bank(
     if result["used"] == 0:
         for i in range(spots.shape[0]):
             m.accepted[i] = 0.0
-    return order_bank(m, bank, sensitivities, count, far_behind), telling, blurred
+    return order_bank(m, bank, sensitivities, evidence, count, far_behind), telling, blurred
 
 
 @kernel
@@ -194,7 +202,7 @@ def _confirm(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) -> int:
     if clock["trial"] == 0:
         return CONTRADICTED
     remain, telling, blurred = _correct_bank(
-        m, m.trial, m.trial_sensitivities, clock["trial"], DROP, spots, covariances, False
+        m, m.trial, m.trial_sensitivities, m.trial_evidence, clock["trial"], DROP, spots, covariances, False
     )
     if result["used"] < 3 or result["used"] < result["seen"]:
         clock["trial"] = 0
@@ -207,6 +215,7 @@ def _confirm(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) -> int:
     for k in range(remain):
         copy_pose(m.trial[k], m.bank[k])
         copy_rows(m.trial_sensitivities[k], m.bank_sensitivities[k])
+        copy_rows(m.trial_evidence[k], m.bank_evidence[k])
     for i in range(m.used_s.shape[0]):
         m.used_s[i] = m.trial_used_s[i]
     for k in range(MOST_POSES):
@@ -226,10 +235,10 @@ def _advance(m: PoseMemory, t: float) -> None:
         prepare_step(m.step, m.motion, m.scratch, clock["t"], dt)
         body, step, scratch, orbit, at, taken = m.body, m.step, m.scratch, m.motion["orbit"], clock["t"], m.step["dt"]
         clock["running"] = advance_bank(
-            body, step, scratch, orbit, m.bank, m.bank_sensitivities, clock["running"], at, taken
+            body, step, scratch, orbit, m.bank, m.bank_sensitivities, m.bank_evidence, clock["running"], at, taken
         )
         clock["trial"] = advance_bank(
-            body, step, scratch, orbit, m.trial, m.trial_sensitivities, clock["trial"], at, taken
+            body, step, scratch, orbit, m.trial, m.trial_sensitivities, m.trial_evidence, clock["trial"], at, taken
         )
         let_pass(m, dt)
     if math.isnan(clock["begun"]):
@@ -298,7 +307,7 @@ def _use(m: PoseMemory, t: float, spots: Matrix, covariances: Stack, seen: int) 
     clock, result = m.clock, m.result
     before, first = clock["running"], _count_first(m.bank, clock["running"])
     clock["running"], _, blurred = _correct_bank(
-        m, m.bank, m.bank_sensitivities, before, AMBIGUITY_LIMIT, spots, covariances, True
+        m, m.bank, m.bank_sensitivities, m.bank_evidence, before, AMBIGUITY_LIMIT, spots, covariances, True
     )
     if _count_first(m.bank, clock["running"]) + keep_beaten(m, t, before) < first:
         clock["renewed"] = -math.inf

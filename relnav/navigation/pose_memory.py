@@ -140,6 +140,7 @@ POSE_FIXED = np.dtype(
     [
         ("restart_after", _I),
         ("considered", _I),  # how many lasting errors
+        ("evidence", _I),  # one more: rows of what images have told of them
         ("few_markers_limit", _F),
         ("camera", CAMERA),
         ("lasting", LASTING),
@@ -193,16 +194,28 @@ class PoseMemory(NamedTuple):
     bank_sensitivities: Annotated[Stack, MOST_POSES, "m", POSE]  # by one sigma of each lasting error, of a hypothesis
     trial_sensitivities: Annotated[Stack, MOST_POSES, "m", POSE]
     spare_sensitivities: Annotated[Stack, MOST_POSES, "m", POSE]
+    bank_evidence: Annotated[Stack, MOST_POSES, "e", "m"]  # what images have told of lasting errors, by a hypothesis
+    trial_evidence: Annotated[Stack, MOST_POSES, "e", "m"]
+    spare_evidence: Annotated[Stack, MOST_POSES, "e", "m"]
     by_error: Annotated[Matrix, "2n", "m"]  # what it does to each row
     news: Annotated[Matrix, "m", POSE]  # scratch
+    shown: Annotated[Matrix, "2n", "m"]  # scratch: `by_error` of rows in use
+    left: Annotated[Matrix, "2n", "m"]  # `by_error` of the leading hypothesis at its prediction
+    spread: Annotated[Matrix, "2n", "2n"]  # scratch: their innovations' covariance without it
+    along: Annotated[Matrix, "2n", POSE]  # scratch
+    innovation: Annotated[Vector, "2n"]  # scratch
+    told: Annotated[Vector, "m"]  # scratch
     exchanged: Annotated[Matrix, "n", 2]  # spots that have changed places, scratch
     watched: Annotated[Record, WATCHED, "2n"]  # groups of rows under watch, of which n + 1 are used
+    lasting_now: Annotated[Matrix, "4n", "m"]  # what each lasting error shows in innovations under watch
+    lasting_usual: Annotated[Matrix, "4n", "m"]  # and has usually shown
+    lasting_fast: Annotated[Matrix, "4n", "m"]  # and in the last second
     past: Annotated[Record, POSE_TRACK, 3]  # the track as it was; `added`: when
     past_sensitivities: Annotated[Stack, 3, "m", POSE]
     spots: Annotated[Record, SPOT, "n"]  # what is known of each marker's spot
 
 
-_LAYOUT = Layout(PoseMemory, POSE_FIXED, {"n": "clock.markers", "m": "considered"}, {})
+_LAYOUT = Layout(PoseMemory, POSE_FIXED, {"n": "clock.markers", "m": "considered", "e": "evidence"}, {})
 pose_views = _LAYOUT.views
 """The memory by names."""
 
@@ -211,7 +224,8 @@ def new_pose_memory(mission: VisionMission) -> Vector:
     """A filter that has seen nothing yet."""
     count, camera, target = len(mission.markers.positions_m), mission.camera, mission.target
     tolerances = mission.tolerances if mission.tolerances is not None and mission.tolerances.considered else None
-    block = _LAYOUT.new(n=count, m=marker_considered(mission))
+    considered = marker_considered(mission)
+    block = _LAYOUT.new(n=count, m=considered, e=considered + 1)
     m = pose_views(block)
     m.fixed["restart_after"] = mission.filter.restart_after_epochs
     m.fixed["few_markers_limit"] = mission.filter.few_markers_limit_s

@@ -12,6 +12,7 @@ from relnav.dynamics.rigid_body import FRAME_RATE, GRADIENT, ORBIT
 from relnav.dynamics.yamanaka_ankersen import PHI_PATTERN
 from relnav.estimation.considered import is_felt
 from relnav.estimation.factored import factorize_into, time_update_into
+from relnav.estimation.lasting_evidence import fade
 from relnav.estimation.rows import copy_rows, copy_track
 from relnav.geometry.rotation_vector import rotation_vector_into
 from relnav.navigation.propagation import carry_state_eccentric, multiply
@@ -152,23 +153,27 @@ def advance_bank(
     orbit: Vector,
     bank: Record,
     sensitivities: Stack,
+    evidence: Stack,
     count: int,
     t: float,
     dt: float,
 ) -> int:
     """Carry the hypotheses over dt, those left out of which nothing would be known; returns how many remain.
 
-    sensitivities (hypotheses, m, 12): of each.
+    sensitivities (hypotheses, m, 12) and evidence (hypotheses, m + 1, m): of each.
     """
     kept = 0
-    fade = math.exp(-dt / MEMORY_S)
+    share = math.exp(-dt / MEMORY_S)
     for k in range(count):
         if not _is_forgotten(body, bank[k], dt):
             if kept < k:
                 copy_pose(bank[k], bank[kept])
                 copy_rows(sensitivities[k], sensitivities[kept])
+                copy_rows(evidence[k], evidence[kept])
             if advance_pose(body, step, scratch, orbit, bank[kept], t, dt):
                 carry_sensitivities(scratch["phi"], sensitivities[kept])
-                bank[kept]["score"], bank[kept]["doubt"] = fade * bank[kept]["score"], fade * bank[kept]["doubt"]
+                bank[kept]["score"], bank[kept]["doubt"] = share * bank[kept]["score"], share * bank[kept]["doubt"]
+                if count > 1:
+                    fade(evidence[kept], share)
                 kept += 1
     return kept

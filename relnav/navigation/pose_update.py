@@ -9,7 +9,8 @@ from relnav.codegen.kernel import kernel, straight_line
 from relnav.dynamics.error_state import MOTION, POSE, RATE, ROTATION, THETA, VELOCITY
 from relnav.estimation.considered import follow_turn, update_sensitivities
 from relnav.estimation.factored import orthogonalise, spread
-from relnav.estimation.rows import Observed, copy_track, gate_groups, log_determinant, pair_covariance, sweep
+from relnav.estimation.lasting_evidence import surprise
+from relnav.estimation.rows import Observed, copy_rows, copy_track, gate_groups, log_determinant, pair_covariance, sweep
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
 from relnav.navigation.blocks import CHASER_ATTITUDE, MOUNTING
 from relnav.navigation.observation.marker_exchange import gates_share
@@ -118,15 +119,54 @@ def _noise_log_determinant(image: Observed) -> float:
 
 
 @kernel
+def _lasting_surprise(m: PoseMemory, track: Record, evidence: Matrix, count: int) -> float:
+    """Minus twice the logarithm of how likely the innovations of the used of `count` groups are: `surprise`.
+
+    Their covariance without lasting errors is H P H^T + R - G G^T, as R of the rows holds G G^T.
+    """
+    ld, rows = track["ld"], 0
+    S, G, along = m.spread, m.shown, m.along
+    for i in range(2 * count):
+        if m.groups[i // 2]["tested"] == 0:
+            continue
+        h = m.groups[i // 2]["gradient"][i % 2]
+        for j in range(POSE):
+            along[rows, j] = h[j]
+            for k in range(j + 1, POSE):
+                along[rows, j] += ld[k, j] * h[k]
+        for c in range(G.shape[1]):
+            G[rows, c] = m.by_error[i, c]
+        place = 0
+        for k in range(i + 1):
+            if m.groups[k // 2]["tested"] > 0:
+                S[rows, place] = m.noise[i, k]
+                for j in range(POSE):
+                    S[rows, place] += along[rows, j] * ld[j, j] * along[place, j]
+                for c in range(G.shape[1]):
+                    S[rows, place] -= G[rows, c] * G[place, c]
+                place += 1
+        m.innovation[rows] = m.groups[i // 2]["residual"][i % 2]
+        rows += 1
+    return surprise(evidence, S[:rows, :rows], m.innovation[:rows], G[:rows], m.told)
+
+
+@kernel
 def spot_update(
-    m: PoseMemory, track: Record, sensitivities: Matrix, spots: Matrix, covariances: Stack, leads: bool
+    m: PoseMemory,
+    track: Record,
+    sensitivities: Matrix,
+    evidence: Matrix,
+    spots: Matrix,
+    covariances: Stack,
+    leads: bool,
 ) -> tuple[int, int, int, float]:
     """Correct a hypothesis by an image; (markers seen, groups, groups used, NIS), its score counted on.
 
-    sensitivities (m, 12) of the hypothesis; leads: whether it is the leading one, which comes first. Which groups were
-    used stands in `groups`. A rejected spot costs what one at the gate's limit would, but an image no more than all of
-    it would: the gate rejects good spots too. Of an image of which half the spots or more contradict the hypothesis
-    nothing is used: those that pass may be glints as well; nor is a lone spot through a wide gate.
+    sensitivities (m, 12) of the hypothesis, evidence (m + 1, m) of lasting errors by it, or (0, m); leads: whether it
+    is the leading one, which comes first. Which groups were used stands in `groups`. A rejected spot costs what one at
+    the gate's limit would, but an image no more than all of it would: the gate rejects good spots too. Of an image of
+    which half the spots or more contradict the hypothesis nothing is used: those that pass may be glints as well; nor
+    is a lone spot through a wide gate.
     """
     limit, scratch = m.gate[1], m.scratch
     if leads:
@@ -156,10 +196,11 @@ def spot_update(
             taken, _ = sweep(track, track["state"], image, m.work)
     if used > 0:
         bending, width = scratch["bending"], log_determinant(image)
-        cost += taken + width
+        cost += _lasting_surprise(m, track, evidence, count) if evidence.shape[0] > 0 else taken + width
         track["doubt"] += bending + min(1.0, bending) * max(0.0, taken - 2.0 * used)
         if leads:
             scratch["lead_used"], scratch["lead_width"] = used, width
+            copy_rows(m.by_error[:n], m.left)
         if m.clock["t"] - track["added"] <= SETTLING_S:
             known = _noise_log_determinant(image)
             if not leads and scratch["lead_used"] == used:
@@ -169,5 +210,5 @@ def spot_update(
         update_sensitivities(track["ld"], image, m.by_error[:n], m.news, sensitivities)
         refer_turns(m, track, sensitivities)
         take_in(m.scratch, track, sensitivities)
-    track["score"] += min(whole, cost)
+    track["score"] += cost if used == count else min(whole, cost)
     return seen, count, used, nis

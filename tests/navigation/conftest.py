@@ -205,7 +205,9 @@ def marker_image():
         _, count = observe_markers(m, track, m.bank_sensitivities[0], np.ascontiguousarray(spots), none)
         residual, rows = _of_groups(m, count, "residual")[:, 0].copy(), _of_groups(m, count, "gradient").copy()
         noise = m.noise[: 2 * count, : 2 * count].copy()
-        _, groups, _, _ = spot_update(m, track, m.bank_sensitivities[0], np.ascontiguousarray(spots), none, True)
+        _, groups, _, _ = spot_update(
+            m, track, m.bank_sensitivities[0], m.bank_evidence[0, :0], np.ascontiguousarray(spots), none, True
+        )
         accepted = np.zeros(len(spots), dtype=bool)
         accepted[m.which[:groups][m.groups["tested"][:groups] > 0].astype(int)] = True
         return MarkerImage(

@@ -21,6 +21,7 @@ from relnav.navigation.pose_log import filter_marker_epochs
 from relnav.navigation.reference import bank as reference_bank
 from relnav.navigation.status import Alarm, EpochStatus
 from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
+from relnav.simulation.as_built import markers_as_built
 from relnav.simulation.detector import Faults
 from relnav.simulation.marker_flight import MarkerFaults, simulate_flight
 from relnav.simulation.scenario import simulate
@@ -132,7 +133,14 @@ def missions():
         tolerances=MarkerTolerances(1e-3, 2e-4, 1e-4, considered=True),
     )
     flat = relnav.load_model("three_marker_vision_flat")
-    return {"shipped": shipped, "everything": everything, "flat": flat}
+    corner = replace(flat.markers, positions_m=(*flat.markers.positions_m, (0.0, 0.3, -0.3)))
+    built = replace(
+        flat,
+        markers=corner,
+        chaser=replace(flat.chaser, attitude_sigma_rad=5e-3),
+        tolerances=MarkerTolerances(1e-3, 2e-4, 1e-3, considered=True),
+    )
+    return {"shipped": shipped, "everything": everything, "flat": flat, "flat, built": built}
 
 
 def both(mission, flight, **options):
@@ -163,11 +171,15 @@ def apart(ours, theirs):
     return state.max(), covariance.max()
 
 
-@pytest.mark.parametrize("name", ["shipped", "everything", "flat"])
+@pytest.mark.parametrize("name", ["shipped", "everything", "flat", "flat, built"])
 def test_marker_engines_agree(missions, name, outside):
-    faults = MarkerFaults() if name == "flat" else MarkerFaults(dropout=0.05, outliers=0.05)
-    flight = simulate_flight(missions[name], MINUTE, faults, seed=6)
-    state, covariance = apart(*both(missions[name], flight))
+    faults = MarkerFaults() if name.startswith("flat") else MarkerFaults(dropout=0.05, outliers=0.05)
+    flown = markers_as_built(missions[name], 3) if name == "flat, built" else missions[name]
+    flight = simulate_flight(flown, MINUTE, faults, seed=6)
+    ours, theirs = both(missions[name], flight)
+    state, covariance = apart(ours, theirs)
+    odds = np.isfinite(ours.ambiguity)
+    np.testing.assert_allclose(theirs.ambiguity[odds], ours.ambiguity[odds], rtol=1e-3, atol=1e-3)
     outside("filterpy ExtendedKalmanFilter", "marker filter, states of a minute, 1-sigma", state, 1e-4)
     assert covariance < 4e-4
 

@@ -46,7 +46,7 @@ def bank(*hypotheses):
 def ordered(m):
     """Order the bank; how many were there and remain, and how many starters then count as beaten."""
     before = int(m.clock["running"])
-    m.clock["running"] = order_bank(m, m.bank, m.bank_sensitivities, before, AMBIGUITY_LIMIT)
+    m.clock["running"] = order_bank(m, m.bank, m.bank_sensitivities, m.bank_evidence, before, AMBIGUITY_LIMIT)
     return before, int(m.clock["running"]), keep_beaten(m, float(m.clock["t"]), before)
 
 

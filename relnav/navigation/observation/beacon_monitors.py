@@ -14,6 +14,7 @@ from relnav.codegen.kernel import kernel
 from relnav.codegen.together import anywhere, held, select
 from relnav.dynamics.error_state import MOTION
 from relnav.estimation.clock_monitor import doubt_clock, is_doubtful, weigh_jump
+from relnav.estimation.lasting_change import lasting_change, learn_lasting
 from relnav.estimation.monitors import (
     AWAY_S,
     STUCK,
@@ -29,7 +30,6 @@ from relnav.estimation.watched_means import follow, newest_share
 from relnav.navigation.memory import Memory
 from relnav.navigation.observation.beacon_considered import shared_errors
 from relnav.navigation.observation.beacon_geometry import see_beacon, uses_coordinates
-from relnav.navigation.observation.beacon_lasting_change import lasting_change, learn_lasting
 from relnav.navigation.status import PARTIAL, PREDICTED, UPDATED
 
 EDGE_SIGMAS = 2.0
@@ -52,6 +52,23 @@ def _write_row(
     group["state"][k] = select(seen, own_variance(m.track["ld"], h, h), group["state"][k])
     motion = -(h[0] * x[3] + h[1] * x[4] + h[2] * x[5])
     group["motion"][k] = select(seen, motion, group["motion"][k])
+
+
+@kernel
+def _write_lasting(m: Memory, row: int, h: Vector, first: int, last: int, seen: bool) -> None:
+    """Write what lasting errors show in a row, where it is seen.
+
+    first, last: rows of errors whose share that the state has taken up is not in `by_error` any more.
+    """
+    now = m.lasting_now[row]
+    for c in range(now.shape[0]):
+        shown = m.by_error[row, c]
+        if c < first or c >= last:
+            s, taken = m.sensitivities[c], 0.0
+            for j in range(s.shape[0]):
+                taken += h[j] * s[j]
+            shown -= taken
+        now[c] = select(seen, shown, now[c])
 
 
 @kernel
@@ -95,7 +112,9 @@ def gather_rows(m: Memory, track: Record, spots: Matrix, tells: bool) -> None:
                 turn = m.turns[2 * i + k]
                 noise += turned * (turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
             _write_row(m, group, k, residual[k], noise, max(0.0, variance[k] - noise), h, seen)
-            changed, moved = lasting_change(m, 2 * i + k, h, first, last, seen)
+            _write_lasting(m, 2 * i + k, h, first, last, seen)
+            row = 2 * i + k
+            changed, moved = lasting_change(m.lasting_now[row], m.lasting_usual[row], m.lasting_fast[row])
             group["moved"][k] = select(seen, moved, group["moved"][k])
             if anywhere(calm):  # while an alarm lasts it is held: what follows is not to explain what was found
                 changed = select(group["learnt"] > 0, changed, 0.0)
@@ -187,7 +206,7 @@ def watch(m: Memory, spots: Matrix, dt: float, status: int) -> None:
             m.watch["pulled"] = 1 if used else m.watch["pulled"]
     watch_image(m.watch, groups, dt)
     if coordinates:
-        learn_lasting(m)
+        learn_lasting(m.watched, m.lasting_now, m.lasting_usual, m.lasting_fast)
     if m.watch["pulled"] > 0 and not stuck:  # it is over, and has pulled the state away
         m.watch["restart"] = 1
     if stuck or m.watch["pulled"] > 0:

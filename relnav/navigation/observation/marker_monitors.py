@@ -1,4 +1,4 @@
-"""What of an image of markers is watched (`estimation/monitors.py`), and when a fault of it is over.
+"""What of an image of markers is watched (`estimation/monitors.py`).
 
 Each spot against the mean of the others is a group of two rows, and the mean of all is another: what turns the camera
 is in the mean alone, and little of what the state does not know is in the differences. They are those of the leading
@@ -6,23 +6,17 @@ hypothesis; rivals that are taken up beside it change nothing. While it is so wi
 is usual is learnt anew, as after three seconds without an image that was used. Two more things are said as SHIFTED.
 Another hypothesis has taken the lead from one that was long settled, by odds that are not ambiguous any more: what is
 wrong has made another root the better one. And a spot that was refused for long, others being used, is used again
-though it surprises, or lies to the side where it lay: not the spot has come back, the gate has grown.
-
-Three spots are six numbers and a pose is six unknowns: an error that has come to stay is taken up by the pose, and its
-innovations are again what they were. That they are quiet does not say that a fault is over. What says it is a witness:
-the track as it was five to ten seconds before the alarm, carried on without any image. The means of spots over five
-seconds and ten images are compared with it. That they agree proves something only where they did not before, or never
-disagreed: as the witness knows less and less, what is off by a constant fits it better and better. Once the chi-square
-has fallen to a third within two windows, and is credible, a new start is asked for, the track having followed what was
-wrong. After a minute the witness knows too little, and the alarm stays for good.
+though it surprises, or lies to the side where it lay: not the spot has come back, the gate has grown. When a fault is
+over `marker_witness.py` says.
 """
 
 import math
 
 from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import kernel
-from relnav.dynamics.error_state import MOTION, THETA
+from relnav.dynamics.error_state import THETA
 from relnav.dynamics.rigid_body import FRAME_RATE, ORBIT
+from relnav.estimation.lasting_change import lasting_change, learn_lasting
 from relnav.estimation.monitors import (
     AWAY_S,
     JUMP_S,
@@ -36,27 +30,20 @@ from relnav.estimation.monitors import (
 )
 from relnav.estimation.repeated_reading import LEAST_MOTION, repeats
 from relnav.estimation.returning import note_pair, returns_wrong
-from relnav.estimation.rows import Observed, copy_rows, pair_covariance, sweep
-from relnav.navigation.observation.marker_rows import has_spot, new_noise, observe_markers
+from relnav.estimation.rows import pair_covariance
+from relnav.navigation.observation.marker_rows import has_spot, new_noise
+from relnav.navigation.observation.marker_witness import ask_witness, call_witness, remember
 from relnav.navigation.pose_epoch import odds_of
 from relnav.navigation.pose_memory import NEWEST, OLDER, WITNESS, PoseMemory
-from relnav.navigation.pose_propagation import advance_pose, carry_sensitivities, copy_pose
-from relnav.navigation.propagation import carry_state_eccentric, prepare_step
+from relnav.navigation.pose_propagation import advance_pose, carry_sensitivities
+from relnav.navigation.propagation import carry_state_eccentric
 from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
 
-KEPT_S = 5.0
-"""How often a copy of the track is kept, of which the one before the last may become the witness."""
-WITNESS_S = 60.0
-WINDOW_S, WINDOW_IMAGES = 5.0, 10
-"""Over which spots are averaged before the witness is asked."""
 BENDS = 0.5
 """Of ln |R| by the second order: the leader then may cover roots that it cannot tell apart."""
 USURPED_S = 1.0
 LONGEST_JUMP_S = 10.0
 """Of a clock, that is told from a gap by what spots show; after a longer step the state is no longer known so well."""
-FALLEN = 1.0 / 3.0
-OUTLYING = 100.0
-"""Times the gate's limit: a spot so far off is a glint, and no part of a mean."""
 
 
 @kernel
@@ -104,6 +91,18 @@ def _add_up(m: PoseMemory, k: int, count: int, sums: Vector, gradient: Vector, c
 
 
 @kernel
+def _write_lasting(m: PoseMemory, row: int, own: int, count: int, alone: float, others: float) -> None:
+    """Write what lasting errors show in a row under watch: of the spots' row `own` alone, and of all in use."""
+    now = m.lasting_now[row]
+    for c in range(now.shape[0]):
+        now[c] = alone * m.left[own, c]
+    for g in range(count):
+        if m.groups[g]["tested"] > 0:
+            for c in range(now.shape[0]):
+                now[c] += others * m.left[2 * g + own % 2, c]
+
+
+@kernel
 def gather_markers(m: PoseMemory, lead: Record, count: int, covariances: Stack) -> None:
     """Hand over the rows of the groups (count,) of an image as they stood at the prediction; lead: the track there.
 
@@ -146,6 +145,12 @@ def gather_markers(m: PoseMemory, lead: Record, count: int, covariances: Stack) 
             group["value"][k] = alone * source["residual"][k] + others * sums[k, 0]
             group["motion"][k] = -alone * source["innovation"][k] - others * sums[k, 1]
             group["noise"][k], group["lasting"][k] = noise, max(0.0, total - noise)
+            row_of = 2 * (markers if mean else int(m.which[i])) + k
+            _write_lasting(m, row_of, k if mean else own, count, alone, others)
+            changed, moved = lasting_change(m.lasting_now[row_of], m.lasting_usual[row_of], m.lasting_fast[row_of])
+            group["moved"][k] = moved
+            if m.watch["on"] == 0:  # while an alarm lasts it is held: what follows is not to explain what was found
+                group["changed"][k] = changed if group["learnt"] > 0 else 0.0
         xx, _, yy = pair_covariance(lead["ld"], rows, zero, 0.0)
         group["state"][0], group["state"][1] = xx, yy
 
@@ -164,135 +169,6 @@ def let_pass(m: PoseMemory, dt: float) -> None:
             carry_sensitivities(m.scratch["phi"], m.past_sensitivities[WITNESS])
         else:
             past[WITNESS]["added"] = math.nan
-
-
-@kernel
-def _remember(m: PoseMemory, t: float) -> None:
-    """Keep the track as it is, now and then; motions go along from step to step, the rest when it is needed."""
-    past, kept = m.past, m.past_sensitivities
-    if t - past[NEWEST]["added"] < KEPT_S or m.clock["usurped"] == m.clock["usurped"]:
-        return
-    copy_pose(past[NEWEST], past[OLDER])
-    copy_rows(kept[NEWEST], kept[OLDER])
-    copy_pose(m.bank[0], past[NEWEST])
-    copy_rows(m.bank_sensitivities[0], kept[NEWEST])
-    past[NEWEST]["added"] = t
-
-
-@kernel
-def _call_witness(m: PoseMemory, t: float) -> None:
-    """Carry the older copy of the track to t, as what was before the fault."""
-    past, kept, clock, motion = m.past, m.past_sensitivities, m.clock, m.scratch["error"]
-    witness, since = past[WITNESS], past[OLDER]["added"]
-    clock["window"], clock["compared"], clock["over"], clock["windows"] = t, 0, 0, 0
-    copy_pose(past[OLDER], witness)
-    copy_rows(kept[OLDER], kept[WITNESS])
-    if not t - since <= WITNESS_S:
-        witness["added"] = math.nan
-        return
-    for i in range(MOTION):
-        motion[i] = witness["motion"][i]
-    prepare_step(m.step, m.motion, m.scratch, since, t - since)
-    if advance_pose(m.body, m.step, m.scratch, m.motion["orbit"], witness, since, m.step["dt"]):
-        carry_sensitivities(m.scratch["phi"], kept[WITNESS])
-    else:
-        witness["added"] = math.nan
-    for i in range(MOTION):
-        witness["motion"][i] = motion[i]
-    m.step["dt"] = math.nan  # what was prepared is not of the next step
-
-
-@kernel
-def _compare(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) -> int:
-    """Add what spots are off the witness' to their sums; returns how many were observed, as `groups` hold them."""
-    clock, witness = m.clock, m.past[WITNESS]
-    if clock["compared"] == 0:
-        clock["window"] = t
-        for i in range(m.spots.shape[0]):
-            m.spots[i]["sums"][0], m.spots[i]["sums"][1], m.spots[i]["count"] = 0.0, 0.0, 0.0
-    clock["compared"] += 1
-    _, count = observe_markers(m, witness, m.past_sensitivities[WITNESS], spots, covariances)
-    for g in range(count):
-        group, spot = m.groups[g], m.spots[int(m.which[g])]
-        sums = spot["sums"]
-        x, y = group["residual"][0], group["residual"][1]
-        xx, xy, yy = pair_covariance(witness["ld"], group["gradient"], group["variance"], m.noise[2 * g, 2 * g + 1])
-        if x * x * yy - 2.0 * x * y * xy + y * y * xx <= OUTLYING * m.gate[1] * (xx * yy - xy * xy):
-            sums[0], sums[1], spot["count"] = sums[0] + x, sums[1] + y, spot["count"] + 1.0
-    return count
-
-
-@kernel
-def _end_window(m: PoseMemory, count: int, covariances: Stack) -> bool:
-    """Write the means of a window, and the noise of means; False where fewer than three spots tell."""
-    telling, least = 0, math.inf
-    for i in range(m.spots.shape[0]):
-        means = m.spots[i]["means"]
-        for k in range(2):
-            means[2, k], means[1, k], means[0, k] = means[1, k], means[0, k], math.nan
-    for g in range(count):
-        spot, group = m.spots[int(m.which[g])], m.groups[g]
-        sums, images, group["tested"] = spot["sums"], spot["count"], 0
-        if 2.0 * images > m.clock["compared"]:
-            telling, least, group["tested"] = telling + 1, min(least, images), 1
-            spot["means"][0, 0], spot["means"][0, 1] = sums[0] / images, sums[1] / images
-    if telling < 3:
-        return False
-    for i in range(2 * count):
-        for j in range(i + 1):
-            m.noise[i, j] -= (1.0 - 1.0 / least) * new_noise(m, i, j, covariances)
-            m.noise[j, i] = m.noise[i, j]
-        m.groups[i // 2]["variance"][i % 2] = m.noise[i, i]
-    return True
-
-
-@kernel
-def _contrast(m: PoseMemory, count: int, window: int) -> tuple[float, int]:
-    """Chi-square of the means of a window against the witness as it is now, and its degrees of freedom.
-
-    NaN of an earlier window where a spot that tells now had no mean.
-    """
-    for g in range(count):
-        mean, group = m.spots[int(m.which[g])]["means"][window], m.groups[g]
-        group["residual"][0], group["residual"][1] = mean[0], mean[1]
-    n = 2 * count
-    image = Observed(m.groups[:count], m.noise[:n, :n], m.factor[:n, :n], m.independent[:count])
-    return sweep(m.past[WITNESS], m.past[WITNESS]["state"], image, m.work)
-
-
-@kernel
-def _agrees(m: PoseMemory, count: int, covariances: Stack) -> bool:
-    """Whether the means of a window agree with the witness, as those before did not, or always did.
-
-    All are compared by what the witness knows now: by what it knew then, what is off by a constant falls too.
-    """
-    windows = m.clock["windows"]
-    m.clock["windows"] += 1
-    if not _end_window(m, count, covariances):
-        return False
-    nis, dof = _contrast(m, count, 0)
-    if windows == 0:
-        return bool(nis <= dof + 2.0 * math.sqrt(2.0 * dof))  # mean and two sigma
-    highest = 0.0
-    for window in range(1, min(windows, 2) + 1):
-        before, _ = _contrast(m, count, window)
-        highest = before if before > highest else highest
-    return bool(nis <= m.gate[dof - 1] and nis <= FALLEN * highest)
-
-
-@kernel
-def _ask_witness(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) -> None:
-    """Let the witness say whether the fault is over."""
-    clock, watch = m.clock, m.watch
-    watch["quiet"] = 0.0  # says nothing here
-    if t - m.past[WITNESS]["added"] <= WITNESS_S:
-        count = _compare(m, t, spots, covariances)
-        if clock["compared"] >= WINDOW_IMAGES and t - clock["window"] >= WINDOW_S:
-            clock["compared"] = 0
-            if _agrees(m, count, covariances):
-                clock["over"] = 1
-        if clock["over"] > 0:
-            watch["restart"] = 1
 
 
 @kernel
@@ -348,7 +224,9 @@ def watch_markers(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) ->
         clock["used"] = t
     stuck, pulls = _is_stuck(m, spots, dt)
     usurped, back = _is_usurped(m, t), _comes_back(m, spots, dt)
-    watch_image(watch, m.watched[: m.points.shape[0] + 1], dt)
+    groups = m.watched[: m.points.shape[0] + 1]
+    watch_image(watch, groups, dt)
+    learn_lasting(groups, m.lasting_now, m.lasting_usual, m.lasting_fast)
     if usurped or back or pulls:  # a spot that was stuck leaves a pose that it has pulled away
         watch["on"] = 1
         if watch["jumped"] < JUMP_S and not pulls:
@@ -356,10 +234,10 @@ def watch_markers(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) ->
         write_alarm(watch)
     if watch["on"] > 0:
         if before == 0:
-            _call_witness(m, t)
-        _ask_witness(m, t, spots, covariances)
+            call_witness(m, t)
+        ask_witness(m, t, spots, covariances)
     elif not (stuck or watch["alarm"] > 0 or watch["pause"] > 0.0 or m.result["used"] < m.result["seen"]):
-        _remember(m, t)
+        remember(m, t)
     if stuck:
         watch["alarm"] |= STUCK
 

@@ -18,10 +18,13 @@ from relnav.navigation.observation.marker_twins import twins_of
 from relnav.navigation.pose_filter import DROP, RENEWED_S
 from relnav.navigation.pose_memory import MOST_POSES, PoseMemory
 from relnav.navigation.pose_propagation import MEMORY_S
-from relnav.navigation.pose_state import PoseState, sensitivities_from_pose, state_from_pose
+from relnav.navigation.pose_state import SHOWN, PoseState, lasting_by_spot, sensitivities_from_pose, state_from_pose
+from relnav.sensors.three_marker.camera import image_of
+from relnav.sensors.three_marker.jacobians import spot_jacobians
 from relnav.sensors.three_marker.measure import measure
 from relnav.sensors.three_marker.outcome import MISFIT_PROBABILITY
 from relnav.sensors.three_marker.pose import Pose
+from relnav.sensors.three_marker.pose import Root as SeenRoot
 from relnav.sensors.three_marker.sensor import View
 
 WIDENED = 4.0
@@ -107,8 +110,10 @@ def roots(
     used = np.array(result.labels) >= 0
     worst = chi_square_limit(1.0 - MISFIT_PROBABILITY, result.dof) if result.dof > 0 else math.inf
     out, contradicted = [], False
-    for root in result.roots:
-        if root.score - result.roots[0].score > DROP or root.misfit > worst:
+    explained = [_explained(root, spots, used, covariances, mission, result.dof) for root in result.roots]
+    best = min((root.score for root in explained), default=0.0)
+    for root in explained:
+        if root.score - best > DROP or root.misfit > worst:
             continue
         if all(_contradicts(root.pose, dcm, view.attitude_sigma_rad) for dcm in expected):
             contradicted = True
@@ -124,6 +129,30 @@ def roots(
         told = (root.pose, pose.covariance, mission, dcm_chaser_from_lvlh, used, covariances)
         out.append(Root(state, partial(_sensitivities, held, *told)))
     return out, used, contradicted
+
+
+def _explained(
+    root: SeenRoot, spots: Matrix, used: Flags, covariances: Stack | None, mission: VisionMission, dof: int
+) -> SeenRoot:
+    """A root with the misfit of the used spots (n, 2) px that is left where lasting errors explain what they can.
+
+    Of residuals r, slopes H by the pose and G by these errors: r^T (W - W H (H^T W H)^-1 H^T W) r, W = (R + G G^T)^-1.
+    """
+    if dof <= 0 or mission.tolerances is None or not mission.tolerances.considered:
+        return root
+    pose = np.vstack([root.pose.dcm_cam_from_target, root.pose.position_m])
+    expected, _ = image_of(mission.markers.points_m @ pose[:3].T + pose[3], mission.camera)
+    by = spot_jacobians(mission.markers.points_m, pose, mission.camera)
+    h = np.concatenate([by.position, by.attitude], axis=2)[used].reshape(-1, len(SHOWN))
+    g, r = lasting_by_spot(root.pose, mission)[used].reshape(len(h), -1), (spots - expected)[used].ravel()
+    noise = g @ g.T
+    for i, marker in enumerate(np.flatnonzero(used)):
+        own = mission.camera.spot_noise_px**2 * np.eye(2) if covariances is None else covariances[marker]
+        noise[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] += own
+    weighted = np.linalg.solve(noise, np.column_stack([h, r]))
+    right = h.T @ weighted
+    misfit = float(r @ weighted[:, -1] - right[:, -1] @ np.linalg.solve(right[:, :-1], right[:, -1]))
+    return replace(root, misfit=misfit, score=root.score + misfit - root.misfit)
 
 
 def _sensitivities(
@@ -160,6 +189,7 @@ def open_trial(m: PoseMemory, found: list[Root], used: Flags) -> None:
     """Begin a trial on the poses of an image; used: which markers' spots they rest on."""
     for track, sensitivities, root in zip(m.trial, m.trial_sensitivities, found, strict=False):
         write_root(track, sensitivities, root)
+    m.trial_evidence[:] = np.eye(*m.trial_evidence.shape[1:])
     m.clock["trial"], m.clock["agreed"] = min(len(found), MOST_POSES), 0
     m.trial_used_s[:] = np.where(used, m.clock["t"], np.nan)
 
@@ -183,6 +213,7 @@ def add_uncovered(m: PoseMemory, found: list[Root], expected: Matrix) -> None:
             fill(m.bank[k], prior=lead["prior"] + (DROP if less else 0.0), added=t)
             fill(m.clock, running=k + 1, doubted=m.clock["doubted"] if less else t)
             bank.append(root.state)
+            m.bank_evidence[:] = np.eye(*m.bank_evidence.shape[1:])  # the new one knows nothing: compared from now on
 
 
 def twins(m: PoseMemory, mission: VisionMission, dcm_chaser_from_lvlh: Matrix) -> list[Root]:

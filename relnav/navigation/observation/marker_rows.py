@@ -176,6 +176,19 @@ def _write_seen_covariance(ld: Matrix, seen: Matrix) -> None:
             seen[b, a] = total
 
 
+@kernel
+def _add_lasting_covariance(sensitivities: Matrix, seen: Matrix) -> None:
+    """Add what lasting errors of lens and markers have done to position and attitude, (m, 12), to seen (6, 6).
+
+    Turns of chaser or camera turn what is found with the camera's axes: between these and the target all is straight.
+    """
+    for c in range(FOCAL_LENGTH, sensitivities.shape[0]):
+        for a in range(SEEN):
+            first = sensitivities[c, a + 3 * (a // 3)]
+            for b in range(SEEN):
+                seen[a, b] += first * sensitivities[c, b + 3 * (b // 3)]
+
+
 @straight_line(h=_SEES, g=(SEEN,), q=(3,), s=(3,), covariance=(SEEN, SEEN), bend=(SEEN * SEEN,))
 def _write_bend(h: Vector, g: Vector, q: Vector, s: Vector, covariance: Matrix, bend: Vector) -> float:
     """Write B P of a row h, (6, 6) row by row, into bend; returns half of its trace.
@@ -228,10 +241,12 @@ def _add_second_order(
     bends: Matrix,
     noise: Matrix,
     ld: Matrix,
+    sensitivities: Matrix,
 ) -> None:
     """Shift the residuals of groups (k,) by the mean of the second order, and add its covariance to the noise."""
     P, count = scratch["seen_covariance"], groups.shape[0]
     _write_seen_covariance(ld, P)
+    _add_lasting_covariance(sensitivities, P)
     for row in range(2 * count):
         group, k = groups[row // 2], row % 2
         s = points[int(which[row // 2])]
@@ -299,7 +314,16 @@ def observe_markers(
     n = 2 * count
     before = _half_log_determinant(m.noise[:n, :n], m.factor)
     _add_second_order(
-        m.scratch, m.groups[:count], m.points, m.which, m.nearer, m.by_marker, m.bends, m.noise, track["ld"]
+        m.scratch,
+        m.groups[:count],
+        m.points,
+        m.which,
+        m.nearer,
+        m.by_marker,
+        m.bends,
+        m.noise,
+        track["ld"],
+        sensitivities,
     )
     m.scratch["bending"] = 2.0 * max(0.0, _half_log_determinant(m.noise[:n, :n], m.factor) - before)
     for k in range(count):

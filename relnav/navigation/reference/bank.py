@@ -11,6 +11,7 @@ from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.estimation.reference import ReferenceTrack, believed
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.mission import VisionMission
+from relnav.navigation.blocks import MOUNTING
 from relnav.navigation.pose_filter import DROP, JOINED, JOINED_LATE, MARGIN, TELLING_SHARE
 from relnav.navigation.pose_propagation import MEMORY_S
 from relnav.navigation.pose_update import LONE_SHARE, SETTLING_S
@@ -100,17 +101,42 @@ def carried(
         fade * track.doubt,
         track.prior,
         track.added,
+        _faded(track.evidence, fade),
     )
 
 
+def _faded(evidence: tuple[Vector, Matrix] | None, share: float) -> tuple[Vector, Matrix] | None:
+    """A share of what images have told."""
+    if evidence is None:
+        return None
+    mean, covariance = evidence
+    return share * mean, share * covariance + (1.0 - share) * np.eye(len(mean))
+
+
+def _surprise(track: PoseTrack, view: MarkerImage, spread: Matrix, rows: Codes) -> tuple[float, tuple[Vector, Matrix]]:
+    """What rows cost where lasting errors are known by the images before, and what is known of them then."""
+    g, size = view.left[rows], view.left.shape[1]
+    mean, covariance = track.evidence or (np.zeros(size), np.eye(size))
+    s = spread[np.ix_(rows, rows)] - g @ g.T + g @ covariance @ g.T
+    off, gain = view.residual[rows] - g @ mean, np.linalg.solve(s, g @ covariance).T
+    cost = float(off @ np.linalg.solve(s, off) + np.linalg.slogdet(s)[1])
+    return cost, (mean + gain @ off, _symmetric(covariance - gain @ g @ covariance))
+
+
 def corrected(
-    optics: MarkerOptics, limits: Vector, track: PoseTrack, image: Exposure, lead: Corrected | None = None
+    optics: MarkerOptics,
+    limits: Vector,
+    track: PoseTrack,
+    image: Exposure,
+    lead: Corrected | None = None,
+    *,
+    compared: bool = False,
 ) -> Corrected:
     """Take an image in. A rejected spot costs what one at the gate's limit would, an image at most what all of it does.
 
     Of an image of which half the spots or more contradict the hypothesis nothing is used, nor is a lone spot through a
     wide gate. limits (2 n,): chi-square, of degrees of freedom from one on. lead: of the leading one, if that is
-    another.
+    another. compared: with others, in which lasting errors, of more than the chaser's attitude, count once.
     """
     view = optics.observe(track, image.chaser, image.spots, image.covariances, image.attitude_noise)
     count, limit = len(view.which), float(limits[1])
@@ -135,7 +161,11 @@ def corrected(
     after = track
     if used:
         width = _log_determinant(spread, used)
-        cost += nis(used) + width
+        if compared and optics.considered > MOUNTING:
+            told, evidence = _surprise(track, view, spread, _rows(used))
+            cost, track = cost + told, replace(track, evidence=evidence)
+        else:
+            cost += nis(used) + width
         doubt = view.bending + min(1.0, view.bending) * max(0.0, nis(used) - 2.0 * len(used))
         if image.t_s - track.added <= SETTLING_S:
             known = _log_determinant(view.noise, used)
@@ -143,7 +173,9 @@ def corrected(
                 known = max(known, lead.width)
             doubt += max(0.0, width - known)
         after = _taken_in(optics, replace(track, doubt=track.doubt + doubt), view, used, image.chaser)
-    after = replace(after, score=score + min(whole + _log_determinant(spread, every), cost))
+    if len(used) < count:
+        cost = min(whole + _log_determinant(spread, every), cost)
+    after = replace(after, score=score + cost)
     return Corrected(after, view.seen, view.which, view.which[used], whole, share, view.bending, width)
 
 

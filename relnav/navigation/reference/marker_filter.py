@@ -138,8 +138,9 @@ class ReferencePose:
 
         The result is of the leading one. Wide: it may cover poses that it cannot tell apart, or has not led before.
         """
-        every = [corrected(self.optics, self._limits, tracks[0], image)]
-        every += [corrected(self.optics, self._limits, track, image, every[0]) for track in tracks[1:]]
+        several = len(tracks) > 1
+        every = [corrected(self.optics, self._limits, tracks[0], image, compared=several)]
+        every += [corrected(self.optics, self._limits, track, image, every[0], compared=True) for track in tracks[1:]]
         k = min(range(len(every)), key=lambda i: every[i].track.rank)
         lead = every[k]
         self.result.accepted = np.isin(np.arange(len(self._used_s)), lead.used)
@@ -273,6 +274,7 @@ class ReferencePose:
                 less = uncontested and (bool(self.beaten) or unexpected(one) > unexpected(lead))
                 prior = lead.prior + (DROP if less else 0.0)
                 self.bank.append(replace(one, score=lead.score, prior=prior, added=image.t_s))
+                self.bank[:] = [replace(track, evidence=None) for track in self.bank]
 
     def _was_tracked(self, one: PoseTrack) -> bool:
         """Whether one of the start that fell was followed for long enough, and well enough, to be beaten."""

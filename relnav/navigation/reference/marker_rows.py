@@ -19,6 +19,8 @@ from relnav.navigation.reference.motion import IMAGINARY, cross
 
 POSITION, TURN, CHASER, MOUNTING, FOCAL, PLACE = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12), 12, slice(13, 16)
 ERRORS = 16
+BEHIND_TURNS = 6
+"""Of the considered errors."""
 SEEN = np.array([0, 1, 2, 6, 7, 8])
 """Which of the twelve errors of a state (drho, dv, theta, dw) an image sees."""
 SMALL = 1e-5
@@ -40,6 +42,8 @@ class PoseTrack:
     score, doubt, prior, added : float
         Minus twice its log-likelihood; how much of that may be undeserved; what was known against it when it joined
         others; when that was.
+    evidence : (m,), (m, m) or None
+        What images have told of lasting errors, by this hypothesis: mean and covariance; None: nothing.
     """
 
     motion: Vector
@@ -51,6 +55,7 @@ class PoseTrack:
     doubt: float = 0.0
     prior: float = 0.0
     added: float = -np.inf
+    evidence: tuple[Vector, Matrix] | None = None
 
     @property
     def rank(self) -> float:
@@ -213,7 +218,9 @@ class MarkerOptics:
         for i, marker in enumerate(which):
             own = covariances[marker] if len(covariances) else self.spot_noise**2 * np.eye(2)
             noise[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] += np.tril(own) + np.tril(own, -1).T
-        bent = self._second(at, chaser, which, depth, bend) @ at.covariance[np.ix_(SEEN, SEEN)]
+        lasting = at.considered[BEHIND_TURNS:, SEEN]  # turns of chaser and camera leave the view as it is
+        spread = at.covariance[np.ix_(SEEN, SEEN)] + lasting.T @ lasting
+        bent = self._second(at, chaser, which, depth, bend) @ spread
         mean = 0.5 * np.trace(bent, axis1=1, axis2=2)
         curved = noise + 0.5 * np.einsum("iab,jba->ij", bent, bent)
         bending = max(0.0, _log_determinant(curved) - _log_determinant(noise))

@@ -17,7 +17,7 @@ from relnav.navigation.reference.marker_rows import SEEN, MarkerOptics, PoseTrac
 from relnav.navigation.reference.motion import rate_and_gravity
 from relnav.sensors.three_marker.measure import measure
 from relnav.sensors.three_marker.outcome import MISFIT_PROBABILITY
-from relnav.sensors.three_marker.pose import Pose
+from relnav.sensors.three_marker.pose import Pose, Root
 
 
 @dataclass(frozen=True)
@@ -48,14 +48,41 @@ def find_poses(
     used = np.array(result.labels) >= 0
     worst = chi_square_limit(1.0 - MISFIT_PROBABILITY, result.dof) if result.dof > 0 else math.inf
     tracks, contradicted = [], False
-    for root in result.roots:
-        if root.score - result.roots[0].score > DROP or root.misfit > worst:
+    roots = [_explained(optics, mission, image, root, np.flatnonzero(used), result.dof) for root in result.roots]
+    best = min((root.score for root in roots), default=0.0)
+    for root in roots:
+        if root.score - best > DROP or root.misfit > worst:
             continue
         if any(_agrees(root.pose, dcm, view_sigma_rad) for dcm in (mission.view.dcm_cam_from_target, *near)):
             tracks.append(_track_on(optics, mission, image, root.pose, np.flatnonzero(used), believed, view_sigma_rad))
         else:
             contradicted = True
     return Found(tracks, used, contradicted)
+
+
+def _explained(
+    optics: MarkerOptics, mission: VisionMission, image: Exposure, root: Root, used: Codes, dof: int
+) -> Root:
+    """A root with the misfit that pose and lasting errors together leave: r^T (noise + slopes slopes^T)^-1 r."""
+    if dof <= 0 or mission.tolerances is None or not mission.tolerances.considered:
+        return root
+    mount, back = mission.camera.dcm_cam_from_chaser, image.chaser.T
+    place = mount.T @ root.pose.position_m + np.array(mission.camera.position_m)
+    dcm, motion = back @ mount.T @ root.pose.dcm_cam_from_target, np.concatenate([-back @ place, np.zeros(3)])
+    nothing = np.zeros((optics.considered, 12))
+    at = PoseTrack(motion, dcm, np.zeros(3), np.zeros((12, 12)), nothing)
+    expected, slopes = optics.derivatives(at, image.chaser, used)
+    r, g = (image.spots[used] - expected).ravel(), optics.by_lasting(slopes, used)
+    h = slopes[:, :, :6].reshape(len(r), 6)
+    own = np.zeros((len(r), len(r)))
+    for i, marker in enumerate(used):
+        part = slice(2 * i, 2 * i + 2)
+        own[part, part] = image.covariances[marker] if len(image.covariances) else optics.spot_noise**2 * np.eye(2)
+    root_of = np.linalg.inv(np.linalg.cholesky(own + g @ g.T))
+    free, _ = np.linalg.qr(root_of @ h, mode="complete")
+    left = free[:, 6:].T @ root_of @ r
+    misfit = float(left @ left)
+    return replace(root, misfit=misfit, score=root.score + misfit - root.misfit)
 
 
 def _agrees(pose: Pose, dcm: Matrix, sigma_rad: float) -> bool:
