@@ -4,6 +4,7 @@
     python benchmarks/marker_faults.py flat --runs 500
     python benchmarks/marker_faults.py near --runs 100
     python benchmarks/marker_faults.py long --runs 1000
+    python benchmarks/marker_faults.py built --runs 400
     python benchmarks/marker_faults.py healthy --runs 200
 
 Flies what the tests fly a part of, with the same bounds; exit code 1 if one is missed.
@@ -12,11 +13,13 @@ Flies what the tests fly a part of, with the same bounds; exit code 1 if one is 
 import argparse
 import importlib.util
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 import relnav
+from relnav.simulation.as_built import markers_as_built
 from relnav.simulation.marker_flight import simulate_flight
 
 TESTS = Path(__file__).parents[1] / "tests" / "navigation" / "test_pose_honesty.py"
@@ -60,6 +63,13 @@ def long(tests, runs, seed):
     return patterns(tests, tests.FLAT_LONG, tests.FLAT_LONG.duration_s, runs, seed)
 
 
+def built(tests, runs, seed):
+    """The same with spots of 0.03 px and all that is built within its tolerances, which are considered."""
+    mission = relnav.load_model("three_marker_vision_flat", {"spot_noise_px": 0.03})
+    mission = replace(mission, tolerances=replace(mission.tolerances, considered=True))
+    return patterns(tests, tests.FLAT_LONG, tests.FLAT_LONG.duration_s, runs, seed, mission)
+
+
 def healthy(tests, runs, seed):
     """Flights without a fault from 10 m to 4 m in 300 s: how much of them is relied on."""
     mission = relnav.load_model("three_marker_vision")
@@ -73,10 +83,15 @@ def healthy(tests, runs, seed):
     return bool(share.mean() >= 0.95 and wrong.max() <= 3)
 
 
-def patterns(tests, approach, last_s, runs, seed):
-    """Flat patterns: flights that rely on a wrong pose, and shares of epochs; those relied on of the last seconds."""
-    mission = relnav.load_model("three_marker_vision_flat")
-    flown = [tests.flat_flight(mission, approach, seed + run) for run in range(runs)]
+def patterns(tests, approach, last_s, runs, seed, considering=None):
+    """Flat patterns: flights that rely on a wrong pose, and shares of epochs; those relied on of the last seconds.
+
+    considering: a mission that considers its tolerances; every flight then is of another one built within them.
+    """
+    mission = relnav.load_model("three_marker_vision_flat") if considering is None else considering
+    seeds = range(seed, seed + runs)
+    made = [None if considering is None else markers_as_built(mission, each) for each in seeds]
+    flown = [tests.flat_flight(mission, approach, each, built=one) for each, one in zip(seeds, made, strict=True)]
     longest, wrong, relied = (np.array(column) for column in zip(*flown, strict=True))
     lost, bound = np.flatnonzero(longest > 3), max(1, runs // 500)
     share = relied[:, -round(last_s * approach.rate_hz) :].mean()
@@ -86,7 +101,7 @@ def patterns(tests, approach, last_s, runs, seed):
     return len(lost) <= bound
 
 
-KINDS = {"faults": faults, "flat": flat, "near": near, "long": long, "healthy": healthy}
+KINDS = {"faults": faults, "flat": flat, "near": near, "long": long, "built": built, "healthy": healthy}
 
 
 def main() -> int:

@@ -187,7 +187,8 @@ def lines(figures: dict[str, Any], name: str) -> list[str]:
         out.append(figures["attitude_hint"])
     if figures["epochs_with_state"] == 0:
         seen = f" ({figures['epochs_out_of_view']} images had none)" if figures["epochs_out_of_view"] else ""
-        return [*out, f"no start: three markers on one image are needed, with a pose near the expected view{seen}"]
+        needed = "two images in a row must show three markers or more, as one pose near the expected view explains them"
+        return [*out, f"no start: {needed}{seen}; spots that fit no pose: markers exchanged, displaced, more noise?"]
     out.append(f"port from port at the end, target axes: {triple('port_m', digits='.3f')} m")
     out.append(
         f"  1-sigma {triple('sigma_port_m', 1e3)} mm, {triple('sigma_port_velocity_m_s', 1e3)} mm/s, attitude "

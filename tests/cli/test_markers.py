@@ -261,7 +261,7 @@ def test_no_start_is_an_exit_code(folder, tmp_path, capsys):
     """One image starts nothing; why stands in the summary."""
     log = cut(folder, tmp_path / "one.csv", 1)
     assert run(["filter", str(log), "--model", "three_marker_vision", "--out", str(tmp_path / "track.csv")]) == 5
-    assert "no start: three markers on one image are needed" in capsys.readouterr().out
+    assert "no start: two images in a row must show three markers or more" in capsys.readouterr().out
     assert (tmp_path / "track.csv").exists()
 
 

@@ -206,13 +206,13 @@ def healthy_flight(mission, approach, seed):
     return longest(far & relied), relied.mean(), longest(~relied) / approach.rate_hz
 
 
-def flat_flight(mission, approach, seed, unseen=0):
-    """A flight before a flat pattern; unseen: first images without spots.
+def flat_flight(mission, approach, seed, unseen=0, built=None):
+    """A flight before a flat pattern; unseen: first images without spots; built: what it is in truth.
 
     Returns how many epochs in a row a wrong attitude (6 sigma and 1 deg) is relied on, of how many epochs that are, and
     which are relied on.
     """
-    flight = simulate_flight(mission, approach, seed=seed)
+    flight = simulate_flight(mission if built is None else built, approach, seed=seed)
     flight.spots_px[:unseen] = np.nan
     solution = filter_marker_epochs(mission, flight.t_s, flight.spots_px, acceleration_m_s2=flight.acceleration_m_s2)
     wrong = np.zeros(len(solution), dtype=bool)
