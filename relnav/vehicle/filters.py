@@ -29,7 +29,7 @@ from relnav.vehicle.directions import StarTracker, SunSensor
 from relnav.vehicle.drift_sums import score_of
 from relnav.vehicle.drifts import Drifts, watched_drifts
 from relnav.vehicle.estimate import VehicleEstimate
-from relnav.vehicle.flying_sensor import Flown, FlyingSensor
+from relnav.vehicle.flying_sensor import Flown, FlyingSensor, check_sensors
 from relnav.vehicle.gyro import FASTEST_RAD_S, GyroSamples
 from relnav.vehicle.health import Fare
 from relnav.vehicle.layout import TARGET_RATE, layout_of, untold
@@ -110,6 +110,7 @@ class VehicleFilters:
         place = three("position_m", vehicle.start_position_m if position_m is None else position_m)
         speed = three("velocity_m_s", vehicle.hand_over.velocity_m_s if velocity_m_s is None else velocity_m_s)
         more = dict(sensors or {})
+        check_sensors(more)
         for name in more:
             if name in vehicle.sensor or name in RESERVED:
                 raise ValueError(f"sensors: the name '{name}' is taken in {vehicle.name}; call it something else")

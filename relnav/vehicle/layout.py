@@ -24,6 +24,8 @@ MOVING = SLOW_ACCELERATION.stop
 THRUST_SCALE, THRUST_DIRECTION = slice(MOVING, MOVING + 1), slice(MOVING + 1, MOVING + 4)
 DRIVING = THRUST_DIRECTION.stop
 """The moving errors depend on these first ones alone."""
+LIGHTS = "points"
+"""The kind of a lasting error that is where lights are in the target, three errors each."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,7 @@ def layout_of(vehicle: Vehicle, more: Mapping[str, tuple[LastingError, ...]] | N
 
 def lights_of(layout: StateLayout) -> Codes:
     """Where the three errors of each light of any sensor begin, (l,)."""
-    blocks = (b.place for b in layout.blocks if b.name.endswith(".points"))
+    blocks = (b.place for b in layout.blocks if b.name.endswith(f".{LIGHTS}"))
     return np.array([at for place in blocks for at in range(place.start, place.stop, 3)], dtype=np.int64)
 
 
@@ -92,5 +94,5 @@ def _lasting(vehicle: Vehicle, name: str) -> tuple[LastingError, ...]:
         mount,
         LastingError("lever", 3, own.lever_sigma_m, own.lever_role),
         LastingError("focal", 1, own.focal_sigma, own.focal_role),
-        LastingError("points", 3 * len(vehicle.points_m(name)), own.points_sigma_m, own.points_role),
+        LastingError(LIGHTS, 3 * len(vehicle.points_m(name)), own.points_sigma_m, own.points_role),
     )

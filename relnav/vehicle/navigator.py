@@ -60,8 +60,8 @@ class VehicleNavigator:
         Raises
         ------
         ValueError
-            For what is no vehicle, arguments of another shape, a sensor with a name that is taken, or separation where
-            the target's attitude is to be found.
+            For what is no vehicle, arguments of another shape, a sensor with a name that is taken or errors that cannot
+            be, or separation where the target's attitude is to be found.
         """
         self._filters = VehicleFilters(
             vehicle, t_s, position_m, velocity_m_s, sensors, monitor=monitor, separation=separation
@@ -106,7 +106,7 @@ class VehicleNavigator:
         Raises
         ------
         ValueError
-            For another name, shape or time.
+            For another name, shape or time, and for rows of a sensor of your own that do not fit.
         """
         if sensor == GYRO:
             return self._sample(t_s if type(t_s) is float else number("t_s", t_s), value)
