@@ -5,8 +5,8 @@ order of events is that of who asks (`navigator`, `smoother`).
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from math import degrees, inf, isfinite, isnan
-from typing import Any, NamedTuple
+from math import degrees, inf, isfinite, isnan, nextafter
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,7 +24,8 @@ from relnav.vehicle.acquisition import (
     locked_out,
     opened,
 )
-from relnav.vehicle.alarms import AlarmMemory, contradicting
+from relnav.vehicle.alarms import contradicting
+from relnav.vehicle.attitude_jump import Jump, Verdict, jumped
 from relnav.vehicle.directions import StarTracker, SunSensor
 from relnav.vehicle.drift_sums import score_of
 from relnav.vehicle.drifts import Drifts, watched_drifts
@@ -41,7 +42,9 @@ from relnav.vehicle.port import port_state
 from relnav.vehicle.replay import Event
 from relnav.vehicle.separation import hide
 from relnav.vehicle.state import Estimates, start_state
-from relnav.vehicle.trial import Taken, Trial, Verdict
+from relnav.vehicle.tracked import Tracked
+from relnav.vehicle.trial import Taken, Trial
+from relnav.vehicle.trial import Verdict as Tried
 from relnav.vehicle.update import Outcome, Updater
 
 MOST = {GYRO: FASTEST_RAD_S, THRUST: 1e4}
@@ -50,28 +53,6 @@ NOTHING: Matrix = np.zeros((0, 0))
 NO_CODES: Codes = np.zeros(0, dtype=np.int64)
 NOT_USED = Outcome(0.0, 0, 0, 0)
 """Of an image of which nothing is asked."""
-
-
-class Tracked(NamedTuple):
-    """Estimates, how each sensor has fared until then, the search of which they are the best, if it is not over.
-
-    And how many searches there were after a lock-out, the trial of the first image, if it is not over, and the alarms.
-    """
-
-    estimates: Estimates
-    fares: Mapping[str, Fare]
-    search: Search | None = None
-    restarts: int = 0
-    trial: Trial | None = None
-    alarms: AlarmMemory = AlarmMemory()
-
-    def moved(self, move: Callable[[Estimates], Estimates]) -> "Tracked":
-        """The same with all estimates moved."""
-        if self.search is None:
-            trial = None if self.trial is None else self.trial._replace(blind=move(self.trial.blind))
-            return self._replace(estimates=move(self.estimates), trial=trial)
-        search = self.search.moved(move)
-        return self._replace(estimates=search.estimates, search=search)
 
 
 class VehicleFilters:
@@ -89,7 +70,11 @@ class VehicleFilters:
         At hand-over.
     on_outcome : callable or None
         Called with every (event, outcome).
+    follow_jumps : bool
+        Whether a jump of the attitude is a hypothesis (`attitude_jump`).
     """
+
+    follow_jumps = True
 
     def __init__(
         self,
@@ -129,6 +114,7 @@ class VehicleFilters:
         self.sensors: dict[str, PointSensor | StarTracker | SunSensor | Flown]
         self.sensors = {name: self._sensor(name, len(layouts)) for name in vehicle.sensor}
         self.sensors |= {name: Flown(own, name, self.layout) for name, own in more.items()}
+        self._directions = {name for name in vehicle.sensor if vehicle.kind(name) != POINTS}
         self._lights = [name for name in vehicle.sensor if vehicle.kind(name) == POINTS]
         rows = max(sensor.most_rows for sensor in self.sensors.values())
         self.samples = GyroSamples(self.frame.held_rate(vehicle.chaser.dcm_chaser_from_lvlh.T, number("t_s", t_s)))
@@ -199,21 +185,65 @@ class VehicleFilters:
             at = search.estimates
             if search.is_over:
                 search = None
+        after = tracked._replace(estimates=at, search=search, trial=trial)
         if source == THRUST or not outcomes:
-            return Tracked(at, fares, search, tracked.restarts, trial, tracked.alarms), None
+            return self._beside(after, event, None), None
         misplaced = source in self._lights and outcomes[0] is not NOT_USED  # spots, and no light before the lens
         fares = {**fares, source: fares[source].after(event.t_s, outcomes[: self._watched], misplaced=misplaced)}
-        if search is None and source in self._lights and self._is_locked_out(event, outcomes[0].groups, fares):
-            search = self._anew(at, event)
+        after = self._followed(tracked, after._replace(fares=fares), event, outcomes[0])
+        shown = after.search is None and source in self._lights
+        if shown and self._is_locked_out(event, outcomes[0].groups, after.fares):
+            if after.jump is not None and after.jump.is_likely:
+                return self._jumped(after, after.jump, event.t_s), outcomes[0]
+            search, anew = self._anew(at, event), tracked.restarts + 1
             lights = {name: Fare(Sums(event.t_s), *fares[name][1:]) for name in self._lights}
-            fares, anew = {**fares, **lights}, tracked.restarts + 1
-            return Tracked(search.estimates, fares, search, anew, alarms=tracked.alarms), outcomes[0]
-        return Tracked(at, fares, search, tracked.restarts, trial, tracked.alarms), outcomes[0]
+            after = Tracked(search.estimates, {**fares, **lights}, search, anew, alarms=tracked.alarms)
+            return after._replace(jumps=tracked.jumps), outcomes[0]
+        return after, outcomes[0]
 
-    def _tried(self, trial: Trial, event: Event, taken: Taken) -> Verdict:
+    def _followed(self, tracked: Tracked, after: Tracked, event: Event, main: Outcome) -> Tracked:
+        """The same with what an observation makes of a jump of the attitude, or of its own refusal."""
+        t_s, patience_s = event.t_s, self.vehicle.filter.restart_after_s
+        if tracked.jump is None:
+            refused = event.source in self._directions and main.groups > 0 and main.used == 0
+            begun = after.search is None and not after.is_tried and after.estimates.lost is None
+            if not (refused and begun and self.follow_jumps and t_s >= after.settled_s):
+                return after
+            jump = jumped(tracked.estimates, tracked.fares, event.source, t_s, patience_s)
+            return self._beside(after._replace(jump=jump), event, main)
+        after = self._beside(after, event, main)
+        verdict = Verdict.LEFT
+        if after.jump is not None and not after.is_tried:
+            verdict = after.jump.verdict(t_s, event.source, main, patience_s)
+            if verdict is Verdict.BELIEVED:
+                return self._jumped(after, after.jump, t_s)
+        if verdict is Verdict.LEFT:
+            agrees = event.source == tracked.jump.source and main.used > 0
+            return after._replace(jump=None, settled_s=-inf if agrees else t_s + patience_s)
+        return after
+
+    def _jumped(self, after: Tracked, jump: Jump, t_s: float) -> Tracked:
+        """The same with the hypothesis of a jump believed: what was raised against sensors since is over with it."""
+        alarms = after.alarms._replace(holds_from_s=nextafter(t_s, -inf)).noted(t_s, (GYRO, *jump.suspects))
+        trial = None if after.trial is None else Trial(jump.estimates)
+        anew = Tracked(jump.estimates, jump.fares, None, after.restarts, trial, alarms)
+        return anew._replace(jumps=after.jumps + 1)
+
+    def _beside(self, after: Tracked, event: Event, main: Outcome | None) -> Tracked:
+        """The same with an event taken into the hypothesis of a jump too; main: what became of it in the filter."""
+        jump = after.jump
+        if jump is None:
+            return after
+        at, outcomes = self._through(jump.estimates, event)
+        if main is None or not outcomes:
+            return after._replace(jump=jump._replace(estimates=at))
+        fares = {**jump.fares, event.source: jump.fares[event.source].after(event.t_s, outcomes[: self._watched])}
+        return after._replace(jump=jump.after(at, event.source, fares, outcomes[0], main))
+
+    def _tried(self, trial: Trial, event: Event, taken: Taken) -> Tried:
         """What an event makes of a start of which no two images have agreed yet; taken: of its estimates."""
         if event.source not in self._lights:
-            return Verdict(trial.passed(lambda at: self._through(at, event)), taken)
+            return Tried(trial.passed(lambda at: self._through(at, event)), taken)
         blind = self.motion.settled(trial.blind, self.samples, event.t_s)
         return trial.seen(event, taken, blind, lambda at: self._through(at, event))
 
@@ -327,7 +357,7 @@ class VehicleFilters:
             drifts=self.drifts(at),
             final_before_s=final_before_s,
             vehicle=self.vehicle,
-            ambiguous=tracked.search is not None or (tracked.trial is not None and tracked.trial.image is not None),
+            ambiguous=tracked.search is not None or tracked.is_tried,
             explanations=1 if tracked.search is None else len(tracked.search.hypotheses),
             restarts=tracked.restarts,
             without={

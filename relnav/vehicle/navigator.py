@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike
 from relnav.arrays import number, numbers
 from relnav.spacecraft import GYRO, Vehicle
 from relnav.vehicle.estimate import VehicleEstimate
-from relnav.vehicle.filters import Tracked, VehicleFilters, three
+from relnav.vehicle.filters import VehicleFilters, three
 from relnav.vehicle.flying_sensor import FlyingSensor
 from relnav.vehicle.replay import ACCEPTED, REJECTED, REPLAYED, TOO_OLD, Event, Observed, Replay
+from relnav.vehicle.tracked import Tracked
 from relnav.vehicle.update import Outcome
 
 LONGEST_PREDICTION_S = 60.0

@@ -12,7 +12,7 @@ noise alone: so P_s is as honest as P where errors are only considered too. What
 G are those of the identity, so that a considered error stays what it is, and an estimated one is that of the end.
 
 After a lock-out the filter knows nothing of what it knew before: the parts are smoothed apart, and what it says during
-the search is left as it is.
+the search is left as it is. So they are where the attitude jumped (`attitude_jump`): a wrong gyro sample is no noise.
 
 Estimates of all steps would be 50 kB each. So the filter is kept at every CHUNK events, and flown again from there when
 the way back comes to it.
@@ -34,7 +34,7 @@ from relnav.spacecraft import GYRO, Vehicle
 from relnav.vehicle.alarms import AlarmMemory
 from relnav.vehicle.drifts import Drifts
 from relnav.vehicle.estimate import VehicleEstimate
-from relnav.vehicle.filters import Tracked, VehicleFilters, three
+from relnav.vehicle.filters import VehicleFilters, three
 from relnav.vehicle.flying_sensor import FlyingSensor
 from relnav.vehicle.gyro import Sample
 from relnav.vehicle.health import Fare
@@ -42,6 +42,7 @@ from relnav.vehicle.layout import CHASER_ATTITUDE, MOVING, TARGET_ATTITUDE
 from relnav.vehicle.motion import Step
 from relnav.vehicle.replay import Event, check_gap
 from relnav.vehicle.state import Estimates
+from relnav.vehicle.tracked import Tracked
 
 CHUNK = 256
 """Events between two kept states: 12 MB of steps while the way back goes through them."""
@@ -50,7 +51,10 @@ LEAST_PIVOTS = (0.0, 1e-13, 1e-11, 1e-9)
 
 
 class _Told(NamedTuple):
-    """A time that was asked for: what the filter said of sensors, restarts and alarms; all it said during a search."""
+    """A time that was asked for: what the filter said of sensors, restarts and alarms.
+
+    And all it said during a search, or while a jump was a hypothesis.
+    """
 
     t_s: float
     fares: Mapping[str, Fare]
@@ -170,31 +174,50 @@ class VehicleSmoother:
     ) -> tuple[list[_Piece], list[_Told]]:
         """The flight in pieces of CHUNK items, none of a search, and what is told at times that were asked for."""
         filters, begin, before = self._watched, 0, tracked
-        pieces, told = [], list[_Told]()
+        pieces, told, opened = list[_Piece](), list[_Told](), (0, 0, tracked)
         for k, (t_s, event) in enumerate(items):
             found = tracked
             if event is not None:
                 tracked, _ = filters.apply(tracked, event)
             else:
                 tracked = filters.settled(tracked, t_s)
-                said = None if tracked.search is None else filters.estimate(tracked, t_s, math.inf)
-                drifts = filters.drifts(tracked.estimates)
-                told.append(_Told(t_s, tracked.fares, drifts, tracked.restarts, said, tracked.alarms))
+                told.append(self._told(tracked, t_s))
+            if found.jump is None and tracked.jump is not None:
+                opened = k, len(told), found
+            elif tracked.jumps > found.jumps:  # since it was opened the filter was wrong
+                while pieces and pieces[-1].end > opened[0]:
+                    begin, _, before, _ = pieces.pop()
+                pieces.append(_Piece(begin, opened[0], _first(before), _first(opened[2]).estimates))
+                begin, before = k + 1, tracked
+            elif found.jump is not None and tracked.jump is None:
+                told[opened[1] :] = [one._replace(searching=None) for one in told[opened[1] :]]
             if found.search is None and tracked.search is not None:  # what this event is a part of is no longer tracked
                 pieces.append(_Piece(begin, k, _first(before), _first(found).estimates))
             elif tracked.search is None and (found.search is not None or k + 1 - begin == CHUNK):
                 if found.search is None:
                     pieces.append(_Piece(begin, k + 1, _first(before), None))
                 begin, before = k + 1, tracked
+        if tracked.jump is not None:
+            told[opened[1] :] = [one._replace(searching=None) for one in told[opened[1] :]]
         if tracked.search is None:
             pieces.append(_Piece(begin, len(items), _first(before), _first(tracked).estimates))
         return pieces, told
+
+    def _told(self, tracked: Tracked, t_s: float) -> _Told:
+        """What is said at a time that was asked for, if a jump is a hypothesis as if it were believed."""
+        filters, at, said = self._watched, tracked, None
+        if tracked.jump is not None:
+            at = Tracked(tracked.jump.estimates, tracked.jump.fares, None, tracked.restarts, None, tracked.alarms)
+        if tracked.search is not None or tracked.jump is not None:
+            said = filters.estimate(at, t_s, math.inf)
+        drifts = filters.drifts(tracked.estimates)
+        return _Told(t_s, tracked.fares, drifts, tracked.restarts, said, tracked.alarms)
 
     def _again(self, tracked: Tracked, items: Sequence[tuple[float, Event | None]]) -> tuple[list[Step], list[int]]:
         """The steps of some items, flown again, and after how many of them each time that was asked for stands."""
         filters, marks = self._alone, list[int]()
         steps: list[Step] = []
-        filters.motion.on_step = steps.append
+        filters.motion.on_step, filters.follow_jumps = steps.append, False
         try:
             for t_s, event in items:
                 if event is not None:
@@ -203,7 +226,7 @@ class VehicleSmoother:
                     tracked = filters.settled(tracked, t_s)
                     marks.append(len(steps))
         finally:
-            filters.motion.on_step = None
+            filters.motion.on_step, filters.follow_jumps = None, True
         return steps, marks
 
     def _estimate(self, at: Estimates, told: _Told) -> VehicleEstimate:
@@ -212,8 +235,8 @@ class VehicleSmoother:
 
 
 def _first(tracked: Tracked) -> Tracked:
-    """The same of the first filter alone."""
-    return tracked._replace(estimates=tracked.estimates.alone(0))
+    """The same of the first filter alone, which no hypothesis of a jump has touched."""
+    return tracked._replace(estimates=tracked.estimates.alone(0), jump=None)
 
 
 @entry
