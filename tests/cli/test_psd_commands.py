@@ -58,6 +58,35 @@ def test_too_few_points_are_told_and_a_grid_recommended(run, grid_of):
     assert "recommended: a grid of" in text
 
 
+def test_no_probability_beside_holes(run, grid_of):
+    """Five scan lines of 17 points leave no row of cells empty, three do: only the first are given a probability."""
+    path = grid_of(17)
+    head, *points = path.read_text().splitlines()
+    for scans, holes in ((range(0, 17, 4), False), ((0, 8, 16), True)):
+        path.write_text("\n".join([head, *(point for k in scans for point in points[17 * k : 17 * k + 17])]))
+        code, text, _ = run("calibrate", "psd", path, "--target", "100")
+        assert code == 0
+        assert ("HOLES: 10 of 25 cells of that box hold no point; measure there too." in text) == holes
+        assert ("an axis is within with" in text) != holes
+        assert ("100 um wanted  NOT met\n" in text) == holes
+        assert ("\nrecommended: a grid of" in text) == holes
+        assert ("\nenough: a grid of" in text) != holes
+
+
+def test_what_leaves_the_distortion_open_writes_nothing(run, grid_of, tmp_path):
+    """Points of one diagonal band: refused with the reason."""
+    path, out = grid_of(15), tmp_path / "c.toml"
+    rng = np.random.default_rng(3)
+    along = rng.uniform(-3600.0, 3600.0, 40)
+    true = np.stack([along, along + 20.0 * rng.normal(size=40)], axis=1)
+    rows = np.column_stack([true, true + 20.0 * rng.normal(size=true.shape)])
+    np.savetxt(path, rows, "%.4f", ",", header="true_x_um,true_y_um,spot_x_um,spot_y_um", comments="")
+    code, _, error = run("calibrate", "psd", path, "--out", out)
+    assert code == 3
+    assert "the points do not tell the distortion there; add points there" in error
+    assert not out.exists()
+
+
 @pytest.mark.parametrize("shift_um", [500.0, 30_000.0])
 def test_an_outlier_is_left_out(run, grid_of, tmp_path, shift_um):
     """A bad spot of 81, gross or not so gross: named with its line, and what is left is as without it."""

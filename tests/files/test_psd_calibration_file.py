@@ -81,6 +81,12 @@ def test_a_model_that_names_something_else(write_model, text, message):
         ("correction_x_um = [", "correction_x_um = [nan, ", r"a finite number is expected; got \[nan, .{70} \.\.\.$"),
         ("points = 100", "", "'points' is missing"),
         ("residual_sigma_um = ", "residual_sigma_um = -", "residual_sigma_um: .*greater than or equal to 0"),
+        ("correction_y_um = [", "correction_y_um = [0.0, 4e3] #", "correction_y_m has 15 coefficients .* got 2"),
+        (
+            "correction_x_um = [",
+            None,
+            r"calibration: the correction diverges at \(.*\) mm: it changes by 3.88e\+03 times",
+        ),
         ("[calibration]", "[correction]", r"a section \[calibration\] is expected, as `relnav calibrate psd` writes"),
     ],
 )
@@ -88,7 +94,12 @@ def test_a_file_that_is_wrong(report, tmp_path, old, new, message):
     assert report.calibration.order == 4
     path = tmp_path / "c.toml"
     write_calibration(report, path, "grid.csv")
-    path.write_text(path.read_text().replace(old, new))
+    text = path.read_text()
+    if new is None:  # the last coefficient is that of v^4: three metres of it
+        at = text.index(old)
+        end = text.index("]", at)
+        text = text[: text.rindex(",", at, end)] + ", 3e6" + text[end:]
+    path.write_text(text.replace(old, old if new is None else new))
     with pytest.raises(relnav.ModelError, match=message):
         read_calibration(path)
 

@@ -93,6 +93,7 @@ def summary(report: "CalibrationReport") -> dict[str, Any]:
                 "prediction_um": fit.prediction_m * 1e6,
                 "fit_noise_um": fit.fit_noise_m * 1e6,
                 "figure_um": fit.figure_m * 1e6,
+                "apart_um": fit.apart_m * 1e6,
             }
             for fit in report.orders
         ],
@@ -121,17 +122,18 @@ def lines(report: "CalibrationReport") -> list[str]:
         f"{report.raw_max_m * 1e6:.0f} um, rms {report.raw_rms_m * 1e6:.0f} um",
         "offset, scale, shear, pin-cushion and tilt, and a smooth figure of length "
         f"{length[0] * 1e3:.1f} to {length[1] * 1e3:.1f} mm (68 %)",
-        "order  terms  in use  left-out point  fit noise  figure beyond   (1-sigma, um, each axis)",
+        "order  terms  in use  left-out point  fit noise  figure beyond  from the last   (1-sigma, um, each axis)",
     ]
     for fit in report.orders:
-        mark = "  <- least" if fit is chosen else ""
+        mark = "  <- taken" if fit is chosen else ""
         out.append(
             f"{fit.order:5}  {fit.terms:5}  {fit.in_use:6.1f}  {fit.prediction_m * 1e6:14.2f}"
-            f"  {fit.fit_noise_m * 1e6:9.2f}  {fit.figure_m * 1e6:13.2f}{mark}"
+            f"  {fit.fit_noise_m * 1e6:9.2f}  {fit.figure_m * 1e6:13.2f}  {fit.apart_m * 1e6:13.2f}{mark}"
         )
     out.append(
         f"left by the correction, 3-sigma: {report.reached_m * 1e6:.1f} um of {report.target_m * 1e6:g} um wanted"
-        f"  {'met' if report.met else 'NOT met'}; an axis is within with {_percent(report.chance)}"
+        f"  {'met' if report.met else 'NOT met'}"
+        + ("" if report.empty_cells else f"; an axis is within with {_percent(report.chance)}")
     )
     box = (
         f"valid within {c.half_width_m[0] * 1e3:.2f} x {c.half_width_m[1] * 1e3:.2f} mm of "
@@ -148,7 +150,10 @@ def lines(report: "CalibrationReport") -> list[str]:
             "the others put it; measure it again, or leave it out"
         )
     if report.empty_cells:
-        out.append(f"HOLES: {report.empty_cells} of 25 cells of that box hold no point; measure there too")
+        out.append(
+            f"HOLES: {report.empty_cells} of 25 cells of that box hold no point; measure there too. Without, more may "
+            "be left than is said above, and no probability is given"
+        )
     out.append(_advice(report))
     return out
 
@@ -165,7 +170,7 @@ def _advice(report: "CalibrationReport") -> str:
             f"{finest.order} leaves {3e6 * finest.figure_m:.1f} um (3-sigma) of the figure with whatever grid: "
             "calibrate a smaller area, or with less noise"
         )
-    have = "enough" if side * side <= report.calibration.points else "recommended"
+    have = "enough" if side * side <= report.calibration.points and not report.empty_cells else "recommended"
     return (
         f"{have}: a grid of {side} x {side} (every {width / (side - 1):.2f} mm) keeps an axis within {target} with "
         f"{100.0 * SURE:g} % at this noise"

@@ -2,8 +2,10 @@
 
 The distortion is fitted where the spots are known to be: optics freely, a smooth figure as is likely after the points
 (`smooth_figure`). Of all total orders the one is taken that predicts points best which were left out; that costs
-nothing extra: the error is e_i / (1 - h_i), h_i the leverage (Allen 1974). The correction is the distortion's inverse.
-What it leaves has two parts: the noise of the terms in use, and the figure beyond the order.
+nothing extra: the error is e_i / (1 - h_i), h_i the leverage (Allen 1974). Left-out points do not see corners that hold
+none: an order that is further from the highest one, over the whole box, than either says it leaves is not taken. The
+correction is the distortion's inverse (`inverse`). What it leaves has three parts: the noise of the terms in use, the
+figure beyond the order, and what is wrong with the inverse.
 """
 
 import math
@@ -14,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, numbers
 from relnav.sensors.three_beacon.calibration import Calibration, exponents, powers
+from relnav.sensors.three_beacon.inverse import invert
 from relnav.sensors.three_beacon.smooth_figure import (
     LENGTHS,
     OPTICS_ORDER,
@@ -36,9 +39,6 @@ LARGEST_SIDE = 64
 """Of a grid that is recommended."""
 LARGEST_ERROR = 0.5
 """Of the grid's half width, rms: beyond it, axes or units are not what they are said to be."""
-INVERSE_SHARE = 0.02
-"""Of the residual that the inverse may be wrong by: its order is raised until it is."""
-HIGHEST_INVERSE_ORDER = 16
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class OrderFit:
     """One order: terms an axis, how many of them are in use, and what it does; 1-sigma of each axis, m.
 
     `prediction_m` is the error of predicted left-out points, their noise included; `fit_noise_m` what is wrong with the
-    terms in use; `figure_m` what is beyond them.
+    terms in use; `figure_m` what is beyond them; `apart_m` the rms difference from the highest order over the box.
     """
 
     order: int
@@ -55,6 +55,12 @@ class OrderFit:
     prediction_m: float
     fit_noise_m: float
     figure_m: float
+    apart_m: float
+
+    @property
+    def left_m(self) -> float:
+        """What the order says it leaves."""
+        return math.hypot(self.fit_noise_m, self.figure_m)
 
 
 @dataclass(frozen=True)
@@ -68,7 +74,8 @@ class CalibrationReport:
     orders : tuple of OrderFit
         Every order tried.
     chosen : OrderFit
-        The one that predicts left-out points best. The correction is its inverse, of an order somewhat higher.
+        The one that predicts left-out points best, of those that agree with the highest. The correction is its
+        inverse, of an order somewhat higher.
     figures : tuple of Figures
         That the points may come from.
     estimator : Estimator
@@ -122,7 +129,7 @@ class CalibrationReport:
     @property
     def chance(self) -> float:
         """Probability that an axis is within the target."""
-        return self.estimator.chance(self.target_m)
+        return self.estimator.chance(self.target_m * self.estimator.residual_m / self.calibration.residual_sigma_m)
 
     @property
     def met(self) -> bool:
@@ -170,7 +177,8 @@ def calibrate(
     ------
     ValueError
         For arrays of other shapes, fewer than twelve usable points, points on one line or measured off the detector,
-        or measured positions that are the known ones, or have nothing to do with them.
+        measured positions that are the known ones, or have nothing to do with them, or points that leave the
+        distortion open somewhere in their box.
     """
     true_m, measured_m = numbers("true_m", true_m), numbers("measured_m", measured_m)
     if true_m.ndim != 2 or true_m.shape[1] != 2 or true_m.shape != measured_m.shape:
@@ -186,21 +194,29 @@ def calibrate(
     _check_errors(true_m, measured_m, error, float(box.half_m.max()), detector_size_m)
     figures = likely_figures(box, u, error, highest_order)
     fits = _fit_orders(box, u, error, highest_order, figures)
-    chosen = min(fits, key=lambda fit: fit.prediction_m)
+    chosen = _chosen(fits)
     estimator = Estimator(box, u, chosen.order, figures, error)
-    order, solution = _inverse(box, seen, estimator, error)
+    fitted, raw_max_m = estimator.coefficients(error), float(np.abs(error).max())
+    inverse = invert(
+        lambda true: legendre(box.scaled(true), chosen.order) @ fitted,
+        box,
+        seen,
+        chosen.order,
+        estimator.residual_m,
+        raw_max_m,
+    )
     beside = np.hypot(*_beside_others(estimator, error, 0.5).T)
     worst = int(np.argmax(beside))
     cells = np.minimum((0.5 * (u + 1.0) * 5.0).astype(int), 4)
     return CalibrationReport(
         calibration=Calibration(
-            order=order,
+            order=inverse.order,
             center_m=(float(seen.center_m[0]), float(seen.center_m[1])),
             half_width_m=(float(seen.half_m[0]), float(seen.half_m[1])),
-            correction_x_m=tuple(solution[:, 0].tolist()),
-            correction_y_m=tuple(solution[:, 1].tolist()),
-            residual_sigma_m=estimator.residual_m,
-            rim_slope=_rim_slope(solution, order, seen.half_m),
+            correction_x_m=tuple(inverse.coefficients[:, 0].tolist()),
+            correction_y_m=tuple(inverse.coefficients[:, 1].tolist()),
+            residual_sigma_m=math.hypot(estimator.residual_m, inverse.wrong_m),
+            rim_slope=_rim_slope(inverse.coefficients, inverse.order, seen.half_m),
             points=len(u),
             noise_sigma_m=math.sqrt(sum(float(some.weight @ some.noise_m**2) for some in figures)),
         ),
@@ -209,7 +225,7 @@ def calibrate(
         figures=figures,
         estimator=estimator,
         box=box,
-        raw_max_m=float(np.abs(error).max()),
+        raw_max_m=raw_max_m,
         raw_rms_m=float(np.sqrt(np.mean(error**2))),
         outlier_m=(float(true_m[worst, 0]), float(true_m[worst, 1])),
         outlier_sigma=float(beside[worst] / np.median(beside) * math.sqrt(2.0 * math.log(2.0))),
@@ -283,31 +299,31 @@ def _beside_others(estimator: Estimator, error: Matrix, power: float = 1.0) -> M
 def _fit_orders(box: Box, u: Matrix, error: Matrix, highest: int, figures: tuple[Figures, ...]) -> list[OrderFit]:
     """Every order, with the same figures."""
     fits = []
+    finest = Estimator(box, u, highest, figures, error).coefficients(error)
     for order in range(OPTICS_ORDER, highest + 1):
         estimator = Estimator(box, u, order, figures, error)
+        apart = finest.copy()
+        apart[: estimator.terms.shape[1]] -= estimator.coefficients(error)  # of orthonormal products: mean squares
         left, in_use = _beside_others(estimator, error), 0.5 * float(estimator.leverage().sum())
         prediction = float(np.sqrt(np.mean(left**2)))
         fits.append(
-            OrderFit(order, len(exponents(order)), in_use, prediction, estimator.fit_noise_m, estimator.missed_m)
+            OrderFit(
+                order,
+                len(exponents(order)),
+                in_use,
+                prediction,
+                estimator.fit_noise_m,
+                estimator.missed_m,
+                math.sqrt(0.5 * float((apart**2).sum())),
+            )
         )
     return fits
 
 
-def _inverse(box: Box, seen: Box, estimator: Estimator, error: Matrix) -> tuple[int, Matrix]:
-    """The correction as a polynomial of the measured position, in half-widths of its box: order, coefficients (p, 2).
-
-    Fitted to a fine grid of true positions and where they are measured.
-    """
-    true = box.grid(3 * HIGHEST_INVERSE_ORDER)
-    error = legendre(box.scaled(true), estimator.order) @ estimator.coefficients(error)
-    v = seen.scaled(true + error)
-    for order in range(estimator.order, HIGHEST_INVERSE_ORDER + 1):
-        terms = powers(v, order)
-        solution: Matrix = np.asarray(-np.linalg.lstsq(terms, error)[0], dtype=np.float64)
-        wrong = float(np.sqrt(np.mean((terms @ solution + error) ** 2)))
-        if wrong < INVERSE_SHARE * estimator.residual_m:
-            break
-    return order, solution
+def _chosen(fits: list[OrderFit]) -> OrderFit:
+    """The least error of left-out points, of the orders that agree with the highest one."""
+    agree = [fit for fit in fits if fit.apart_m <= min(fit.left_m, fits[-1].left_m)]
+    return min(agree, key=lambda fit: fit.prediction_m)
 
 
 def _rim_slope(solution: Matrix, order: int, half: Matrix) -> float:

@@ -23,6 +23,10 @@ NonNegative = Annotated[float, Ge(0.0)]
 
 NO_DETECTOR_M = 1e3
 """Spots so far out, and infinite ones, are left alone."""
+STEEPEST = 1.0
+"""Slope of a correction, at which two spots are taken for one: a detector's is a tenth or so."""
+SLOPE_CELLS = 64
+"""Of the box along an axis, in which the slope is looked at: four for each of the sixteen orders of a correction."""
 MOST_STEPS = 50
 """Of the inverse; each leaves of the error the correction's slope, a tenth or so."""
 
@@ -115,6 +119,30 @@ class Calibration:
                 raise ValueError(
                     f"{name} has {terms} coefficients for order {self.order}; got {len(getattr(self, name))}"
                 )
+        slope, (x, y) = self._steepest()
+        if not slope < STEEPEST:
+            raise ValueError(
+                f"the correction diverges at ({x * 1e3:.2f}, {y * 1e3:.2f}) mm: it changes by {slope:.3g} times the "
+                f"way of the spot there, and less than {STEEPEST:g} is expected; calibrate again, with points there"
+            )
+
+    def _steepest(self) -> tuple[float, tuple[float, float]]:
+        """The largest change of the correction over a cell's side, per m, and where, m; infinity if it overflows."""
+        line = np.linspace(-1.0, 1.0, SLOPE_CELLS + 1)
+        i, j = exponent_arrays(self.order)
+        table = np.zeros((self.order + 1, self.order + 1, 2))
+        table[i, j] = np.stack([self.correction_x_m, self.correction_y_m], axis=-1)
+        with np.errstate(over="ignore", invalid="ignore"):
+            field = np.polynomial.polynomial.polygrid2d(line, line, table)  # (2, u, v)
+            along = [
+                np.sqrt((np.diff(field, axis=1 + axis) ** 2).sum(axis=0)) / (half * (line[1] - line[0]))
+                for axis, half in enumerate(self.half_width_m)
+            ]
+        slopes = np.maximum(along[0][:, :-1], along[1][:-1])
+        slopes[~np.isfinite(slopes)] = math.inf
+        worst = np.unravel_index(np.argmax(slopes), slopes.shape)
+        at = np.array(self.center_m) + np.array(self.half_width_m) * line[list(worst)]
+        return float(slopes[worst]), (float(at[0]), float(at[1]))
 
     @cached_property
     def _table(self) -> Matrix:
