@@ -1,6 +1,8 @@
 """The error budget of a three-beacon design, by range: what each imperfection costs one fix and the settled filter.
 
-Spot noise is new in every image; everything else lasts, and no filter averages it. Lines in brackets are what would
+Spot noise is new in every image; everything else lasts, and no filter averages it. The attitude is an error of the
+settled `spots` filter, which takes it as given; a fix tells it from its own spots. What it has of noise (`noise_deg`)
+is not in the budget. Lines in brackets are what would
 come on top, or instead, if something were done otherwise: they are not in the total.
 """
 
@@ -177,6 +179,7 @@ def _lasting(model: Model, at: Sensitivity) -> list[tuple[str, bool, Matrix]]:
         ("beacon placement", True, unseen * at.by_beacons * t.beacon_placement_sigma_m),
         ("beacon mounting", True, unseen * (at.by_beacons @ turn) * t.beacon_mounting_sigma_rad),
         ("camera mounting", True, unseen * at.by_camera_turn * t.camera_mounting_sigma_rad),
+        ("chaser attitude", True, unseen * at.by_camera_turn * model.attitude.sigma_rad),
         ("slots taken as simultaneous", False, unseen * _slot_errors(model, at)),
     ]
 
@@ -233,6 +236,9 @@ def _table(budget: Budget) -> list[str]:
             out.append(_row("total", [place.total(which)[k] * scale for place in budget.places]))
             if which == "settled":
                 out.append(_row("spot noise alone, closed form", [place.bound[k] * scale for place in budget.places]))
+    out.append(
+        "chaser attitude: settled `spots` take it as given; one fix does not, nor does a settled filter of fixes"
+    )
     return out + _field_lines(budget)
 
 

@@ -156,6 +156,10 @@ def test_budget_with_a_change(run, tmp_path):
     assert got["field"][0]["triangle_m"] == pytest.approx(6.0, rel=1e-5)
     assert got["before"]["field"][0]["triangle_m"] == pytest.approx(3.75, rel=1e-5)
     assert {line["name"] for line in got["places"][0]["lines"]} >= {"spot noise", "focal length", "beacon placement"}
+    names = {line["name"]: line["counts"] for line in got["places"][0]["lines"]}
+    assert names["chaser attitude"]
+    assert "\n  chaser attitude  " in text
+    assert "chaser attitude: settled `spots` take it as given; one fix does not" in text
     assert picture.read_bytes()[:4] == b"\x89PNG"
 
 
