@@ -16,6 +16,8 @@ from relnav.files.wording import printable, shown
 
 LONGEST_LINE = 1_000_000
 MOST_COLUMNS = 2_000
+GZIP = b"\x1f\x8b"
+"""What a file compressed with gzip begins with (RFC 1952)."""
 MOST_HEAD_LINES = 10_000
 MOST_EMPTY_LINES = 100_000
 MOST_ROWS = 1_000_000
@@ -225,6 +227,8 @@ def _decoded(line: bytes, path: Path, number: int) -> str:
     try:
         return line.decode()
     except UnicodeDecodeError as error:
+        if number == 1 and line.startswith(GZIP):
+            raise LogError(f"{path}: compressed with gzip; a CSV is expected: unpack it first (gunzip)") from error
         encoding = "UTF-16? save it as UTF-8" if line[:2] in (b"\xff\xfe", b"\xfe\xff") else "a CSV is expected"
         raise LogError(f"{path}: not a text file in UTF-8 (after line {number - 1}); {encoding}") from error
 

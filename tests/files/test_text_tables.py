@@ -1,5 +1,6 @@
 """One reader for every table: the same encodings, limits and sentences for logs, grids, frames, orbits and joins."""
 
+import gzip
 import os
 import re
 import threading
@@ -71,6 +72,13 @@ def test_latin_1(table):
     assert table(lambda head, row: f"# für\n{head}\n{row.format(0)}\n".encode("latin-1")).startswith(
         ": not a text file in UTF-8"
     )
+
+
+def test_compressed(table):
+    """In one line, and with a byte that is a line's end in its header (its time of 10 s)."""
+    for mtime in (0, 10):
+        said = table(lambda head, row, t=mtime: gzip.compress(f"{head}\n{row.format(0)}\n".encode(), mtime=t))
+        assert said == ": compressed with gzip; a CSV is expected: unpack it first (gunzip)"
 
 
 def test_utf_16(table):
