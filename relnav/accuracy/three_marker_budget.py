@@ -15,6 +15,9 @@ from relnav.sensors.three_marker.pose import Pose, explaining_poses, rank_roots,
 from relnav.sensors.three_marker.sensor import ThreeMarkerModel
 
 RANGES_M = (0.8, 1.5, 3.0, 7.0, 15.0, 30.0)
+LINEAR_RAD = math.radians(1.5)
+"""Sigma of the tilt up to which the range's holds to a tenth. To first order it is R theta / 2 on a flat triangle of
+radius R; r theta^2 / 2 comes on top. At 1.5 deg that is half of it for the shipped one, and adds a tenth."""
 _SEARCH_M = (0.02, 1000.0)
 _SEARCH_STEPS = 4000
 _EXPLAINED = 9.0  # chi-square: a pose of four markers or more that misfits by less cannot be told from the true one
@@ -43,6 +46,11 @@ class BudgetRow:
     lateral_sigma_m: float
     root_gap_rad: float
 
+    @property
+    def linear(self) -> bool:
+        """Whether the tilt is small enough for figures of the first order; False where there are none."""
+        return self.tilt_sigma_rad <= LINEAR_RAD
+
 
 @dataclass(frozen=True)
 class MarkerBudget:
@@ -68,7 +76,8 @@ class MarkerBudget:
     def lines(self) -> list[str]:
         """The budget for a reader."""
         lines = [
-            f"model {self.model}: one image, straight ahead, nominal attitude, 1-sigma",
+            f"model {self.model}: one image, straight ahead, nominal attitude, 1-sigma of spot noise alone",
+            "not in it: tolerances of lens, mounting and markers, and the chaser's attitude; a filter considers them",
             f"{'range m':>8}{'tilt deg':>11}{'roll deg':>11}{'range mm':>11}{'lateral mm':>12}{'next root deg':>15}",
         ]
         for row in self.rows:
@@ -77,9 +86,15 @@ class MarkerBudget:
             if math.isnan(row.tilt_sigma_rad):
                 lines.append(f"{row.range_m:>8g}  not all markers are on the image, or they fix no pose")
                 continue
+            mark = "" if row.linear else "  *"
             lines.append(
                 f"{row.range_m:>8g}{angles[0]:>11.3g}{angles[1]:>11.3g}{1e3 * row.range_sigma_m:>11.3g}"
-                f"{1e3 * row.lateral_sigma_m:>12.3g}{gap:>15}"
+                f"{1e3 * row.lateral_sigma_m:>12.3g}{gap:>15}{mark}"
+            )
+        if any(row.tilt_sigma_rad > LINEAR_RAD for row in self.rows):
+            limit = math.degrees(LINEAR_RAD)
+            lines.append(
+                f"* the tilt's sigma is above {limit:g} deg: not linear in the spots, tilt and range are worse"
             )
         danger = ", ".join(f"{value:.3g} m" for value in self.danger_ranges_m) or "none"
         lines.append(f"ranges at which the markers fix no pose (danger cylinder): {danger}")
@@ -90,7 +105,7 @@ class MarkerBudget:
         """The budget as plain values."""
         return {
             "model": self.model,
-            "rows": [vars(row) for row in self.rows],
+            "rows": [vars(row) | {"linear": row.linear} for row in self.rows],
             "danger_ranges_m": list(self.danger_ranges_m),
             "field_exit_m": self.field_exit_m,
         }

@@ -166,6 +166,36 @@ def test_budget_is_what_trials_find(raised):
     assert 0.6 * total < trials.attitude_rms_rad < 1.15 * total
 
 
+def nominal_ranges(model, range_m, count=1500):
+    """Ranges (n,) of the first pose of images of the nominal view: a pinhole that shares nothing with the package."""
+    rng, camera = np.random.default_rng(4), model.camera
+    turn = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
+    rays = (np.array(model.markers.positions_m) - [range_m, 0.0, 0.0]) @ turn.T
+    clean = rays[:, :2] / rays[:, 2:] * camera.focal_length_px + np.array(camera.principal_point_px)
+    out = []
+    for _ in range(count):
+        got = relnav.three_marker.measure(clean + camera.spot_noise_px * rng.normal(size=clean.shape), model)
+        if got.roots:
+            out.append(got.roots[0].pose.position_m[2])
+    return np.array(out)
+
+
+@pytest.mark.parametrize(
+    ("layout", "range_m", "linear"), [("flat", 3.0, True), ("flat", 7.0, False), ("raised", 30.0, True)]
+)
+def test_budget_says_where_it_is_not_linear(request, layout, range_m, linear):
+    """Range sigma by Monte Carlo over the budget's: within a tenth where it is linear, else a fifth more or worse."""
+    model = request.getfixturevalue(layout)
+    report = budget(model, (range_m,))
+    (entry,) = report.rows
+    assert entry.linear == linear
+    assert report.to_dict()["rows"][0]["linear"] == linear
+    ratio = math.sqrt(np.mean((nominal_ranges(model, range_m) - range_m) ** 2)) / entry.range_sigma_m
+    assert (0.9 < ratio < 1.1) if linear else ratio > 1.2
+    marked = [text for text in report.lines() if "*" in text]
+    assert len(marked) == (0 if linear else 2)
+
+
 @pytest.mark.parametrize(("h", "z_a", "z_b"), [(0.3, 0.3, -0.15), (0.15, 0.3, -0.15), (0.05, 0.3, -0.15)])
 def test_danger_range_of_a_raised_vertex(raised, h, z_a, z_b):
     """At r = h + z_a (z_a - z_b) / h: 0.75, 1.05 and 2.75 m."""
@@ -199,6 +229,8 @@ def test_field_exit_of_a_raised_tip(raised):
 def test_budget_for_a_reader(raised, flat):
     lines = budget(raised).lines()
     assert "three_marker_vision" in lines[0]
+    assert "spot noise alone" in lines[0]
+    assert lines[1].startswith("not in it: tolerances of lens, mounting and markers, and the chaser's attitude")
     assert any(line.split()[0] == "15" and "0.285" in line for line in lines)
     assert any("danger cylinder" in line and "none" in line for line in lines)
     assert any(line.startswith("a marker leaves the image below 0.824 m") for line in lines)
