@@ -11,6 +11,8 @@ from relnav.files.logs import read_csv
 from relnav.files.units import UNITS, split_unit
 from relnav.files.wording import listed
 
+SAME_M = 1e-8
+"""Coordinates closer than this are of one row or column: a stage repeats to tens of nanometres at best."""
 COLUMNS = ("true_x", "true_y", "spot_x", "spot_y")
 
 
@@ -35,7 +37,23 @@ def read_grid(path: Path) -> tuple[Matrix, Matrix, list[int]]:
         raise LogError(
             f"{path}:{int(lines[row])}: column '{name}' is empty or no finite number; only a spot may be missing"
         )
-    return values[:, :2], values[:, 2:], [int(line) for line in lines]
+    true, measured = values[:, :2], values[:, 2:]
+    if _on_lattice(measured) and not _on_lattice(true):
+        raise LogError(
+            f"{path}: the spots lie on a lattice of rows and columns and the known positions do not: columns 'true' "
+            "and 'spot' are exchanged; true_x, true_y are where the spots were put"
+        )
+    return true, measured, [int(line) for line in lines]
+
+
+def _on_lattice(points: Matrix) -> bool:
+    """Whether the points (n, 2) with finite coordinates fill the crossings of few rows and columns.
+
+    At least two of three crossings hold a point: measured spots are all in rows and columns of their own.
+    """
+    seen = points[np.isfinite(points).all(axis=1)]
+    rows, columns = (len(np.unique(np.round(seen[:, axis] / SAME_M))) for axis in range(2))
+    return 2 * rows * columns <= 3 * len(seen)
 
 
 def _parse(names: list[str], where: str) -> Columns:

@@ -58,6 +58,19 @@ def test_too_few_points_are_told_and_a_grid_recommended(run, grid_of):
     assert "recommended: a grid of" in text
 
 
+@pytest.mark.parametrize(("scale", "said"), [(1.0, False), (1.07, False), (1.3, True), (0.7, True)])
+def test_a_gain_far_from_one_is_said(run, grid_of, tmp_path, scale, said):
+    path, figures = grid_of(9), tmp_path / "figures.json"
+    head, *rows = path.read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    path.write_text("\n".join([head, *(f"{x},{y},{float(u) * scale},{v}" for x, y, u, v in cells)]))
+    code, text, _ = run("calibrate", "psd", path, "--json", figures)
+    assert code == 0
+    gain = json.loads(figures.read_text())["gain"]
+    assert gain == pytest.approx([scale, 1.0], abs=0.03)
+    assert (f"GAIN: the spots move {gain[0]:.2f} times the known way in x and {gain[1]:.2f} times in y" in text) == said
+
+
 def test_no_probability_beside_holes(run, grid_of):
     """Five scan lines of 17 points leave no row of cells empty, three do: only the first are given a probability."""
     path = grid_of(17)

@@ -132,6 +132,28 @@ def test_a_wrong_grid(write_log, line, text, message):
         read_grid(path)
 
 
+@pytest.mark.parametrize("angle", [0.0, 0.3])
+def test_exchanged_columns(write_log, angle):
+    """A lattice where the spots should be; a turned one is none along the axes, and nothing can be said."""
+    line = np.linspace(-3000.0, 3000.0, 7)
+    true = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    true = true @ [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
+    spots = true + np.random.default_rng(1).normal(size=true.shape) * 20.0
+
+    def written(header, first, second):
+        rows = [",".join(f"{cell:.4f}" for cell in row) for row in np.hstack([first, second])]
+        return write_log("\n".join([header, *rows]))
+
+    read_grid(written("true_x_um,true_y_um,spot_x_um,spot_y_um", true, spots))
+    read_grid(written("true_x_um,true_y_um,spot_x_um,spot_y_um", true, true))
+    exchanged = written("spot_x_um,spot_y_um,true_x_um,true_y_um", true, spots)
+    if angle == 0.0:
+        with pytest.raises(relnav.LogError, match="columns 'true' and 'spot' are exchanged; true_x, true_y are where"):
+            read_grid(exchanged)
+    else:
+        read_grid(exchanged)
+
+
 def test_an_empty_grid(write_log):
     with pytest.raises(relnav.LogError, match="the file is empty; a header line and one row"):
         read_grid(write_log("# nothing\n"))

@@ -109,12 +109,13 @@ def summary(report: "CalibrationReport") -> dict[str, Any]:
         "empty_cells": report.empty_cells,
         "rim_slope": c.rim_slope,
         "recommended_side": report.recommended(),
+        "gain": list(report.gain),
     }
 
 
 def lines(report: "CalibrationReport") -> list[str]:
     """The figures for a reader."""
-    from relnav.sensors.three_beacon.calibrate import OUTLIER_SIGMA
+    from relnav.sensors.three_beacon.calibrate import OUTLIER_SIGMA, USUAL_GAIN
 
     c, chosen, length = report.calibration, report.chosen, report.figure_length_m
     out = [
@@ -143,6 +144,12 @@ def lines(report: "CalibrationReport") -> list[str]:
     out.append(
         f"{box}{share}; beyond, the correction is held and is wrong by {c.rim_slope * 100.0:.1f} um more every 0.1 mm"
     )
+    if max(abs(gain - 1.0) for gain in report.gain) > USUAL_GAIN:
+        x, y = report.gain
+        out.append(
+            f"GAIN: the spots move {x:.2f} times the known way in x and {y:.2f} times in y; of a detector some per "
+            "cent are usual: check the detector's size and the units"
+        )
     if report.outlier_sigma > OUTLIER_SIGMA:
         x, y = (value * 1e3 for value in report.outlier_m)
         out.append(

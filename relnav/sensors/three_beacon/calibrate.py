@@ -37,6 +37,8 @@ OUTLIER_SIGMA = 8.0
 MOST_LEFT_OUT, GROSS = 0.05, 20.0
 LARGEST_SIDE = 64
 """Of a grid that is recommended."""
+USUAL_GAIN = 0.1
+"""Of a gain's difference from one, more of which is said: a detector's own is some per cent."""
 LARGEST_ERROR = 0.5
 """Of the grid's half width, rms: beyond it, axes or units are not what they are said to be."""
 
@@ -92,6 +94,8 @@ class CalibrationReport:
         Part of the detector's area that the box covers, if the detector is known.
     target_m : float
         Wanted 3-sigma of what the correction leaves.
+    gain : (2,), float
+        Way of the measured spot per way of the known one along each axis, mean over the points.
     """
 
     calibration: Calibration
@@ -107,6 +111,7 @@ class CalibrationReport:
     empty_cells: int
     detector_share: float | None
     target_m: float
+    gain: tuple[float, float]
 
     @property
     def noise_m(self) -> float:
@@ -232,6 +237,7 @@ def calibrate(
         empty_cells=25 - len({(int(i), int(j)) for i, j in cells}),
         detector_share=None if detector_size_m is None else float(4.0 * seen.half_m.prod() / np.prod(detector_size_m)),
         target_m=target_m,
+        gain=_gain(u, measured_m, box),
     )
 
 
@@ -287,6 +293,12 @@ def _check_errors(
             f"the spot known to be at ({x:.4g}, {y:.4g}) mm is measured {far * 1e3:.4g} mm from there, and the grid is "
             f"{2e3 * half_m:.4g} mm wide: an outlier, another unit, or axes that are exchanged or mirrored?"
         )
+
+
+def _gain(u: Matrix, measured_m: Matrix, box: Box) -> tuple[float, float]:
+    """Slopes of the measured coordinates along their own axes, of the best affine map."""
+    slopes = np.linalg.lstsq(np.column_stack([np.ones(len(u)), u]), measured_m)[0][1:] / box.half_m[:, None]
+    return float(slopes[0, 0]), float(slopes[1, 1])
 
 
 def _beside_others(estimator: Estimator, error: Matrix, power: float = 1.0) -> Matrix:
