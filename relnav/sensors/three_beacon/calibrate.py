@@ -3,7 +3,7 @@
 The distortion is fitted where the spots are known to be: optics freely, a smooth figure as is likely after the points
 (`smooth_figure`). Of all total orders the one is taken that predicts points best which were left out; that costs
 nothing extra: the error is e_i / (1 - h_i), h_i the leverage (Allen 1974). Left-out points do not see corners that hold
-none: an order that is further from the highest one, over the whole box, than either says it leaves is not taken. The
+none: an order that is further from the highest one, over the whole box, than it says it leaves is not taken. The
 correction is the distortion's inverse (`inverse`). What it leaves has three parts: the noise of the terms in use, the
 figure beyond the order, and what is wrong with the inverse.
 """
@@ -334,7 +334,7 @@ def _fit_orders(box: Box, u: Matrix, error: Matrix, highest: int, figures: tuple
 
 def _chosen(fits: list[OrderFit]) -> OrderFit:
     """The least error of left-out points, of the orders that agree with the highest one."""
-    agree = [fit for fit in fits if fit.apart_m <= min(fit.left_m, fits[-1].left_m)]
+    agree = [fit for fit in fits if fit.apart_m <= fit.left_m]
     return min(agree, key=lambda fit: fit.prediction_m)
 
 
