@@ -16,8 +16,9 @@ class StarStatus(StrEnum):
 
     OK = "ok"
     SINGLE_FIELD = "single_field"
-    """Tracking with two fields found stars of one of them only: the prior attitude told which, but the roll is an
-    order of magnitude worse than promised; look at the fold's alignment and for glare."""
+    """Tracking with two fields found stars of one of them only, or so few of the other that chance may have put them
+    there: the prior attitude told which, but the roll is an order of magnitude worse than promised; look at the fold's
+    alignment and for glare."""
     AMBIGUOUS = "ambiguous"
     """Two attitudes explain the spots: as well as one another, or as field 0 and as field 1 of a two-field sensor of
     which only one field is seen."""

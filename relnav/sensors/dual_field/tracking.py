@@ -3,7 +3,7 @@
 import math
 
 from relnav.arrays import Codes, Matrix, Vector
-from relnav.codegen.kernel import entry
+from relnav.codegen.kernel import entry, kernel
 from relnav.geometry.rotation import are_a_rotation
 from relnav.sensors.dual_field.attitude_fit import fit_attitude, forget_slip
 from relnav.sensors.dual_field.evidence import FOLD_CHI2, fold_distance2
@@ -19,9 +19,10 @@ from relnav.sensors.dual_field.frame_solver import (
     tell_matches,
     usable_spots_into,
 )
-from relnav.sensors.dual_field.matching import match_tightly
+from relnav.sensors.dual_field.matching import Frame, log_chance_of_match, match_tightly, tight_chord2
 from relnav.sensors.dual_field.pair_table import Indices
 from relnav.sensors.dual_field.search import FOUND, LOG_PFA, NOTHING, count_stars, log_false_alarm
+from relnav.sensors.dual_field.second_field import SECOND_ROWS, matches_in, richer_field, second_field_told
 from relnav.sensors.dual_field.sky import Bits, SkyArrays
 
 LEAST_STARS = 2
@@ -54,7 +55,8 @@ def track_spots(
 
     Arguments as of `solve_spots`; the prior attitude stands in block[:9], sigma_prior (rad) about each axis is at most
     `WIDEST_PRIOR_RAD`. The result does not lean on the prior: it only says where to look. Stars are believed when
-    chance would not put as many within its reach.
+    chance would not put as many within its reach, those of a second field when it would not put them there beside the
+    first one's (`second_field`); otherwise the first alone gives the attitude.
     """
     p, sky = parameters, SkyArrays(stars, cells, near, brighter, cosines, pairs, k, line)
     total = spots.shape[0]
@@ -72,9 +74,10 @@ def track_spots(
     fill_frame(frame, spots, magnitude, order, p)
     count_stars(frame, sky)
     A, cov, free = solution[0:3], solution[3:6], scratch[SPOT * n :]
-    out, v = free[0:3], free[3:6]
+    out, v, prior = free[0:3], free[3:6], free[6:15].reshape((3, 3))
     for r in range(3):
         for c in range(3):
+            prior[r, c] = A[r, c]
             cov[r, c] = sigma_prior * sigma_prior if r == c else 0.0
     forget_slip(frame, cov)
     stars_found = match_tightly(frame, sky, -1, -1, A, cov, match[:n], out)
@@ -87,11 +90,53 @@ def track_spots(
         return NOTHING
     if not fit_attitude(frame, sky, match[:n], A, cov, 2, v):
         return ALONG_A_LINE
-    if fold_distance2(frame) > FOLD_CHI2:
-        return OFF_FOLD
-    tell_matches(frame, sky, hip, order, match, A, star, found[3 * total :], residual, v)
-    first, second = frame.fields == 1, frame.fields == 1
-    for s in range(n):
-        first = first or (match[s, 0] >= 0 and match[s, 1] == 0)
-        second = second or (match[s, 0] >= 0 and match[s, 1] == 1)
-    return FOUND if first and second else FOUND_ALONE
+    verdict, work = FOUND, free[15 : 15 + 3 * SECOND_ROWS].reshape((SECOND_ROWS, 3))
+    if frame.fields == 2 and not second_field_told(frame, sky, match[:n], A, cov, prior, sigma_prior, work):
+        verdict = fit_alone(frame, sky, match[:n], A, cov, p[SETTINGS + LOG_PFA], out, v, solution[6])
+    elif fold_distance2(frame) > FOLD_CHI2:
+        verdict = OFF_FOLD
+    if verdict in (FOUND, FOUND_ALONE):
+        tell_matches(frame, sky, hip, order, match, A, star, found[3 * total :], residual, v)
+    return verdict
+
+
+@kernel
+def fit_alone(
+    frame: Frame,
+    sky: SkyArrays,
+    match: Codes,
+    A: Matrix,
+    cov: Matrix,
+    log_pfa: float,
+    out: Vector,
+    v: Vector,
+    info: Vector,
+) -> int:
+    """Fit the field with more matches alone: FOUND_ALONE, NOTHING or ALONG_A_LINE; info as in `track_spots`.
+
+    Where no star of the other field was matched, nothing but what is written of the chance changes.
+    """
+    n = frame.sigma2.shape[0]
+    field = richer_field(match, n)
+    if matches_in(match, n, 1 - field) == 0:
+        return FOUND_ALONE
+    for _ in range(2):  # the false star has moved the attitude, and others may have been lost
+        for k in range(n):
+            if match[k, 1] != field:
+                match[k, 0] = -1
+        if matches_in(match, n, field) < LEAST_STARS:
+            return NOTHING
+        if not fit_attitude(frame, sky, match, A, cov, 2, v):
+            return ALONG_A_LINE
+        match_tightly(frame, sky, -1, -1, A, cov, match, out)
+    chance = 0.0
+    for k in range(n):
+        if match[k, 1] != field:
+            match[k, 0] = -1
+        if match[k, 0] >= 0:
+            chance += log_chance_of_match(frame, k, tight_chord2(frame, k, field, cov))
+    stars_found = matches_in(match, n, field)
+    info[0], info[2] = log_false_alarm(1.0, n + 2, stars_found, chance), stars_found
+    if stars_found < LEAST_STARS or info[0] >= log_pfa:
+        return NOTHING
+    return FOUND_ALONE if fit_attitude(frame, sky, match, A, cov, 2, v) else ALONG_A_LINE

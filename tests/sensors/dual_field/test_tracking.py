@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import relnav
+from relnav.estimation.consistency import chi_square_interval
 from relnav.sensors.dual_field.solution import StarStatus
 from relnav.simulation.star_field import SkyConditions, StarFieldSimulator, random_attitude, random_velocity
 
@@ -66,3 +67,78 @@ def test_wrong_use(sensor, prior, sigma, message):
 def test_one_spot_is_too_few(sensor):
     solution = relnav.dual_field.track([[0.0, 0.0]], sensor, np.eye(3), 1e-5, velocity_km_s=np.zeros(3))
     assert solution.status is StarStatus.TOO_FEW
+
+
+WIDEST_RAD = 6e-4
+"""The widest prior that `track` takes, and the one of `relnav stars attitude --track`."""
+
+
+def tracked(sensor, frame, shown, rng, sigma=WIDEST_RAD):
+    return relnav.dual_field.track(
+        frame.spots_px[shown],
+        sensor,
+        near(frame.dcm_cam_from_icrs, rng, sigma),
+        sigma,
+        magnitude=frame.magnitude[shown],
+        velocity_km_s=frame.velocity_km_s,
+    )
+
+
+def nees_of(solution, frame, error_rad):
+    e = error_rad(solution, frame)
+    return float(e @ np.linalg.solve(solution.covariance, e))
+
+
+@pytest.mark.parametrize("dark", [0, 1])
+def test_a_false_spot_is_no_second_field(mounted_sensor, error_rad, dark):
+    """One field shows no star; thirty false spots are in view, and chance puts one beside a star in every tenth."""
+    simulator, rng = StarFieldSimulator(mounted_sensor, SkyConditions(false_spots=30)), np.random.default_rng(3)
+    nees, frames = [], 300
+    for _ in range(frames):
+        simulator.mount(rng)
+        frame = simulator.frame(rng, velocity_km_s=random_velocity(rng))
+        solution = tracked(mounted_sensor, frame, frame.field != dark, rng)
+        assert solution.status is not StarStatus.OK
+        assert solution.matches_per_field[dark] == 0
+        if solution.ok:
+            nees.append(nees_of(solution, frame, error_rad))
+    assert len(nees) > 0.85 * frames
+    low, high = chi_square_interval(3 * len(nees), 0.999)
+    assert low < np.mean(nees) / 3.0 < high
+
+
+@pytest.mark.parametrize("stars", [3, 2])
+def test_both_fields_are_seen_where_both_show_stars(mounted_sensor, error_rad, stars):
+    """The brightest few stars of each field beside three false spots, with the widest prior: tracked with both."""
+    simulator, rng = StarFieldSimulator(mounted_sensor, SkyConditions()), np.random.default_rng(4)
+    nees, frames = [], 300
+    for _ in range(frames):
+        simulator.mount(rng)
+        frame = simulator.frame(rng, velocity_km_s=random_velocity(rng))
+        shown = frame.field < 0
+        for field in (0, 1):
+            shown[np.flatnonzero(frame.field == field)[:stars]] = True
+        solution = tracked(mounted_sensor, frame, shown, rng)
+        if solution.status is StarStatus.OK:
+            nees.append(nees_of(solution, frame, error_rad))
+    assert len(nees) > 0.95 * frames
+    low, high = chi_square_interval(3 * len(nees), 0.999)
+    assert low < np.mean(nees) / 3.0 < high
+
+
+@pytest.mark.parametrize(("off_sigmas", "status"), [(0.0, StarStatus.OK), (8.0, StarStatus.SINGLE_FIELD)])
+def test_one_star_tells_a_fold_that_is_off(mounted_sensor, error_rad, off_sigmas, status):
+    """A known prior and no false spot: one star of field 1 is believed unless it lies off what the fold allows."""
+    fold = mounted_sensor.fold
+    turn = off_sigmas * 2.0 * fold.error_rad
+    moved = Rotation.from_rotvec([0.0, turn, 0.0]).as_matrix() @ fold.matrix
+    simulator = StarFieldSimulator(mounted_sensor, SkyConditions(false_spots=0), moved)
+    rng, seen, frames = np.random.default_rng(5), [], 100
+    for _ in range(frames):
+        frame = simulator.frame(rng, velocity_km_s=random_velocity(rng))
+        shown = frame.field == 0
+        shown[np.flatnonzero(frame.field == 1)[:1]] = True
+        solution = tracked(mounted_sensor, frame, shown, rng, 5e-6)
+        seen.append(solution.status is status)
+        assert nees_of(solution, frame, error_rad) < 31.81, "beyond 5 sigma"
+    assert np.mean(seen) > 0.9
