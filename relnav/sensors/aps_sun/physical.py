@@ -73,12 +73,12 @@ class PhysicalFit:
 def default_free(model: ApsSunModel) -> tuple[str, ...]:
     """Parameters that a calibration of this sensor should fit: the dome's only if there is one, likewise the glass.
 
-    A plain hole over a tilted detector is one over a level detector that is moved and misaligned: there the tilt stays.
+    From hole to detector without a glass is a central projection: a tilted detector is a level one that is moved, with
+    every direction before it turned. Before it a dome's centre turns with the misalignment, both of them free. So the
+    tilt stays.
     """
     dome, glass = model.dome.thickness_m > 0.0, model.sensor.glass_thickness_m > 0.0
-    left_out: tuple[str, ...] = () if glass else ("glass_thickness_m",)
-    if not (dome or glass):
-        left_out += ("detector_tilt_x_rad", "detector_tilt_y_rad")
+    left_out = () if glass else ("glass_thickness_m", "detector_tilt_x_rad", "detector_tilt_y_rad")
     return tuple(name for name in FREE + (FREE_DOME if dome else ()) if name not in left_out)
 
 
