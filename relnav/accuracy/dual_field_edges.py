@@ -10,10 +10,10 @@ import numpy as np
 
 from relnav.accuracy.dual_field_blind import EPOCH_JYEAR, WIDTH_PX
 from relnav.arrays import Matrix, Vector
+from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.rotation import dcm_from_quaternion
 from relnav.geometry.rotation_vector import attitude_error
 from relnav.sensors.dual_field.blind import Blind, solve_blind
-from relnav.sensors.dual_field.matching import turn
 from relnav.sensors.dual_field.measure import measure
 from relnav.sensors.dual_field.optics import plane_points, project, rays
 from relnav.sensors.dual_field.sensor import StarSensor
@@ -105,6 +105,6 @@ def _off_axis(rng: np.random.Generator, sensor: StarSensor) -> tuple[StarSolutio
 
 def _about_centre(dcm: Matrix, centre: Vector) -> Matrix:
     """The attitude turned the shortest way so that z looks where the ray (3,) through the image's centre does."""
-    out = dcm.copy()
-    turn(out, -float(centre[1]), float(centre[0]), 0.0)
-    return out
+    v = cross_matrix(np.cross(centre, (0.0, 0.0, 1.0)))
+    onto_z: Matrix = np.eye(3) + v + v @ v / (1.0 + float(centre[2]))
+    return onto_z @ dcm

@@ -144,14 +144,16 @@ class _Camera:
     def about_centre(self, covariance: Matrix) -> tuple[Matrix, Matrix]:
         """Attitude (3, 3) and covariance (3, 3) of the axes whose z looks through the image's centre.
 
-        For a known principal point, those of the camera. Else they are turned by rho = m x z, m the centre's ray, so
-        that m comes to lie on z: exp([rho x]) dcm. A principal point off by g focal lengths changes rho by (-g_y, g_x).
+        For a known principal point, those of the camera. Else they are turned about m x z, m the centre's ray, so that
+        m comes to lie on z. m x z has the sine of that angle for its length, and `turn` takes twice the tangent of its
+        half, which is 2 / (1 + m_z) times as much. A principal point off by g focal lengths turns them by (-g_y, g_x).
         """
         if self.principal_known:
             return self.dcm, covariance[:3, :3]
         m = self.rays(np.zeros((1, 2)))[0]
         dcm = self.dcm.copy()
-        turn(dcm, -float(m[1]), float(m[0]), 0.0)
+        scale = 2.0 / (1.0 + float(m[2]))
+        turn(dcm, -scale * float(m[1]), scale * float(m[0]), 0.0)
         T = np.zeros((3, 8))
         T[:, :3], T[0, 7], T[1, 6] = np.eye(3), 1.0, -1.0
         return dcm, T @ covariance @ T.T

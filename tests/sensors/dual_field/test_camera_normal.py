@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from relnav.sensors.dual_field.camera_fit import _Camera
 from relnav.sensors.dual_field.camera_normal import STEP_ROWS, UNKNOWNS, normal_equations, step_camera
 from relnav.sensors.dual_field.matching import turn
 from relnav.sensors.dual_field.optics import plane_points, rays
@@ -78,3 +79,16 @@ def test_what_matches_do_not_tell_stays_as_it_was():
     seen = rays(plane_points(spots, found[0], found[1:3], found[3:]))
     assert np.abs(seen - stars[:, :3] @ A.T).max() < 1e-6
     assert np.abs(found[3:]).max() < 0.5
+
+
+@pytest.mark.parametrize("off_rad", [0.0, 0.02, 0.1, 0.4])
+def test_z_looks_through_the_image_centre(off_rad):
+    """To rounding, however far the axis is from the image's centre, and turned the shortest way."""
+    rng = np.random.default_rng(6)
+    lens = np.array([1500.0, *(1500.0 * np.tan(off_rad) * np.array([0.6, -0.8])), 0.0, 0.0])
+    camera = _Camera(np.zeros((1, 2)), False, random_attitude(rng), lens, 1e-8)
+    dcm, _ = camera.about_centre(np.eye(UNKNOWNS))
+    centre = camera.rays(np.zeros((1, 2)))[0]
+    assert dcm @ camera.dcm.T @ centre == pytest.approx([0.0, 0.0, 1.0], abs=1e-15)
+    assert np.trace(dcm @ camera.dcm.T) == pytest.approx(1.0 + 2.0 * np.cos(off_rad), abs=1e-14)
+    assert dcm @ dcm.T == pytest.approx(np.eye(3), abs=1e-14)
