@@ -22,6 +22,7 @@ from relnav.sensors.aps_sun.physical import PhysicalFit, fit_physical, parameter
 from relnav.sensors.aps_sun.rays import project, project_jacobian, tangents_from_spots
 from relnav.sensors.aps_sun.residual import ResidualChoice, SplineResidual, choose_spline
 from relnav.sensors.aps_sun.sensor import ApsSunModel
+from relnav.sensors.aps_sun.stray import agree_at_first
 from relnav.sensors.aps_sun.table import DirectionTable, direction_into
 
 CELLS, MOST_CELLS = 16, 64
@@ -32,6 +33,8 @@ MARGIN_RAD = math.radians(1.0)
 OUTLIER_SIGMA = 8.0
 """A spot so many sigmas of what is usual from where the others put it is left out."""
 MOST_LEFT_OUT, MOST_PASSES = 0.1, 10
+FEWEST_WITH_STRAYS = 10
+"""Of fewer points `MOST_LEFT_OUT` leaves none out."""
 METHODS = ("auto", "rays", "patent")
 
 
@@ -159,11 +162,13 @@ def _fit_without_outliers(
     """Ray model and spline fitted to the points that agree, which points those are, and every spot's distance, px.
 
     Points far off what is usual, by the median, are left out and everything is fitted anew, until no point changes
-    sides; first by the ray model alone, because a spline follows a bad point. Where more than `MOST_LEFT_OUT` would go
-    it is not a few bad points: then all of them stay.
+    sides; first by the ray model alone, because a spline follows a bad point, and before that by a map that no stray
+    leads astray (`stray`). Where more than `MOST_LEFT_OUT` would go it is not a few bad points: then all of them stay.
     """
-    noise, used = start.sensor.spot_noise_px, np.ones(len(xy), dtype=bool)
-    left = np.zeros(len(xy))
+    noise, used, left = start.sensor.spot_noise_px, np.ones(len(xy), dtype=bool), np.zeros(len(xy))
+    designed = project(start, s)
+    if len(xy) >= FEWEST_WITH_STRAYS and np.isfinite(designed).all() and np.isfinite(xy).all():
+        used = agree_at_first(xy, designed, np.random.default_rng(seed), noise, OUTLIER_SIGMA, MOST_LEFT_OUT)
     for spline_too in (False, True) if with_spline else (False,):
         for _ in range(MOST_PASSES):
             fit = fit_physical(xy[used], s[used], start, free=free)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import relnav
+from relnav.accuracy.aps_sun import design
 from relnav.estimation.consistency import chi_square_interval
 from relnav.sensors.aps_sun.calibration import calibrate
-from relnav.sensors.aps_sun.physical import default_free
+from relnav.sensors.aps_sun.physical import default_free, fit_physical
 from relnav.sensors.aps_sun.rays import project
 
 FRESH = 40
@@ -82,3 +83,26 @@ def test_what_tilts_a_detector_moves_it(model, unit, grid, dome_m):
     result = calibrate(project(truth, s), s, level)
     assert result.fit.rms_px < 0.01 * sensor.spot_noise_px
     assert result.fit.model.sensor.detector_tilt_rad == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(("side", "strays"), [(7, 1), (9, 3)])
+def test_strays_far_off_are_left_out(model, unit, grid, side, strays):
+    """Anywhere on the detector, eight draws: they are the points left out, and the fit is that without them."""
+    s = unit(grid(side))
+    for seed in range(8):
+        rng = np.random.default_rng([seed, strays])
+        spots = project(model, s) + model.sensor.spot_noise_px * rng.normal(size=(len(s), 2))
+        bad = rng.choice(len(s), strays, replace=False)
+        spots[bad] = rng.uniform(0.0, 1023.0, (strays, 2))
+        result = calibrate(spots, s, design(model), method="rays")
+        assert np.flatnonzero(~result.used).tolist() == sorted(bad.tolist())
+        clean = fit_physical(spots[result.used], s[result.used], design(model))
+        np.testing.assert_allclose(result.fit.values, clean.values, rtol=1e-6, atol=1e-9)
+
+
+def test_too_many_strays_are_no_strays(model, unit, grid):
+    """A fifth of the points: all of them are fitted, as nothing says which ones are right."""
+    s, rng = unit(grid(7)), np.random.default_rng(1)
+    spots = project(model, s) + model.sensor.spot_noise_px * rng.normal(size=(49, 2))
+    spots[rng.choice(49, 10, replace=False)] += rng.uniform(-3.0, 3.0, (10, 2))
+    assert calibrate(spots, s, design(model), method="rays").used.all()
