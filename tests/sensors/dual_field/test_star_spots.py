@@ -189,3 +189,23 @@ def test_from_a_picture_to_an_attitude():
     error = solution.dcm_cam_from_icrs @ frame.dcm_cam_from_icrs.T
     angles = np.array([error[2, 1] - error[1, 2], error[0, 2] - error[2, 0], error[1, 0] - error[0, 1]]) / 2.0
     assert np.all(np.abs(angles) < 4.0 * solution.sigma_rad)
+
+
+@pytest.mark.parametrize(("radius_px", "block", "fewest", "most"), [(4.0, 1, 44, 48), (5.0, 1, 0, 4), (5.0, 2, 48, 48)])
+def test_out_of_focus(radius_px, block, fewest, most):
+    """Blobs wider than 4 px are no stars, until blocks of pixels are added up (docs/troubleshooting.md)."""
+    rng = np.random.default_rng(1)
+    x, y = np.meshgrid(np.arange(60.0, 1000.0, 120.0), np.arange(60.0, 740.0, 120.0))
+    places = np.column_stack([x.ravel(), y.ravel()]) + rng.uniform(-5.0, 5.0, (x.size, 2))
+    column, row = np.arange(1024.0), np.arange(768.0)
+    light = np.full((768, 1024), 100.0)
+    for place, flux in zip(places, np.geomspace(4e3, 1e5, len(places)), strict=True):
+        along, down = (
+            np.exp(-0.5 * ((axis - c) / radius_px) ** 2) for axis, c in zip((column, row), place, strict=True)
+        )
+        light += flux * np.outer(down, along) / (2.0 * np.pi * radius_px**2)
+    counts = rng.poisson(2.0 * light) / 2.0 + 3.0 * rng.normal(size=light.shape)
+    counts = counts.reshape(768 // block, block, 1024 // block, block).sum(axis=(1, 3))
+    found = block * relnav.find_stars(counts, electrons_per_count=2.0).in_picture_px + 0.5 * (block - 1)
+    near = np.hypot(*(found[:, None] - places[None]).T) < 1.0
+    assert fewest <= np.sum(near.any(axis=1)) <= most
