@@ -41,7 +41,7 @@ def distances_from_affine(xy: Matrix, designed: Matrix, rng: np.random.Generator
     fitted, least = int(np.ceil(SHARE * len(xy))), np.inf
     best = np.full(len(xy), np.inf)
     for _ in range(SUBSETS):
-        chosen = rng.choice(len(xy), columns.shape[1], replace=False)
+        chosen = rng.permutation(len(xy))[: columns.shape[1]]
         for _ in range(CONCENTRATIONS):
             found = np.linalg.lstsq(columns[chosen], xy[chosen])[0]
             off = np.hypot(*(xy - columns @ found).T)
