@@ -21,6 +21,13 @@ def vehicle():
 
 
 @pytest.fixture(scope="session")
+def near(vehicle):
+    """Handed over where its run begins, at 5.6 m."""
+    hand_over = dataclasses.replace(vehicle.hand_over, port_distance_m=(5.6, 0.0, 0.0), position_sigma_m=0.1)
+    return dataclasses.replace(vehicle, hand_over=hand_over)
+
+
+@pytest.fixture(scope="session")
 def short_run(vehicle):
     """Twelve seconds at 5 m."""
     return simulate_rendezvous(vehicle, Rendezvous(start_m=5.6, final_m=5.0), seed=3)

@@ -1,7 +1,6 @@
 """A sensor that relnav does not know flies with the vehicle's filter: this class is all that it takes."""
 
 import copy
-import dataclasses
 import pickle
 
 import numpy as np
@@ -44,13 +43,6 @@ class RangeFinder:
         H[0] = port.position_m / distance @ by_errors[:3]
         H[:, self._bias] = 1.0
         return Rows(value - distance - state.values[self._bias], H, noise, 1)
-
-
-@pytest.fixture(scope="module")
-def near(vehicle):
-    """Hand-over where the run begins."""
-    hand_over = dataclasses.replace(vehicle.hand_over, port_distance_m=(5.6, 0.0, 0.0), position_sigma_m=0.1)
-    return dataclasses.replace(vehicle, hand_over=hand_over)
 
 
 @pytest.fixture(scope="module")

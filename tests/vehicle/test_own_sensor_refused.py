@@ -97,13 +97,6 @@ WRONG_ROWS = {
 
 
 @pytest.fixture(scope="module")
-def near(vehicle):
-    """Handed over where the run begins."""
-    hand_over = dataclasses.replace(vehicle.hand_over, port_distance_m=(5.6, 0.0, 0.0), position_sigma_m=0.1)
-    return dataclasses.replace(vehicle, hand_over=hand_over)
-
-
-@pytest.fixture(scope="module")
 def run(near):
     """Two seconds and a half."""
     return simulate_rendezvous(near, Rendezvous(start_m=5.6, final_m=5.5), seed=3)
