@@ -2,9 +2,9 @@
 
 A gyro sample that is wrong turns the estimate by what was never turned. Lights do then not fit either, and nothing in
 the filter widens its attitude again, so that a star sensor that is right is refused for ever. So where one is refused
-a copy of the estimates before that image is carried along, with attitude
-and bias opened: known to START_RAD and START_RAD_S more than they were. Everything that is seen goes into both. The
-copy is believed once it is a million times (DROP) as likely, by
+a copy of the estimates before that image is carried along, with attitude and bias opened: known to START_RAD and
+START_RAD_S more than they were. Everything that is seen goes into both. The copy is believed once it is a million times
+(DROP) as likely, by
 
     sum of (NIS of the filter - NIS of the copy), each no more than the gate lets pass, - 2 x (nats that it learnt more)
 
