@@ -22,6 +22,7 @@ from relnav.estimation.state_layout import Role
 from relnav.geometry.rotation import dcm_from_quaternion
 from relnav.mission import IDENTITY, NonNegative, Orbit, Positive, Quaternion, Triple, VisionMission
 from relnav.mission import Model as BeaconMission
+from relnav.mounted_sensor import MountedSensor
 from relnav.sensors.aps_sun.sensor import ApsSunModel
 from relnav.sensors.birefringent_sun.sensor import BirefringentSunModel
 from relnav.sensors.dual_field.sensor import StarSensor
@@ -235,57 +236,6 @@ class VehicleFilter:
     restart_after_s: Annotated[float, Gt(0.0)] = 5.0
 
 
-@dataclass(frozen=True)
-class MountedSensor:
-    """A sensor on the chaser.
-
-    Attributes
-    ----------
-    model : str
-        Name of a shipped model, or a path from the vehicle file's folder.
-    rate_hz, first_s, delay_s : float
-        Images a second, time of the first, and how long after its exposure an image is there; of the last two a filter
-        asks nothing, a simulator does.
-    q_sensor_from_chaser : (4,)
-        v_sensor = R v_chaser, scalar last.
-    noise_rad : (3,)
-        Of a star sensor: 1-sigma of its attitude about its own axes.
-    mount_sigma_rad, mount_role
-        Of the turn of the sensor against the chaser, each axis.
-    position_m, lever_sigma_m, lever_role
-        Its lens from the centre of mass, chaser axes.
-    pattern_position_m, extra_points_m
-        Where the model's pattern of lights has its origin, target axes from the centre of mass; further lights of it.
-    points_sigma_m, points_role
-        Of each coordinate of each light.
-    focal_sigma, focal_role
-        Relative, of the focal length.
-    """
-
-    model: str
-    rate_hz: Positive
-    q_sensor_from_chaser: Quaternion = IDENTITY
-    first_s: NonNegative = 0.0
-    delay_s: NonNegative = 0.0
-    noise_rad: tuple[Positive, Positive, Positive] | None = None
-    mount_sigma_rad: NonNegative = 0.0
-    mount_role: Role = "considered"
-    position_m: Triple | None = None
-    lever_sigma_m: NonNegative = 0.0
-    lever_role: Role = "considered"
-    pattern_position_m: Triple | None = None
-    extra_points_m: tuple[Triple, ...] = ()
-    points_sigma_m: NonNegative = 0.0
-    points_role: Role = "estimated"
-    focal_sigma: NonNegative = 0.0
-    focal_role: Role = "estimated"
-
-    @cached_property
-    def dcm_sensor_from_chaser(self) -> Matrix:
-        """The nominal mounting, (3, 3)."""
-        return dcm_from_quaternion(np.array(self.q_sensor_from_chaser))
-
-
 POINTS, STAR, SUN = "points", "star", "sun"
 _KINDS = {
     BeaconMission: POINTS,
@@ -297,6 +247,8 @@ _KINDS = {
 _OF_POINTS = (
     "position_m", "lever_sigma_m", "pattern_position_m", "extra_points_m", "points_sigma_m", "focal_sigma"
 )  # fmt: skip
+SAME_LIGHT_M = 1e-6
+"""Lights nearer than this to one another are one: no light is smaller, and places are given in digits of it or more."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -339,10 +291,22 @@ class Vehicle(LoadedModel, sensor_type="vehicle"):
             if (kind == STAR) != (mounted.noise_rad is not None):
                 need = "is needed" if kind == STAR else "is for star sensors; leave it out"
                 raise ValueError(f"sensor.{name}.noise_rad {need}, model {mounted.model}")
+        for name, lights in self.lights.items():
+            for first in dict.fromkeys(first for first, _ in lights if first != name):
+                self._check_common(first, name)
         if self.seeks_attitude and not any(self.kind(name) == POINTS for name in self.sensor):
             raise ValueError(
                 f"hand_over.target_attitude_sigma: above {math.degrees(FORESEEN_RAD):.3g} deg the target's attitude is "
                 "found from its lights; no sensor sees any"
+            )
+
+    def _check_common(self, first: str, name: str) -> None:
+        told = [(self.sensor[one].points_sigma_m, self.sensor[one].points_role) for one in (first, name)]
+        if told[0] != told[1]:
+            sizes = " and ".join(f"{1e3 * sigma:g} mm ({role})" for sigma, role in told)
+            raise ValueError(
+                f"sensor.{name}: lights of it are those of sensor.{first}, and are off by the same: write the same "
+                f"points_sigma and points_role in both; got {sizes}"
             )
 
     @property
@@ -372,6 +336,42 @@ class Vehicle(LoadedModel, sensor_type="vehicle"):
         own = model.sensor.beacons_dock_m if isinstance(model, BeaconMission) else model.markers.points_m
         points: Matrix = np.array(mounted.pattern_position_m) + np.vstack([own, *mounted.extra_points_m])
         return points
+
+    @cached_property
+    def lights(self) -> Mapping[str, tuple[tuple[str, int], ...]]:
+        """Of each light of a sensor, the first sensor of the file that sees it, and which new light of that one it is.
+
+        Two sensors have a light in common where both look at one place (`SAME_LIGHT_M`).
+        """
+        known: list[tuple[Vector, tuple[str, int]]] = []
+        found: dict[str, tuple[tuple[str, int], ...]] = {}
+        for name in self.sensor:
+            if self.kind(name) == POINTS:
+                earlier, new, own = tuple(known), 0, []
+                for place in self.points_m(name):
+                    same = [light for other, light in earlier if np.linalg.norm(other - place) < SAME_LIGHT_M]
+                    light = same[0] if same else (name, new)
+                    if not same:
+                        known.append((place, light))
+                        new += 1
+                    own.append(light)
+                found[name] = tuple(own)
+        return found
+
+    def sharing_lights(self, name: str) -> tuple[str, ...]:
+        """Sensors whose places of lights are off by the same as a sensor's, itself included, in the file's order."""
+        group, size = {name}, 0
+        while len(group) > size:
+            size = len(group)
+            for one, lights in self.lights.items():
+                seen = {one, *(first for first, _ in lights)}
+                if seen & group:
+                    group |= seen
+        return tuple(one for one in self.sensor if one in group)
+
+    def new_lights(self, name: str) -> int:
+        """How many lights a sensor is the first of the file to see."""
+        return sum(first == name for first, _ in self.lights[name])
 
     @property
     def dcm_dock_from_lvlh(self) -> Matrix:

@@ -195,8 +195,9 @@ SAID: Mapping[str, Callable[[float], str]] = {
 def _of_sensor(vehicle: Vehicle, name: str) -> Iterator[Source]:
     mounted, kind, model = vehicle.sensor[name], vehicle.kind(name), vehicle.models[name]
 
-    def having(**changed: Any) -> Vehicle:
-        return replace(vehicle, sensor={**vehicle.sensor, name: replace(mounted, **changed)})
+    def having(*others: str, **changed: Any) -> Vehicle:
+        better = {one: replace(vehicle.sensor[one], **changed) for one in (name, *others)}
+        return replace(vehicle, sensor={**vehicle.sensor, **better})
 
     if kind == STAR and mounted.noise_rad is not None:
         noise = tuple(0.5 * value for value in mounted.noise_rad)
@@ -212,5 +213,6 @@ def _of_sensor(vehicle: Vehicle, name: str) -> Iterator[Source]:
         yield Source(f"{name} noise", said, replace(vehicle, models={**vehicle.models, name: quieter}))
     for key, said_of in SAID.items():
         value = getattr(mounted, key)
-        if value > 0.0:
-            yield Source(f"{name} {key.partition('_')[0]}", said_of(value), having(**{key: 0.5 * value}))
+        others = vehicle.sharing_lights(name) if key == "points_sigma_m" else ()
+        if value > 0.0 and (not others or name == others[0]):
+            yield Source(f"{name} {key.partition('_')[0]}", said_of(value), having(*others, **{key: 0.5 * value}))

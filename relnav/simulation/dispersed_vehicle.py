@@ -99,8 +99,8 @@ def drawn_once(vehicle: Vehicle, scenario: VehicleScenario) -> dict[str, int]:
         if flown.kind(name) == POINTS:
             sizes[f"{name}.lever"] = mounted.lever_sigma_m, 3
             sizes[f"{name}.focal"] = mounted.focal_sigma, 1
-            sizes[f"{name}.points"] = mounted.points_sigma_m, flown.points_m(name).size
-    return {name: count for name, (sigma, count) in sizes.items() if sigma > 0.0}
+            sizes[f"{name}.points"] = mounted.points_sigma_m, 3 * flown.new_lights(name)
+    return {name: count for name, (sigma, count) in sizes.items() if sigma > 0.0 and count}
 
 
 def fly_vehicle_run(

@@ -117,9 +117,9 @@ def simulate_rendezvous(
         if kind == POINTS:
             lasting[f"{name}.lever"] = drawn.once(f"{name}.lever", 3) * mounted.lever_sigma_m
             lasting[f"{name}.focal"] = drawn.once(f"{name}.focal", 1) * mounted.focal_sigma
-            lasting[f"{name}.points"] = (
-                drawn.once(f"{name}.points", vehicle.points_m(name).size) * mounted.points_sigma_m
-            )
+            new = 3 * vehicle.new_lights(name)
+            if new:
+                lasting[f"{name}.points"] = drawn.once(f"{name}.points", new) * mounted.points_sigma_m
             values = _spots(truth, name, times, lasting, drawn.noise(name))
         else:
             turn: Matrix = Rotation.from_rotvec(-lasting[f"{name}.mount"]).as_matrix()
@@ -152,7 +152,8 @@ def _spots(
 ) -> list[Matrix | None]:
     vehicle = truth.vehicle
     model, mounted = vehicle.models[name], vehicle.sensor[name]
-    lights = vehicle.points_m(name) + lasting[f"{name}.points"].reshape(-1, 3)
+    off = [lasting[f"{first}.points"][3 * k : 3 * k + 3] for first, k in vehicle.lights[name]]
+    lights = vehicle.points_m(name) + np.array(off)
     lens = np.array(mounted.position_m) + lasting[f"{name}.lever"]
     sensor = Rotation.from_rotvec(-lasting[f"{name}.mount"]) * Rotation.from_matrix(mounted.dcm_sensor_from_chaser)
     scale = 1.0 + lasting[f"{name}.focal"][0]

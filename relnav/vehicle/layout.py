@@ -25,7 +25,7 @@ THRUST_SCALE, THRUST_DIRECTION = slice(MOVING, MOVING + 1), slice(MOVING + 1, MO
 DRIVING = THRUST_DIRECTION.stop
 """The moving errors depend on these first ones alone."""
 LIGHTS = "points"
-"""The kind of a lasting error that is where lights are in the target, three errors each."""
+"""The kind of a lasting error that is where lights are in the target, three errors each: of a sensor's new lights."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +77,12 @@ def lights_of(layout: StateLayout) -> Codes:
     return np.array([at for place in blocks for at in range(place.start, place.stop, 3)], dtype=np.int64)
 
 
+def places_of_lights(layout: StateLayout, vehicle: Vehicle, name: str) -> Codes:
+    """Where the three errors of each light that a sensor looks at begin, (n,); those of a common light are common."""
+    by_name = layout.by_name
+    return np.array([by_name[f"{first}.{LIGHTS}"].start + 3 * k for first, k in vehicle.lights[name]], dtype=np.int64)
+
+
 def untold(layout: StateLayout, vehicle: Vehicle) -> StateLayout:
     """The same errors where no command is told: the slow acceleration is that of thrusts that nobody knows."""
     sigma = vehicle.thrust.largest_m_s2
@@ -90,9 +96,10 @@ def _lasting(vehicle: Vehicle, name: str) -> tuple[LastingError, ...]:
     mount = LastingError("mount", 3, own.mount_sigma_rad, own.mount_role)
     if vehicle.kind(name) != POINTS:
         return (mount,)
+    new = 3 * vehicle.new_lights(name)
     return (
         mount,
         LastingError("lever", 3, own.lever_sigma_m, own.lever_role),
         LastingError("focal", 1, own.focal_sigma, own.focal_role),
-        LastingError(LIGHTS, 3 * len(vehicle.points_m(name)), own.points_sigma_m, own.points_role),
+        *([LastingError(LIGHTS, new, own.points_sigma_m, own.points_role)] if new else []),
     )

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from relnav.arrays import Matrix, Record, Stack, Vector
+from relnav.arrays import Codes, Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import entry, kernel
 from relnav.estimation.schmidt import clear, copy_into
 from relnav.geometry.distortion import distort_point
@@ -26,7 +26,6 @@ OPTICS = np.dtype(
         ("mount", np.int64),
         ("lever", np.int64),
         ("focal", np.int64),
-        ("lights", np.int64),
     ]
 )
 """Where a camera sits and how it images; where its blocks begin in the layout."""
@@ -72,18 +71,21 @@ def _see(optics: Record, p: Vector, slope: Matrix) -> tuple[float, float]:
 def _row_into(
     optics: Record, work: Record, by_p: Vector, dcm_lvlh_from_target: Matrix, light: int, row: Vector
 ) -> None:
-    """Write a row (n,) from its derivative by_p (3,) by the light in sensor axes; the row is zero before."""
+    """Write a row (n,) from its derivative by_p (3,) by the light in sensor axes; the row is zero before.
+
+    light: where the errors of its place begin.
+    """
     by_chaser, by_lvlh, by_target = work["by_chaser"], work["by_lvlh"], work["by_target"]
     back = work["chaser_from_sensor"]
     for c in range(3):
         by_chaser[c] = by_p[0] * back[c, 0] + by_p[1] * back[c, 1] + by_p[2] * back[c, 2]
     _row_times_into(by_chaser, work["chaser_from_lvlh"], by_lvlh)
     _row_times_into(by_lvlh, dcm_lvlh_from_target, by_target)
-    mount, lever, first = optics["mount"], optics["lever"], optics["lights"] + 3 * light
+    mount, lever = optics["mount"], optics["lever"]
     for c in range(3):
         row[c] = -by_lvlh[c]
         row[lever + c] = -by_chaser[c]
-        row[first + c] = by_target[c]
+        row[light + c] = by_target[c]
     cross_into(work["place"], by_target, row[_TARGET : _TARGET + 3])
     cross_into(by_chaser, work["q"], row[_CHASER : _CHASER + 3])
     cross_into(by_p, work["p"], row[mount : mount + 3])
@@ -94,6 +96,7 @@ def _lights_of_one(
     optics: Record,
     work: Record,
     points: Matrix,
+    lights: Codes,
     values: Vector,
     dcm_lvlh_from_target: Matrix,
     dcm_inertial_from_chaser: Matrix,
@@ -103,7 +106,7 @@ def _lights_of_one(
 ) -> None:
     """Write residual (2 k,) and H (2 k, n), zero before, at one estimate; work has the frame."""
     C_BL, back, frame = work["chaser_from_lvlh"], work["chaser_from_sensor"], work["frame"]
-    mount, lever, lights = optics["mount"], optics["lever"], optics["lights"]
+    mount, lever = optics["mount"], optics["lever"]
     turn_by_rotation_vector(optics["dcm_chaser_from_sensor"], values[mount : mount + 3], back)
     for i in range(3):
         for c in range(3):
@@ -114,7 +117,7 @@ def _lights_of_one(
     for k in range(points.shape[0]):
         away = work["by_lvlh"]
         for c in range(3):
-            place[c] = points[k, c] + values[lights + 3 * k + c]
+            place[c] = points[k, c] + values[lights[k] + c]
         for i in range(3):
             C = dcm_lvlh_from_target[i]
             away[i] = C[0] * place[0] + C[1] * place[1] + C[2] * place[2] - values[i]
@@ -131,7 +134,7 @@ def _lights_of_one(
             if math.isfinite(residual[2 * k + i]):
                 for c in range(3):
                     slope[i, c] *= scale
-                _row_into(optics, work, slope[i], dcm_lvlh_from_target, k, row)
+                _row_into(optics, work, slope[i], dcm_lvlh_from_target, lights[k], row)
                 row[optics["focal"]] = seen[i]
 
 
@@ -140,6 +143,7 @@ def light_rows_into(
     optics: Record,
     work: Record,
     points: Matrix,
+    lights: Codes,
     orbit: Vector,
     axes: Matrix,
     t: float,
@@ -155,14 +159,14 @@ def light_rows_into(
     """Write the rows of m filters about the spots (2 k,) of k lights (k, 3): residual (m, 2 k), H (m, 2 k, n), and R.
 
     orbit and axes as `orbit_frame.lvlh_from_inertial_into`; values (m, n) and attitudes as in `Estimates` at t; noise
-    (2 k, 2 k). NaN residuals where a spot is NaN or no light can be seen.
+    (2 k, 2 k). lights (k,): where the errors of each begin. NaN residuals where a spot is NaN or no light can be seen.
     """
     lvlh_from_inertial_into(orbit, axes, t, work["frame"])
     for f in range(values.shape[0]):
         clear(H[f])
         copy_into(noise, R[f])
         target, chaser = dcm_lvlh_from_target[f], dcm_inertial_from_chaser[f]
-        _lights_of_one(optics, work, points, values[f], target, chaser, spots, residual[f], H[f])
+        _lights_of_one(optics, work, points, lights, values[f], target, chaser, spots, residual[f], H[f])
 
 
 @entry

@@ -21,6 +21,7 @@ from relnav.sensors.three_marker.camera import normalise_spot, usable_covariance
 from relnav.sensors.three_marker.pose import explaining_poses
 from relnav.sensors.three_marker.sensor import MarkerCamera
 from relnav.spacecraft import Vehicle
+from relnav.vehicle.layout import places_of_lights
 from relnav.vehicle.light_rows import GEOMETRY, OPTICS, light_rows_into, spots_inside_into
 from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.rows import Rows, empty_rows
@@ -56,8 +57,9 @@ class PointSensor:
             mounted.position_m,
             mounted.dcm_sensor_from_chaser.T,
         )
-        for kind, key in {"mount": "mount", "lever": "lever", "focal": "focal", "points": "lights"}.items():
-            self._optics[key] = layout.by_name[f"{name}.{kind}"].start
+        for kind in ("mount", "lever", "focal"):
+            self._optics[kind] = layout.by_name[f"{name}.{kind}"].start
+        self._lights = places_of_lights(layout, vehicle, name)
 
     def taken(self, value: ArrayLike, covariance: ArrayLike | None) -> tuple[Vector, Matrix]:
         """A caller's spots (n, 2) as numbers, flat, and their noise (2 n, 2 n).
@@ -96,6 +98,7 @@ class PointSensor:
             self._optics,
             self._work,
             self._points,
+            self._lights,
             self._frame.vector,
             self._frame.axes,
             at.t_s,

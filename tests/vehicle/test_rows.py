@@ -53,7 +53,7 @@ def test_lights_are_the_derived_ones(navigator, odd_state, derivatives, name):
     sensor, known, at = navigator._filters.sensors[name], odd_state.values[0], odd_state.of(0)
     optics, points, by_name = sensor._optics, navigator.vehicle.points_m(name), navigator.layout.by_name
     rows = rows_of(sensor, odd_state, np.zeros(2 * len(points)), np.eye(2 * len(points))).jacobian
-    focal, lever, first = by_name[f"{name}.focal"], by_name[f"{name}.lever"], optics["lights"]
+    focal, lever, first = by_name[f"{name}.focal"], by_name[f"{name}.lever"], by_name[f"{name}.points"].start
     scale, lens = 1.0 + known[focal][0], optics["lens"] + known[lever]
     derived = derivatives.derivative(derivatives.spot_of_light, "spot", "errors", at_zero=True, **derivatives.LIGHT)
     for k, s in enumerate(points):
