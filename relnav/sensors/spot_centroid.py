@@ -1,7 +1,9 @@
 """The centre of a sun spot in an image: the patent's centre of gravity, and one that states its own error.
 
 The patent sums everything above a threshold. Counts that stand on a background or on the threshold itself pull the
-centre toward the middle of the window, by up to 0.028 px at a threshold of 10 %; here both are subtracted.
+centre toward the middle of the window, by up to 0.028 px at a threshold of 10 %; here both are subtracted. A background
+that slopes pulls it along the slope: its plane is taken from the window's border, and what it is not known to is in the
+covariance.
 """
 
 from __future__ import annotations
@@ -135,7 +137,7 @@ def centroid(
     threshold : float
         Subtracted, as a share of the peak; more if the noise requires it.
     background : float, optional
-        Counts; the median of the window's border if left out.
+        Counts; a plane through the window's border if left out, robust against spots on it.
     dark : bool
         The shadow of a dot on a bright background, instead of the light of a hole.
 
@@ -169,22 +171,30 @@ def centroids(
     noise = np.array([readout.electrons_per_count, readout.read_noise_e, readout.response_nonuniformity])
     levels = np.array([math.nan if background is None else background, threshold, readout.full_scale])
     signal, queue = np.empty(g.shape), np.empty(g.size, dtype=np.int64)
-    border, out = np.empty(2 * sum(g.shape) - 4), np.empty((count, 7))
-    if not spots_into(g, noise, levels, -1.0 if dark else 1.0, border, signal, queue, out):
+    border, plane, out = np.empty(2 * sum(g.shape) - 4), np.zeros(5), np.empty((count, 7))
+    if not spots_into(g, noise, levels, -1.0 if dark else 1.0, border, plane, signal, queue, out):
         raise ValueError(_NO_IMAGE.format(g.shape))
     return tuple(map(_spot, out.tolist()))
 
 
 @entry
 def spots_into(
-    g: Matrix, noise: Vector, levels: Vector, sign: float, border: Vector, signal: Matrix, queue: Codes, out: Matrix
+    g: Matrix,
+    noise: Vector,
+    levels: Vector,
+    sign: float,
+    border: Vector,
+    plane: Vector,
+    signal: Matrix,
+    queue: Codes,
+    out: Matrix,
 ) -> bool:
     """Write status, x, y, the covariance (xx, xy, yy) and the flux e of the brightest separate spots into out (k, 7).
 
     g (rows, columns) counts; noise (3,): electrons per count, read noise e, non-uniformity; levels (3,): background,
-    NaN for the median of the border, threshold as a share of the peak, largest count; sign -1 for dark spots. border
-    (2 (rows + columns) - 4,), signal (rows, columns) and queue (rows columns,) are scratch. False where a count is not
-    finite.
+    NaN for a plane through the border, threshold as a share of the peak, largest count; sign -1 for dark spots. plane
+    (5,) is zero. border (2 (rows + columns) - 4,), signal (rows, columns) and queue (rows columns,) are scratch. False
+    where a count is not finite.
     """
     rows, columns = g.shape
     for y in range(rows):
@@ -192,12 +202,16 @@ def spots_into(
             if not math.isfinite(g[y, x]):
                 return False
     level, gain = levels[0], noise[0]
-    if math.isnan(level):
+    sloping = math.isnan(level)
+    if sloping:
         level = border_level(g, border)
+    quiet = math.sqrt(noise[1] ** 2 + max(level, 0.0) * gain) / gain + 1.0 / math.sqrt(12.0)
+    plane[0] = level
+    if sloping:
+        _slopes_into(g, quiet, border, plane)
     for y in range(rows):
         for x in range(columns):
-            signal[y, x] = sign * (g[y, x] - level)
-    quiet = math.sqrt(noise[1] ** 2 + max(level, 0.0) * gain) / gain + 1.0 / math.sqrt(12.0)
+            signal[y, x] = sign * (g[y, x] - _background(plane, rows, columns, y, x))
     for k in range(out.shape[0]):
         brightest, peak = 0, signal[0, 0]
         for y in range(rows):
@@ -207,7 +221,7 @@ def spots_into(
         out[k, 0] = NOT_SEEN
         if peak > SEEN_SIGMAS * quiet:
             cut = max(levels[1] * peak, NOISE_SIGMAS * quiet)
-            out[k, 0] = centre_of_blob(g, signal, level, cut, brightest, noise, levels[2], queue, out[k, 1:])
+            out[k, 0] = centre_of_blob(g, signal, plane, cut, brightest, noise, levels[2], queue, out[k, 1:])
     return True
 
 
@@ -215,11 +229,17 @@ def spots_into(
 def border_level(g: Matrix, border: Vector) -> float:
     """Median of the pixels along the edges of g (rows, columns); border (2 (rows + columns) - 4,) is scratch."""
     rows, columns = g.shape
-    count = border.shape[0]
     for x in range(columns):
         border[x], border[columns + x] = g[0, x], g[rows - 1, x]
     for y in range(1, rows - 1):
         border[2 * columns + 2 * y - 2], border[2 * columns + 2 * y - 1] = g[y, 0], g[y, columns - 1]
+    return _median(border)
+
+
+@kernel
+def _median(border: Vector) -> float:
+    """Middle of numbers (n,), which are sorted."""
+    count = border.shape[0]
     gap = count // 2
     while gap > 0:  # Shell 1959, A high-speed sorting procedure
         for k in range(gap, count):
@@ -229,16 +249,41 @@ def border_level(g: Matrix, border: Vector) -> float:
                 at -= gap
             border[at] = value
         gap //= 2
-    half = count // 2
-    middle: float = 0.5 * (border[half - 1] + border[half])  # their number is even
+    middle: float = 0.5 * (border[(count - 1) // 2] + border[count // 2])
     return middle
+
+
+@kernel
+def _slopes_into(g: Matrix, quiet: float, border: Vector, plane: Vector) -> None:
+    """Write slopes of the background by x and y and their variances to plane[1:5], from medians of opposite edges.
+
+    Of n pixels with noise `quiet` (1-sigma) a median has the variance pi/2 quiet^2 / n.
+    """
+    rows, columns = g.shape
+    for axis in range(2):
+        n, length = (rows, columns) if axis == 0 else (columns, rows)
+        edge, ends = border[:n], (0.0, 0.0)
+        for side in range(2):
+            last = side * (length - 1)
+            for k in range(n):
+                edge[k] = g[k, last] if axis == 0 else g[last, k]
+            ends = ends[1], _median(edge)
+        plane[1 + axis] = (ends[1] - ends[0]) / (length - 1)
+        plane[3 + axis] = math.pi * quiet * quiet / (n * (length - 1.0) ** 2)
+
+
+@kernel
+def _background(plane: Vector, rows: int, columns: int, y: int, x: int) -> float:
+    """Of a pixel: the level in the middle of the window, and the slopes."""
+    level: float = plane[0] + plane[1] * (x - 0.5 * (columns - 1)) + plane[2] * (y - 0.5 * (rows - 1))
+    return level
 
 
 @kernel
 def centre_of_blob(
     g: Matrix,
     signal: Matrix,
-    level: float,
+    plane: Vector,
     cut: float,
     brightest: int,
     noise: Vector,
@@ -248,9 +293,9 @@ def centre_of_blob(
 ) -> int:
     """Centre of the pixels with signal above the cut that hang together with the brightest; a Status code.
 
-    g (rows, columns) counts, signal |g - level| of them, set to zero where it was used; brightest: place in the image.
-    noise (3,): electrons per count, read noise e, non-uniformity; full_scale: largest count. queue (rows columns,) is
-    scratch.
+    g (rows, columns) counts, signal |g - background| of them, set to zero where it was used; plane (5,): background,
+    its slopes by x and y and their variances; brightest: place in the image. noise (3,): electrons per count, read
+    noise e, non-uniformity; full_scale: largest count. queue (rows columns,) is scratch.
     Writes x, y, the covariance (xx, xy, yy) and the flux e into out (6,). The cut is subtracted from every pixel.
     """
     rows, columns = g.shape
@@ -261,7 +306,7 @@ def centre_of_blob(
     while done < count:
         y, x = queue[done] // columns, queue[done] % columns
         done += 1
-        weight = abs(g[y, x] - level) - cut
+        weight = abs(g[y, x] - _background(plane, rows, columns, y, x)) - cut
         total, sum_x, sum_y = total + weight, sum_x + weight * x, sum_y + weight * y
         full += g[y, x] >= full_scale
         edge = edge or x == 0 or y == 0 or x == columns - 1 or y == rows - 1
@@ -277,12 +322,17 @@ def centre_of_blob(
         return SATURATED
     centre_x, centre_y = sum_x / total, sum_y / total
     xx, xy, yy = 0.0, 0.0, 0.0
+    wide_x, wide_xy, wide_y = 0.0, 0.0, 0.0
     for k in range(count):
         y, x = queue[k] // columns, queue[k] % columns
         variance = (read * read + max(g[y, x], 0.0) * gain) / (gain * gain) + 1.0 / 12.0
-        variance += (uneven * (g[y, x] - level)) ** 2
+        variance += (uneven * (g[y, x] - plane[0])) ** 2
         dx, dy = x - centre_x, y - centre_y
         xx, xy, yy = xx + dx * dx * variance, xy + dx * dy * variance, yy + dy * dy * variance
+        wide_x, wide_xy, wide_y = wide_x + dx * dx, wide_xy + dx * dy, wide_y + dy * dy
+    xx += wide_x * wide_x * plane[3] + wide_xy * wide_xy * plane[4]
+    xy += wide_xy * (wide_x * plane[3] + wide_y * plane[4])
+    yy += wide_xy * wide_xy * plane[3] + wide_y * wide_y * plane[4]
     squared = total * total
     out[0], out[1], out[5] = centre_x, centre_y, total * gain
     out[2], out[3], out[4] = xx / squared + SHAPE_VARIANCE_PX2, xy / squared, yy / squared + SHAPE_VARIANCE_PX2

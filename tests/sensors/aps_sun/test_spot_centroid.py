@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from relnav.estimation.consistency import chi_square_interval
 from relnav.sensors.measurement import Status
 from relnav.sensors.spot_centroid import centroid, centroid_patent
 from relnav.simulation.sun_spot import centroid_bound, read_out, render_spot
@@ -48,6 +49,30 @@ def test_near_the_bound_and_honest(shots, signal, angle, over_bound):
     assert rms(error) < over_bound * least
     nees = np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[..., None])[..., 0])
     assert 1.0 < np.mean(nees) < 2.5
+
+
+@pytest.mark.parametrize("signal", [2e4, 1e5, 5e5])
+def test_a_sloping_background_is_in_the_covariance(model, signal):
+    """2,000 electrons in the middle, a quarter less and more at the edges: NEES of 2 numbers over 200 exposures."""
+    image, rng = replace(model.image, signal_e=signal), np.random.default_rng(8)
+    spots = np.array([found_on_slope(image, model, rng) for _ in range(200)])
+    error, covariance = spots[:, :2], spots[:, 2:6].reshape(-1, 2, 2)
+    nees = np.einsum("ni,ni->n", error, np.linalg.solve(covariance, error[..., None])[..., 0])
+    lower, upper = chi_square_interval(2 * len(nees), 0.9999)
+    assert lower < np.mean(nees) / 2.0 < upper
+    assert np.mean(error, axis=0) == pytest.approx(0.0, abs=4.0 * np.sqrt(np.mean(covariance[:, 0, 0]) / 200.0))
+
+
+def found_on_slope(image, model, rng):
+    """Error (2,) and covariance (4,) of one exposure."""
+    s = np.array([*np.sin(rng.uniform(-0.01, 0.01, 2)), 1.0])
+    window = render_spot(model, s / np.linalg.norm(s), signal_e=image.signal_e)
+    quiet, middle = window.electrons, 0.5 * (len(window.electrons) - 1)
+    place = np.array([quiet.sum(axis=0) @ np.arange(24), quiet.sum(axis=1) @ np.arange(24)]) / quiet.sum()
+    stray = 2000.0 * (1.0 + 0.25 * (np.arange(24) - middle) / middle)
+    counts = read_out(replace(window, electrons=quiet + stray), image, rng)
+    spot = centroid(counts, image)
+    return [spot.x_px - place[0], spot.y_px - place[1], *spot.covariance_px2.ravel()]
 
 
 def test_the_patents_sum_is_pulled_to_the_middle(shots):
