@@ -19,7 +19,14 @@ from relnav.sensors.dual_field.frame_solver import (
     tell_matches,
     usable_spots_into,
 )
-from relnav.sensors.dual_field.matching import Frame, log_chance_of_match, match_tightly, tight_chord2
+from relnav.sensors.dual_field.matching import (
+    LOOSEST_CHORD2,
+    Frame,
+    log_chance_of_match,
+    match_tightly,
+    slip_variance,
+    tight_chord2,
+)
 from relnav.sensors.dual_field.pair_table import Indices
 from relnav.sensors.dual_field.search import FOUND, LOG_PFA, NOTHING, count_stars, log_false_alarm
 from relnav.sensors.dual_field.second_field import SECOND_ROWS, matches_in, richer_field, second_field_told
@@ -80,11 +87,12 @@ def track_spots(
             prior[r, c] = A[r, c]
             cov[r, c] = sigma_prior * sigma_prior if r == c else 0.0
     forget_slip(frame, cov)
-    stars_found = match_tightly(frame, sky, -1, -1, A, cov, match[:n], out)
-    chance = out[0]
+    near_prior = match_tightly(frame, sky, -1, -1, A, cov, match[:n], out)
+    stars_found, log = near_prior, log_false_alarm(1.0, n + 2, near_prior, out[0])
     if stars_found >= LEAST_STARS and fit_attitude(frame, sky, match[:n], A, cov, 2, v):
         stars_found = match_tightly(frame, sky, -1, -1, A, cov, match[:n], out)
-    log = log_false_alarm(1.0, n + 2, min(stars_found, n), min(chance, out[0]))
+        fitted = log_false_alarm(1.0, n + 2, stars_found, log_chance_of_fit(frame, match[:n], cov, sigma_prior, -1))
+        log = min(log, fitted) if stars_found >= near_prior else fitted
     solution[6, 0], solution[6, 1], solution[6, 2] = log, 1.0, stars_found
     if stars_found < LEAST_STARS or log >= p[SETTINGS + LOG_PFA]:
         return NOTHING
@@ -92,12 +100,32 @@ def track_spots(
         return ALONG_A_LINE
     verdict, work = FOUND, free[15 : 15 + 3 * SECOND_ROWS].reshape((SECOND_ROWS, 3))
     if frame.fields == 2 and not second_field_told(frame, sky, match[:n], A, cov, prior, sigma_prior, work):
-        verdict = fit_alone(frame, sky, match[:n], A, cov, p[SETTINGS + LOG_PFA], out, v, solution[6])
+        verdict = fit_alone(frame, sky, match[:n], A, cov, sigma_prior, p[SETTINGS + LOG_PFA], out, v, solution[6])
     elif fold_distance2(frame) > FOLD_CHI2:
         verdict = OFF_FOLD
     if verdict in (FOUND, FOUND_ALONE):
         tell_matches(frame, sky, hip, order, match, A, star, found[3 * total :], residual, v)
     return verdict
+
+
+@kernel
+def log_chance_of_fit(frame: Frame, match: Codes, cov: Matrix, sigma_prior: float, field: int) -> float:
+    """Logarithm of the expected number of fits as good by chance, of the matched spots of a field, or of all at -1.
+
+    Two of them made the attitude, and lie by chance anywhere within the prior's reach; the others must fall on their
+    stars within that of the fit (cov). With p of a spot for the one and P for the other that is, over all pairs i < j,
+    the sum of P_i P_j times the product of the others' p.
+    """
+    log, total, squares = 0.0, 0.0, 0.0
+    for k in range(match.shape[0]):
+        f = match[k, 1]
+        if match[k, 0] >= 0 and (field < 0 or f == field):
+            reach = frame.sigma2[k] + 2.0 * sigma_prior * sigma_prior + (slip_variance(frame) if f == 1 else 0.0)
+            tight = log_chance_of_match(frame, k, tight_chord2(frame, k, f, cov))
+            ratio = math.exp(log_chance_of_match(frame, k, min(LOOSEST_CHORD2, 25.0 * reach)) - tight)
+            log, total, squares = log + tight, total + ratio, squares + ratio * ratio
+    pairs = 0.5 * (total * total - squares)
+    return log + math.log(pairs) if pairs > 0.0 else 0.0
 
 
 @kernel
@@ -107,6 +135,7 @@ def fit_alone(
     match: Codes,
     A: Matrix,
     cov: Matrix,
+    sigma_prior: float,
     log_pfa: float,
     out: Vector,
     v: Vector,
@@ -129,13 +158,11 @@ def fit_alone(
         if not fit_attitude(frame, sky, match, A, cov, 2, v):
             return ALONG_A_LINE
         match_tightly(frame, sky, -1, -1, A, cov, match, out)
-    chance = 0.0
     for k in range(n):
         if match[k, 1] != field:
             match[k, 0] = -1
-        if match[k, 0] >= 0:
-            chance += log_chance_of_match(frame, k, tight_chord2(frame, k, field, cov))
     stars_found = matches_in(match, n, field)
+    chance = log_chance_of_fit(frame, match, cov, sigma_prior, field)
     info[0], info[2] = log_false_alarm(1.0, n + 2, stars_found, chance), stars_found
     if stars_found < LEAST_STARS or info[0] >= log_pfa:
         return NOTHING

@@ -142,3 +142,22 @@ def test_one_star_tells_a_fold_that_is_off(mounted_sensor, error_rad, off_sigmas
         seen.append(solution.status is status)
         assert nees_of(solution, frame, error_rad) < 31.81, "beyond 5 sigma"
     assert np.mean(seen) > 0.9
+
+
+def test_false_spots_alone_are_no_attitude(sensor):
+    """Thirty false spots near a prior of any direction: at a stated chance of 1e-7 none of 20,000 frames is one.
+
+    The fit moves the attitude onto two of them, so that these lie on their stars anyway.
+    """
+    rng, (width, height) = np.random.default_rng(9), sensor.camera.detector_size_px
+    for _ in range(20_000):
+        spots = rng.uniform([-width / 2.0, -height / 2.0], [width / 2.0, height / 2.0], (30, 2))
+        solution = relnav.dual_field.track(
+            spots,
+            sensor,
+            random_attitude(rng),
+            WIDEST_RAD,
+            magnitude=rng.uniform(2.0, 6.5, 30),
+            velocity_km_s=np.zeros(3),
+        )
+        assert solution.status is StarStatus.NO_MATCH
