@@ -53,6 +53,22 @@ def test_with_a_model_and_everything_written(run, tmp_path, sky):
     np.testing.assert_allclose(again["dcm_cam_from_icrs"], values["dcm_cam_from_icrs"], atol=1e-9)
 
 
+def test_streaks_are_named_where_they_are_no_attitude(run, tmp_path, sky):
+    """The same sky while the camera turned by 20 px; a picture of round stars that is not solved has no such line."""
+    _, dcm, camera = sky
+    model, rng = relnav.load_model("ground_camera"), np.random.default_rng(3)
+    conditions = SkyConditions(faintest_mag=6.5, missing=0.0, false_spots=0, field_radius_rad=np.radians(7.1))
+    frame, exposure = StarFieldSimulator(model, conditions).frame(rng, dcm=dcm), Exposure(zero_point=16.92)
+    for length, said in ((20.0, True), (0.0, False)):
+        trail = np.linspace(-0.5, 0.5, 50)[:, None] * [0.8 * length, 0.6 * length]
+        light, flux = (frame.spots_px[:, None] + trail).reshape(-1, 2), exposure.flux(frame.magnitude) / len(trail)
+        picture = picture_of(light, np.repeat(flux, len(trail)), SIZE, exposure, rng)
+        Image.fromarray(picture.astype(np.uint16)).save(tmp_path / "sky.png")
+        out, values = solve(run, tmp_path, tmp_path / "sky.png", "--focal-px", 3.0 * camera.focal_length_px)
+        assert values["status"] == "no_match"
+        assert ("spots are elongated: if the camera turned during the exposure, expose shorter" in out) == said
+
+
 @pytest.mark.parametrize("kind", ["jpeg of 8 bits", "tiff, focal length 25 % off", "mirrored", "another exposure"])
 def test_other_pictures(run, tmp_path, sky, kind):
     counts, dcm, camera = sky

@@ -102,7 +102,17 @@ def command(frame: Path, quiet: bool, **options: Any) -> None:
     with Outputs() as outputs:
         _write(seen, solution, head, options, outputs)
     if not quiet:
-        say(solution_lines(solution, len(seen.frame.spots_px)), *written)
+        say([*solution_lines(solution, len(seen.frame.spots_px)), *_elongated(seen, solution)], *written)
+
+
+def _elongated(seen: "Seen", solution: "StarSolution") -> list[str]:
+    """What most spots of a picture say of it where it was not solved."""
+    if solution.ok or seen.found is None or 2 * seen.found.blended.sum() < len(seen.found.blended):
+        return []
+    return [
+        f"{seen.found.blended.sum()} of {len(seen.found.blended)} spots are elongated: if the camera turned during the "
+        "exposure, expose shorter"
+    ]
 
 
 def _read(path: Path, options: dict[str, Any]) -> "Seen":

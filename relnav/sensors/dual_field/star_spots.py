@@ -44,6 +44,8 @@ UNEVEN_ERROR_PX = 0.005
 """1-sigma of a centre from pixels that respond unequally."""
 FULL_ERROR_PX = 0.15
 """The same for a star whose top is cut off by full pixels."""
+FLAT = 1e-3
+"""Least balance 1 - m / sigma^2 along a streak: of one longer than the window nothing tells where its middle is."""
 ITERATIONS = 12
 
 
@@ -126,7 +128,8 @@ def find_stars(
     -----
     With noise n, a window w of 1-sigma sigma, distances d from the centre and the light's moment
     m = sum(w I d^2) / sum(w I), a centre moves by sum(w n d) / (sum(w I) (1 - m / sigma^2)). This is the derivative of
-    sum(w I d) = 0. Its covariance follows.
+    sum(w I d) = 0. Its covariance follows. In an elongated spot m is the matrix of moments, so that a centre is known
+    worse along a streak, and what the last iteration leaves of sum(w I d) is added to the noise.
     """
     counts, most_counts = _checked(image, threshold_sigma, saturation, electrons_per_count, most)
     dead, full = ~(np.abs(counts) < NO_COUNTS), counts >= most_counts
@@ -282,16 +285,34 @@ class _Stamps:
         is_star = self.lit & (self.saturated | (self.moment < WIDE * typical + 3.0 * moment_noise))
         is_star &= self.moment < 0.95 * self.window_px**2
         lean = np.hypot(self.xx - self.yy, 2.0 * self.xy) / (2.0 * self.moment)
-        blended = (lean > LEAN + 6.0 * moment_noise / typical) | self._beside_another()
-        scale = (total * (1.0 - self.moment / self.window_px**2)) ** 2
+        elongated = lean > LEAN + 6.0 * moment_noise / typical
+        blended = elongated | self._beside_another()
         floor = np.where(self.saturated, FULL_ERROR_PX, np.hypot(UNEVEN_ERROR_PX, self._sampling(typical))) ** 2
-        xx, yy = (w2 * dx**2).sum(axis=(1, 2)) / scale + floor, (w2 * dy**2).sum(axis=(1, 2)) / scale + floor
-        xy = (w2 * dx * dy).sum(axis=(1, 2)) / scale
+        noise = [(w2 * product).sum(axis=(1, 2)) for product in (dx**2, dx * dy, dy**2)]
+        gx, gy = (self.w * self.light * dx).sum(axis=(1, 2)), (self.w * self.light * dy).sum(axis=(1, 2))
+        left = [np.where(elongated, product, 0.0) for product in (gx * gx, gx * gy, gy * gy)]
+        noise = [one + other for one, other in zip(noise, left, strict=True)]
+        xx, xy, yy = self._moved_by(noise, total, elongated)
+        xx, yy = xx + floor, yy + floor
         rows = np.column_stack(
             [self.centre, xx, xy, yy, total * (1.0 + (radius_px / self.window_px) ** 2), snr, self.saturated, blended]
         )[is_star]
         rows = rows[np.argsort(-rows[:, 5], kind="stable")]
         return _without_doubles(rows)[:most]
+
+    def _moved_by(self, noise: list[Vector], total: Vector, elongated: Flags) -> tuple[Vector, Vector, Vector]:
+        """Covariance xx, xy, yy of the centres by that of sum(w n d): see the notes of `find_stars`."""
+        w2, n_xx, n_xy, n_yy = self.window_px**2, *noise
+        a, b, c = (
+            np.where(elongated, own, same)
+            for own, same in ((self.xx, self.moment), (self.xy, 0.0), (self.yy, self.moment))
+        )
+        a, b, c = 1.0 - a / w2, -b / w2, 1.0 - c / w2
+        det = np.maximum(a * c - b * b, FLAT * (a + c)) * total
+        p, q, r = c / det, -b / det, a / det
+        xx = p * p * n_xx + 2.0 * p * q * n_xy + q * q * n_yy
+        xy = p * q * n_xx + (p * r + q * q) * n_xy + q * r * n_yy
+        return xx, xy, q * q * n_xx + 2.0 * q * r * n_xy + r * r * n_yy
 
     def _beside_another(self) -> Flags:
         """Whether another peak stands so near and high that the centre is of both."""
