@@ -1,15 +1,23 @@
-"""Error budget of a marker layout: what one image can tell at each range, and where the layout fails."""
+"""Error budget of a marker layout: what one image can tell at each range, and where the layout fails.
+
+Spot noise is new in every image. What lasts is averaged by no filter: an error d of the spots, normalised, displaces
+the pose by (J^T W J)^-1 J^T W d, with J and W as in `relnav.geometry.pose_refinement`. A camera that is mounted turned,
+and an attitude of the chaser that is told wrong, turn all that is found about the lens.
+"""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
 
-from relnav.arrays import Matrix
+from relnav.arrays import Matrix, Vector
+from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.pinhole import central_projection_jacobian
 from relnav.geometry.pose_refinement import invertible, pose_information
+from relnav.mission import VisionMission
 from relnav.sensors.three_marker.camera import normalise, project
 from relnav.sensors.three_marker.pose import Pose, explaining_poses, rank_roots, root_gap_rad
 from relnav.sensors.three_marker.sensor import ThreeMarkerModel
@@ -18,6 +26,15 @@ RANGES_M = (0.8, 1.5, 3.0, 7.0, 15.0, 30.0)
 LINEAR_RAD = math.radians(1.5)
 """Sigma of the tilt up to which the range's holds to a tenth. To first order it is R theta / 2 on a flat triangle of
 radius R; r theta^2 / 2 comes on top. At 1.5 deg that is half of it for the shipped one, and adds a tenth."""
+QUANTITIES = {
+    "tilt": ("deg", math.degrees(1.0)),
+    "roll": ("deg", math.degrees(1.0)),
+    "range": ("mm", 1e3),
+    "lateral": ("mm", 1e3),
+}
+"""Of the target's pose before the chaser: unit and its size."""
+_NOTHING = 1e-6  # of the total: rounding
+_FOCAL_STEP = 1e-6
 _SEARCH_M = (0.02, 1000.0)
 _SEARCH_STEPS = 4000
 _EXPLAINED = 9.0  # chi-square: a pose of four markers or more that misfits by less cannot be told from the true one
@@ -37,6 +54,9 @@ class BudgetRow:
         1-sigma position along and across (the worse axis) the boresight.
     root_gap_rad : float
         Angle to the nearest other attitude that explains the same spots; infinite if there is none.
+    others : mapping
+        Of each other source of error, by name, 1-sigma of `QUANTITIES`, (4,) rad and m; those of size zero are left
+        out.
     """
 
     range_m: float
@@ -45,6 +65,18 @@ class BudgetRow:
     range_sigma_m: float
     lateral_sigma_m: float
     root_gap_rad: float
+    others: Mapping[str, Vector] = field(default_factory=dict)
+
+    @property
+    def noise(self) -> Vector:
+        """1-sigma of `QUANTITIES` by spot noise, (4,)."""
+        return np.array([self.tilt_sigma_rad, self.roll_sigma_rad, self.range_sigma_m, self.lateral_sigma_m])
+
+    @property
+    def total(self) -> Vector:
+        """1-sigma of `QUANTITIES` in one image, all sources together, (4,)."""
+        everything: Vector = np.sqrt(sum(sigma**2 for sigma in (self.noise, *self.others.values())))
+        return everything
 
     @property
     def linear(self) -> bool:
@@ -77,7 +109,6 @@ class MarkerBudget:
         """The budget for a reader."""
         lines = [
             f"model {self.model}: one image, straight ahead, nominal attitude, 1-sigma of spot noise alone",
-            "not in it: tolerances of lens, mounting and markers, and the chaser's attitude; a filter considers them",
             f"{'range m':>8}{'tilt deg':>11}{'roll deg':>11}{'range mm':>11}{'lateral mm':>12}{'next root deg':>15}",
         ]
         for row in self.rows:
@@ -96,23 +127,46 @@ class MarkerBudget:
             lines.append(
                 f"* the tilt's sigma is above {limit:g} deg: not linear in the spots, tilt and range are worse"
             )
+        lines += self._other_lines()
         danger = ", ".join(f"{value:.3g} m" for value in self.danger_ranges_m) or "none"
         lines.append(f"ranges at which the markers fix no pose (danger cylinder): {danger}")
         lines.append(f"a marker leaves the image below {self.field_exit_m:.3g} m")
         return lines
 
+    def _other_lines(self) -> list[str]:
+        rows = [row for row in self.rows if row.others]
+        if not rows:
+            return ["no tolerances and no error of the chaser's attitude are stated: spot noise is all"]
+        lines = ["with what lasts, which no filter averages, 1-sigma:"]
+        for k, (name, (unit, size)) in enumerate(QUANTITIES.items()):
+            lines.append(f"{f'{name}, {unit}':<34}" + "".join(f"{f'{row.range_m:g} m':>10}" for row in rows))
+            parts = {"spot noise, one image": [row.noise for row in rows]}
+            parts |= {source: [row.others[source] for row in rows] for source in rows[0].others}
+            parts |= {"total": [row.total for row in rows]}
+            for source, values in parts.items():
+                shown = [
+                    f"{size * value[k]:>10.3g}" if value[k] > _NOTHING * row.total[k] else f"{'-':>10}"
+                    for value, row in zip(values, rows, strict=True)
+                ]
+                lines.append(f"  {source:<32}" + "".join(shown))
+        return lines
+
     def to_dict(self) -> dict[str, Any]:
         """The budget as plain values."""
+        rows = [
+            vars(row) | {"linear": row.linear, "others": {name: sigma.tolist() for name, sigma in row.others.items()}}
+            for row in self.rows
+        ]
         return {
             "model": self.model,
-            "rows": [vars(row) | {"linear": row.linear} for row in self.rows],
+            "rows": rows,
             "danger_ranges_m": list(self.danger_ranges_m),
             "field_exit_m": self.field_exit_m,
         }
 
 
 def budget(model: ThreeMarkerModel, ranges_m: tuple[float, ...] = RANGES_M) -> MarkerBudget:
-    """What one image of this layout tells at each range, to first order in the spot noise."""
+    """What one image of this layout tells at each range, to first order in the errors."""
     return MarkerBudget(model.name, tuple(_row(model, r) for r in ranges_m), danger_ranges(model), field_exit(model))
 
 
@@ -143,7 +197,47 @@ def _row(model: ThreeMarkerModel, range_m: float) -> BudgetRow:
         here.range_sigma_m,
         math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1])),
         root_gap_rad(rank_roots(others, here)),
+        {name: sigma for name, sigma in _others(model, pose, seen.spots_px, covariance) if sigma.any()},
     )
+
+
+def _others(
+    model: ThreeMarkerModel, pose: Matrix, spots_px: Matrix, covariance: Matrix
+) -> Iterator[tuple[str, Vector]]:
+    """Name and 1-sigma of `QUANTITIES` of every source but spot noise, by which the pose has covariance (6, 6)."""
+    if not isinstance(model, VisionMission):
+        return
+    C, points, camera, built = pose[:3], model.markers.points_m, model.camera, model.tolerances
+    if built is not None:
+        by_point = central_projection_jacobian(points @ C.T + pose[3])
+        J = by_point @ np.concatenate([np.broadcast_to(np.eye(3), (len(points), 3, 3)), -C @ cross_matrix(points)], 2)
+        ahead, behind = (
+            normalise(spots_px + step * (spots_px - camera.principal_point_px), camera)
+            for step in (_FOCAL_STEP, -_FOCAL_STEP)
+        )
+        w_xx, w_xy, w_yy = normalise(spots_px, camera)[1].T
+        weights = np.stack([w_xx, w_xy, w_xy, w_yy], axis=-1).reshape(-1, 2, 2)
+        gain = covariance @ np.moveaxis(J.transpose(0, 2, 1) @ weights, 0, 1).reshape(6, -1)
+        focal = (ahead[0] - behind[0]).reshape(-1, 1) / (2.0 * _FOCAL_STEP)
+        yield "focal length", built.focal_length_relative_sigma * _figures(C, gain @ focal)
+        placed = np.concatenate([gain[:, 2 * k : 2 * k + 2] @ by_point[k] @ C for k in range(len(points))], axis=1)
+        yield "marker placement", built.marker_placement_sigma_m * _figures(C, placed)
+        yield "camera mounting", built.camera_mounting_sigma_rad * _turned(pose)
+    yield "chaser attitude", model.chaser.attitude_sigma_rad * _turned(pose)
+    yield "chaser attitude, one image", model.chaser.attitude_noise_rad * _turned(pose)
+
+
+def _turned(pose: Matrix) -> Vector:
+    """`QUANTITIES` by a turn about the lens of 1 rad about each axis, for a target straight ahead."""
+    return np.array([1.0, 1.0, 0.0, float(np.linalg.norm(pose[3]))])
+
+
+def _figures(C: Matrix, columns: Matrix) -> Vector:
+    """`QUANTITIES` by the poses' errors (dr, dtheta), (6, k), of independent errors; C is dcm_cam_from_target."""
+    place, turn = columns[:3] @ columns[:3].T, C @ columns[3:] @ columns[3:].T @ C.T
+    worst = [float(np.linalg.eigvalsh(part[:2, :2])[-1]) for part in (turn, place)]
+    found: Vector = np.sqrt(np.maximum([worst[0], turn[2, 2], place[2, 2], worst[1]], 0.0))
+    return found
 
 
 def danger_ranges(model: ThreeMarkerModel) -> tuple[float, ...]:

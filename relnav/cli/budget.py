@@ -22,7 +22,7 @@ from relnav.cli.printing import OutputPath, say
 @click.option("--plot", type=OutputPath(), help="Draw the budget by range, .png, .pdf or .svg.")
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(model: str, settings: tuple[str, ...], json_path: Path | None, plot: Path | None, quiet: bool) -> None:
-    """Error budget of MODEL by analysis: of beacons and a vehicle every source of error, of markers spot noise.
+    """Error budget of MODEL by analysis: what each source of error costs, by range.
 
     Keys of --set are those of the model's file, in any fitting unit: focal_length_mm=80, or sensor.focal_length_mm=80.
     """

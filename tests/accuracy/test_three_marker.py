@@ -230,7 +230,7 @@ def test_budget_for_a_reader(raised, flat):
     lines = budget(raised).lines()
     assert "three_marker_vision" in lines[0]
     assert "spot noise alone" in lines[0]
-    assert lines[1].startswith("not in it: tolerances of lens, mounting and markers, and the chaser's attitude")
+    assert "with what lasts, which no filter averages, 1-sigma:" in lines
     assert any(line.split()[0] == "15" and "0.285" in line for line in lines)
     assert any("danger cylinder" in line and "none" in line for line in lines)
     assert any(line.startswith("a marker leaves the image below 0.824 m") for line in lines)
