@@ -87,12 +87,10 @@ def track_spots(
             prior[r, c] = A[r, c]
             cov[r, c] = sigma_prior * sigma_prior if r == c else 0.0
     forget_slip(frame, cov)
-    near_prior = match_tightly(frame, sky, -1, -1, A, cov, match[:n], out)
-    stars_found, log = near_prior, log_false_alarm(1.0, n + 2, near_prior, out[0])
+    stars_found = match_tightly(frame, sky, -1, -1, A, cov, match[:n], out)
     if stars_found >= LEAST_STARS and fit_attitude(frame, sky, match[:n], A, cov, 2, v):
         stars_found = match_tightly(frame, sky, -1, -1, A, cov, match[:n], out)
-        fitted = log_false_alarm(1.0, n + 2, stars_found, log_chance_of_fit(frame, match[:n], cov, sigma_prior, -1))
-        log = min(log, fitted) if stars_found >= near_prior else fitted
+    log = log_false_alarm(1.0, n + 2, stars_found, log_chance_of_fit(frame, match[:n], cov, sigma_prior, -1))
     solution[6, 0], solution[6, 1], solution[6, 2] = log, 1.0, stars_found
     if stars_found < LEAST_STARS or log >= p[SETTINGS + LOG_PFA]:
         return NOTHING

@@ -75,6 +75,20 @@ def found_on_slope(image, model, rng):
     return [spot.x_px - place[0], spot.y_px - place[1], *spot.covariance_px2.ravel()]
 
 
+def test_what_the_border_does_not_tell_of_the_slope(model, unit):
+    """A stretched spot, once with the background known: the centres differ by what the covariances differ by."""
+    image, rng, nees, runs = replace(model.image, signal_e=2e5, background_e=2000.0), np.random.default_rng(8), [], 400
+    window = render_spot(model, unit(np.array([[45.0, 45.0]]))[0], signal_e=2e5)
+    for _ in range(runs):
+        counts = read_out(window, image, rng)
+        fitted = centroid(counts, image)
+        known = centroid(counts, image, background=2000.0 / image.electrons_per_count)
+        off = [fitted.x_px - known.x_px, fitted.y_px - known.y_px]
+        nees.append(off @ np.linalg.solve(fitted.covariance_px2 - known.covariance_px2, off))
+    lower, upper = chi_square_interval(2 * runs, 0.9999)
+    assert lower < np.mean(nees) / 2.0 < upper
+
+
 def test_the_patents_sum_is_pulled_to_the_middle(shots):
     """Counts on an unsubtracted threshold of 10 %: three times the error at 5e5 electrons."""
     error, _, _, patent = shots(5e5, 0.0, 60)

@@ -161,3 +161,18 @@ def test_false_spots_alone_are_no_attitude(sensor):
             velocity_km_s=np.zeros(3),
         )
         assert solution.status is StarStatus.NO_MATCH
+
+
+def test_a_fold_that_is_less_known_makes_chance_likelier(mounted_sensor, sensor):
+    """One star in each field: the other field's may lie anywhere within the prior's reach and the fold's."""
+    simulator, rng, frames = StarFieldSimulator(sensor, SkyConditions(false_spots=0)), np.random.default_rng(6), 0
+    for _ in range(20):
+        frame = simulator.frame(rng, velocity_km_s=random_velocity(rng))
+        shown = np.zeros(len(frame.hip), dtype=bool)
+        for field in (0, 1):
+            shown[np.flatnonzero(frame.field == field)[:1]] = True
+        states = [tracked(own, frame, shown, np.random.default_rng(7), 2e-5) for own in (sensor, mounted_sensor)]
+        if all(state.matches == 2 for state in states):
+            frames += 1
+            assert states[1].log10_false_alarm > states[0].log10_false_alarm + 0.3
+    assert frames > 10
