@@ -20,7 +20,7 @@ from relnav.vehicle.settling import CONSTANTS, SCRATCH, settle_into
 from relnav.vehicle.state import Estimates, Lost
 
 LONGEST_STEP_S = 1.0
-"""Of the covariance: the orbit turns by a milliradian in it, and what turns a thrust is small."""
+"""Of the covariance: the orbit turns by a milliradian in it. Thrust turns with the chaser (`settling`)."""
 
 
 class Step(NamedTuple):

@@ -6,7 +6,13 @@ Errors (Markley and Crassidis 2014, ch. 6, for the gyro; convention of `relnav.g
 
 with a = (1 + k) C_LB (f + d x f) + s the acceleration in `lvlh_ccsds`, f the command, k and d the thrusters' errors, s
 the slow acceleration. Relative motion and the target's turn bring their own transitions.
+
+The chaser turns within a step from t_0 to t_1, and the thrusters with it, by C(t) = C_LB exp([phi(t) x]). The gyro's
+samples give C(t) all the time, so that velocity gets the integral of C dt, and position that of (t_1 - t) C dt. Of an
+attitude's error the same is - [(integral) f x] C(t_0) alpha(t_0), as alpha does not turn in inertial axes.
 """
+
+import math
 
 import numpy as np
 
@@ -71,9 +77,16 @@ SCRATCH = np.dtype(
         ("told", _F, 3),
         ("acceleration", _F, 3),
         ("pushed", _F, 3),
-        ("to_lvlh", _F, (3, 3)),
+        ("extra", _F, 3),
+        ("along", _F, 3),
+        ("turned", _F, (3, 3)),
+        ("mean", _F, (3, 3)),
+        ("early", _F, (3, 3)),
+        ("to_velocity", _F, (3, 3)),
+        ("to_position", _F, (3, 3)),
         ("frame", _F, (3, 3)),
         ("before", _F, (3, 3)),
+        ("begin", _F, (3, 3)),
         ("F", _F, (MOVING, DRIVING)),
         ("Q", _F, (MOVING, MOVING)),
         ("product", _F, (DRIVING, MOVING)),
@@ -90,27 +103,62 @@ _BIAS, _SLOW, _SCALE, _DIRECTION = (
 
 
 @kernel
-def _push(scratch: Record, dcm_inertial_from_chaser: Matrix, command: Vector, values: Vector) -> None:
-    """Write C_LB and the acceleration in `lvlh_ccsds` into scratch."""
-    a, pushed, to_lvlh, frame = scratch["acceleration"], scratch["pushed"], scratch["to_lvlh"], scratch["frame"]
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        pushed[i] = command[i] + values[_DIRECTION + j] * command[k] - values[_DIRECTION + k] * command[j]
-        for c in range(3):
-            to_lvlh[i, c] = 0.0
-            for m in range(3):
-                to_lvlh[i, c] += frame[i, m] * dcm_inertial_from_chaser[m, c]
-    for i in range(3):
-        along = to_lvlh[i, 0] * pushed[0] + to_lvlh[i, 1] * pushed[1] + to_lvlh[i, 2] * pushed[2]
-        a[i] = (1.0 + values[_SCALE]) * along + values[_SLOW + i]
+def _into_lvlh(frame: Matrix, turned: float, dcm: Matrix, out: Matrix) -> None:
+    """Write frame @ dcm into out (3, 3), of the frame as it was when it stood `turned` rad short of its place."""
+    for c in range(3):
+        for i in range(3):
+            out[i, c] = frame[i, 0] * dcm[0, c] + frame[i, 1] * dcm[1, c] + frame[i, 2] * dcm[2, c]
+        x, z = out[0, c], out[2, c]
+        out[0, c], out[2, c] = x - turned * z, z + turned * x  # about -y; its square is 1e-6 in the longest step
 
 
 @kernel
-def _write_transition(scratch: Record, dt: float, command: Vector, fade: Matrix, now: Matrix, before: Matrix) -> None:
-    """Write F (MOVING, DRIVING) of all errors that move; now, before: dcm_inertial_from_chaser at both ends."""
-    F, to_lvlh = scratch["F"], scratch["to_lvlh"]
+def _push(scratch: Record, turned: float, dt: float, command: Vector, values: Vector, pushes: bool) -> None:
+    """Write the acceleration in `lvlh_ccsds` into scratch, and how much further than if held it moves the chaser.
+
+    turned: of `lvlh_ccsds` in the step, rad. Weights of `mean` have their centre in its middle, of `early` at a third.
+    """
+    a, pushed, extra, frame = scratch["acceleration"], scratch["pushed"], scratch["extra"], scratch["frame"]
+    for i in range(3):
+        a[i], extra[i] = values[_SLOW + i], 0.0
+    if not pushes:
+        return
+    to_velocity, to_position = scratch["to_velocity"], scratch["to_position"]
+    _into_lvlh(frame, turned / 2.0, scratch["mean"], to_velocity)
+    _into_lvlh(frame, turned / 1.5, scratch["early"], to_position)
+    _into_lvlh(frame, turned, scratch["before"], scratch["begin"])
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        pushed[i] = command[i] + values[_DIRECTION + j] * command[k] - values[_DIRECTION + k] * command[j]
+    for i in range(3):
+        along = to_velocity[i, 0] * pushed[0] + to_velocity[i, 1] * pushed[1] + to_velocity[i, 2] * pushed[2]
+        early = to_position[i, 0] * pushed[0] + to_position[i, 1] * pushed[1] + to_position[i, 2] * pushed[2]
+        a[i] += (1.0 + values[_SCALE]) * along
+        extra[i] = 0.5 * dt * dt * (1.0 + values[_SCALE]) * (early - along)
+
+
+@kernel
+def _write_push(rows: Matrix, weight: float, to_lvlh: Matrix, begin: Matrix, command: Vector, along: Vector) -> None:
+    """Write into three rows of F what errors of thrusters and attitude do: weight times that to the acceleration.
+
+    to_lvlh: mean of C_LB; begin: C_LB at the step's begin; along (3,) scratch.
+    """
+    for i in range(3):
+        along[i] = to_lvlh[i, 0] * command[0] + to_lvlh[i, 1] * command[1] + to_lvlh[i, 2] * command[2]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        rows[i, _SCALE] = weight * along[i]
+        for c in range(3):
+            d, e = (c + 1) % 3, (c + 2) % 3
+            rows[i, _DIRECTION + c] = weight * (to_lvlh[i, e] * command[d] - to_lvlh[i, d] * command[e])
+            rows[i, _CHASER + c] = weight * (begin[j, c] * along[k] - begin[k, c] * along[j])
+
+
+@kernel
+def _write_transition(scratch: Record, dt: float, command: Vector, fade: Matrix, now: Matrix, pushes: bool) -> None:
+    """Write F (MOVING, DRIVING) of all errors that move; now: dcm_inertial_from_chaser at the end."""
+    F, before = scratch["F"], scratch["before"]
     clear(F)
-    pushes = command[0] != 0.0 or command[1] != 0.0 or command[2] != 0.0
     for i in range(MOTION):
         for c in range(MOTION):
             F[i, c] = scratch["phi"][i, c]
@@ -121,14 +169,10 @@ def _write_transition(scratch: Record, dt: float, command: Vector, fade: Matrix,
         F[_CHASER + i, _BIAS + i] = -dt
         for c in range(3):
             F[_CHASER + i, _CHASER + c] = now[0, i] * before[0, c] + now[1, i] * before[1, c] + now[2, i] * before[2, c]
-        if pushes:
-            along = to_lvlh[i, 0] * command[0] + to_lvlh[i, 1] * command[1] + to_lvlh[i, 2] * command[2]
-            F[i, _SCALE], F[_VELOCITY + i, _SCALE] = 0.5 * dt * dt * along, dt * along
-            for c in range(3):
-                d, e = (c + 1) % 3, (c + 2) % 3
-                across = to_lvlh[i, e] * command[d] - to_lvlh[i, d] * command[e]  # of -C_LB [f x]
-                for first in (_DIRECTION, _CHASER):
-                    F[i, first + c], F[_VELOCITY + i, first + c] = 0.5 * dt * dt * across, dt * across
+    if pushes:
+        begin, along = scratch["begin"], scratch["along"]
+        _write_push(F[:3], 0.5 * dt * dt, scratch["to_position"], begin, command, along)
+        _write_push(F[_VELOCITY : _VELOCITY + 3], dt, scratch["to_velocity"], begin, command, along)
 
 
 @kernel
@@ -164,18 +208,53 @@ def _add_push_noise(Q: Matrix, dt: float, drift: Matrix) -> None:
 
 
 @kernel
+def _add_means(dcm: Matrix, turn: Vector, share: float, left: float, mean: Matrix, early: Matrix) -> None:
+    """Add to the means of a step what dcm exp(u [turn x]), u from 0 to 1, gives them over a share of it.
+
+    left: share of the step that comes after. The integrals over u of exp and (1 - u) exp are 1 + b T + c T^2 and
+    1/2 + c T + d T^2, T = [turn x]: to rounding of 1e-12, whatever the angle.
+    """
+    angle2 = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]
+    if angle2 > 0.01:
+        angle = math.sqrt(angle2)
+        b, c = (1.0 - math.cos(angle)) / angle2, (1.0 - math.sin(angle) / angle) / angle2
+        d = (0.5 - b) / angle2
+    else:
+        b = 0.5 - angle2 / 24.0 * (1.0 - angle2 / 30.0 * (1.0 - angle2 / 56.0))
+        c = 1.0 / 6.0 - angle2 / 120.0 * (1.0 - angle2 / 42.0 * (1.0 - angle2 / 72.0))
+        d = 1.0 / 24.0 - angle2 / 720.0 * (1.0 - angle2 / 56.0)
+    for i in range(3):
+        along = dcm[i, 0] * turn[0] + dcm[i, 1] * turn[1] + dcm[i, 2] * turn[2]
+        for k in range(3):
+            m, n = (k + 1) % 3, (k + 2) % 3
+            once, twice = dcm[i, m] * turn[n] - dcm[i, n] * turn[m], along * turn[k] - angle2 * dcm[i, k]
+            whole, falling = dcm[i, k] + b * once + c * twice, 0.5 * dcm[i, k] + c * once + d * twice
+            mean[i, k] += share * whole
+            early[i, k] += 2.0 * share * (left * whole + share * falling)
+
+
+@kernel
 def _turn_through(
-    samples: Matrix, count: int, begin: float, end: float, bias: Vector, dcm: Matrix, scratch: Record
+    samples: Matrix, count: int, begin: float, end: float, bias: Vector, dcm: Matrix, pushes: bool, scratch: Record
 ) -> None:
-    """Turn dcm_inertial_from_chaser, in place, from begin to end by gyro samples less their bias (3,)."""
-    turn, turned = scratch["pushed"], scratch["to_lvlh"]
-    k = holding_at(samples, count, begin)
+    """Turn dcm_inertial_from_chaser, in place, from begin to end by gyro samples less their bias (3,).
+
+    pushes: write its means over the step into scratch, of the same weight at all times, as velocity has it, in `mean`,
+    and of a weight that falls to none at the end, as position has it, in `early`.
+    """
+    turn, turned, mean, early = scratch["pushed"], scratch["turned"], scratch["mean"], scratch["early"]
+    k, step = holding_at(samples, count, begin), end - begin
+    if pushes:
+        clear(mean)
+        clear(early)
     while begin < end:
         until = min(samples[k + 1, 0], end) if k + 1 < count else end
         dt = until - begin
         if dt > 0.0:
             for i in range(3):
                 turn[i] = (samples[k, 1 + i] - bias[i]) * dt
+            if pushes:
+                _add_means(dcm, turn, dt / step, (end - until) / step, mean, early)
             turn_by_rotation_vector(dcm, turn, turned)
             for i in range(3):
                 for c in range(3):
@@ -220,6 +299,7 @@ def _move(
     for i in range(MOTION):
         values[i] = effect[i]
     for i in range(3):
+        values[i] += scratch["extra"][i]
         values[_SLOW + i] *= fade[i, i]
     return True
 
@@ -266,19 +346,20 @@ def settle_into(
         for i in range(3):
             for c in range(3):
                 before[i, c] = now[i, c]
-        if f == without:
-            _turn_through(held, 1, t, end, values[f, _BIAS : _BIAS + 3], now, scratch)
-        else:
-            _turn_through(samples, count, t, end, values[f, _BIAS : _BIAS + 3], now, scratch)
         for i in range(3):
             told[i] = 0.0 if f == untold else command[i]
+        pushes = told[0] != 0.0 or told[1] != 0.0 or told[2] != 0.0
+        if f == without:
+            _turn_through(held, 1, t, end, values[f, _BIAS : _BIAS + 3], now, pushes, scratch)
+        else:
+            _turn_through(samples, count, t, end, values[f, _BIAS : _BIAS + 3], now, pushes, scratch)
         fade, drift = scratch["fade"], scratch["drift"]
         if f == untold:
             fade, drift = scratch["push_fade"], scratch["push_drift"]
-        _push(scratch, now, told, values[f])
+        _push(scratch, constants["body"][ORBIT, FRAME_RATE] * dt, dt, told, values[f], pushes)
         if not _move(constants, scratch, t, dt, f > 0, fade, values[f], dcm_lvlh_from_target[f]):
             return False
-        _write_transition(scratch, dt, told, fade, now, before)
+        _write_transition(scratch, dt, told, fade, now, pushes)
         _write_noise(scratch, dt, drift, constants["angle_walk"], walks[f])
         if f == untold:
             _add_push_noise(scratch["Q"], dt, drift)
