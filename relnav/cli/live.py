@@ -167,7 +167,8 @@ def _vehicle(
     refuse_parquet(asked.log)
     table, refusals = TextTable(asked.log, arriving), Refusals(asked.log, _telling(view))
     summary = Summary(vehicle)
-    parts = filter_rows(summary.counted(live_rows(table, vehicle, refusals)), vehicle, refuse=refusals.refuse)
+    rows = summary.counted(live_rows(table, vehicle, refusals))
+    parts = filter_rows(rows, vehicle, refuse=refusals.refuse, late=summary.late)
     write_port_track(summary.passing(parts), vehicle, out, {"log": asked.log.name}, writer, asked_frame())
     if not writer.rows:
         return [], True

@@ -80,7 +80,7 @@ def filter_vehicle(
         check_format(out, TRACKS)
     summary = Summary(vehicle)
     picture.of(vehicle)
-    rows = read_vehicle_log(log, vehicle)
+    rows = read_vehicle_log(log, vehicle, summary.said.append)
     with Outputs() as outputs, epoch_bar(log, quiet=quiet, note=", one a second", from_bytes=200_000) as progress:
         estimates = (smoothed_rows if smooth else filter_rows)(summary.counted(rows), vehicle)
         parts = picture.passing(summary.passing(estimates, progress))
@@ -98,9 +98,18 @@ def filter_vehicle(
 
 
 class Summary:
-    """What became of a vehicle's observations: how many, and the last estimate."""
+    """What became of a vehicle's observations: how many, and the last estimate.
+
+    Attributes
+    ----------
+    late : Counter of str
+        How many of each sensor came too late for the filter's window.
+    said : list of str
+        What is odd about the log's order.
+    """
 
     def __init__(self, vehicle: "Vehicle") -> None:
+        self.late, self.said = Counter[str](), list[str]()
         self._vehicle, self._rows = vehicle, 0
         self._times: dict[str, list[float]] = {}
         self._last: VehicleEstimate | None = None
@@ -155,13 +164,18 @@ class Summary:
         import numpy as np
 
         from relnav.files.filter_file import spacing_note
+        from relnav.files.vehicle_log import too_late
         from relnav.files.vehicle_notes import refused_note
 
         assert self._last is not None
+        late = [
+            f"{count} row{'s' if count > 1 else ''} of {name} {too_late(self._vehicle)}"
+            for name, count in self.late.items()
+        ]
         seen = [(self._latest[name], health) for name, health in self._last.sensors.items() if name in self._latest]
         said = [*self._readings.values(), *(refused_note(*one, self._vehicle) for one in seen)]
         most = max(self._times.values(), key=len, default=[])
-        return [*spacing_note(np.array(most), "divide them by 1000"), *filter(None, said)]
+        return [*self.said, *late, *spacing_note(np.array(most), "divide them by 1000"), *filter(None, said)]
 
     def lines(self, name: str) -> list[str]:
         """For a reader."""

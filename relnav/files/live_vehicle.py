@@ -24,8 +24,9 @@ def live_rows(table: TextTable, vehicle: Vehicle, refusals: Refusals) -> Iterato
             table.last_row = number - 1
             try:
                 for found in table.rows_of(number, line + b"\n"):
-                    row = row_of(table, *found, vehicle, counts)
-                    refusals.row()
+                    row, before = row_of(table, *found, vehicle, counts), refusals.count
                     yield row
+                    if refusals.count == before:  # the filter has not refused it either
+                        refusals.row()
             except LogError as error:
                 refusals.refuse(error)

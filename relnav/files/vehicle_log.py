@@ -7,6 +7,7 @@ direction is followed by xx, xy, xz, yy, yz, zz of its covariance. Rows may stan
 
 import csv
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TypeGuard
@@ -23,13 +24,16 @@ from relnav.files.wording import shown
 from relnav.geometry.linear_algebra import lengths
 from relnav.sensors.sun_direction import SunDirection, direction_with_covariance
 from relnav.simulation.vehicle_sensors import Value, VehicleRun
-from relnav.spacecraft import POINTS, RESERVED, STAR, Vehicle
+from relnav.spacecraft import GYRO, POINTS, RESERVED, STAR, Vehicle
 from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.navigator import LONGEST_PREDICTION_S, VehicleNavigator
-from relnav.vehicle.replay import check_gap
+from relnav.vehicle.replay import TOO_OLD, check_gap
 from relnav.vehicle.smoothing import VehicleSmoother
 
 _UPPER_3 = np.triu_indices(3)
+
+ROWS_TRIED = 1000
+"""Whose times are looked at for their unit."""
 
 Row = tuple[str, float, Value]
 """Sensor, time, value."""
@@ -69,13 +73,13 @@ def _numbers(value: Value) -> list[float]:
     return flat
 
 
-def read_vehicle_log(path: Path | TextTable, vehicle: Vehicle) -> list[Row]:
-    """The observations of a log (.csv or .parquet), by time.
+def read_vehicle_log(path: Path | TextTable, vehicle: Vehicle, tell: Callable[[str], None] | None = None) -> list[Row]:
+    """The observations of a log (.csv or .parquet), by time; `tell` takes a sentence if they stand far from it.
 
     Raises
     ------
     LogError
-        For what is no such log; the message names the line.
+        For what is no such log, or one in milliseconds; the message names the line.
     """
     rows: list[Row] = []
     name = path if isinstance(path, Path) else path.path
@@ -85,7 +89,37 @@ def read_vehicle_log(path: Path | TextTable, vehicle: Vehicle) -> list[Row]:
             raise LogError(f"{name}: more than {MOST_ROWS} rows; split the log in time")
     if not rows:
         raise LogError(f"{name}: no row after the header; one an observation is expected")
-    return sorted(rows, key=lambda row: row[1])
+    back_s, sensor = _steps_back(rows)
+    if tell is not None and back_s > vehicle.filter.replay_window_s:
+        tell(
+            f"rows of {sensor} go back in time by {back_s:g} s, and all were sorted by time: if its clock was set back "
+            "there, split the log there"
+        )
+    rows.sort(key=lambda row: row[1])
+    _check_unit(rows, vehicle, str(name))
+    return rows
+
+
+def _steps_back(rows: list[Row]) -> tuple[float, str]:
+    """By how much the times of one sensor's rows go back at the most from row to row, s, and of which."""
+    before: dict[str, float] = {}
+    most = 0.0, ""
+    for sensor, t_s, _ in rows:
+        most = max(most, (before.get(sensor, t_s) - t_s, sensor))
+        before[sensor] = t_s
+    return most
+
+
+def _check_unit(rows: list[Row], vehicle: Vehicle, name: str) -> None:
+    """Refuse times, in order, that are milliseconds: the gyro's are a thousand times as far apart as its rate says."""
+    period_s = 1.0 / vehicle.gyro.rate_hz
+    times = np.array([t_s for sensor, t_s, _ in rows[:ROWS_TRIED] if sensor == GYRO])
+    apart_s = float(np.median(np.diff(times))) if len(times) > 2 else 0.0
+    if abs(apart_s - 1e3 * period_s) < 0.1 * 1e3 * period_s:
+        raise LogError(
+            f"{name}: rows of {GYRO} are {apart_s:g} s apart, and {period_s:g} s by its rate_hz: the times are "
+            "milliseconds; divide them by 1000"
+        )
 
 
 def is_parquet(path: Path | TextTable) -> TypeGuard[Path]:
@@ -164,15 +198,22 @@ def _value(values: Vector, name: str, vehicle: Vehicle, where: str) -> Value:
     return direction_with_covariance(values[:3].copy(), covariance)
 
 
+def too_late(vehicle: Vehicle) -> str:
+    """What is said of an observation from before the replay window."""
+    return f"came too late for the window (replay_window_s = {vehicle.filter.replay_window_s:g})"
+
+
 def filter_rows(
     rows: Iterable[Row],
     vehicle: Vehicle,
     every_s: float = 1.0,
     refuse: Callable[[ValueError], None] | None = None,
+    late: Counter[str] | None = None,
 ) -> Iterator[VehicleEstimate]:
     """The estimate every so many seconds, and at the end, from observations in the order of time.
 
-    `refuse` takes what the filter says of an observation that it cannot take; without it that ends the run.
+    `refuse` takes what the filter says of an observation that it cannot take, or that comes too late for its window;
+    without it that ends the run. `late` counts the latter by sensor.
 
     Raises
     ------
@@ -190,7 +231,10 @@ def filter_rows(
                 if due <= nav.newest_s + LONGEST_PREDICTION_S:
                     yield nav.state(due)
                 due += every_s
-            nav.observe(name, t_s, value)
+            if nav.observe(name, t_s, value) is TOO_OLD:
+                if late is not None:
+                    late[name] += 1
+                raise ValueError(f"{name} {too_late(vehicle)}")
         except ValueError as error:
             told = LogError(f"at {t_s!r} s: {error}")
             if refuse is None:
