@@ -94,7 +94,7 @@ class VehicleFilters:
             )
         place = three("position_m", vehicle.start_position_m if position_m is None else position_m)
         speed = three("velocity_m_s", vehicle.hand_over.velocity_m_s if velocity_m_s is None else velocity_m_s)
-        more = dict(sensors or {})
+        more = {} if sensors is None else sensors
         check_sensors(more)
         for name in more:
             if name in vehicle.sensor or name in RESERVED:
@@ -153,6 +153,7 @@ class VehicleFilters:
             if not any(map(isfinite, taken.tolist())):
                 return None
         else:
+            refuse_covariance(sensor, covariance)
             taken, noise = np.array(three(sensor, value)), NOTHING
         return Event(number("t_s", t_s), self.places[sensor], sensor, taken, noise)
 
@@ -366,6 +367,18 @@ class VehicleFilters:
             },
             _memory=tracked.alarms._replace(asked_s=tracked.estimates.t_s),
         )
+
+
+def refuse_covariance(name: str, covariance: ArrayLike | None) -> None:
+    """Refuse that of a gyro sample or a command.
+
+    Raises
+    ------
+    ValueError
+        If there is one.
+    """
+    if covariance is not None:
+        raise ValueError(f"covariance: {name} takes none, its errors are those of [{name}] in the vehicle file")
 
 
 def three(name: str, value: ArrayLike) -> tuple[float, float, float]:

@@ -153,6 +153,8 @@ def check_sensors(sensors: Mapping[str, FlyingSensor]) -> None:
     ValueError
         Saying of which sensor, what is expected and what came.
     """
+    if not isinstance(sensors, Mapping):
+        raise ValueError(f"sensors: a mapping of names to sensors is expected; got a {type(sensors).__name__}")
     for name, sensor in sensors.items():
         odd = _odd_sensor(name, sensor)
         if odd:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from relnav.arrays import number, numbers
 from relnav.spacecraft import GYRO, Vehicle
 from relnav.vehicle.estimate import VehicleEstimate
-from relnav.vehicle.filters import VehicleFilters, three
+from relnav.vehicle.filters import VehicleFilters, refuse_covariance, three
 from relnav.vehicle.flying_sensor import FlyingSensor
 from relnav.vehicle.replay import ACCEPTED, REJECTED, REPLAYED, TOO_OLD, Event, Observed, Replay
 from relnav.vehicle.tracked import Tracked
@@ -102,14 +102,16 @@ class VehicleNavigator:
             Both in chaser axes.
         covariance : optional
             Of its noise: (n, 2, 2) of spots, (3, 3) rad^2 in sensor axes of a star sensor; if left out, the solution's
-            or the file's.
+            or the file's. "gyro" and "thrust" take none.
 
         Raises
         ------
         ValueError
-            For another name, shape or time, and for rows of a sensor of your own that do not fit.
+            For another name, shape or time, a covariance where none is taken, and for rows of a sensor of your own that
+            do not fit.
         """
         if sensor == GYRO:
+            refuse_covariance(sensor, covariance)
             return self._sample(t_s if type(t_s) is float else number("t_s", t_s), value)
         event = self._filters.event(sensor, t_s, value, covariance)
         if event is None:

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import Matrix, Vector, number
 from relnav.dynamics.docking_port import ARM, RATE, port_geometry_into
 from relnav.dynamics.docking_port import VELOCITY as PORT_VELOCITY
 from relnav.dynamics.error_state import POSE
 from relnav.dynamics.relative_motion import frame_rate
+from relnav.errors import UsageError
 from relnav.spacecraft import Vehicle
 from relnav.vehicle.layout import (
     CHASER_ATTITUDE,
@@ -56,11 +57,32 @@ class PortState:
         """What the position's error exceeds along each axis with no more than this probability, (3,) m.
 
         If nothing is at fault: with the stated noise and tolerances, an error of the normal distribution.
+
+        Raises
+        ------
+        UsageError
+            For what is no probability.
         """
         from scipy.special import ndtri
 
-        level: Vector = -ndtri(0.5 * probability) * self.sigma[:3]
+        level: Vector = -ndtri(0.5 * checked_probability("probability", probability)) * self.sigma[:3]
         return level
+
+
+def checked_probability(name: str, value: float, *, may_be_one: bool = False) -> float:
+    """A caller's probability.
+
+    Raises
+    ------
+    UsageError
+        For 0, for 1 unless it may be that, and for what lies outside.
+    ValueError
+        For what is no number.
+    """
+    probability = number(name, value)
+    if not (0.0 < probability < 1.0 or (may_be_one and probability == 1.0)):
+        raise UsageError(f"{name} lies between 0 and 1; got {value!r}")
+    return probability
 
 
 def port_state(

@@ -27,7 +27,7 @@ import numpy as np
 
 from relnav.arrays import Vector
 from relnav.errors import UsageError
-from relnav.vehicle.port import PortState
+from relnav.vehicle.port import PortState, checked_probability
 from relnav.vehicle.rows import Rows
 
 FAULT_PROBABILITY = 1e-3
@@ -64,11 +64,10 @@ def protection_level_m(
 
     if not without:
         raise UsageError("no filter without a sensor was flown: VehicleNavigator(vehicle, separation=True) does")
-    if not (0.0 < probability < 1.0 and 0.0 < fault_probability <= 1.0):
-        raise UsageError(f"probabilities lie between 0 and 1; got {probability!r} and {fault_probability!r}")
-    share = probability / (1.0 + len(without))
+    share = checked_probability("probability", probability) / (1.0 + len(without))
+    fault = checked_probability("fault_probability", fault_probability, may_be_one=True)
     level: Vector = -ndtri(0.5 * share) * port.sigma[:3]
-    k = max(0.0, -float(ndtri(min(0.5, 0.5 * share / fault_probability))))
+    k = max(0.0, -float(ndtri(min(0.5, 0.5 * share / fault))))
     for other in without.values():
         level = np.maximum(level, np.abs(port.position_m - other.position_m) + k * other.sigma[:3])
     return level

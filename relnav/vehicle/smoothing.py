@@ -34,7 +34,7 @@ from relnav.spacecraft import GYRO, Vehicle
 from relnav.vehicle.alarms import AlarmMemory
 from relnav.vehicle.drifts import Drifts
 from relnav.vehicle.estimate import VehicleEstimate
-from relnav.vehicle.filters import VehicleFilters, three
+from relnav.vehicle.filters import VehicleFilters, refuse_covariance, three
 from relnav.vehicle.flying_sensor import FlyingSensor
 from relnav.vehicle.gyro import Sample
 from relnav.vehicle.health import Fare
@@ -114,6 +114,7 @@ class VehicleSmoother:
         time = number("t_s", t_s)
         check_gap(sensor, time, self._newest_s)
         if sensor == GYRO:
+            refuse_covariance(sensor, covariance)
             self._samples.add((time, *three(GYRO, value)))
         else:
             event = self._alone.event(sensor, time, value, covariance)

@@ -11,6 +11,7 @@ from relnav.vehicle import gyro
 from relnav.vehicle.gyro import GyroSamples, found_at, lost_at
 from relnav.vehicle.navigator import VehicleNavigator
 from relnav.vehicle.replay import Observed
+from relnav.vehicle.smoothing import VehicleSmoother
 
 BEFORE_ANY = np.array([0.0, 0.1, 0.0])
 
@@ -67,6 +68,14 @@ def test_any_array_of_three_numbers_is_a_rate(vehicle):
         assert navigator.newest_s == 0.01 * (k + 1)
     held = navigator._filters.samples
     assert held.array[1 : held.count, 1:].tolist() == [read_only.tolist()] * 6
+
+
+@pytest.mark.parametrize("flown", [VehicleNavigator, VehicleSmoother])
+@pytest.mark.parametrize("name", ["gyro", "thrust"])
+def test_a_covariance_that_is_not_taken_is_refused(vehicle, flown, name):
+    """Not left unused without a word."""
+    with pytest.raises(ValueError, match=rf"^covariance: {name} takes none, its errors are those of \[{name}\] in the"):
+        flown(vehicle).observe(name, 0.1, [0.0, 0.0, 0.0], 1e-6 * np.eye(3))
 
 
 def test_which_one_holds():

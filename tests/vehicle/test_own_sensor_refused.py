@@ -233,6 +233,14 @@ def test_names(vehicle, name):
         VehicleNavigator(vehicle, sensors={name: Place()})
 
 
+@pytest.mark.parametrize("sensors", [[3], [], "lidar", Place()])
+def test_without_names(vehicle, sensors):
+    with pytest.raises(
+        ValueError, match=r"^sensors: a mapping of names to sensors is expected; got a (list|str|Place)$"
+    ):
+        VehicleNavigator(vehicle, sensors=sensors)
+
+
 def test_a_list_of_errors_and_none_will_do(vehicle):
     for lasting, size in (([LastingError("offset", 3, 0.1)], 78), ((LastingError("points", 6, 0.0),), 81), ((), 75)):
         assert VehicleNavigator(vehicle, sensors={"gps": Place(lasting=lasting)}).layout.size == size

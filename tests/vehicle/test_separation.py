@@ -91,5 +91,15 @@ def test_it_is_the_largest_of_separation_and_sigmas():
     np.testing.assert_allclose(level, [0.3 + 0.02 * fault, across, across])
     with pytest.raises(UsageError, match="separation=True"):
         protection_level_m(own, {}, 1e-7, 1e-3)
-    with pytest.raises(UsageError, match="between 0 and 1"):
-        protection_level_m(own, without, 1.5, 1e-3)
+    for wrong in (-0.1, 0.0, 1.0, 1.5, 2.0, np.nan):
+        with pytest.raises(UsageError, match=r"^probability lies between 0 and 1; got"):
+            protection_level_m(own, without, wrong, 1e-3)
+        with pytest.raises(UsageError, match=r"^probability lies between 0 and 1; got"):
+            own.protection_level_m(wrong)
+    for wrong in (0.0, 1.1, np.nan):
+        with pytest.raises(UsageError, match=r"^fault_probability lies between 0 and 1; got"):
+            protection_level_m(own, without, 1e-7, wrong)
+    with pytest.raises(ValueError, match=r"^probability"):
+        own.protection_level_m("x")
+    np.testing.assert_allclose(own.protection_level_m(3e-6), 0.01 * norm.isf(1.5e-6))
+    assert (protection_level_m(own, without, 1e-7, 1.0) > protection_level_m(own, without, 1e-7, 0.1)).all()
