@@ -38,7 +38,7 @@ from relnav.vehicle.monitor import Sums, all_estimated
 from relnav.vehicle.motion import VehicleMotion
 from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.points import LEAST_LIGHTS, PointSensor
-from relnav.vehicle.port import port_state
+from relnav.vehicle.port import PortState, port_state
 from relnav.vehicle.replay import Event
 from relnav.vehicle.separation import hide
 from relnav.vehicle.state import Estimates, start_state
@@ -341,10 +341,9 @@ class VehicleFilters:
         """What is told of t_s, not before the time of `tracked`."""
         at = self.motion.settled(tracked.estimates, self.samples, t_s)
         state, rate = at.of(0), self.motion.chaser_rate(at, self.samples)
-        port, _ = port_state(self.vehicle, self.frame, state, rate)
         return VehicleEstimate(
             t_s=t_s,
-            port=port,
+            port=self._port(at, 0),
             motion=state.values[:MOTION].copy(),
             dcm_lvlh_from_target=state.dcm_lvlh_from_target.copy(),
             target_rate_rad_s=state.values[TARGET_RATE].copy(),
@@ -361,12 +360,14 @@ class VehicleFilters:
             ambiguous=tracked.search is not None or tracked.is_tried,
             explanations=1 if tracked.search is None else len(tracked.search.hypotheses),
             restarts=tracked.restarts,
-            without={
-                name: port_state(self.vehicle, self.frame, at.of(f), self.motion.chaser_rate(at, self.samples, f))[0]
-                for name, f in self._without.items()
-            },
+            without={name: self._port(at, f) for name, f in self._without.items()},
             _memory=tracked.alarms._replace(asked_s=tracked.estimates.t_s),
         )
+
+    def _port(self, at: Estimates, f: int) -> PortState:
+        """The ports as one of the filters has them."""
+        rate, trend = self.motion.chaser_rate(at, self.samples, f), self.motion.rate_trend(at, self.samples, f)
+        return port_state(self.vehicle, self.frame, at.of(f), rate, trend)[0]
 
 
 def refuse_covariance(name: str, covariance: ArrayLike | None) -> None:

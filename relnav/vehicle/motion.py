@@ -102,6 +102,11 @@ class VehicleMotion:
         rate: Vector = told - at.values[filter_, GYRO_BIAS]
         return rate
 
+    def rate_trend(self, at: Estimates, samples: GyroSamples, filter_: int = 0) -> Vector:
+        """How far (3,) rad/s that rate may be off as the chaser's turn speeds up: none of it while no sample holds."""
+        known = filter_ != self._without and at.lost is None
+        return samples.trend_at(at.t_s) if known else np.zeros(3)
+
     def settled(self, at: Estimates, samples: GyroSamples, t_s: float) -> Estimates:
         """The estimates at t_s, not before their own time; the same ones if they are of that time."""
         at = self.forwarded(at, samples, t_s)

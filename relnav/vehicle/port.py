@@ -1,7 +1,8 @@
 """From a vehicle's state to what docking needs: port from port, its rate, attitude and rate, with joint covariance.
 
 As in `relnav.dynamics.docking_port`, the chaser's rate being the gyro's sample less its bias: the errors of the bias
-and the noise of the sample are in velocity and rate.
+and the noise of the sample are in velocity and rate. So is the square of what the rate has changed since the middle of
+the sample's period, if it changes as over the samples before (`GyroSamples.trend_at`).
 """
 
 from dataclasses import dataclass
@@ -86,9 +87,16 @@ def checked_probability(name: str, value: float, *, may_be_one: bool = False) ->
 
 
 def port_state(
-    vehicle: Vehicle, frame: OrbitFrame, state: VehicleState, chaser_rate_rad_s: Vector
+    vehicle: Vehicle,
+    frame: OrbitFrame,
+    state: VehicleState,
+    chaser_rate_rad_s: Vector,
+    rate_trend_rad_s: Vector | None = None,
 ) -> tuple[PortState, Matrix]:
-    """The ports of a settled state, and d(port errors)/d(errors of the state), (12, n)."""
+    """The ports of a settled state, and d(port errors)/d(errors of the state), (12, n).
+
+    rate_trend_rad_s: how far the chaser's rate may be off beyond noise and bias, (3,).
+    """
     C_TL = state.dcm_lvlh_from_target.T
     C_TB = C_TL @ frame.dcm_lvlh_from_inertial(state.t_s) @ state.dcm_inertial_from_chaser
     motion = np.concatenate([state.values[POSITION], state.values[VELOCITY]])
@@ -113,5 +121,8 @@ def port_state(
     J[:, GYRO_BIAS] = -by_rate
     noise = vehicle.gyro.random_walk_rad_sqrt_s**2 * vehicle.gyro.rate_hz
     whole = J @ state.covariance @ J.T + noise * by_rate @ by_rate.T
+    if rate_trend_rad_s is not None:
+        trend = by_rate * rate_trend_rad_s
+        whole += trend @ trend.T
     position = found[ARM] - np.array(vehicle.target.port_position_m)
     return PortState(position, found[PORT_VELOCITY], C_TB, found[RATE], 0.5 * (whole + whole.T)), J

@@ -86,14 +86,16 @@ def test_which_one_holds():
 
 
 def test_room_is_made_by_forgetting_what_no_longer_holds(monkeypatch):
+    """But for samples that say whether the rate changes."""
     monkeypatch.setattr(gyro, "ROOM", 4)
+    monkeypatch.setattr(gyro, "TREND", 1)
     samples = filled([1.0, 1.1, 1.2])
     assert samples.is_full
-    samples.make_room(1.15)
+    samples.make_room(1.25)
     assert not samples.is_full
     assert len(samples.array) == 4
     assert samples.array[: samples.count, 0].tolist() == [1.1, 1.2]
-    samples.make_room(1.15)
+    samples.make_room(1.25)
     samples.insert((1.3, 0.0, 0.0, 0.0))
     samples.insert((1.05, 7.0, 0.0, 0.0))
     samples.make_room(0.0)  # nothing can be forgotten
