@@ -19,6 +19,7 @@ from relnav.navigation.status import EpochStatus
 
 GROUPS = 8192
 """Of epochs, at most twice as many: what a browser draws without a wait."""
+NOT_STARTED = "NOT STARTED: no image was confirmed by the next, and there is no state to draw."
 
 
 def write_run_page(
@@ -55,6 +56,7 @@ def write_run_page(
 def _body(
     view: RunView, model: Any, corridor_deg: float, capture: CaptureLimits, notes: tuple[str, ...], shown: set[str]
 ) -> str:
+    notes = notes if view.started else (NOT_STARTED, *notes)
     parts = [f'<div class="tiles">{"".join(_tiles(view))}</div>', *(paragraph(note) for note in notes)]
     parts.append(_TOOLS)
     if view.places:
@@ -108,12 +110,13 @@ def _epoch_tiles(view: RunView) -> list[str]:
     started = next((event.begin_s for event in view.events if event.what == "STARTED"), math.nan)
     since = f"{started:.6g} s" if started == started else "never"
     tiles = [
-        tile("started", since, f"starts: {counts[EpochStatus.STARTED]}"),
+        tile("started", since, f"starts: {counts[EpochStatus.STARTED]}", "" if view.started else "bad"),
         tile("epochs used whole", str(used), f"of {view.thin.epochs}"),
         tile("epochs with something refused", str(refused), f"{counts[EpochStatus.PREDICTED]} without a measurement"),
     ]
     if view.ambiguous >= 0:
-        note, verdict = ("not to be used", "bad") if view.ambiguous else (f"of {view.thin.epochs}", "good")
+        fine = f"of {view.thin.epochs}", "good" if view.started else ""
+        note, verdict = ("not to be used", "bad") if view.ambiguous else fine
         tiles.append(tile("epochs with an ambiguous pose", str(view.ambiguous), note, verdict))
     if view.nis.dof:
         lasting = view.metadata.get("considered", "")

@@ -6,7 +6,7 @@ A `RunView` is gathered part after part from solutions, or from the columns of a
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from relnav.estimation.gating import chi_square_limit
 from relnav.files.approach_view import Place, Places, misalignments
 from relnav.files.innovation_columns import Innovations, SpotInnovations, unsaid
 from relnav.files.port_columns import PortColumns
+from relnav.files.spans import Event, Spans
 from relnav.files.tables import COLUMNS, DOCKING_COLUMNS, STATE_COLUMNS, rows_of
 from relnav.files.thinning import Thin, Thinning
 from relnav.mission import Model
@@ -28,7 +29,6 @@ from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
 FLAGS = tuple(f"is_{status.name.lower()}" for status in EpochStatus)
 ALARMS = {f"alarm_{one.name.lower()}": one for one in Alarm if one.name}
 """Columns of 0 and 1, and what they tell."""
-MOST_EVENTS = 200
 MOST_STEPS = 30
 """Of a bound that changes with the number of spots seen, before it is a thicket."""
 PLACES = 12
@@ -88,16 +88,6 @@ class Row:
     column: str
     label: str
     colour: str
-
-
-@dataclass(frozen=True)
-class Event:
-    """Something a reader should see on the timeline, from one time to another."""
-
-    begin_s: float
-    end_s: float
-    what: str
-    epochs: int
 
 
 @dataclass(frozen=True)
@@ -176,6 +166,11 @@ class RunView:
         """Values of a column over `thin.times()`."""
         return self.thin.line(self.names[column])
 
+    @property
+    def started(self) -> bool:
+        """Whether any epoch has a state."""
+        return bool(self.docking() or self.states())
+
     def largest(self, column: str) -> Vector:
         """The greatest value of each group, over `thin.times()`."""
         return self.thin.largest(self.names[column])
@@ -199,16 +194,22 @@ class RunView:
     def place(self) -> tuple[Matrix, Matrix]:
         """Position in docking axes (3, m) over `thin.times()`, x out of the port, and its sigmas along these axes.
 
-        For range and angles the sigmas are along the line of sight and across it, which lies near x.
+        For range and angles the sigmas are along the line of sight and across it, which lies near x. Which of the two a
+        track has is told by its columns, as a run without a state has no value in any; NaN where a track has neither.
         """
-        if not self.has("range_m"):
-            return np.stack([self.line(q.column) for q in PORTS]), np.stack([self.largest(q.sigma) for q in PORTS])
-        r, azimuth, elevation = (self.line(q.column) * (1.0 if q.unit == "m" else math.pi / 180.0) for q in DOCKING)
+        quantities = DOCKING if DOCKING[0].column in self.names else PORTS
+        first, second, third = (self._or_nan(q.column, self.line) for q in quantities)
+        s = [self._or_nan(q.sigma, self.largest) for q in quantities]
+        if quantities is PORTS:
+            return np.stack([first, second, third]), np.stack(s)
+        r, azimuth, elevation = first, second * math.pi / 180.0, third * math.pi / 180.0
         level = r * np.cos(elevation)
         place = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), -r * np.sin(elevation)])
-        s = [self.largest(q.sigma) for q in DOCKING]
         across = r * math.pi / 180.0
         return place, np.stack([s[0], level * math.pi / 180.0 * s[1], across * s[2]])
+
+    def _or_nan(self, column: str, values: Callable[[str], Vector]) -> Vector:
+        return values(column) if column in self.names else np.full(len(self.thin.times()), math.nan)
 
     def nis_limit(self, probability: float) -> Vector:
         """What NIS stays below with a probability, over `thin.times()`, by the degrees of freedom there."""
@@ -235,30 +236,6 @@ class RunView:
                 ends = float(self.thin.begin[part[0]]), float(self.thin.end[part[-1]])
                 out.append(NisBar(*ends, mean.ratio, mean.lower, mean.upper))
         return out
-
-
-class Spans:
-    """Stretches of epochs with one code, gathered part after part; of some codes there is nothing to tell."""
-
-    def __init__(self, quiet: tuple[int, ...], what: Callable[[int], str]) -> None:
-        self.events: list[Event] = []
-        self.left_out, self._quiet, self._what, self._last = 0, quiet, what, -1
-
-    def take(self, t: Vector, codes: Any) -> None:
-        """Go on with the next epochs."""
-        begins = np.append(0, np.flatnonzero(np.diff(codes)) + 1)
-        ends = np.append(begins[1:], len(codes)) - 1
-        for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
-            code, last = int(codes[begin]), self.events[-1] if self.events else None
-            if code in self._quiet:
-                continue
-            if begin == 0 and code == self._last and last is not None and self.left_out == 0:
-                self.events[-1] = replace(last, end_s=float(t[end]), epochs=last.epochs + end + 1)
-            elif len(self.events) < MOST_EVENTS:
-                self.events.append(Event(float(t[begin]), float(t[end]), self._what(code), end - begin + 1))
-            else:
-                self.left_out += 1
-        self._last = int(codes[-1])
 
 
 def watcher_of(mission: Any, most: int) -> "RunWatcher":
@@ -361,7 +338,9 @@ class RunWatcher:
             rows=self._rows(),
             places=self._places.places(),
         )
-        if self._unsaid and not any(view.has(f"gate_{quantity.column}") for quantity in view.innovations):
+        if not view.started:
+            view.unsaid = "No innovations: the filter never started."
+        elif self._unsaid and not any(view.has(f"gate_{quantity.column}") for quantity in view.innovations):
             view.unsaid = f"No {'gates' if view.innovations else 'innovations'}: {self._unsaid}."
         return view
 

@@ -9,7 +9,8 @@ import numpy as np
 from relnav.accuracy.published import Claim
 from relnav.files.models import load_published
 from relnav.files.port_columns import RENAMED
-from relnav.files.run_view import Event, Row, RunView, RunWatcher, Spans
+from relnav.files.run_view import Row, RunView, RunWatcher
+from relnav.files.spans import Event, Spans
 from relnav.files.vehicle_track import SEEKING, TrackRows
 from relnav.spacecraft import RESERVED, Vehicle
 from relnav.vehicle.estimate import VehicleEstimate
