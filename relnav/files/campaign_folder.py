@@ -18,6 +18,7 @@ from relnav.errors import InputError, UsageError
 from relnav.files.atomic import PART, replacing
 from relnav.files.parquet import require_pyarrow
 from relnav.files.scenarios import plain
+from relnav.files.sealed import UnsealedError, check_sealed, write_sealed
 from relnav.files.tables import read_json, relnav_version, write_json
 from relnav.files.wording import shown
 
@@ -160,10 +161,8 @@ def join_batches(pieces: Sequence[Batch]) -> Batch:
 
 
 def _write(table: Any, path: Path) -> None:
-    from pyarrow import parquet
-
     with replacing(path) as temporary:
-        parquet.write_table(table, temporary, compression="none", use_dictionary=False, write_statistics=False)
+        write_sealed(table, temporary)
 
 
 def _damaged(path: Path, error: Exception) -> InputError:
@@ -182,16 +181,29 @@ class Runs:
     def __init__(self, folder: Path, plan: Plan | Cut) -> None:
         self.folder = folder
         self._parts, self._runs = [part_of(folder, start) for start in plan.starts], plan.runs
+        self._whole: set[Path] = set()
 
-    def _tables(self, names: Sequence[str]) -> Iterator[Any]:
+    def _tables(self, names: Sequence[str] | None = None, *, in_place: bool = False) -> Iterator[Any]:
+        """A table of each part: these columns of it, or all; read, or mapped into memory.
+
+        Raises
+        ------
+        InputError
+            Naming the first part that is damaged. A part is looked at once, before anything in it is used.
+        """
         pyarrow = require_pyarrow()
         from pyarrow import parquet
 
         for path in self._parts:
             try:
-                yield parquet.ParquetFile(path, pre_buffer=False).read(columns=list(names), use_threads=False)
-            except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
+                if path not in self._whole:
+                    check_sealed(path)
+                    self._whole.add(path)
+                file = parquet.ParquetFile(path, memory_map=in_place, pre_buffer=False)
+                table = file.read(columns=None if names is None else list(names), use_threads=False)
+            except (pyarrow.ArrowException, OSError, UnicodeDecodeError, UnsealedError) as error:
                 raise _damaged(path, error) from error
+            yield table
 
     def read(self, names: Sequence[str]) -> dict[str, Vector]:
         """Figures of all runs, in their order."""
@@ -205,13 +217,7 @@ class Runs:
 
     def columns(self) -> set[str]:
         """Names of the columns."""
-        pyarrow = require_pyarrow()
-        from pyarrow import parquet
-
-        try:
-            return set(parquet.read_schema(self._parts[0]).names)
-        except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
-            raise _damaged(self._parts[0], error) from error
+        return set(next(self._tables()).column_names)
 
     def status(self) -> Codes:
         """RunStatus of all runs."""
@@ -230,11 +236,7 @@ class Runs:
 
     def table(self) -> Any:
         """All of it as one pyarrow table, which is read in place."""
-        from pyarrow import parquet
-
-        return require_pyarrow().concat_tables(
-            [parquet.ParquetFile(path, memory_map=True).read(use_threads=False) for path in self._parts]
-        )
+        return require_pyarrow().concat_tables(list(self._tables(in_place=True)))
 
 
 def write_failed(folder: Path, failed: Any) -> None:

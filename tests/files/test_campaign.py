@@ -13,6 +13,7 @@ import pytest
 pytest.importorskip("pyarrow", reason="campaigns are Parquet files (extra parquet)")
 
 import relnav
+import relnav.cli
 from relnav.accuracy import run_score
 from relnav.accuracy.campaign_plan import Plan, fly_batch
 from relnav.accuracy.run_score import RunStatus
@@ -177,6 +178,60 @@ def test_a_damaged_part_is_named(model, tmp_path):
         Runs(out, plan).read(["restarts"])
     with pytest.raises(relnav.InputError, match=r"part-000000000000\.parquet: damaged"):
         Runs(out, plan).columns()
+
+
+@pytest.fixture
+def part(whole, model, tmp_path):
+    """The first part of a campaign of four runs, copied, and a way to read it as the campaign does."""
+    plan = Plan(model, TINY, "fix", 3, 4)
+    path = part_of(tmp_path, 0)
+    path.parent.mkdir()
+    path.write_bytes(part_of(whole, 0).read_bytes())
+    return path, lambda: Runs(tmp_path, plan).table()
+
+
+def test_one_bit_that_changed_is_noticed(part):
+    """Anywhere in the file: in values, in names and sizes that no checksum of Parquet covers, in the digest itself."""
+    path, read = part
+    raw, rng = path.read_bytes(), np.random.default_rng(5)
+    footer = int.from_bytes(raw[-8:-4], "little") + 8
+    anywhere, behind = rng.integers(len(raw), size=40), len(raw) - 1 - rng.integers(footer, size=40)
+    for place in (*anywhere, *behind, raw.index(b"64 zeros") + 60):
+        damaged = bytearray(raw)
+        damaged[place] ^= 1 << int(rng.integers(8))
+        path.write_bytes(damaged)
+        with pytest.raises(relnav.InputError, match=r"damaged: its? .*; delete it and go on with the campaign$"):
+            read()
+    path.write_bytes(raw)
+    assert read().column("run").to_pylist() == [0, 1, 2, 3]
+
+
+def test_a_part_of_another_program_is_refused(part):
+    """Nobody knows what its figures were when they were written."""
+    parquet = pytest.importorskip("pyarrow.parquet")
+    path, read = part
+    parquet.write_table(read(), path)
+    with pytest.raises(relnav.InputError, match=r"part-0+\.parquet: damaged: it states no SHA-256 .*delete it"):
+        read()
+
+
+def test_a_damaged_part_ends_the_command(tmp_path, capsys):
+    """It printed figures of what it read; with the part deleted, the same command flies it again, to the same bytes."""
+    (tmp_path / "tiny.toml").write_text(SCENARIO)
+    words = ["campaign", "three_beacon_psd", "--runs", "4", "--seed", "3", "--scenario", str(tmp_path / "tiny.toml")]
+    words += ["--out", str(tmp_path / "out"), "--no-pictures", "--workers", "1"]
+    assert relnav.cli.run([*words, "--quiet"]) == 0
+    path = part_of(tmp_path / "out", 0)
+    raw = path.read_bytes()
+    path.write_bytes(raw[:200] + bytes([raw[200] ^ 64]) + raw[201:])
+    capsys.readouterr()
+    assert relnav.cli.run(words) == 3
+    assert f"{path.name}: damaged: its bytes are not those of the SHA-256 that it states; delete it" in (
+        " ".join(capsys.readouterr().err.split())
+    )
+    path.unlink()
+    assert relnav.cli.run([*words, "--quiet"]) == 0
+    assert path.read_bytes() == raw
 
 
 FLY = """

@@ -15,6 +15,7 @@ import relnav
 import relnav.cli
 from relnav.files.marker_logs import write_marker_log
 from relnav.files.report_page import data_block, words
+from relnav.files.sealed import write_sealed
 from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
 from relnav.simulation.marker_flight import simulate_flight
 from relnav.simulation.trajectory import Approach
@@ -242,7 +243,7 @@ def test_hostile_words_of_a_campaign_stay_words(copied):
     part = copied / "runs" / "part-000000000004.parquet"
     table = parquet.read_table(part)
     table = table.set_column(1, "status", [[3] * 4]).set_column(2, "reason", [[HOSTILE] * 4])
-    parquet.write_table(table, part)
+    write_sealed(table, part)
     page = page_of(copied)
     assert HOSTILE not in page
     assert "<script" not in page
