@@ -88,6 +88,7 @@ COMMANDS = [
     *(f"filter {log} --model {PSD}" for log in ("back.csv", "late.csv", "empty.csv", "header.csv", "no_comma.csv")),
     *(f"filter {log} --model {PSD}" for log in ("none.csv", "anywhere.csv", "exchanged.csv", "millimetres.csv")),
     f"filter gap.csv --model {PSD}",
+    f"filter good.csv --model {PSD} --method spots",
     "filter turned.csv --model three_marker_vision",
     "filter stars.csv --model rendezvous_demo",
     *(f"filter good.csv --model {model}" for model in ("sure.toml", "unsure.toml", "aps_sun", "three_marker_vision")),

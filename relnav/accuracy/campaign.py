@@ -137,7 +137,6 @@ def run_campaign(
     outcomes = {}
     for way, parts in collected.items():
         error, sigma, nees, nis, dof = zip(*parts, strict=True)
-        outcomes[way] = Outcome(
-            np.array(error), np.array(sigma), np.array(nees), consistency_of_sum("NIS", sum(nis), sum(dof))
-        )
+        consistency = consistency_of_sum("NIS", sum(nis), sum(dof), lasting=bool(model.considered))
+        outcomes[way] = Outcome(np.array(error), np.array(sigma), np.array(nees), consistency)
     return np.array(ranges), outcomes

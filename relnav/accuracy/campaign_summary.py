@@ -11,7 +11,7 @@ import numpy as np
 from relnav.accuracy.published import UNITS, Claim, Published
 from relnav.accuracy.run_figures import Figures, Quantity, RunStatus
 from relnav.arrays import Codes, Vector
-from relnav.estimation.consistency import Consistency, consistency_of_sum
+from relnav.estimation.consistency import Consistency, consistency_of_runs, consistency_of_sum
 
 Reader = Callable[[Sequence[str]], dict[str, Vector]]
 """Figures of all runs by the names of their columns, in the order of runs."""
@@ -75,7 +75,8 @@ class CampaignSummary:
     restarts : int
         Of all filters.
     nis, final_nees : Consistency
-        NIS of all epochs used whole, and NEES at the end, one of each run.
+        NIS of all epochs used whole, its interval from how much runs differ (`consistency_of_runs`); NEES at the end,
+        one of each run.
     nees_by_bin : tuple of Consistency
         NEES at the first epoch in a bin, one of each run: independent from run to run, as its interval takes for
         granted.
@@ -161,7 +162,7 @@ def summarise(
     for name in figures.state:
         values = read([f"final_error_{name}", f"final_sigma_{name}"])
         final.append(_final_row(name, values[f"final_error_{name}"], values[f"final_sigma_{name}"]))
-    nis = consistency_of_sum("NIS", _sum(totals["nis_sum"]), round(_sum(totals["nis_dof"])))
+    nis = consistency_of_runs("NIS", totals["nis_sum"], totals["nis_dof"])
     restarts, last = round(_sum(totals["restarts"])), _independent(totals["final_nees"], len(figures.state))
     return CampaignSummary(runs, outcomes, restarts, nis, last, tuple(edges_m), tuple(nees), tuple(bins), tuple(final))
 

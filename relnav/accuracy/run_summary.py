@@ -188,7 +188,7 @@ class RunSummary:
     @property
     def nis(self) -> Consistency:
         """NIS of the epochs that were used whole."""
-        return consistency_of_sum("NIS", self._used, self._used_dof)
+        return consistency_of_sum("NIS", self._used, self._used_dof, lasting=bool(self.considered))
 
     @property
     def nis_all_per_dof(self) -> float:
@@ -221,8 +221,8 @@ class RunSummary:
             "epochs_by_alarm": {str(one.name).lower(): self.alarms[one] for one in Alarm},
             "nis_per_dof": self.nis.ratio,
             "nis_interval": [self.nis.lower, self.nis.upper],
-            "nis_consistent": None if self.considered else self.nis.consistent,
-            "nis_overconfident": None if self.considered else self.nis.overconfident,
+            "nis_consistent": None if self.nis.withheld else self.nis.consistent,
+            "nis_overconfident": None if self.nis.withheld else self.nis.overconfident,
             "nis_all_per_dof": self.nis_all_per_dof,
             "refused_unexplained": self.refused_unexplained,
             "rows": [
@@ -270,10 +270,7 @@ class RunSummary:
         )
         if self.alarm_line:
             lines.append(self.alarm_line)
-        if self.considered:  # they are the same in every epoch: no average over epochs is near one for certain
-            lines.append(f"NIS per degree of freedom {self.nis.ratio:.3f} (epochs used whole), lasting errors included")
-        else:
-            lines.append(f"{self.nis} (epochs used whole)")
+        lines.append(f"{self.nis} (epochs used whole)")
         if self.restarts > self.replaced or self.refused_after_gaps:
             lines.append(self._gap_line)
         if self.refused_unexplained:

@@ -36,10 +36,10 @@ def report_lines(report: "AccuracyReport") -> list[str]:
         if not entry.as_expected:
             verdict += ", NOT EXPECTED"
         nees = entry.nees
+        interval = "" if entry.nis.withheld else f" of [{entry.nis.lower:.4f}, {entry.nis.upper:.4f}]"
         lines.append(
             f"  {entry.method:<44} mean {nees.mean:7.2f} of {nees.dof}, inside 95 %: {nees.inside_95:.3f}, "
-            f"outside 99.99 %: {nees.outside_9999:.4f}; NIS/dof {entry.nis.ratio:.4f} of [{entry.nis.lower:.4f}, "
-            f"{entry.nis.upper:.4f}]  {verdict}"
+            f"outside 99.99 %: {nees.outside_9999:.4f}; NIS/dof {entry.nis.ratio:.4f}{interval}  {verdict}"
         )
     lines.extend(f"    {row.method}: {row.reason}" for row in report.consistency if not row.expected_consistent)
     lines.append("settled filter on the docking axis, 1-sigma: Riccati equation | the filter itself after a long hold")

@@ -142,11 +142,13 @@ def _markers(
     from relnav.cli.marker_filter import Summary, lines
     from relnav.files.live_log import LiveLog
     from relnav.files.marker_logs import marker_header, marker_solutions, write_track
+    from relnav.navigation.lasting_words import marker_words
 
     log = LiveLog(asked.log, arriving, _telling(view), marker_header(mission))
     summary = Summary(mission)
     parts = view.passing(summary.passing(marker_solutions(log, mission)))
-    write_track(parts, mission.name, out, {"log": asked.log.name}, writer, asked.track.turning(mission))
+    stated = {"log": asked.log.name} | marker_words(mission)
+    write_track(parts, mission.name, out, stated, writer, asked.track.turning(mission))
     if not writer.rows:
         return [], True
     figures = summary.figures()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from relnav.cli.epoch_bar import epoch_bar
 from relnav.cli.printing import say
 from relnav.errors import UsageError
-from relnav.navigation.lasting_words import left_out, left_out_line
+from relnav.navigation.lasting_words import left_out, left_out_line, marker_words
 from relnav.navigation.status import Alarm
 
 if TYPE_CHECKING:
@@ -51,6 +51,7 @@ def filter_markers(
         table = track.table(outputs)
         if table is not None:
             stated = {"log": log.name} | ({"smoothed": "yes"} if smooth else {}) | engine_words(engine)
+            stated |= marker_words(mission)
             write_track(parts, mission.name, table, stated, turning=track.turning(mission))
         for _ in parts:
             pass
@@ -146,7 +147,8 @@ class Summary:
         from relnav.estimation.consistency import consistency_of_sum
 
         self._parts.settle()
-        consistency = consistency_of_sum("NIS", self._nis, self._dof)
+        lasting = bool(marker_words(self._mission))
+        consistency = consistency_of_sum("NIS", self._nis, self._dof, lasting=lasting)
         assert self._last is not None
         port, sigma = self._last
         counts = {name if name == "epochs" else f"epochs_{name}": count for name, count in self._counts.items()}

@@ -4,6 +4,7 @@ Bar-Shalom, Li, Kirubarajan (2001), section 5.4: for an honest filter the sum of
 chi-square with as many degrees of freedom as were summed.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,8 @@ import numpy as np
 from relnav.arrays import Codes, Matrix, Vector, number
 
 SMALLER = "errors smaller than stated, no fault"
+LASTING = "lasting errors are included, the same in every epoch"
+ONE_RUN = "one run does not tell how much runs differ"
 
 
 @dataclass(frozen=True)
@@ -24,11 +27,14 @@ class Consistency:
     ratio : float
         Sum over its degrees of freedom; 1 if the covariance is correct, more if it is too small.
     lower, upper : float
-        Interval that contains `ratio` with `probability` if the covariance is correct and the terms are independent.
+        Interval that contains `ratio` with `probability` if the covariance is correct and the terms are independent;
+        NaN where there is none, and no verdict with it: `consistent` and `overconfident` are both False.
     dof : int
         Degrees of freedom summed.
     probability : float
         Of the interval.
+    withheld : str
+        Why there is no interval; empty if there is one.
     """
 
     quantity: str
@@ -37,6 +43,7 @@ class Consistency:
     upper: float
     dof: int
     probability: float
+    withheld: str = ""
 
     @property
     def consistent(self) -> bool:
@@ -52,6 +59,8 @@ class Consistency:
         """One sentence: figure, interval, verdict."""
         if self.dof == 0:
             return f"{self.quantity}: no data"
+        if self.withheld:
+            return f"{self.quantity} per degree of freedom {self.ratio:.3f}, no interval: {self.withheld}"
         verdict = "overconfident" if self.overconfident else "consistent" if self.consistent else SMALLER
         return (
             f"{self.quantity} per degree of freedom {self.ratio:.3f}, "
@@ -79,19 +88,51 @@ def chi_square_interval(dof: int, probability: float = 0.95) -> tuple[float, flo
     return float(chdtri(dof, 1.0 - tail)) / dof, float(chdtri(dof, tail)) / dof
 
 
-def consistency_of_sum(quantity: str, total: float, dof: int, probability: float = 0.95) -> Consistency:
-    """Consistency of a sum of squared normalised errors with so many degrees of freedom."""
+def consistency_of_sum(
+    quantity: str, total: float, dof: int, probability: float = 0.95, *, lasting: bool = False
+) -> Consistency:
+    """Consistency of a sum of squared normalised errors with so many degrees of freedom.
+
+    lasting: whether the errors include some that are the same in every term. Then the terms are not independent: the
+    mean of one run may lie anywhere, and no interval is told.
+    """
     if dof == 0:
-        return Consistency(quantity, float("nan"), float("nan"), float("nan"), 0, probability)
+        return Consistency(quantity, math.nan, math.nan, math.nan, 0, probability)
     lower, upper = chi_square_interval(dof, probability)
+    if lasting:
+        return Consistency(quantity, total / dof, math.nan, math.nan, dof, probability, LASTING)
     return Consistency(quantity, total / dof, lower, upper, dof, probability)
 
 
-def nis_consistency(nis: Vector, dof: Codes, probability: float = 0.95) -> Consistency:
-    """Consistency of normalised innovations squared, (n,) with their degrees of freedom (n,); NaN are left out."""
+def nis_consistency(nis: Vector, dof: Codes, probability: float = 0.95, *, lasting: bool = False) -> Consistency:
+    """Consistency of normalised innovations squared, (n,) with their degrees of freedom (n,); NaN are left out.
+
+    lasting: as in `consistency_of_sum`.
+    """
     used = np.isfinite(nis) & (np.asarray(dof) > 0)
     total = int(np.sum(np.asarray(dof)[used]))
-    return consistency_of_sum("NIS", float(np.sum(np.asarray(nis)[used])), total, probability)
+    return consistency_of_sum("NIS", float(np.sum(np.asarray(nis)[used])), total, probability, lasting=lasting)
+
+
+def consistency_of_runs(quantity: str, totals: Vector, dofs: Vector, probability: float = 0.95) -> Consistency:
+    """Consistency of sums of squared normalised errors, one of each run (n,), whose terms need not be independent.
+
+    Within a run a lasting error is in every term. Runs are independent: `ratio` is the mean of their r = total / dof,
+    and the interval 1 +- t s / sqrt(n), with s the deviation of r over the runs and t of Student's distribution with
+    n - 1 degrees of freedom. Runs without a term are left out.
+    """
+    from scipy.special import stdtrit  # as in `chi_square_interval`
+
+    used = np.isfinite(totals) & (np.asarray(dofs) > 0)
+    r, dof = np.asarray(totals)[used] / np.asarray(dofs)[used], round(math.fsum(np.asarray(dofs)[used]))
+    if not r.size:
+        return Consistency(quantity, math.nan, math.nan, math.nan, 0, probability)
+    mean = math.fsum(r) / r.size
+    if r.size == 1:
+        return Consistency(quantity, mean, math.nan, math.nan, dof, probability, ONE_RUN)
+    deviation = math.sqrt(math.fsum((r - mean) ** 2) / (r.size - 1))
+    half = float(stdtrit(r.size - 1, 0.5 * (1.0 + probability))) * deviation / math.sqrt(r.size)
+    return Consistency(quantity, mean, 1.0 - half, 1.0 + half, dof, probability)
 
 
 def nees(errors: Matrix, covariances: Matrix) -> Vector:

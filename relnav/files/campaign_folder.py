@@ -203,7 +203,7 @@ class Runs:
                 table = file.read(columns=None if names is None else list(names), use_threads=False)
             except (pyarrow.ArrowException, OSError, UnicodeDecodeError, UnsealedError) as error:
                 raise _damaged(path, error) from error
-            yield table
+            yield table.replace_schema_metadata()  # its digest is the file's, not the table's
 
     def read(self, names: Sequence[str]) -> dict[str, Vector]:
         """Figures of all runs, in their order."""

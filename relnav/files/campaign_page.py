@@ -156,7 +156,7 @@ def _tiles(summary: CampaignSummary) -> Iterator[str]:
 
 
 def _colour(entry: Consistency) -> str:
-    return "bad" if entry.overconfident else "good"
+    return "" if entry.withheld else "bad" if entry.overconfident else "good"
 
 
 def _honest(summary: CampaignSummary) -> Iterator[tuple[object, ...]]:
@@ -167,7 +167,7 @@ def _honest(summary: CampaignSummary) -> Iterator[tuple[object, ...]]:
         if not entry.dof:
             yield f"{entry.quantity} {where}", "-", "-", 0, verdict
             continue
-        interval = f"{entry.lower:.3f} to {entry.upper:.3f}"
+        interval = "-" if entry.withheld else f"{entry.lower:.3f} to {entry.upper:.3f}"
         told = _whole(verdict, _colour(entry))
         yield f"{entry.quantity} {where}", f"{entry.ratio:.3f}", interval, entry.dof, told
 

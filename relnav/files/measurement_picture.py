@@ -94,9 +94,9 @@ def _draw_bars(axis: Any, view: RunView) -> None:
     edges = np.array([[bar.begin_s, bar.end_s] for bar in bars])
     middle, half = edges.mean(axis=1), 0.5 * np.diff(edges, axis=1)[:, 0]
     low, high, ratio = (np.array([getattr(bar, key) for bar in bars]) for key in ("lower", "upper", "ratio"))
-    axis.bar(
-        middle, high - low, 1.9 * half, bottom=low, color=SPREAD, alpha=0.18, lw=0, label="95 % interval of the mean"
-    )
+    if not view.nis.withheld:
+        said = "95 % interval of the mean"
+        axis.bar(middle, high - low, 1.9 * half, bottom=low, color=SPREAD, alpha=0.18, lw=0, label=said)
     axis.axhline(1.0, color=QUIET, lw=0.7)
     axis.errorbar(middle, ratio, xerr=half, fmt="none", ecolor=INK, elinewidth=1.4, label="mean of a stretch")
     axis.set_title(f"Mean over stretches, epochs used whole. {view.nis}")

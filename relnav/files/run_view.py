@@ -21,7 +21,8 @@ from relnav.files.port_columns import PortColumns
 from relnav.files.spans import Event, Spans
 from relnav.files.tables import COLUMNS, DOCKING_COLUMNS, STATE_COLUMNS, rows_of
 from relnav.files.thinning import Thin, Thinning
-from relnav.mission import Model
+from relnav.mission import Model, VisionMission
+from relnav.navigation.lasting_words import marker_words
 from relnav.navigation.record import Solution
 from relnav.navigation.status import Alarm, EpochStatus
 from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
@@ -92,7 +93,7 @@ class Row:
 
 @dataclass(frozen=True)
 class NisBar:
-    """NIS per degree of freedom over a stretch of epochs that were used whole, with its 95 % interval."""
+    """NIS per degree of freedom over a stretch of epochs that were used whole, and its 95 % interval (NaN: none)."""
 
     begin_s: float
     end_s: float
@@ -231,7 +232,8 @@ class RunView:
         nis, dof, _ = self.thin.sums
         out = []
         for part in np.array_split(np.arange(len(nis)), min(BARS, len(nis))):
-            mean = consistency_of_sum("NIS", float(nis[part].sum()), int(dof[part].sum()))
+            lasting = bool(self.nis.withheld)
+            mean = consistency_of_sum("NIS", float(nis[part].sum()), int(dof[part].sum()), lasting=lasting)
             if mean.dof:
                 ends = float(self.thin.begin[part[0]]), float(self.thin.end[part[-1]])
                 out.append(NisBar(*ends, mean.ratio, mean.lower, mean.upper))
@@ -317,6 +319,8 @@ class RunWatcher:
     def view(self, log: str = "", title: str = "", metadata: dict[str, str] | None = None) -> RunView:
         """What was gathered; log, title and metadata in place of the solution's own, if given."""
         said = dict(self._metadata if metadata is None else metadata)
+        if isinstance(self._model, VisionMission):
+            said = marker_words(self._model) | said
         if log:
             said["log"] = log
         settings = getattr(self._model, "filter", None)
@@ -329,7 +333,7 @@ class RunWatcher:
             counts=self._counts,
             alarmed={name: self._alarmed[name] for name in ALARMS if self._alarmed[name]},
             ambiguous=self._ambiguous,
-            nis=consistency_of_sum("NIS", self._total, self._dof),
+            nis=consistency_of_sum("NIS", self._total, self._dof, lasting=bool(said.get("considered"))),
             gate_probability=math.nan if settings is None else settings.gate_probability,
             claims=self._claims,
             events=sorted(events, key=lambda event: event.begin_s),

@@ -13,6 +13,7 @@ from relnav.errors import UsageError
 from relnav.files.paths import path_of
 from relnav.files.systems import resolve
 from relnav.files.tables import COLUMNS, INTEGERS, TRACKS, Table, check_format, head, rows_of, write_table
+from relnav.navigation.lasting_words import marker_words
 from relnav.navigation.pose_record import PoseSolution
 from relnav.navigation.record import PER_EPOCH, Solution
 
@@ -88,7 +89,7 @@ def write(
     if isinstance(solution, PoseSolution):
         from relnav.files.marker_logs import write_track  # scipy's rotations, which a beacon log does not need
 
-        said = {"smoothed": "yes"} if solution.smoothed else {}
+        said = ({"smoothed": "yes"} if solution.smoothed else {}) | marker_words(solution.mission)
         write_track([solution], solution.model, target, said, turning=turning)
         return
     stated = head(solution.model, solution.method, solution.smoothed) | turning.stated

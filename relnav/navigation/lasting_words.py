@@ -2,6 +2,8 @@
 
 from relnav.mission import Model, VisionMission
 
+MARKERS = "focal length, mounting, markers"
+
 
 def lasting_words(model: Model, method: str) -> dict[str, str]:
     """Of a beacon filter: {"considered": words, "left out": words}, each only where there is something to say."""
@@ -11,11 +13,20 @@ def lasting_words(model: Model, method: str) -> dict[str, str]:
     return {key: value for key, value in said.items() if value}
 
 
+def marker_words(mission: VisionMission) -> dict[str, str]:
+    """The same of a marker filter: which lasting errors are in its innovations.
+
+    The chaser's attitude is not among them: its error turns target and chaser alike, and no image shows it.
+    """
+    told = mission.tolerances is not None and mission.tolerances.considered
+    return {"considered": MARKERS} if told else {}
+
+
 def left_out(mission: Model | VisionMission) -> str:
     """Tolerances that a model states and that its filter is told not to consider; empty if there are none."""
     if mission.tolerances is None or mission.tolerances.considered:
         return ""
-    return "focal length, mountings, beacons" if isinstance(mission, Model) else "focal length, mounting, markers"
+    return "focal length, mountings, beacons" if isinstance(mission, Model) else MARKERS
 
 
 def left_out_line(words: str) -> str:

@@ -11,6 +11,7 @@ from relnav.dynamics.error_state import MOTION, POSE
 from relnav.estimation.consistency import Consistency, nis_consistency
 from relnav.mission import VisionMission
 from relnav.navigation.docking_port import DockingState, docking_states
+from relnav.navigation.lasting_words import marker_words
 from relnav.navigation.pose_epoch import EPOCH, covariances_of
 from relnav.navigation.presented import Presented
 from relnav.navigation.record import real_at, whole_at
@@ -307,6 +308,10 @@ class PoseSolution(Presented):
         return refused
 
     def nis_consistency(self, probability: float = 0.95) -> Consistency:
-        """NIS of the epochs whose spots were all accepted; the others are left out."""
+        """NIS of the epochs whose spots were all accepted; the others are left out.
+
+        Without an interval where the tolerances of the model are considered, which are the same in every epoch.
+        """
         whole = (self.dof > 0) & ~self.refused
-        return nis_consistency(self.nis[whole], self.dof[whole], probability)
+        lasting = bool(marker_words(self.mission))
+        return nis_consistency(self.nis[whole], self.dof[whole], probability, lasting=lasting)

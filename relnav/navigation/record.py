@@ -280,8 +280,12 @@ class Solution(Presented):
         return replace(self, **arrays)
 
     def nis_consistency(self, probability: float = 0.95) -> Consistency:
-        """NIS of the epochs whose spots were all accepted; the others are left out."""
-        return nis_consistency(self.nis[self.accepted], self.dof[self.accepted], probability)
+        """NIS of the epochs whose spots were all accepted; the others are left out.
+
+        Without an interval where `metadata["considered"]` names lasting errors, which are the same in every epoch.
+        """
+        lasting = bool(self.metadata.get("considered"))
+        return nis_consistency(self.nis[self.accepted], self.dof[self.accepted], probability, lasting=lasting)
 
     def __len__(self) -> int:
         return len(self.t_s)
