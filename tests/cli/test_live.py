@@ -123,6 +123,42 @@ def test_a_full_disk_is_told(short_log):
     assert "No space left on device" in error
 
 
+ROOM = 50_000
+"""Bytes that a file may have: some rows, and a part of one."""
+
+
+def little_room():
+    import resource
+
+    resource.setrlimit(resource.RLIMIT_FSIZE, (ROOM, ROOM))
+
+
+@pytest.mark.parametrize("ending", ["csv", "jsonl"])
+def test_rows_before_a_full_disk_are_counted_and_whole(short_log, tmp_path, ending):
+    """A part of what is written at once is there: each row of it to its end, and the next is cut off."""
+    out = tmp_path / f"track.{ending}"
+    with following("-", "--out", out, preexec_fn=little_room) as process:
+        _, error = process.communicate(short_log.read_text(), timeout=30.0)
+    text = out.read_text()
+    rows = rows_of(text)[ending == "csv" :]  # its first names the columns
+    assert process.returncode == 3
+    assert len(rows) > 10
+    assert f"written: {len(rows)} rows of {out}\n" in error
+    assert text.endswith("\n")
+    assert 0.9 * ROOM < len(text) < ROOM
+    assert json.loads(rows[-1])["t_s"] > 1.0 if ending == "jsonl" else rows[-1].count(",") == rows[0].count(",")
+
+
+def test_a_part_of_a_row_on_standard_output_is_told(short_log, tmp_path):
+    """It is not this program's file to cut."""
+    with (tmp_path / "track.csv").open("w") as out, following("-", stdout=out, preexec_fn=little_room) as process:
+        _, error = process.communicate(short_log.read_text(), timeout=30.0)
+    text = (tmp_path / "track.csv").read_text()
+    assert process.returncode == 3
+    assert len(text) == ROOM
+    assert f"written: {len(rows_of(text)) - 2} rows of /dev/stdout and a part of one more\n" in error
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
