@@ -197,6 +197,7 @@ def marker_epochs(data: Any, n: int) -> list[str]:
             delta_v_m_s=np.zeros((n, 3)),
             q_chaser_from_lvlh=np.tile([0.5, -0.5, -0.5, -0.5], (n, 1)),
             dcm_chaser_from_lvlh=np.tile(model("three_marker_vision").dcm_chaser_from_lvlh, (n, 1, 1)),
+            spot_covariance_px2=np.tile(0.01 * np.eye(2), (n, len(SPOTS_PX), 1, 1)),
         ),
     )
     if solution is None:

@@ -128,14 +128,15 @@ def command(
 
     Columns of LOG: t_s; spot_a_x_um, spot_a_y_um, spot_b_..., spot_c_..., and spot_d_..., of further beacons
     (extra_beacons_mm in the model), in any length unit, empty = not seen;
-    optionally accel_{x,y,z}_m_s2, delta_v_{x,y,z}_m_s (lvlh_ccsds), q_cam_from_lvlh_{x,y,z,w}, image_t_s (middle of the
+    optionally sigma_spot_a_x_um, ... (1-sigma of each coordinate's noise, of all spots or of none, empty = as before),
+    accel_{x,y,z}_m_s2, delta_v_{x,y,z}_m_s (lvlh_ccsds), q_cam_from_lvlh_{x,y,z,w}, image_t_s (middle of the
     exposure, if images may be late and the model has a longest_delay_s). A raw log of a detector
     (CSV, one row per slot) has t_s, beacon (a, b, c or dark), and adc_{x1,x2,y1,y2} or current_{x1,x2,y1,y2}_na instead
     of spots; with --method spots every spot is processed at its own time, otherwise images are, joined at C's
-    time. For a marker model: spot_a_x_px, spot_a_y_px, ... and
-    q_chaser_from_lvlh_{x,y,z,w}, image_t_s; the track then holds attitude and rate, and the relative state of the
-    ports. For a vehicle: t_s, sensor, v0, v1, ..., one row per observation in any order; the track holds the relative
-    state of the ports every second.
+    time. For a marker model: spot_a_x_px, spot_a_y_px, ..., optionally sigma_spot_a_x_px, ... (empty = the model's
+    spot_noise_px), q_chaser_from_lvlh_{x,y,z,w}, image_t_s; the track then holds attitude and rate, and the relative
+    state of the ports. For a vehicle: t_s, sensor, v0, v1, ..., one row per observation in any order; the track holds
+    the relative state of the ports every second.
 
     With --follow the track is .csv or .jsonl, on standard output unless --out names another place.
 

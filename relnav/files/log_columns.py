@@ -44,22 +44,24 @@ KIND |= dict.fromkeys(DELTA_V, "m_s") | dict.fromkeys(QUATERNION, "")
 class Layout:
     """Which quantities a kind of log has: those of the spots, those of the attitude, and the SI unit of each.
 
-    `may_be_missing`: those of which a cell may be empty.
+    `sigmas`: of the spots' noise, all or none; `may_be_missing`: those of which a cell may be empty.
     """
 
     spots: tuple[str, ...]
+    sigmas: tuple[str, ...]
     quaternion: tuple[str, ...]
     kind: dict[str, str]
     may_be_missing: tuple[str, ...]
 
 
-BEACONS = Layout(spot_columns(3), QUATERNION, KIND, MAY_BE_MISSING)
+BEACONS = Layout(spot_columns(3), sigma_columns(3), QUATERNION, KIND, MAY_BE_MISSING)
 """A log of three or more beacons on a PSD."""
 
 
 def markers(count: int) -> Layout:
-    """A log of so many markers on a camera: spot_a_x_px, ..., and the chaser's attitude."""
-    spots = tuple(f"spot_{marker}_{axis}_px" for marker in LETTERS[:count] for axis in "xy")
+    """A log of so many markers on a camera: spot_a_x_px, ..., sigma_spot_a_x_px, ..., and the chaser's attitude."""
+    spots = tuple(f"{spot}_px" for spot in spot_columns(count))
+    sigmas = tuple(f"{sigma}_px" for sigma in sigma_columns(count))
     quaternion = tuple(f"q_chaser_from_lvlh_{axis}" for axis in (*AXES, "w"))
     kind = (
         {"t": "s"}
@@ -67,7 +69,8 @@ def markers(count: int) -> Layout:
         | dict.fromkeys(DELTA_V, "m_s")
         | dict.fromkeys(IMAGE_TIME, "s")
     )
-    return Layout(spots, quaternion, kind | dict.fromkeys((*spots, *quaternion), ""), spots)
+    kind |= dict.fromkeys((*spots, *sigmas, *quaternion), "")
+    return Layout(spots, sigmas, quaternion, kind, (*spots, *sigmas))
 
 
 @dataclass(frozen=True)
@@ -140,7 +143,7 @@ def parse_header(names: list[str], where: str, layout: Layout = BEACONS) -> Colu
             raise LogError(f"{where}: column '{name}' repeats '{names[index[base]]}'; keep one")
         index[base] = position
         factor[base] = UNITS[unit][1] if unit else 1.0
-    spots, sigmas = layout.spots, layout.spots[:0]
+    spots, sigmas = layout.spots, layout.sigmas
     if layout is BEACONS:  # three, or as many as the last letter says; sigmas of all, or of none
         letters = [LETTERS.index(base.split("_")[1]) for base in index if base.startswith("spot_")]
         beacons = max(3, 1 + max(letters, default=0))

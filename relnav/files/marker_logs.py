@@ -20,8 +20,9 @@ from relnav.files.text_table import TextTable
 from relnav.geometry.rotation import quaternions_from_dcm_into
 from relnav.mission import VisionMission
 from relnav.navigation.arguments import controls, quaternions
+from relnav.navigation.pose_call import AS_STATED
 from relnav.navigation.pose_epoch import EPOCH
-from relnav.navigation.pose_log import CHUNK, MarkerLogFilter, smoothed_rows
+from relnav.navigation.pose_log import CHUNK, MarkerLogFilter, smoothed_rows, with_usable
 from relnav.navigation.pose_record import PoseSolution
 from relnav.navigation.pose_smoothing import PoseSmoother
 from relnav.simulation.marker_flight import MarkerFlight
@@ -58,8 +59,9 @@ def filter_marker_log(
     """Filter a log of marker spots (CSV, Parquet or a DataFrame, one row an epoch).
 
     Columns: `t_s`; `spot_a_x_px`, `spot_a_y_px`, ... one pair a marker in the model's order (empty = not seen);
-    optionally `image_t_s` (middle of the exposure, if not t_s), `accel_{x,y,z}_m_s2`, `delta_v_{x,y,z}_m_s`
-    (`lvlh_ccsds`), `q_chaser_from_lvlh_{x,y,z,w}`.
+    optionally `sigma_spot_a_x_px`, ... (1-sigma of each coordinate's noise, all or none; empty = the camera's),
+    `image_t_s` (middle of the exposure, if not t_s), `accel_{x,y,z}_m_s2`, `delta_v_{x,y,z}_m_s` (`lvlh_ccsds`),
+    `q_chaser_from_lvlh_{x,y,z,w}`.
 
     Raises
     ------
@@ -73,7 +75,9 @@ def filter_marker_log(
     seen = [part.spots_px for part in parts if part.spots_px is not None]
     spots = np.concatenate(seen) if len(seen) == len(parts) else None
     epochs = np.concatenate([part.epochs for part in parts])
-    return replace(parts[0], epochs=epochs, metadata=metadata, spots_px=spots)
+    own = [part.spot_covariance_px2 for part in parts]
+    told = np.concatenate(own) if own[0].shape[1] else own[0]
+    return replace(parts[0], epochs=epochs, metadata=metadata, spots_px=spots, spot_covariance_px2=told)
 
 
 def marker_solutions(
@@ -91,8 +95,9 @@ def marker_solutions(
     log = MarkerLogFilter(mission, keep=smooth, engine=engine)
     if not smooth:
         for chunk in _chunks(path, mission):
-            exposed = chunk[-1]
-            yield PoseSolution(mission, log.forward(*chunk), spots_px=chunk[1] if exposed is None else None)
+            exposed, own = chunk[-2:]
+            seen = chunk[1] if exposed is None else None
+            yield PoseSolution(mission, log.forward(*chunk), spots_px=seen, spot_covariance_px2=own)
         return
     with Spool() as rows, Spool() as events:
         for chunk in _chunks(path, mission):
@@ -133,8 +138,8 @@ def is_controlled(log: LogFile) -> bool:
     return log.columns.has(ACCELERATION) or log.columns.has(DELTA_V)
 
 
-def _chunks(path: Any, mission: VisionMission) -> Iterator[tuple[Vector, Stack, Matrix, Matrix, Vector | None]]:
-    """Times, spots, control, chaser attitude and exposures of a log, a few thousand rows at a time."""
+def _chunks(path: Any, mission: VisionMission) -> Iterator[tuple[Vector, Stack, Matrix, Matrix, Vector | None, Stack]]:
+    """Times, spots, control, chaser attitude, exposures and covariances of a log, a few thousand rows at a time."""
     log = marker_log(path, mission)
     layout = log.columns.layout
     for values in log.tables():
@@ -142,13 +147,23 @@ def _chunks(path: Any, mission: VisionMission) -> Iterator[tuple[Vector, Stack, 
         assert t is not None
         assert spots is not None
         image, quaternion = log.group(values, IMAGE_TIME), log.group(values, layout.quaternion)
+        sigma = log.group(values, layout.sigmas)
         control = controls(len(t), log.group(values, ACCELERATION), log.group(values, DELTA_V))
         attitude = quaternions("q_chaser_from_lvlh", len(t), quaternion)
         for begin in range(0, len(t), CHUNK):
             cut = slice(begin, begin + CHUNK)
             exposed = None if image is None else np.ascontiguousarray(image[cut, 0])
             seen = np.ascontiguousarray(spots[cut]).reshape(-1, len(layout.spots) // 2, 2)
-            yield np.ascontiguousarray(t[cut, 0]), seen, control[cut], attitude[cut], exposed
+            own = AS_STATED if sigma is None else _covariances(sigma[cut], mission.camera.spot_noise_px)
+            seen = seen if sigma is None else with_usable(seen, own)
+            yield np.ascontiguousarray(t[cut, 0]), seen, control[cut], attitude[cut], exposed, own
+
+
+def _covariances(sigma_px: Matrix, stated_px: float) -> Stack:
+    """Of spots by the sigmas of their coordinates (n, 2 markers), (n, markers, 2, 2); NaN: as the camera states."""
+    variance = np.where(np.isnan(sigma_px), stated_px, sigma_px) ** 2
+    out: Stack = variance.reshape(len(variance), -1, 2, 1) * np.eye(2)
+    return out
 
 
 def _quaternions(dcm: Stack) -> Matrix:

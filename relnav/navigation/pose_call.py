@@ -18,6 +18,8 @@ from relnav.navigation.pose_memory import PoseMemory, pose_views
 from relnav.navigation.told import are_credible, is_an_attitude
 
 NO_SPOTS, NO_COVARIANCES = np.empty((0, 2)), np.empty((0, 2, 2))
+AS_STATED = np.empty((1, 0, 2, 2))
+"""Covariances of a log in which no image tells its own: one entry, NO_COVARIANCES, for all epochs."""
 REFUSED = -1
 """Instead of what is to be looked for: nothing was done."""
 EPOCH_SIZE = EPOCH.itemsize // 8

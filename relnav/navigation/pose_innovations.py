@@ -21,7 +21,6 @@ from relnav.estimation.rows import pair_covariance
 from relnav.mission import VisionMission
 from relnav.navigation.observation.marker_rows import aim_camera, observe_markers
 from relnav.navigation.packed_factors import unpack_factors
-from relnav.navigation.pose_call import NO_COVARIANCES
 from relnav.navigation.pose_epoch import EPOCH
 from relnav.navigation.pose_memory import PoseMemory, new_pose_memory, pose_views
 from relnav.navigation.pose_propagation import advance_pose, carry_sensitivities, copy_place
@@ -64,10 +63,10 @@ def _counted_twice(gradient: Vector, effects: Matrix) -> float:
 
 
 @entry
-def _compare(block: Vector, epochs: Record, spots: Stack, out: Stack) -> None:
+def _compare(block: Vector, epochs: Record, spots: Stack, covariances: Stack, out: Stack) -> None:
     """Write into out (n, markers, 4) innovation and sigma, x and y, px, of each spot of epochs (n + 1,) but the first.
 
-    spots (n, markers, 2); out is left as it is where there is no telling.
+    spots (n, markers, 2); covariances (n, markers, 2, 2), or AS_STATED; out is left as it is where there is no telling.
     """
     m = pose_views(block)
     for e in range(spots.shape[0]):
@@ -76,7 +75,8 @@ def _compare(block: Vector, epochs: Record, spots: Stack, out: Stack) -> None:
         if status not in (UPDATED, PARTIAL, REJECTED) or not _predict(m, before, epoch):
             continue
         aim_camera(m.camera, epoch["chaser"])
-        _, count = observe_markers(m, m.bank[0], m.bank_sensitivities[0], spots[e], NO_COVARIANCES)
+        own = covariances[e if covariances.shape[0] > 1 else 0]
+        _, count = observe_markers(m, m.bank[0], m.bank_sensitivities[0], spots[e], own)
         for g in range(count):
             group, row = m.groups[g], out[e, int(m.which[g])]
             gradient = group["gradient"]
@@ -110,7 +110,8 @@ class MarkerInnovations:
         out = np.full((len(part), count, 4), math.nan)
         if not part.smoothed and part.spots_px is not None and len(part):
             epochs = np.concatenate([self._before, part.epochs])
-            _compare(self._memory, epochs, np.ascontiguousarray(part.spots_px), out)
+            covariances = np.ascontiguousarray(part.spot_covariance_px2)
+            _compare(self._memory, epochs, np.ascontiguousarray(part.spots_px), covariances, out)
             self._before = epochs[-1:]
         if not self.tells_sigma:
             out[:, :, 2:] = math.nan

@@ -14,7 +14,7 @@ from relnav.estimation.timeline import Passed, Timeline
 from relnav.geometry.rotation import dcm_from_quaternion, dcm_from_quaternion_into, quaternion_from_dcm
 from relnav.mission import VisionMission
 from relnav.navigation.arguments import controls, quaternions, refuse_no_beacons, vector
-from relnav.navigation.pose_call import NO_COVARIANCES, Event
+from relnav.navigation.pose_call import AS_STATED, Event
 from relnav.navigation.pose_epoch import EPOCH, read_epoch, write_epoch
 from relnav.navigation.pose_filter import NOTHING, pose_step
 from relnav.navigation.pose_memory import pose_views
@@ -22,6 +22,7 @@ from relnav.navigation.pose_record import PoseSolution
 from relnav.navigation.pose_roots import look_for_roots
 from relnav.navigation.pose_smoothing import PoseSmoother
 from relnav.navigation.relative_pose import PoseNavigator
+from relnav.sensors.three_marker.camera import usable_covariance
 
 CHUNK = 4096
 
@@ -42,7 +43,8 @@ def _run(
 ) -> int:
     """`pose_step` over epochs from `first` on; returns the one after which roots are wanted, or their number.
 
-    spots (n, markers, 2); control (n, 6) or (0, 6); quaternion (n, 4) or (0, 4): then the chaser holds `held` (3, 3).
+    spots (n, markers, 2); covariances (n, markers, 2, 2), or AS_STATED; control (n, 6) or (0, 6); quaternion (n, 4) or
+    (0, 4): then the chaser holds `held` (3, 3).
     chaser (3, 3) is scratch. apart (n, m, 12) as in `write_epoch`.
     """
     m = pose_views(block)
@@ -56,7 +58,8 @@ def _run(
             delta_v[j] = control[e, 3 + j] if control.shape[0] > 0 else 0.0
         if quaternion.shape[0] > 0:
             dcm_from_quaternion_into(quaternion[e], chaser)
-        wants = pose_step(block, t[e], chaser, spots[e], covariances)
+        own = covariances[e if covariances.shape[0] > 1 else 0]
+        wants = pose_step(block, t[e], chaser, spots[e], own)
         write_epoch(m, epochs[e], apart[e])
         if wants != NOTHING:
             m.result["wants"] = wants
@@ -77,28 +80,34 @@ class MarkerLogFilter(PoseNavigator):
         self._considered = len(self._named.news)
 
     def forward(
-        self, t: Vector, spots: Stack, control: Matrix, quaternion: Matrix, image_t: Vector | None = None
+        self,
+        t: Vector,
+        spots: Stack,
+        control: Matrix,
+        quaternion: Matrix,
+        image_t: Vector | None = None,
+        covariances: Stack = AS_STATED,
     ) -> Any:
         """Filter the next epochs: t (n,), spots (n, markers, 2), control (n, 6) or (0, 6), quaternion (n, 4) or (0, 4).
 
-        image_t (n,): when each row's image was exposed. Returns records of type `EPOCH`, (n,).
+        image_t (n,): when each row's image was exposed; covariances (n, markers, 2, 2) px2, all of them usable, or
+        AS_STATED. Returns records of type `EPOCH`, (n,).
         """
         epochs, last, apart = np.zeros(len(t), EPOCH), self.last_t_s, self._room(len(t))
         if t[0] < last or (t[1:] < t[:-1]).any():  # last: NaN at the start
             raise ValueError(f"t_s must not go back; the last epoch was at {last!r} s")
         if image_t is not None or self._timeline.passed or self._reference is not None:
-            self._one_by_one(t, spots, control, quaternion, image_t, epochs)
+            self._one_by_one(t, spots, control, quaternion, image_t, covariances, epochs)
             return epochs
         done, chaser = 0, np.zeros((3, 3))
         while done < len(t):
-            at = _run(
-                self.memory, done, t, spots, control, quaternion, self._held, NO_COVARIANCES, chaser, epochs, apart
-            )
+            at = _run(self.memory, done, t, spots, control, quaternion, self._held, covariances, chaser, epochs, apart)
             if at < len(t):
                 m = self._named
                 a, v, chaser_now = m.motion["acceleration"], m.motion["delta_v"], m.camera["chaser"]
                 stated = self.mission.chaser.attitude_noise_rad, self.mission.chaser.attitude_sigma_rad
-                event = Event(float(t[at]), a, v, chaser_now, *stated, spots[at])
+                own = covariances[at if len(covariances) > 1 else 0]
+                event = Event(float(t[at]), a, v, chaser_now, *stated, spots[at], own)
                 look_for_roots(m, self.mission, event, int(m.result["wants"]))
                 read_epoch(self.memory, epochs[at : at + 1], apart[at : at + 1])
             done = at + 1
@@ -112,7 +121,14 @@ class MarkerLogFilter(PoseNavigator):
         return np.zeros((n, self._considered if self._keep else 0, POSE))
 
     def _one_by_one(
-        self, t: Vector, spots: Stack, control: Matrix, quaternion: Matrix, image_t: Vector | None, epochs: Any
+        self,
+        t: Vector,
+        spots: Stack,
+        control: Matrix,
+        quaternion: Matrix,
+        image_t: Vector | None,
+        covariances: Stack,
+        epochs: Any,
     ) -> None:
         for k in range(len(t)):
             epochs[k] = self.step(
@@ -122,6 +138,7 @@ class MarkerLogFilter(PoseNavigator):
                 acceleration_m_s2=control[k, :3] if len(control) else None,
                 delta_v_m_s=control[k, 3:] if len(control) else None,
                 dcm_chaser_from_lvlh=dcm_from_quaternion(quaternion[k]) if len(quaternion) else None,
+                spot_covariance_px2=covariances[k] if covariances.shape[1] else None,
             ).epoch
 
     def _passed(self, events: list[Passed[Vector, Event, Vector | None]]) -> None:
@@ -156,6 +173,7 @@ def filter_marker_epochs(
     delta_v_m_s: Matrix | None = None,
     q_chaser_from_lvlh: Matrix | None = None,
     dcm_chaser_from_lvlh: Stack | None = None,
+    spot_covariance_px2: Stack | None = None,
     smooth: bool = False,
     engine: str = "compiled",
 ) -> PoseSolution:
@@ -177,6 +195,8 @@ def filter_marker_epochs(
         The chaser's attitude at each row, unit quaternions, scalar last; the model's if left out.
     dcm_chaser_from_lvlh : (n, 3, 3), optional
         The same as rotation matrices.
+    spot_covariance_px2 : (n, markers, 2, 2), optional
+        Of each spot, as for `PoseNavigator.step`.
     smooth : bool
         Run backward too: every state then rests on the images after it as well.
     engine : {"compiled", "filterpy"}
@@ -212,13 +232,25 @@ def filter_marker_epochs(
             raise ValueError("q_chaser_from_lvlh and dcm_chaser_from_lvlh are the same attitude: give one of them")
         turns = vector("dcm_chaser_from_lvlh", dcm_chaser_from_lvlh, (len(t), 3, 3))
         quaternion = np.array([quaternion_from_dcm(turn) for turn in turns]).reshape(-1, 4)
+    covariances = AS_STATED
+    if spot_covariance_px2 is not None:
+        covariances = one_piece("spot_covariance_px2", spot_covariance_px2)
+        if covariances.shape != (*expected, 2):
+            raise ValueError(f"spot_covariance_px2 has shape {(*expected, 2)}, one a spot; got {covariances.shape}")
+        spots = with_usable(spots, covariances)
     log = MarkerLogFilter(mission, keep=smooth, engine=engine)
-    epochs = log.forward(t, spots, control, quaternion, exposed)
+    epochs = log.forward(t, spots, control, quaternion, exposed, covariances)
     if smooth:
         events, apart = log.passed(last=True)
         PoseSmoother(mission).backward(events, apart)
         smoothed_rows(epochs, events[events["row"] > 0])
-    return PoseSolution(mission, epochs, smooth, spots_px=spots if image_t_s is None else None)
+    seen = spots if image_t_s is None else None
+    return PoseSolution(mission, epochs, smooth, spots_px=seen, spot_covariance_px2=covariances)
+
+
+def with_usable(spots: Stack, covariances: Stack) -> Stack:
+    """Spots (n, markers, 2) whose covariances (n, markers, 2, 2) can be used; NaN for the others, as not seen."""
+    return np.where(usable_covariance(covariances).reshape(*spots.shape[:2], 1), spots, np.nan)
 
 
 def smoothed_rows(epochs: Any, events: Any) -> None:

@@ -12,6 +12,7 @@ from relnav.estimation.consistency import Consistency, nis_consistency
 from relnav.mission import VisionMission
 from relnav.navigation.docking_port import DockingState, docking_states
 from relnav.navigation.lasting_words import marker_words
+from relnav.navigation.pose_call import AS_STATED
 from relnav.navigation.pose_epoch import EPOCH, covariances_of
 from relnav.navigation.presented import Presented
 from relnav.navigation.record import real_at, whole_at
@@ -168,6 +169,8 @@ class PoseSolution(Presented):
         What else a reader should know.
     spots_px : (n, markers, 2) or None
         What was seen, for innovations (`pose_innovations`); None where an image does not belong to its row's time.
+    spot_covariance_px2 : (n, markers, 2, 2), or AS_STATED
+        Of each spot, likewise; the camera's noise.
     """
 
     mission: VisionMission
@@ -175,6 +178,7 @@ class PoseSolution(Presented):
     smoothed: bool = False
     metadata: dict[str, Any] = field(default_factory=dict)
     spots_px: Stack | None = None
+    spot_covariance_px2: Stack = field(default_factory=lambda: AS_STATED)
 
     def __len__(self) -> int:
         """Epochs."""
@@ -188,7 +192,9 @@ class PoseSolution(Presented):
     def part(self, begin: int, end: int) -> "PoseSolution":
         """Epochs begin .. end - 1 as a solution of their own (views, not copies)."""
         spots = None if self.spots_px is None else self.spots_px[begin:end]
-        return replace(self, epochs=self.epochs[begin:end], spots_px=spots)
+        own = self.spot_covariance_px2
+        own = own[begin:end] if own.shape[1] else own
+        return replace(self, epochs=self.epochs[begin:end], spots_px=spots, spot_covariance_px2=own)
 
     @property
     def t_s(self) -> Vector:
