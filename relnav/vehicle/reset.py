@@ -13,8 +13,10 @@ the target's axes, b,
     phi, b, rho - phi x r, v - phi x u, dw + b x w, m + b x p
 
 are the same about both estimates, where r and u are position and velocity, w the target's rate, p the place of a light,
-and rho, v, dw, m their errors. What this changes is a correction times an error of attitude: little for a filter that
-knows its attitudes, and all that is wrong where nothing but a hand-over tells them.
+and rho, v, dw, m their errors. The third and the fourth are told in axes that turn by R with the estimate's path, if it
+turns (`retraction`): images tell them in the chaser's axes, along the line of sight less well than across it. What this
+changes is a correction times an error: little for a filter that knows its attitudes, and all that is wrong where
+nothing but a hand-over tells them.
 """
 
 import numpy as np
@@ -29,11 +31,10 @@ from relnav.vehicle.layout import (
     TARGET_RATE,
     VELOCITY,
 )
+from relnav.vehicle.retraction import LEAST_SHARE, find_turn, retraction_scratch, turned_into
 
 TURNS = 6
 """Errors of both attitudes, on which alone the others' references depend: the target's three, then the chaser's."""
-LEAST_SHARE = 1e-3
-"""Of a sigma: a reset that moves no error by more than this share of its own is left out."""
 
 _POSITION, _VELOCITY, _RATE = POSITION.start, VELOCITY.start, TARGET_RATE.start
 _TARGET, _CHASER = TARGET_ATTITUDE.start, CHASER_ATTITUDE.start
@@ -46,11 +47,14 @@ def reset_scratch(n: int) -> Record:
     fields = [
         ("attitudes", np.float64, (2, 3, 3)),
         ("change", np.float64, (n, TURNS + 1)),
-        ("to_lvlh", np.float64, (6, 3)),
+        ("to_lvlh", np.float64, (9, 3)),
         ("turns", np.float64, (TURNS, n)),
         ("carried", np.float64, (TURNS, n)),
+        *retraction_scratch(n),
     ]
-    return np.zeros(1, np.dtype(fields))
+    scratch = np.zeros(1, np.dtype(fields))
+    scratch["unit"] = np.eye(3)
+    return scratch
 
 
 @kernel
@@ -66,22 +70,38 @@ def _turn_with(v: Vector, by_chaser: Matrix, by_target: bool, change: Matrix, at
 
 
 @kernel
+def _bend_with(A: Matrix, scratch: Record) -> None:
+    """Add to a change what the turn R of the path adds: (1 - R) A theta_C x R r, and of the velocity."""
+    change, bent, turn, path = scratch["change"], scratch["to_lvlh"][6:9], scratch["turn"], scratch["path"]
+    for i in range(3):
+        for c in range(3):
+            bent[i, c] = A[i, c] - turn[i, 0] * A[0, c] - turn[i, 1] * A[1, c] - turn[i, 2] * A[2, c]
+    for at in (_POSITION, _VELOCITY):
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            for c in range(3):
+                change[at + i, 3 + c] += bent[j, c] * path[at + k] - bent[k, c] * path[at + j]
+
+
+@kernel
 def change_into(
     moved: Vector,
+    turned: bool,
     target: Matrix,
     chaser: Matrix,
     new_target: Matrix,
     new_chaser: Matrix,
     frame: Matrix,
     lights: Codes,
-    change: Matrix,
-    to_lvlh: Matrix,
+    scratch: Record,
 ) -> None:
-    """Write N (n, TURNS + 1) with errors about the new estimate = errors + N (theta_T, theta_C) about the old one.
+    """Write change, N (n, TURNS + 1): errors about the new estimate = B errors + N (theta_T, theta_C) of the old ones.
 
     moved (n,): new less old values; both attitudes of both estimates, (3, 3); frame (3, 3): dcm_lvlh_from_inertial;
-    lights (l,): where the three errors of each light begin; to_lvlh (6, 3) scratch.
+    lights (l,): where the three errors of each light begin. turned: position and velocity are less turned old ones, of
+    which there are turn and path in scratch, and B turns their errors; else B is one.
     """
+    change, to_lvlh = scratch["change"], scratch["to_lvlh"]
     A, K = to_lvlh[0:3], to_lvlh[3:6]
     for i in range(len(moved)):
         for c in range(TURNS + 1):
@@ -99,6 +119,8 @@ def change_into(
             change[_TARGET + i, 3 + c] = there - K[i, c]
     _turn_with(moved[_POSITION : _POSITION + 3], A, False, change, _POSITION)
     _turn_with(moved[_VELOCITY : _VELOCITY + 3], A, False, change, _VELOCITY)
+    if turned:
+        _bend_with(A, scratch)
     _turn_with(moved[_RATE : _RATE + 3], K, True, change, _RATE)
     for first in lights:
         if moved[first] != 0.0 or moved[first + 1] != 0.0 or moved[first + 2] != 0.0:
@@ -134,13 +156,31 @@ def _feels(P: Matrix, moved: Vector, at: int, turn: float) -> bool:
 
 
 @kernel
-def refer_into(P: Matrix, change: Matrix, turns: Matrix, carried: Matrix) -> None:
-    """Replace P (n, n) by that of the changed errors, G P G^T with G = 1 + N; N as of `change_into`.
+def _turn_covariance(P: Matrix, turn: Matrix, own: Vector) -> None:
+    """Replace P (n, n) by B P B^T, where B turns position and velocity; own (3,) scratch."""
+    for at in (_POSITION, _VELOCITY):
+        for c in range(P.shape[0]):
+            for i in range(3):
+                own[i] = P[at + i, c]
+            for i in range(3):
+                P[at + i, c] = turn[i, 0] * own[0] + turn[i, 1] * own[1] + turn[i, 2] * own[2]
+    for at in (_POSITION, _VELOCITY):
+        for r in range(DRIVING):
+            for i in range(3):
+                own[i] = P[r, at + i]
+            for i in range(3):
+                P[r, at + i] = turn[i, 0] * own[0] + turn[i, 1] * own[1] + turn[i, 2] * own[2]
 
-    The first DRIVING rows are whole, of the others what stands right of the diagonal; turns and carried (TURNS, n)
-    scratch.
+
+@kernel
+def refer_into(P: Matrix, turned: bool, scratch: Record) -> None:
+    """Replace P (n, n) by that of the changed errors, G P G^T with G = B + N; B and N as of `change_into`.
+
+    The first DRIVING rows are whole, of the others what stands right of the diagonal.
     """
-    n = P.shape[0]
+    n, change, turns, carried = P.shape[0], scratch["change"], scratch["turns"], scratch["carried"]
+    if turned:
+        _turn_covariance(P, scratch["turn"], scratch["own"])
     for k in range(3):
         for c in range(n):
             turns[k, c], turns[3 + k, c] = P[_TARGET + k, c], P[_CHASER + k, c]
@@ -168,7 +208,8 @@ def refer_into(P: Matrix, change: Matrix, turns: Matrix, carried: Matrix) -> Non
 @entry
 def refer_rows_into(
     H: Stack,
-    moved: Matrix,
+    corrections: Matrix,
+    values: Matrix,
     targets: Stack,
     chasers: Stack,
     new_targets: Stack,
@@ -177,14 +218,17 @@ def refer_rows_into(
     lights: Codes,
     scratch: Record,
 ) -> None:
-    """Replace rows H (k, m, n) of k filters, about new estimates, by rows about the errors of the old ones: H G.
+    """Replace rows H (k, m, n) of k filters, about corrected estimates, by rows about the errors before: H G.
 
-    The rest as of `change_into`, one of each a filter; scratch (1,) of `reset_scratch`.
+    corrections, values before (k, n); the rest as of `change_into`, one of each a filter; scratch (1,) of
+    `reset_scratch`.
     """
-    change, total = scratch[0]["change"], scratch[0]["to_lvlh"][0:2]
+    own = scratch[0]
+    change, total, turn, moved = own["change"], own["to_lvlh"][0:2], own["turn"], own["moved"]
     for f in range(len(H)):
-        new = new_targets[f], new_chasers[f]
-        change_into(moved[f], targets[f], chasers[f], *new, frame, lights, change, scratch[0]["to_lvlh"])
+        find_turn(corrections[f], values[f], chasers[f], frame, own)
+        turned_into(corrections[f], values[f], own)
+        change_into(moved, True, targets[f], chasers[f], new_targets[f], new_chasers[f], frame, lights, own)
         for i in range(H.shape[1]):
             row = H[f, i]
             for k in range(3):
@@ -196,3 +240,7 @@ def refer_rows_into(
             for k in range(3):
                 row[_TARGET + k] += total[0, k]
                 row[_CHASER + k] += total[1, k]
+            for at in (_POSITION, _VELOCITY):
+                x, y, z = row[at], row[at + 1], row[at + 2]
+                for k in range(3):
+                    row[at + k] = x * turn[0, k] + y * turn[1, k] + z * turn[2, k]

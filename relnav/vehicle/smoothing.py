@@ -29,7 +29,6 @@ from numpy.typing import ArrayLike
 from relnav.arrays import Matrix, number, numbers
 from relnav.codegen.kernel import entry, kernel
 from relnav.geometry.linear_algebra import cholesky, solve_lower, solve_lower_transposed
-from relnav.geometry.rotation_vector import rotation_vector_between
 from relnav.spacecraft import GYRO, Vehicle
 from relnav.vehicle.alarms import AlarmMemory
 from relnav.vehicle.drifts import Drifts
@@ -38,7 +37,7 @@ from relnav.vehicle.filters import VehicleFilters, refuse_covariance, three
 from relnav.vehicle.flying_sensor import FlyingSensor
 from relnav.vehicle.gyro import Sample
 from relnav.vehicle.health import Fare
-from relnav.vehicle.layout import CHASER_ATTITUDE, MOVING, TARGET_ATTITUDE
+from relnav.vehicle.layout import MOVING
 from relnav.vehicle.motion import Step
 from relnav.vehicle.replay import Event, check_gap
 from relnav.vehicle.state import Estimates
@@ -329,8 +328,6 @@ def step_back(step: Step, later: Estimates) -> Estimates:
             break
     else:
         raise ValueError("the filter's covariance is no longer positive definite: it cannot be smoothed")
-    difference, (target, chaser) = later.values[0] - step.values, step.attitudes
-    difference[TARGET_ATTITUDE] = rotation_vector_between(later.dcm_lvlh_from_target[0], target)
-    difference[CHASER_ATTITUDE] = rotation_vector_between(later.dcm_inertial_from_chaser[0], chaser)
+    difference = later.correction_from(step.values, *step.attitudes)
     correction = np.concatenate([np.sum(G * difference, axis=1), difference[MOVING:]])
     return before._replace(covariance=smoothed[None]).corrected(correction[None])

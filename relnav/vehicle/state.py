@@ -16,9 +16,10 @@ from relnav.estimation.state_layout import StateLayout
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
 from relnav.spacecraft import Vehicle
 from relnav.vehicle.drift_sums import no_sums
-from relnav.vehicle.layout import CHASER_ATTITUDE, TARGET_ATTITUDE, TARGET_RATE, lights_of
+from relnav.vehicle.layout import CHASER_ATTITUDE, POSITION, TARGET_ATTITUDE, TARGET_RATE, VELOCITY, lights_of
 from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.reset import change_into, is_felt, refer_into, reset_scratch
+from relnav.vehicle.retraction import bends, correction_into, find_turn, turned_into
 
 _TARGET, _CHASER = TARGET_ATTITUDE.start, CHASER_ATTITUDE.start
 
@@ -38,14 +39,24 @@ def correct_one(
 
     frame (3, 3): dcm_lvlh_from_inertial; lights (l,): where the errors of each begin; scratch of `reset_scratch`.
     """
-    new, change = scratch["attitudes"], scratch["change"]
+    new, moved = scratch["attitudes"], scratch["moved"]
     turn_by_rotation_vector(target, correction[_TARGET : _TARGET + 3], new[0])
     turn_by_rotation_vector(chaser, correction[_CHASER : _CHASER + 3], new[1])
-    if is_felt(P, correction, lights):
-        change_into(correction, target, chaser, new[0], new[1], frame, lights, change, scratch["to_lvlh"])
-        refer_into(P, change, scratch["turns"], scratch["carried"])
-    for i in range(len(values)):
-        values[i] += correction[i]
+    turned = bends(P, values, find_turn(correction, values, chaser, frame, scratch))
+    if turned:
+        turned_into(correction, values, scratch)
+        change_into(moved, True, target, chaser, new[0], new[1], frame, lights, scratch)
+        refer_into(P, True, scratch)
+        for i in range(MOTION):
+            values[i] = scratch["path"][i]
+        for i in range(len(values)):
+            values[i] += moved[i]
+    else:
+        if is_felt(P, correction, lights):
+            change_into(correction, False, target, chaser, new[0], new[1], frame, lights, scratch)
+            refer_into(P, False, scratch)
+        for i in range(len(values)):
+            values[i] += correction[i]
     for i in range(3):
         values[_TARGET + i] = values[_CHASER + i] = 0.0
         for c in range(3):
@@ -169,21 +180,29 @@ class Estimates(NamedTuple):
             drift=self.drift.copy(),
         )
 
+    def correction_from(self, values: Vector, dcm_lvlh_from_target: Matrix, dcm_inertial_from_chaser: Matrix) -> Vector:
+        """The correction (n,) that leads from another estimate, (n,) and (3, 3) twice, to the one estimate."""
+        return self._led_from(values, dcm_lvlh_from_target, dcm_inertial_from_chaser)[0]
+
+    def _led_from(self, values: Vector, target: Matrix, chaser: Matrix) -> tuple[Vector, Record]:
+        """That correction, and scratch with the turn of the path in it."""
+        out, scratch = np.empty_like(values), reset_scratch(len(values))[0]
+        new = self.values[0], self.dcm_lvlh_from_target[0], self.dcm_inertial_from_chaser[0]
+        correction_into(values, target, chaser, *new, self.frame, scratch, out)
+        return out, scratch
+
     def referred(self, values: Vector, dcm_lvlh_from_target: Matrix, dcm_inertial_from_chaser: Matrix) -> "Estimates":
         """The one estimate with the covariance of its errors about another one, (n,) and (3, 3) twice (`reset`)."""
-        new, scratch = self.copied(), reset_scratch(self.values.shape[1])[0]
-        change_into(
-            values - self.values[0],
-            self.dcm_lvlh_from_target[0],
-            self.dcm_inertial_from_chaser[0],
-            dcm_lvlh_from_target,
-            dcm_inertial_from_chaser,
-            self.frame,
-            self.lights,
-            scratch["change"],
-            scratch["to_lvlh"],
-        )
-        refer_into(new.covariance[0], scratch["change"], scratch["turns"], scratch["carried"])
+        new, other = self.copied(), (dcm_lvlh_from_target, dcm_inertial_from_chaser)
+        _, scratch = self._led_from(values, *other)
+        back = scratch["turn"].T.copy()  # from here to there
+        scratch["turn"], own = back, self.values[0]
+        scratch["path"] = np.concatenate([back @ own[POSITION], back @ own[VELOCITY]])
+        scratch["moved"] = values - own
+        scratch["moved"][:MOTION] = values[:MOTION] - scratch["path"]
+        here = self.dcm_lvlh_from_target[0], self.dcm_inertial_from_chaser[0]
+        change_into(scratch["moved"], True, *here, *other, self.frame, self.lights, scratch)
+        refer_into(new.covariance[0], True, scratch)
         return new
 
     def corrected(self, corrections: Matrix) -> "Estimates":

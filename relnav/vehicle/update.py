@@ -225,6 +225,7 @@ class Updater:
             refer_rows_into(
                 rows.jacobian,
                 corrections,
+                before.values,
                 before.dcm_lvlh_from_target,
                 before.dcm_inertial_from_chaser,
                 there.dcm_lvlh_from_target,

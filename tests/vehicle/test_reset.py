@@ -8,6 +8,7 @@ import pytest
 from relnav.accuracy.rendezvous import checkpoint, honesty
 from relnav.estimation.consistency import chi_square_interval
 from relnav.geometry.linear_algebra import cross_matrix
+from relnav.geometry.rotation_vector import turned
 from relnav.simulation.rendezvous import Rendezvous
 from relnav.simulation.vehicle_sensors import simulate_rendezvous
 from relnav.vehicle.layout import (
@@ -69,19 +70,30 @@ def far(at, rng):
     return at.corrected(np.where(blocks, step, 0.0))
 
 
-def changed(at, new):
-    """G (n, n) of errors about `new` by those about `at`."""
+def random_turn(rng):
+    """Any rotation (3, 3)."""
+    q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    return q * np.linalg.det(q)
+
+
+def changed(at, new, turn):
+    """G (n, n) of errors about `new` by those about `at`, where the path turns by (3, 3)."""
     n, scratch = at.values.shape[1], reset_scratch(at.values.shape[1])[0]
     ends = at.of(0), new.of(0)
+    moved, G = new.values[0] - at.values[0], np.eye(n)
+    scratch["turn"] = turn
+    for place in (POSITION, VELOCITY):
+        G[place, place] = turn
+        scratch["path"][place] = turn @ at.values[0, place]
+        moved[place] = new.values[0, place] - scratch["path"][place]
     change_into(
-        new.values[0] - at.values[0],
+        moved,
+        True,
         *(matrix for end in ends for matrix in (end.dcm_lvlh_from_target, end.dcm_inertial_from_chaser)),
         at.frame,
         at.lights,
-        scratch["change"],
-        scratch["to_lvlh"],
+        scratch,
     )
-    G = np.eye(n)
     G[:, TARGET_ATTITUDE] += scratch["change"][:, :3]
     G[:, CHASER_ATTITUDE] += scratch["change"][:, 3:TURNS]
     return G, scratch
@@ -108,11 +120,11 @@ def test_images_do_not_tell_them(vehicle, odd_state, navigator):
 def test_what_they_do_to_the_errors_is_kept(vehicle, odd_state):
     """Referred to an estimate far away they are the same turns, exactly; and back again everything is as it was."""
     rng, n, nominal = np.random.default_rng(2), odd_state.values.shape[1], nominal_of(vehicle)
-    new = far(odd_state, rng)
-    G, _ = changed(odd_state, new)
+    new, turn = far(odd_state, rng), random_turn(rng)
+    G, _ = changed(odd_state, new, turn)
     np.testing.assert_allclose(G @ common_turn(odd_state, n), common_turn(new, n), atol=1e-12)
     np.testing.assert_allclose(G @ turn_of_lights(odd_state, nominal, n), turn_of_lights(new, nominal, n), atol=1e-12)
-    back, _ = changed(new, odd_state)
+    back, _ = changed(new, odd_state, turn.T)
     np.testing.assert_allclose(back @ G, np.eye(n), atol=1e-12)
 
 
@@ -120,20 +132,33 @@ def test_a_covariance_and_rows_referred(odd_state):
     """G P G^T and H G by numpy's matrices; of P the first rows whole, of the others what stands right."""
     rng, n = np.random.default_rng(3), odd_state.values.shape[1]
     new = far(odd_state, rng)
-    G, scratch = changed(odd_state, new)
+    G, scratch = changed(odd_state, new, random_turn(rng))
     A = rng.normal(size=(n, n + 3))
     P = A @ A.T
     expected, seen = G @ P @ G.T, P.copy()
     seen[np.tril_indices(n, -1)] = np.where(np.tril_indices(n, -1)[0] < DRIVING, P[np.tril_indices(n, -1)], np.nan)
-    refer_into(seen, scratch["change"], scratch["turns"], scratch["carried"])
+    refer_into(seen, True, scratch)
     upper = np.triu_indices(n)
     np.testing.assert_allclose(seen[upper], expected[upper], atol=1e-10 * np.abs(expected).max())
     np.testing.assert_allclose(seen[:DRIVING], expected[:DRIVING], atol=1e-10 * np.abs(expected).max())
+
+
+def test_rows_referred(odd_state):
+    """H G by numpy's matrices, where the path takes half of the chaser's turn."""
+    rng, n = np.random.default_rng(4), odd_state.values.shape[1]
+    correction = np.zeros((1, n))
+    turn = np.array([0.3, -0.2, 0.4])
+    correction[0, CHASER_ATTITUDE] = (odd_state.frame @ odd_state.dcm_inertial_from_chaser[0]).T @ turn
+    correction[0, POSITION] = 0.5 * np.cross(turn, odd_state.values[0, POSITION])
+    correction[0, VELOCITY], correction[0, TARGET_RATE] = rng.normal(size=(2, 3)) * 0.1
+    new = odd_state.corrected(correction)
+    G, _ = changed(odd_state, new, turned(np.eye(3), 0.5 * turn))
     H = rng.normal(size=(1, 5, n))
     told = H.copy()
     refer_rows_into(
         told,
-        new.values - odd_state.values,
+        correction,
+        odd_state.values,
         odd_state.dcm_lvlh_from_target,
         odd_state.dcm_inertial_from_chaser,
         new.dcm_lvlh_from_target,
