@@ -31,7 +31,7 @@ from relnav.vehicle.layout import (
     TARGET_RATE,
     VELOCITY,
 )
-from relnav.vehicle.retraction import LEAST_SHARE, find_turn, retraction_scratch, turned_into
+from relnav.vehicle.retraction import LEAST_SHARE, find_turn, path_feels, retraction_scratch, turned_into
 
 TURNS = 6
 """Errors of both attitudes, on which alone the others' references depend: the target's three, then the chaser's."""
@@ -128,27 +128,41 @@ def change_into(
 
 
 @kernel
-def is_felt(P: Matrix, moved: Vector, lights: Codes) -> bool:
-    """Whether a reset over moved (n,), turns in place of attitudes, moves any error by LEAST_SHARE of its own sigma."""
-    chaser, target = 0.0, 0.0
+def is_felt(
+    P: Matrix, moved: Vector, values: Vector, chaser: Matrix, frame: Matrix, lights: Codes, scratch: Record
+) -> bool:
+    """Whether a reset over moved (n,), turns in place of attitudes, moves any error by LEAST_SHARE of its own sigma.
+
+    values (n,), chaser (3, 3): of the estimate before it, dcm_inertial_from_chaser.
+    """
+    turn, both = 0.0, 0.0
     for i in range(3):
-        chaser, target = max(chaser, P[_CHASER + i, _CHASER + i]), max(target, P[_TARGET + i, _TARGET + i])
-    if _feels(P, moved, _CHASER, chaser) or _feels(P, moved, _TARGET, chaser):
+        turn, both = max(turn, P[_CHASER + i, _CHASER + i]), max(both, P[_TARGET + i, _TARGET + i])
+    both += turn
+    if _feels(P, moved, _CHASER, turn) or _feels(P, moved, _TARGET, turn):
         return True
-    if _feels(P, moved, _POSITION, chaser) or _feels(P, moved, _VELOCITY, chaser):
-        return True
-    if _feels(P, moved, _RATE, target + chaser):
+    for at in (_POSITION, _VELOCITY):
+        shift2 = _length2(moved, at) * turn
+        if shift2 > 0.0 and path_feels(P, values, at, shift2, chaser, frame, scratch):
+            return True
+    if _feels(P, moved, _RATE, both):
         return True
     for first in lights:  # noqa: SIM110  (a generator cannot be compiled)
-        if _feels(P, moved, first, target + chaser):
+        if _feels(P, moved, first, both):
             return True
     return False
 
 
 @kernel
+def _length2(moved: Vector, at: int) -> float:
+    """Square of the length of three components from `at` on."""
+    return float(moved[at] * moved[at] + moved[at + 1] * moved[at + 1] + moved[at + 2] * moved[at + 2])
+
+
+@kernel
 def _feels(P: Matrix, moved: Vector, at: int, turn: float) -> bool:
     """Whether a turn of this variance moves three errors, by what has moved, by a share of the least of them."""
-    length2 = moved[at] * moved[at] + moved[at + 1] * moved[at + 1] + moved[at + 2] * moved[at + 2]
+    length2 = _length2(moved, at)
     if length2 == 0.0:
         return False
     least = min(P[at, at], P[at + 1, at + 1], P[at + 2, at + 2])

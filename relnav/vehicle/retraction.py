@@ -24,12 +24,14 @@ import numpy as np
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import entry, kernel
 from relnav.dynamics.error_state import MOTION
-from relnav.geometry.linear_algebra import cross_into
+from relnav.geometry.linear_algebra import cross_into, invert_three
 from relnav.geometry.rotation_vector import rotation_vector_into, turn_by_rotation_vector
 from relnav.vehicle.layout import CHASER_ATTITUDE, POSITION, TARGET_ATTITUDE, VELOCITY
 
 LEAST_SHARE = 1e-3
 """Of a sigma: what moves no error by more than this share of its own is left out."""
+SHARPEST = 0.01
+"""Of the sigma of a position, 1 mm of 0.1 m: that relative to the chaser counts as no less, which spares finding it."""
 PASSES = 4
 """Over the share of a turn, from two estimates; what is left falls by the square of the turn in each."""
 
@@ -51,6 +53,7 @@ def retraction_scratch(n: int) -> list[tuple[str, type[np.float64], int | tuple[
         ("turn", np.float64, (3, 3)),
         ("path", np.float64, MOTION),
         ("moved", np.float64, n),
+        ("apart", np.float64, (12, 6)),
     ]
 
 
@@ -78,21 +81,64 @@ def find_turn(correction: Vector, values: Vector, chaser: Matrix, frame: Matrix,
 
 
 @kernel
-def bends(P: Matrix, values: Vector, angle2: float) -> bool:
+def bends(P: Matrix, values: Vector, angle2: float, chaser: Matrix, frame: Matrix, scratch: Record) -> bool:
     """Whether a turn by an angle of this square is more than addition, by LEAST_SHARE of a sigma; values (n,)."""
-    return _bends(P, values, _POSITION, angle2) or _bends(P, values, _VELOCITY, angle2)
+    if not angle2 > 0.0:
+        return False
+    for at in (_POSITION, _VELOCITY):
+        most, length2 = P[at, at], values[at] * values[at]
+        for i in range(at + 1, at + 3):
+            most, length2 = max(most, P[i, i]), length2 + values[i] * values[i]
+        if path_feels(P, values, at, angle2 * max(0.25 * angle2 * length2, most), chaser, frame, scratch):
+            return True
+    return False
 
 
 @kernel
-def _bends(P: Matrix, values: Vector, at: int, angle2: float) -> bool:
-    """Of three errors: the values' own bend, and the turn of the errors about them."""
-    if not angle2 > 0.0:
+def path_feels(
+    P: Matrix, values: Vector, at: int, shift2: float, chaser: Matrix, frame: Matrix, scratch: Record
+) -> bool:
+    """Whether a shift of the position's errors, or the velocity's, of this square is LEAST_SHARE of what is known.
+
+    Images tell them relative to the chaser, often a hundred times better than the three errors from `at` on themselves;
+    what is left out at each of a few hundred images adds up to as much as they told.
+    """
+    least, share2 = min(P[at, at], P[at + 1, at + 1], P[at + 2, at + 2]), LEAST_SHARE * LEAST_SHARE
+    if shift2 > share2 * least:
+        return True
+    if not shift2 > SHARPEST * SHARPEST * share2 * least:
         return False
-    least, most, length2 = P[at, at], P[at, at], values[at] * values[at]
-    for i in range(at + 1, at + 3):
-        least, most = min(least, P[i, i]), max(most, P[i, i])
-        length2 += values[i] * values[i]
-    return bool(angle2 * max(0.25 * angle2 * length2, most) > LEAST_SHARE * LEAST_SHARE * least)
+    return bool(shift2 > share2 * _least_apart(P, values, at, chaser, frame, scratch["apart"]))
+
+
+@kernel
+def _least_apart(P: Matrix, values: Vector, at: int, chaser: Matrix, frame: Matrix, scratch: Matrix) -> float:
+    """Least variance of rho - phi x r or of v - phi x u - w x r, within a factor of 3; w: error of the chaser's rate.
+
+    scratch (12, 6).
+    """
+    A, M, MP, S = scratch[0:3, 0:3], scratch[3:6], scratch[6:9], scratch[9:12, 0:3]
+    for i in range(3):
+        for c in range(3):
+            A[i, c] = frame[i, 0] * chaser[0, c] + frame[i, 1] * chaser[1, c] + frame[i, 2] * chaser[2, c]
+    turns = 6 if at == _VELOCITY else 3
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        for c in range(3):
+            M[i, c] = values[at + j] * A[k, c] - values[at + k] * A[j, c]
+            M[i, 3 + c] = values[_POSITION + k] * A[j, c] - values[_POSITION + j] * A[k, c]
+    for i in range(3):
+        for m in range(turns):
+            total = P[at + i, _CHASER + m]
+            for k in range(turns):
+                total += M[i, k] * P[_CHASER + k, _CHASER + m]
+            MP[i, m] = total
+        for j in range(i + 1):
+            total = P[at + i, at + j]
+            for k in range(turns):
+                total += MP[i, k] * M[j, k] + M[i, k] * P[at + j, _CHASER + k]
+            S[i, j] = S[j, i] = total
+    return 1.0 / (S[0, 0] + S[1, 1] + S[2, 2]) if invert_three(S, S) else 0.0
 
 
 @kernel

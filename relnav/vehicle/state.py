@@ -42,7 +42,8 @@ def correct_one(
     new, moved = scratch["attitudes"], scratch["moved"]
     turn_by_rotation_vector(target, correction[_TARGET : _TARGET + 3], new[0])
     turn_by_rotation_vector(chaser, correction[_CHASER : _CHASER + 3], new[1])
-    turned = bends(P, values, find_turn(correction, values, chaser, frame, scratch))
+    angle2 = find_turn(correction, values, chaser, frame, scratch)
+    turned = bends(P, values, angle2, chaser, frame, scratch)
     if turned:
         turned_into(correction, values, scratch)
         change_into(moved, True, target, chaser, new[0], new[1], frame, lights, scratch)
@@ -52,7 +53,7 @@ def correct_one(
         for i in range(len(values)):
             values[i] += moved[i]
     else:
-        if is_felt(P, correction, lights):
+        if is_felt(P, correction, values, chaser, frame, lights, scratch):
             change_into(correction, False, target, chaser, new[0], new[1], frame, lights, scratch)
             refer_into(P, False, scratch)
         for i in range(len(values)):

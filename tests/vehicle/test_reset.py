@@ -172,7 +172,8 @@ def test_rows_referred(odd_state):
 
 def test_a_reset_that_is_not_felt_is_left_out(odd_state):
     """At a thousandth of a sigma, block by block, it is felt; at a tenth of that it is not."""
-    P = odd_state.covariance[0]
+    P, values = odd_state.covariance[0], odd_state.values[0]
+    here = values, odd_state.dcm_inertial_from_chaser[0], odd_state.frame, odd_state.lights, reset_scratch(len(P))[0]
     variance = np.diagonal(P)
     chaser, target = variance[CHASER_ATTITUDE].max(), variance[TARGET_ATTITUDE].max()
     by_chaser = (CHASER_ATTITUDE, TARGET_ATTITUDE, POSITION, VELOCITY)
@@ -181,8 +182,8 @@ def test_a_reset_that_is_not_felt_is_left_out(odd_state):
         for place in places:
             moved = np.zeros(len(P))
             moved[place.start + 1] = 1.01e-3 * np.sqrt(variance[place].min() / largest)
-            assert is_felt(P, moved, odd_state.lights)
-            assert not is_felt(P, 0.1 * moved, odd_state.lights)
+            assert is_felt(P, moved, *here)
+            assert not is_felt(P, 0.1 * moved, *here)
 
 
 def test_a_common_turn_stays_as_unknown_as_it_was(lights_alone, flights):
