@@ -47,7 +47,8 @@ def reset_scratch(n: int) -> Record:
     fields = [
         ("attitudes", np.float64, (2, 3, 3)),
         ("change", np.float64, (n, TURNS + 1)),
-        ("to_lvlh", np.float64, (9, 3)),
+        ("to_lvlh", np.float64, (TURNS, 3)),
+        ("bent", np.float64, (3, 3)),
         ("turns", np.float64, (TURNS, n)),
         ("carried", np.float64, (TURNS, n)),
         *retraction_scratch(n),
@@ -72,7 +73,7 @@ def _turn_with(v: Vector, by_chaser: Matrix, by_target: bool, change: Matrix, at
 @kernel
 def _bend_with(A: Matrix, scratch: Record) -> None:
     """Add to a change what the turn R of the path adds: (1 - R) A theta_C x R r, and of the velocity."""
-    change, bent, turn, path = scratch["change"], scratch["to_lvlh"][6:9], scratch["turn"], scratch["path"]
+    change, bent, turn, path = scratch["change"], scratch["bent"], scratch["turn"], scratch["path"]
     for i in range(3):
         for c in range(3):
             bent[i, c] = A[i, c] - turn[i, 0] * A[0, c] - turn[i, 1] * A[1, c] - turn[i, 2] * A[2, c]

@@ -26,7 +26,7 @@ from relnav.codegen.kernel import entry, kernel
 from relnav.dynamics.error_state import MOTION
 from relnav.geometry.linear_algebra import cross_into, invert_three
 from relnav.geometry.rotation_vector import rotation_vector_into, turn_by_rotation_vector
-from relnav.vehicle.layout import CHASER_ATTITUDE, POSITION, TARGET_ATTITUDE, VELOCITY
+from relnav.vehicle.layout import CHASER_ATTITUDE, GYRO_BIAS, POSITION, TARGET_ATTITUDE, VELOCITY
 
 LEAST_SHARE = 1e-3
 """Of a sigma: what moves no error by more than this share of its own is left out."""
@@ -37,6 +37,8 @@ PASSES = 4
 
 _POSITION, _VELOCITY = POSITION.start, VELOCITY.start
 _TARGET, _CHASER = TARGET_ATTITUDE.start, CHASER_ATTITUDE.start
+_TURNS = GYRO_BIAS.stop - CHASER_ATTITUDE.start
+"""Errors of the chaser's attitude and rate, next to one another."""
 
 
 def retraction_scratch(n: int) -> list[tuple[str, type[np.float64], int | tuple[int, ...]]]:
@@ -53,7 +55,9 @@ def retraction_scratch(n: int) -> list[tuple[str, type[np.float64], int | tuple[
         ("turn", np.float64, (3, 3)),
         ("path", np.float64, MOTION),
         ("moved", np.float64, n),
-        ("apart", np.float64, (12, 6)),
+        ("axes", np.float64, (3, 3)),
+        ("by_turns", np.float64, (2, 3, _TURNS)),
+        ("apart", np.float64, (3, 3)),
     ]
 
 
@@ -108,20 +112,17 @@ def path_feels(
         return True
     if not shift2 > SHARPEST * SHARPEST * share2 * least:
         return False
-    return bool(shift2 > share2 * _least_apart(P, values, at, chaser, frame, scratch["apart"]))
+    return bool(shift2 > share2 * _least_apart(P, values, at, chaser, frame, scratch))
 
 
 @kernel
-def _least_apart(P: Matrix, values: Vector, at: int, chaser: Matrix, frame: Matrix, scratch: Matrix) -> float:
-    """Least variance of rho - phi x r or of v - phi x u - w x r, within a factor of 3; w: error of the chaser's rate.
-
-    scratch (12, 6).
-    """
-    A, M, MP, S = scratch[0:3, 0:3], scratch[3:6], scratch[6:9], scratch[9:12, 0:3]
+def _least_apart(P: Matrix, values: Vector, at: int, chaser: Matrix, frame: Matrix, scratch: Record) -> float:
+    """Least variance of rho - phi x r or of v - phi x u - w x r, within a factor of 3; w: its rate's error."""
+    A, M, MP, S = scratch["axes"], scratch["by_turns"][0], scratch["by_turns"][1], scratch["apart"]
     for i in range(3):
         for c in range(3):
             A[i, c] = frame[i, 0] * chaser[0, c] + frame[i, 1] * chaser[1, c] + frame[i, 2] * chaser[2, c]
-    turns = 6 if at == _VELOCITY else 3
+    turns = _TURNS if at == _VELOCITY else 3
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         for c in range(3):
