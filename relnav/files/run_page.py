@@ -48,7 +48,8 @@ def write_run_page(
     log = view.metadata.get("log", "")
     title = f"{view.title}: {log}" if log else view.title
     thinned = "" if view.thin.whole else f", drawn as the extremes of {len(view.thin.begin)} groups: no peak is lost"
-    lead = f"{view.thin.epochs} epochs, {view.thin.begin[0]:.9g} s to {view.thin.end[-1]:.9g} s{thinned}."
+    epochs = f"{view.thin.epochs} epoch{'s' if view.thin.epochs != 1 else ''}"
+    lead = f"{epochs}, {view.thin.begin[0]:.9g} s to {view.thin.end[-1]:.9g} s{thinned}."
     body = _body(view, model, corridor_deg, capture, notes, {chart["section"] for chart in charts})
     write_page(path, title, lead, body, data)
 

@@ -59,6 +59,7 @@ def test_a_page_says_so(log, model, options):
     page = page_of(log, "--model", model, *options)
     assert NOT_STARTED in page
     assert "No innovations: the filter never started." in page
+    assert not re.search(r"\b1 epochs\b", page)
     data = charts(page)
     assert data["path"] is None
     assert {chart["section"] for chart in data["charts"]} == {"measurements", "timeline"}
