@@ -254,6 +254,7 @@ def stars(data: Any) -> list[str]:
     told = {
         "velocity_km_s": data.draw(like(np.zeros(3))),
         **drawn(data, flux=np.arange(12.0) + 1.0, epoch_jyear=2026.0),
+        **drawn(data, 1, spot_covariance_px2=np.tile(0.005 * np.eye(2), (12, 1, 1))),
     }
     prior = data.draw(like(rotation())), data.draw(like(1e-3))
     found = asked(relnav.dual_field.measure, spots, sensor, **told)

@@ -10,7 +10,7 @@ from relnav.arrays import Matrix, Stack, Vector
 from relnav.errors import InputError
 from relnav.files.atomic import replacing
 from relnav.files.log_columns import QUATERNION
-from relnav.files.star_frames import StarFrame, read_star_table
+from relnav.files.star_frames import BRIGHTNESS, NOISE, StarFrame, covariances, own_noise, read_star_table, star_frame
 from relnav.files.tables import check_format, relnav_version, write_table
 from relnav.files.text_table import TextTable
 from relnav.files.units import UNITS, split_unit, to_si
@@ -70,34 +70,30 @@ def states_at(orbit: Matrix, t_s: Vector, path: Path) -> Matrix:
     return states
 
 
-def read_star_log(path: Path, centre_px: ArrayLike = (0.0, 0.0)) -> list[tuple[float, StarFrame]]:
+def read_star_log(
+    path: Path, centre_px: ArrayLike = (0.0, 0.0), *, residual_px: float | None = None
+) -> list[tuple[float, StarFrame]]:
     """Frames of a log with a column t_s, one row a spot; rows of one time are one frame.
 
-    `centre_px` (2,) is where the image's centre stands in the file's coordinates.
+    `centre_px` (2,) is where the image's centre stands in the file's coordinates, `residual_px` as in
+    `read_star_frame`.
 
     Raises
     ------
     InputError
         As `read_star_frame`; for times that go back.
     """
-    table, brightness, _ = read_star_table(path, SPOT_COLUMNS, ("flux", "magnitude"))
+    columns = SPOT_COLUMNS if residual_px is None else (*SPOT_COLUMNS, *NOISE)
+    table, given, lines = read_star_table(path, columns, BRIGHTNESS)
     if np.any(np.diff(table[:, 0]) < 0.0):
         raise InputError(f"{path}: t_s goes back; sort the rows by time")
+    own = None if residual_px is None else own_noise(covariances(table[:, 3:6], lines, path), residual_px)
     frames = []
     for t in np.unique(table[:, 0]):
-        rows = table[table[:, 0] == t]
-        given = rows[:, 3] if brightness else None
-        frames.append(
-            (
-                float(t),
-                StarFrame(
-                    path,
-                    rows[:, 1:3] - np.asarray(centre_px),
-                    given if brightness == "flux" else None,
-                    given if brightness == "magnitude" else None,
-                ),
-            )
-        )
+        rows = table[:, 0] == t
+        noise = None if own is None else own[rows]
+        frame = star_frame(path, table[rows, 1:3], centre_px, given, table[rows, len(columns) :], noise)
+        frames.append((float(t), frame))
     return frames
 
 

@@ -1,4 +1,7 @@
-"""Frames of star spots as CSV: one row a spot, `x_px, y_px` from the image's centre, and `flux` or `magnitude`."""
+"""Frames of star spots as CSV: one row a spot, `x_px, y_px` from the image's centre, and `flux` or `magnitude`.
+
+The noise of each spot may be there too: `sigma_x_px, sigma_y_px, correlation`, as relnav writes the spots of a picture.
+"""
 
 import difflib
 from dataclasses import dataclass
@@ -6,8 +9,9 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Vector
+from relnav.arrays import LARGEST, Matrix, Stack, Vector
 from relnav.errors import InputError
 from relnav.files.log_columns import Columns
 from relnav.files.logs import read_csv
@@ -16,8 +20,11 @@ from relnav.files.wording import columns_are
 
 PLACES = ("x_px", "y_px")
 BRIGHTNESS = ("flux", "magnitude")
+NOISE = ("sigma_x_px", "sigma_y_px", "correlation")
 TIME = "t_s"
 ENOUGH_TO_TELL = 8
+LEAST_SIGMA_PX = 1e-6
+"""A centroid that is known a thousand times better than the best centroids are has its sigma in another unit."""
 MOST_SPOTS = 20_000
 """In one frame: a picture has no more stars than that."""
 MOST_IN_FRAME = MOST_SPOTS, "one frame is expected; of a log of frames keep the rows of one time"
@@ -36,15 +43,20 @@ class StarFrame:
         From the image's centre, x right, y down.
     flux, magnitude : (n,) or None
         At most one of them.
+    covariance_px2 : (n, 2, 2) or None
+        Of each spot, if it is not the model's.
     """
 
     path: Path
     spots_px: Matrix
     flux: Vector | None
     magnitude: Vector | None
+    covariance_px2: Stack | None = None
 
 
-def read_star_frame(path: Path, centre_px: tuple[float, float] = (0.0, 0.0)) -> StarFrame:
+def read_star_frame(
+    path: Path, centre_px: tuple[float, float] = (0.0, 0.0), *, residual_px: float | None = None
+) -> StarFrame:
     """Read a frame.
 
     Parameters
@@ -53,18 +65,58 @@ def read_star_frame(path: Path, centre_px: tuple[float, float] = (0.0, 0.0)) -> 
         CSV with a header; columns beside the known ones are left alone, lines that begin with # as well.
     centre_px : (2,)
         Where the image's centre stands in the file's coordinates.
+    residual_px : float, optional
+        The columns of each spot's noise are read as well, and so much, 1-sigma of a coordinate, is added.
 
     Raises
     ------
     InputError
         Naming file, line and column of what cannot be read; if the coordinates evidently count from a corner.
     """
-    values, given, _ = read_star_table(path, PLACES, BRIGHTNESS, one_frame=True)
-    spots = values[:, :2] - np.asarray(centre_px)
+    columns = PLACES if residual_px is None else (*PLACES, *NOISE)
+    values, given, lines = read_star_table(path, columns, BRIGHTNESS, one_frame=True)
+    own = None if residual_px is None else covariances(values[:, 2:5], lines, path)
+    frame = star_frame(path, values[:, :2], centre_px, given, values[:, len(columns) :], own_noise(own, residual_px))
     if centre_px == (0.0, 0.0):
-        _refuse_corner_coordinates(spots, path)
-    brightness = values[:, 2] if given else None
-    return StarFrame(path, spots, brightness if given == "flux" else None, brightness if given == "magnitude" else None)
+        _refuse_corner_coordinates(frame.spots_px, path)
+    return frame
+
+
+def star_frame(
+    path: Path, spots_px: Matrix, centre_px: ArrayLike, given: str, brightness: Matrix, own: Stack | None
+) -> StarFrame:
+    """Spots (n, 2) in the coordinates of a file as a frame; given: what the brightness (n, 1 or 0) is, or ""."""
+    spots = spots_px - np.asarray(centre_px)
+    flux, magnitude = (brightness[:, 0] if given == name else None for name in BRIGHTNESS)
+    return StarFrame(path, spots, flux, magnitude, own)
+
+
+def own_noise(covariance_px2: Stack | None, residual_px: float | None) -> Stack | None:
+    """Covariances (n, 2, 2) of spots and of what the lens model leaves; None where noise is the model's."""
+    if covariance_px2 is None or residual_px is None:
+        return None
+    own: Stack = covariance_px2 + residual_px**2 * np.eye(2)
+    return own
+
+
+def covariances(noise: Matrix, lines: Vector, path: Path) -> Stack:
+    """Covariances (n, 2, 2) px^2 of the columns `NOISE` (n, 3).
+
+    Raises
+    ------
+    InputError
+        Naming the line of a sigma or a correlation that is none.
+    """
+    sigma, correlation = noise[:, :2], noise[:, 2]
+    wrong = np.flatnonzero(((sigma < LEAST_SIGMA_PX) | (sigma > LARGEST)).any(axis=1) | (np.abs(correlation) >= 1.0))
+    if len(wrong):
+        told = ", ".join(f"{name} {value:g}" for name, value in zip(NOISE, noise[wrong[0]], strict=True))
+        raise InputError(
+            f"{path}:{int(lines[wrong[0]])}: {told}: sigmas are {LEAST_SIGMA_PX:g} px or more, a correlation is "
+            "between -1 and 1"
+        )
+    xy = correlation * sigma[:, 0] * sigma[:, 1]
+    return np.stack([sigma[:, 0] ** 2, xy, xy, sigma[:, 1] ** 2], axis=-1).reshape(-1, 2, 2)
 
 
 def read_star_table(

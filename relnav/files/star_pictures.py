@@ -9,7 +9,7 @@ import numpy as np
 from relnav.arrays import Vector
 from relnav.errors import InputError
 from relnav.files.images import Picture, read_picture
-from relnav.files.star_frames import MOST_SPOTS, StarFrame, read_star_frame
+from relnav.files.star_frames import MOST_SPOTS, StarFrame, own_noise, read_star_frame
 
 if TYPE_CHECKING:
     from relnav.sensors.dual_field.star_spots import FoundStars
@@ -43,13 +43,27 @@ class Seen:
     found: "FoundStars | None" = None
 
 
-def see_spots(path: Path, origin_px: Vector, size_px: tuple[float, float] | None) -> Seen:
+def see_spots(
+    path: Path, origin_px: Vector, size_px: tuple[float, float] | None, *, residual_px: float | None = None
+) -> Seen:
     """A CSV of spots; errors as of `read_star_frame`."""
-    return Seen(read_star_frame(path, (float(origin_px[0]), float(origin_px[1]))), origin_px, size_px)
+    centre = float(origin_px[0]), float(origin_px[1])
+    return Seen(read_star_frame(path, centre, residual_px=residual_px), origin_px, size_px)
 
 
-def see_picture(path: Path, saturation: float | None, threshold_sigma: float, spots_path: Path | None) -> Seen:
+def see_picture(
+    path: Path,
+    saturation: float | None,
+    threshold_sigma: float,
+    spots_path: Path | None,
+    *,
+    electrons_per_count: float | None = None,
+    residual_px: float | None = None,
+) -> Seen:
     """A picture and its spots; `saturation` where it is not what file or type say, `spots_path` what will be written.
+
+    `residual_px` as for `read_star_frame`; the noise of the spots' own light is in their covariance where
+    `electrons_per_count` is given.
 
     Raises
     ------
@@ -67,14 +81,20 @@ def see_picture(path: Path, saturation: float | None, threshold_sigma: float, sp
     from relnav.sensors.dual_field.star_spots import find_stars, picture_centre
 
     full = picture.saturation if saturation is None else saturation
-    found = find_stars(picture.counts, saturation=full, threshold_sigma=threshold_sigma, most=MOST_SPOTS)
+    found = find_stars(
+        picture.counts,
+        saturation=full,
+        threshold_sigma=threshold_sigma,
+        electrons_per_count=electrons_per_count,
+        most=MOST_SPOTS,
+    )
     if len(found.spots_px) == 0:
         width, height = picture.size_px
         raise InputError(
             f"{path}: {width} x {height} px and no star: nothing as small as a star stands {threshold_sigma:g} sigma "
             "out of the background; see --threshold"
         )
-    frame = StarFrame(path, found.spots_px, found.flux, None)
+    frame = StarFrame(path, found.spots_px, found.flux, None, own_noise(found.covariance_px2, residual_px))
     return Seen(frame, picture_centre(picture.size_px), picture.size_px, picture, found)
 
 

@@ -124,8 +124,10 @@ def solve_frame(
             "two fields need --epoch and --velocity-km-s: aberration changes the angle between them by up to 21 arcsec "
             "(0 0 0 for a simulated frame without it)"
         )
+    if focal_px is not None and frame.covariance_px2 is not None:
+        raise UsageError("--residual-px needs a camera that is known: --model without --focal-px")
     if mirrored:
-        frame = replace(frame, spots_px=frame.spots_px * (1.0, -1.0))
+        frame = _unmirrored(frame)
     if model is not None and focal_px is None:
         solution = _solve_with_model(frame, model, epoch_jyear, velocity_km_s)
         return replace(solution, lens=_known_lens(model, solution)) if solution.ok else solution
@@ -142,6 +144,16 @@ def solve_frame(
         reason = f"no attitude with a focal length within {focal_error:.0%} of {focal_px:g} px explains the spots"
         return replace(solution, reason=reason)
     return solution
+
+
+def _unmirrored(frame: StarFrame) -> StarFrame:
+    """The frame with y counted the other way."""
+    flip, own = np.array([1.0, -1.0]), frame.covariance_px2
+    return replace(
+        frame,
+        spots_px=frame.spots_px * flip,
+        covariance_px2=None if own is None else own * np.outer(flip, flip),
+    )
 
 
 def focal_steps(error: float) -> list[float]:
@@ -169,11 +181,15 @@ def _solve_with_model(
         magnitude=frame.magnitude,
         epoch_jyear=epoch_jyear,
         velocity_km_s=velocity_km_s,
+        spot_covariance_px2=frame.covariance_px2,
     )
     if solution.status is not StarStatus.NO_MATCH or frame.flux is None:
         return solution
     order = np.argsort(-frame.flux, kind="stable")
-    again = measure(frame.spots_px[order], model, epoch_jyear=epoch_jyear, velocity_km_s=velocity_km_s)
+    own = None if frame.covariance_px2 is None else frame.covariance_px2[order]
+    again = measure(
+        frame.spots_px[order], model, epoch_jyear=epoch_jyear, velocity_km_s=velocity_km_s, spot_covariance_px2=own
+    )
     if not again.ok:
         return solution
     again = replace(again, reason="brightness was not compared: the fluxes do not fit the model's magnitude_zero_point")

@@ -43,6 +43,7 @@ class FrameSolver:
     def solve(self, t_s: float, frame: StarFrame, velocity_km_s: Vector | None) -> StarSolution:
         """The attitude of the frame at a time after those before."""
         seen = {"flux": frame.flux, "magnitude": frame.magnitude, "velocity_km_s": velocity_km_s}
+        seen["spot_covariance_px2"] = frame.covariance_px2
         solution = measure(frame.spots_px, self.sensor, epoch_jyear=self.epoch_jyear, **seen)
         expected = self._expected(t_s) if self.tracking and not solution.ok else None
         if expected is not None:

@@ -216,6 +216,27 @@ def test_without_an_orbit_attitudes_are_inertial(run, flight):
     assert "--orbit" in err or "l.csv" in err
 
 
+def test_each_spots_noise(run, flight):
+    """Of a log whose sigmas are a third of the model's, what it leaves being none of it, or all."""
+    lines = (flight / "frames.csv").read_text().splitlines()
+    noise = relnav.load_model("dual_field_star").camera.spot_noise_px
+    rows = [f"{line},{noise / 3.0},{noise / 3.0},0" for line in lines[1:]]
+    (flight / "noise.csv").write_text("\n".join([f"{lines[0]},sigma_x_px,sigma_y_px,correlation", *rows]) + "\n")
+    sigma = {}
+    for name, file, more in (
+        ("model", "frames.csv", []),
+        ("as stated", "noise.csv", ["--residual-px", noise * np.sqrt(8.0 / 9.0)]),
+        ("wider", "noise.csv", ["--residual-px", 2.0 * noise]),
+    ):
+        out = flight / "out.csv"
+        assert run("stars", "attitude", flight / file, *OPTIONS, *more, "--track", "--out", out)[0] == 0
+        lines = [line for line in out.read_text().splitlines() if not line.startswith("#")]
+        sigma[name] = np.array([line.split(",")[-3:] for line in lines[1:]], dtype=float)
+    np.testing.assert_allclose(sigma["as stated"], sigma["model"], rtol=0.02)
+    ratio = np.sqrt(37.0 / 9.0)
+    np.testing.assert_allclose(sigma["wider"][:, 0], ratio * sigma["model"][:, 0], rtol=0.02)  # y, z: the mirror's too
+
+
 def test_a_log_is_not_one_frame(run, flight):
     code, _, err = run("stars", "solve", flight / "frames.csv", "--focal-px", "4000")
     assert code == 3

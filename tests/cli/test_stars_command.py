@@ -94,6 +94,14 @@ WRONG_USE = {
         [FRAME, "--model", "ground_camera", "--epoch", "2020", "--velocity-km-s", "nan", 0, 0],
         "velocity_km_s is three finite numbers",
     ),
+    "noise of no camera": (
+        ["noise.csv", "--focal-px", "5000", "--residual-px", "0"],
+        "--residual-px needs a camera that is known: --model without --focal-px",
+    ),
+    "gain of spots": (
+        [FRAME, "--model", "ground_camera", "--electrons-per-count", "2"],
+        "--electrons-per-count is for a picture",
+    ),
     "no such command": ([], "Missing argument 'FRAME'"),
 }
 
@@ -102,11 +110,13 @@ WRONG_USE = {
 def test_wrong_use_is_2(run, tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
     arguments, text = WRONG_USE[name]
+    if "noise.csv" in arguments:
+        (tmp_path / "noise.csv").write_text("x_px,y_px,sigma_x_px,sigma_y_px,correlation\n1,2,0.1,0.1,0\n")
     code, out, err = run("stars", "solve", *arguments)
     assert code == 2
     assert text in err
     assert out == ""
-    assert list(tmp_path.iterdir()) == []
+    assert [path.name for path in tmp_path.iterdir()] == [file for file in arguments if file == "noise.csv"]
 
 
 def lines_of(rows):

@@ -1,5 +1,6 @@
 """`relnav stars solve` on pictures: attitude, spots, world coordinates, a drawing; and what goes wrong."""
 
+import dataclasses
 import json
 import warnings
 
@@ -195,3 +196,28 @@ def test_a_model_says_how_its_spots_count(run, tmp_path, sky):
         answers.append(solve(run, tmp_path, tmp_path / f"{name}.csv", *options)[1]["dcm_cam_from_icrs"])
     np.testing.assert_allclose(answers[1], answers[0], atol=1e-9)
     np.testing.assert_allclose(answers[2], answers[0], atol=1e-9)
+
+
+def test_each_spot_counts_by_its_own_noise(run, tmp_path):
+    """Of stars without other noise than the picture's: a third of the model's sigma, and the error is within it."""
+    model, rng = relnav.load_model("ground_camera"), np.random.default_rng(4)
+    exact = dataclasses.replace(model, camera=dataclasses.replace(model.camera, spot_noise_px=1e-9))
+    conditions = SkyConditions(faintest_mag=7.0, missing=0.0, false_spots=0, field_radius_rad=np.radians(7.1))
+    frame, exposure = StarFieldSimulator(exact, conditions).frame(rng), Exposure(zero_point=16.92)
+    picture = picture_of(frame.spots_px, exposure.flux(frame.magnitude), SIZE, exposure, rng)
+    Image.fromarray(picture.astype(np.uint16)).save(tmp_path / "sky.png")
+    gain = ["--electrons-per-count", 1.0 * exposure.electrons_per_count]
+    written = ["--model", "ground_camera", "--residual-px", 0.01]
+    sky = tmp_path / "sky.png"
+    _, alike = solve(run, tmp_path, sky, "--model", "ground_camera")
+    _, own = solve(run, tmp_path, sky, *written, *gain, "--spots", tmp_path / "spots.csv")
+    _, again = solve(run, tmp_path, tmp_path / "spots.csv", *written)
+    assert own["sigma_arcsec"][0] < alike["sigma_arcsec"][0] / 3.0
+    assert off_arcsec(own, frame.dcm_cam_from_icrs) < 4.0 * own["sigma_arcsec"][0]
+    np.testing.assert_allclose(again["covariance_rad2"], own["covariance_rad2"], rtol=1e-6)
+    _, wide = solve(run, tmp_path, tmp_path / "spots.csv", "--model", "ground_camera", "--residual-px", 1.0)
+    assert wide["sigma_arcsec"][0] > 5.0 * alike["sigma_arcsec"][0]
+    mirrored = picture[::-1].astype(np.uint16)
+    Image.fromarray(mirrored).save(sky)
+    _, back = solve(run, tmp_path, sky, *written, *gain, "--mirrored")
+    np.testing.assert_allclose(back["covariance_rad2"], own["covariance_rad2"], rtol=0.02, atol=1e-14)

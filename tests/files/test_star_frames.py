@@ -42,6 +42,35 @@ def test_the_centre_can_be_named(write):
     np.testing.assert_array_equal(frame.spots_px, [[0.0, 0.0]])
 
 
+NOISE = "x_px,y_px,flux,sigma_x_px,sigma_y_px,correlation\n"
+
+
+def test_each_spots_noise(write):
+    frame = read_star_frame(write(NOISE + "1,2,30,0.3,0.4,0.5\n3,4,20,0.1,0.2,0\n"), residual_px=0.1)
+    np.testing.assert_allclose(frame.covariance_px2, [[[0.1, 0.06], [0.06, 0.17]], [[0.02, 0.0], [0.0, 0.05]]])
+    np.testing.assert_array_equal(frame.flux, [30.0, 20.0])
+    assert read_star_frame(write(NOISE + "1,2,30,0,0,5\n")).covariance_px2 is None
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("1,2,30,0.1,0,0", ":2: sigma_x_px 0.1, sigma_y_px 0, correlation 0: sigmas are 1e-06 px or more"),
+        ("1,2,30,0.1,0.1,1", ":2: sigma_x_px 0.1, sigma_y_px 0.1, correlation 1: sigmas"),
+        ("1,2,30,1e31,0.1,0", ":2: sigma_x_px 1e\\+31"),
+        ("1,2,30,0.1,,0", ":2: column 'sigma_y_px' is empty"),
+    ],
+)
+def test_noise_that_is_none(write, row, message):
+    with pytest.raises(relnav.InputError, match=message):
+        read_star_frame(write(f"{NOISE}{row}\n"), residual_px=0.0)
+
+
+def test_noise_that_is_not_there(write):
+    with pytest.raises(relnav.InputError, match="column 'sigma_x_px' is missing"):
+        read_star_frame(write("x_px,y_px\n1,2\n"), residual_px=0.0)
+
+
 BAD = {
     "empty": ("", ": the file is empty; a header line and one row"),
     "binary": (b"\xff\xfe\x00", ": not a text file in UTF-8"),

@@ -7,6 +7,7 @@ import click
 
 from relnav.cli.completion import STARS, ModelName
 from relnav.cli.printing import InputPath, OutputPath, say
+from relnav.cli.stars import RESIDUAL
 
 if TYPE_CHECKING:
     from relnav.arrays import Matrix
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Try an unsolved frame again near the attitude extrapolated from the two before; two stars can be enough.",
 )
+@click.option("--residual-px", type=click.FloatRange(min=0.0, max=1e3), help=RESIDUAL)
 @click.option("--out", required=True, type=OutputPath(), help="Attitudes, .csv or .parquet.")
 @click.option("--log", type=InputPath(), help="Navigation log, .csv.")
 @click.option("--joined", type=OutputPath(), help="That log with the attitude added to every row.")
@@ -56,6 +58,7 @@ def command(
     earth_velocity_km_s: tuple[float, float, float] | None,
     q_cam_from_star: tuple[float, float, float, float],
     track: bool,
+    residual_px: float | None,
     out: Path,
     log: Path | None,
     joined: Path | None,
@@ -98,7 +101,7 @@ def command(
         raise UsageError("two fields need --earth-velocity-km-s: aberration changes the angle between them")
     earth = None if earth_velocity_km_s is None else velocity_option("--earth-velocity-km-s", earth_velocity_km_s)
     year, mounting = None if epoch is None else julian_year(epoch), _mounting(q_cam_from_star)
-    images = read_star_log(frames, origin_of_spots(sensor))
+    images = read_star_log(frames, origin_of_spots(sensor), residual_px=residual_px)
     times = np.array([t for t, _ in images])
     at = None if orbit is None else states_at(read_orbit(orbit), times, orbit)
     solver, solved, solutions = FrameSolver(sensor, year, track), [], []

@@ -8,6 +8,7 @@ import click
 
 from relnav.cli.completion import STARS, ModelName
 from relnav.cli.printing import InputPath, OutputPath, say
+from relnav.cli.stars import RESIDUAL
 
 if TYPE_CHECKING:
     from relnav.files.atomic import Outputs
@@ -57,6 +58,12 @@ ARCSEC = 648000.0 / math.pi
     show_default=True,
     help="Picture: least height of a star above the background, sigma.",
 )
+@click.option(
+    "--electrons-per-count",
+    type=click.FloatRange(min=0.0, min_open=True),
+    help="Picture: the camera's gain, for the noise of the stars' own light.",
+)
+@click.option("--residual-px", type=click.FloatRange(min=0.0, max=1e3), help=RESIDUAL + " Picture: noise as found.")
 @click.option("--epoch", help="Julian year or ISO date (UTC) of the frame.")
 @click.option(
     "--velocity-km-s", nargs=3, type=float, help="Observer's barycentric velocity, ICRS: corrects for aberration."
@@ -129,8 +136,16 @@ def _read(path: Path, options: dict[str, Any]) -> "Seen":
             raise UsageError(f"--{of_spots[0].replace('_', '-')} is for a CSV of spots; a picture has its own pixels")
         if options["wcs"] is not None:
             _check_wcs(options["wcs"])
-        return see_picture(path, options["saturation"], options["threshold"], options["spots_path"])
-    for name, option in (("saturation", "--saturation"), ("spots_path", "--spots")):
+        return see_picture(
+            path,
+            options["saturation"],
+            options["threshold"],
+            options["spots_path"],
+            electrons_per_count=options["electrons_per_count"],
+            residual_px=options["residual_px"],
+        )
+    of_picture = {"saturation": "--saturation", "electrons_per_count": "--electrons-per-count", "spots_path": "--spots"}
+    for name, option in of_picture.items():
         if options[name] is not None:
             raise UsageError(f"{option} is for a picture; {path.name} is read as a CSV of spots")
     from relnav.files.star_solving import load_star_sensor, origin_of_spots
@@ -142,7 +157,7 @@ def _read(path: Path, options: dict[str, Any]) -> "Seen":
             raise UsageError("--wcs needs the size of the picture: --image-size-px WIDTH HEIGHT, or --model")
         _check_wcs(options["wcs"])
     origin = origin_of_spots(model, options["centre_px"], options["image_size_px"], options["first_pixel_px"])
-    return see_spots(path, origin, size)
+    return see_spots(path, origin, size, residual_px=options["residual_px"])
 
 
 def _check_wcs(path: Path) -> None:

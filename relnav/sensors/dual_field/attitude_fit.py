@@ -65,7 +65,8 @@ def gather_field(
     """Write information F (3, 3) and gradient g (3,) of one field's matches at A.
 
     With q = A v and the error d of A the residual w - q - q x d is smallest for d = F^-1 g, g = sum (w x q) / sigma^2,
-    F = sum (I - q q^T) / sigma^2.
+    F = sum (I - q q^T) / sigma^2. Where a spot has its own information P, g = sum (P (w - q)) x q and F = sum
+    [q x]^T P [q x].
     """
     W, n = frame.W, frame.sigma2.shape[0]
     f00, f01, f02, f11, f12, f22, g0, g1, g2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -77,6 +78,18 @@ def gather_field(
         q0 = A[0, 0] * v[0] + A[0, 1] * v[1] + A[0, 2] * v[2]
         q1 = A[1, 0] * v[0] + A[1, 1] * v[1] + A[1, 2] * v[2]
         q2 = A[2, 0] * v[0] + A[2, 1] * v[1] + A[2, 2] * v[2]
+        if frame.information.shape[0] > 0:
+            P = frame.information[row]
+            a0, a1, a2 = P[2] * q1 - P[1] * q2, P[0] * q2 - P[2] * q0, P[1] * q0 - P[0] * q1  # rows of P [q x]^T
+            b0, b1, b2 = P[4] * q1 - P[3] * q2, P[1] * q2 - P[4] * q0, P[3] * q0 - P[1] * q1
+            c0, c1, c2 = P[5] * q1 - P[4] * q2, P[2] * q2 - P[5] * q0, P[4] * q0 - P[2] * q1
+            r0, r1, r2 = W[row, 0] - q0, W[row, 1] - q1, W[row, 2] - q2
+            f00, f01, f02 = f00 + q1 * c0 - q2 * b0, f01 + q1 * c1 - q2 * b1, f02 + q1 * c2 - q2 * b2
+            f11, f12, f22 = f11 + q2 * a1 - q0 * c1, f12 + q2 * a2 - q0 * c2, f22 + q0 * b2 - q1 * a2
+            g0 -= a0 * r0 + b0 * r1 + c0 * r2
+            g1 -= a1 * r0 + b1 * r1 + c1 * r2
+            g2 -= a2 * r0 + b2 * r1 + c2 * r2
+            continue
         p = 1.0 / frame.sigma2[k]
         f00, f01, f02 = f00 + p * (1.0 - q0 * q0), f01 - p * q0 * q1, f02 - p * q0 * q2
         f11, f12, f22 = f11 + p * (1.0 - q1 * q1), f12 - p * q1 * q2, f22 + p * (1.0 - q2 * q2)
@@ -169,15 +182,30 @@ def agree_on_fold(frame: Frame, sky: SkyArrays, match: Codes, A: Matrix, cov: Ma
 
 @kernel
 def miss2(frame: Frame, sky: SkyArrays, k: int, match: Codes, A: Matrix, v: Vector) -> float:
-    """Square of the distance of spot k from its star, the fold's error counted; v (3,) is scratch."""
+    """Square of the distance of spot k from its star, the fold's error counted; writes what it is along into v (3,)."""
     f, star = match[k, 1], sky.stars[match[k, 0]]
     w = frame.W[f * frame.sigma2.shape[0] + k]
     aberrate_into(star[0], star[1], star[2], frame.beta, 1.0, v)
-    total = 0.0
+    x, y, z, total = v[0], v[1], v[2], 0.0
     for r in range(3):
         moved = 0.0
         if f == 1:
             s = frame.slip[SHIFT]
             moved = s[(r + 1) % 3] * w[(r + 2) % 3] - s[(r + 2) % 3] * w[(r + 1) % 3]
-        total += (w[r] + moved - A[r, 0] * v[0] - A[r, 1] * v[1] - A[r, 2] * v[2]) ** 2
+        v[r] = w[r] + moved - A[r, 0] * x - A[r, 1] * y - A[r, 2] * z
+        total += v[r] ** 2
     return total
+
+
+@kernel
+def misfit(frame: Frame, k: int, field: int, d: Vector, d2: float) -> float:
+    """Square of the distance d (3,) of a spot from its star, d2 its length's square, in units of its covariance."""
+    if frame.information.shape[0] == 0:
+        return float(d2 / frame.sigma2[k])
+    P = frame.information[field * frame.sigma2.shape[0] + k]
+    return float(
+        P[0] * d[0] * d[0]
+        + P[3] * d[1] * d[1]
+        + P[5] * d[2] * d[2]
+        + 2.0 * (P[1] * d[0] * d[1] + P[2] * d[0] * d[2] + P[4] * d[1] * d[2])
+    )

@@ -2,12 +2,12 @@
 
 import math
 
-from relnav.arrays import Codes, Matrix, Vector
+from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.codegen.kernel import entry, kernel
-from relnav.sensors.dual_field.attitude_fit import miss2
+from relnav.sensors.dual_field.attitude_fit import misfit, miss2
 from relnav.sensors.dual_field.evidence import FOLD_CHI2, fold_distance2, nearly_matched
 from relnav.sensors.dual_field.matching import PRIOR, SHIFT, SLIP_ROWS, Frame
-from relnav.sensors.dual_field.optics import plane_point, ray_and_variance
+from relnav.sensors.dual_field.optics import plane_point, ray_and_variance, ray_information, turned_information
 from relnav.sensors.dual_field.pair_table import Indices
 from relnav.sensors.dual_field.search import FOUND, WORK_ROWS, search_pairs
 from relnav.sensors.dual_field.sky import Bits, SkyArrays
@@ -31,7 +31,7 @@ CREDIBLE_FIT = 3.0
 
 BLOCK = 21 + 3 * (WORK_ROWS + SLIP_ROWS)
 """Numbers of `block` beside `BLOCK_SPOT` for each spot."""
-SPOT = 11
+SPOT = 23
 """Numbers of scratch for each spot, before what does not depend on their number."""
 BLOCK_SPOT = SPOT + 1
 
@@ -58,12 +58,17 @@ def usable_spots_into(spots: Matrix, magnitude: Vector, half_width: float, half_
 
 
 @kernel
-def framed(scratch: Vector, parameters: Vector, n: int) -> Frame:
-    """A frame of n spots in scratch (SPOT n + 3 (WORK_ROWS + SLIP_ROWS),), to be filled; its rows of work stay free."""
+def framed(scratch: Vector, parameters: Vector, n: int, covariances: int) -> Frame:
+    """A frame of n spots in scratch (SPOT n + 3 (WORK_ROWS + SLIP_ROWS),), to be filled; its rows of work stay free.
+
+    covariances: how many spots have their own, all or none.
+    """
     fields, place = int(parameters[FIELDS]), SPOT * n + 3 * WORK_ROWS
+    told = fields * n if covariances > 0 else 0
     return Frame(
         scratch[: 3 * fields * n].reshape((fields * n, 3)),
         scratch[6 * n : 7 * n],
+        scratch[11 * n : 11 * n + 6 * told].reshape((told, 6)),
         scratch[7 * n : (7 + fields) * n],
         scratch[9 * n : (9 + fields) * n],
         parameters[BETA : BETA + 3],
@@ -75,7 +80,9 @@ def framed(scratch: Vector, parameters: Vector, n: int) -> Frame:
 
 
 @kernel
-def fill_frame(frame: Frame, spots: Matrix, magnitude: Vector, order: Codes, parameters: Vector) -> None:
+def fill_frame(
+    frame: Frame, spots: Matrix, covariances: Stack, magnitude: Vector, order: Codes, parameters: Vector
+) -> None:
     """Fill a frame with the spots that `order` names, as rays; the fold is as stated."""
     n, p, slip, W, M = frame.sigma2.shape[0], parameters, frame.slip, frame.W, frame.fold
     for r in range(3):
@@ -86,6 +93,11 @@ def fill_frame(frame: Frame, spots: Matrix, magnitude: Vector, order: Codes, par
         s = order[q]
         x, y = plane_point(spots[s, 0], spots[s, 1], p[FOCAL], p[CX], p[CY], p[K1], p[K2])
         W[q, 0], W[q, 1], W[q, 2], frame.sigma2[q] = ray_and_variance(x, y, p[SPOT_SIGMA] / p[FOCAL])
+        if covariances.shape[0] > 0:
+            u, v, own = (spots[s, 0] - p[CX]) / p[FOCAL], (spots[s, 1] - p[CY]) / p[FOCAL], frame.information[q]
+            frame.sigma2[q] = ray_information(u, v, x, y, p[FOCAL], p[K1], p[K2], covariances[s], own)
+            if frame.fields == 2:
+                turned_information(M, own, frame.information[n + q])
         frame.magnitude[q] = magnitude[s] if magnitude.shape[0] > 0 else 0.0
         if frame.fields == 2:
             frame.magnitude[n + q] = frame.magnitude[q] - p[FAINTER]
@@ -96,6 +108,7 @@ def fill_frame(frame: Frame, spots: Matrix, magnitude: Vector, order: Codes, par
 @entry
 def solve_spots(
     spots: Matrix,
+    covariances: Stack,
     magnitude: Vector,
     parameters: Vector,
     stars: Matrix,
@@ -116,7 +129,8 @@ def solve_spots(
     MISFIT, NOISIER and OFF_FOLD where stars are found, but too far from the spots, with spots beside stars, or with the
     fold farther off than its stated error.
 
-    spots (n, 2) px and magnitude (n,) or (0,) as handed in; stars to line are `SkyArrays`, hip (stars,) their numbers.
+    spots (n, 2) px, covariances (n, 2, 2) px^2 or (0, 2, 2) where noise is the model's, and magnitude (n,) or (0,) as
+    handed in; stars to line are `SkyArrays`, hip (stars,) their numbers.
     Writes Hipparcos numbers into star (n,), fields into found[3 n:] (4 n,), and into block
     (BLOCK + BLOCK_SPOT n,):
     attitude (9), covariance (9), what `search_pairs` calls info (2), number of spots or fit (1), residuals (n) rad; the
@@ -134,8 +148,8 @@ def solve_spots(
         solution[6, 2] = n
         return TOO_FEW
     work = scratch[SPOT * n : SPOT * n + 3 * WORK_ROWS].reshape((WORK_ROWS, 3))
-    frame = framed(scratch, p, n)
-    fill_frame(frame, spots, magnitude, order, p)
+    frame = framed(scratch, p, n, covariances.shape[0])
+    fill_frame(frame, spots, covariances, magnitude, order, p)
     verdict = search_pairs(
         frame, sky, p[SETTINGS : SETTINGS + 4], match[:n], solution[0:3], solution[3:6], work, solution[6]
     )
@@ -191,6 +205,6 @@ def tell_matches(
             continue
         spot, total = order[k], miss2(frame, sky, k, match, A, v)
         star[spot], field[spot], residual[spot] = hip[m], match[k, 1], math.sqrt(total)
-        chi2 += total / frame.sigma2[k]
+        chi2 += misfit(frame, k, match[k, 1], v, total)
         count += 1
     return chi2 / max(2.0 * count - 3.0, 1.0)

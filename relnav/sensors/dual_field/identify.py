@@ -83,6 +83,7 @@ def make_frame(
     return Frame(
         W=np.ascontiguousarray(W),
         sigma2=sigma_rad**2,
+        information=np.empty((0, 6)),
         magnitude=seen,
         counts=np.empty(len(seen)),
         beta=REST if velocity_km_s is None else velocity_km_s / LIGHT_KM_S,

@@ -26,7 +26,10 @@ class Frame(NamedTuple):
     W : (2 n, 3)
         Directions of the n spots if seen in field 0, then if seen in field 1.
     sigma2 : (n,)
-        Variance of each direction about an axis normal to it, rad^2.
+        Variance of each direction about an axis normal to it, rad^2; the largest, where `information` is told.
+    information : (2 n, 6) or (0, 6)
+        Inverse covariance of each direction across itself, rad^-2, where spots have covariances of their own: entries
+        xx, xy, xz, yy, yz, zz of a matrix that is zero along the direction.
     magnitude : (2 n,)
         Of the star that each spot would be, seen in field 0, then seen in field 1; any number where `gate` is infinite.
     counts : (2 n,)
@@ -45,6 +48,7 @@ class Frame(NamedTuple):
 
     W: Matrix
     sigma2: Vector
+    information: Matrix
     magnitude: Vector
     counts: Vector
     beta: Vector

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from relnav.arrays import Codes, Matrix, Vector, number, numbers, one_piece
+from relnav.arrays import LARGEST, Codes, Matrix, Stack, Vector, number, numbers, one_piece
 from relnav.geometry.star_places import LIGHT_KM_S
 from relnav.sensors.dual_field.frame_solver import (
     BETA,
@@ -40,6 +40,7 @@ from relnav.sensors.dual_field.tracking import (
 )
 
 NO_MAGNITUDE = np.empty(0)
+NO_COVARIANCES = np.empty((0, 2, 2))
 LOG_10 = math.log(10.0)
 
 FASTEST_KM_S = 300.0
@@ -60,6 +61,7 @@ def measure(
     magnitude: ArrayLike | None = None,
     epoch_jyear: float | None = None,
     velocity_km_s: ArrayLike | None = None,
+    spot_covariance_px2: ArrayLike | None = None,
 ) -> StarSolution:
     """Inertial attitude of the camera from the star spots of one frame, lost in space.
 
@@ -77,6 +79,9 @@ def measure(
     velocity_km_s : (3,), optional
         Observer's barycentric velocity, ICRS, for aberration. With two fields it must be given (zeros if the frame has
         no aberration): 30 km/s change the angle between the fields by up to 21 arcsec, ten times a spot's error.
+    spot_covariance_px2 : (n, 2, 2), optional
+        Of each spot, with what the distortion model leaves; (model's spot_noise_px)^2 of each coordinate if left out.
+        Bright spots then count for more than faint ones.
 
     Returns
     -------
@@ -86,16 +91,18 @@ def measure(
     Raises
     ------
     ValueError
-        For arrays of the wrong shape, both flux and magnitude, or two fields without a velocity.
+        For arrays of the wrong shape, both flux and magnitude, two fields without a velocity, or a matrix that is no
+        covariance.
     """
     spots, mag, velocity = _checked(spots_px, model, flux, magnitude, velocity_km_s)
     sky, parameters = model.sky(_epoch(epoch_jyear)), _parameters(model, mag, velocity)
+    own = _covariances(spot_covariance_px2, spots)
     star, found, block = _room(len(spots))
     brightness = NO_MAGNITUDE if mag is None else mag
-    verdict = solve_spots(spots, brightness, parameters, *sky.arrays, sky.hip, star, found, block)
+    verdict = solve_spots(spots, own, brightness, parameters, *sky.arrays, sky.hip, star, found, block)
     focal = model.camera.focal_length_px
     if verdict != FOUND:
-        return _refused(verdict, block, len(spots), model.camera)
+        return _refused(verdict, block, len(spots), model.camera, told=len(own) > 0)
     return _solution(StarStatus.OK, "", block, star, found, focal)
 
 
@@ -135,22 +142,25 @@ def _solution(
     )
 
 
-def _refused(verdict: int, block: Vector, spots: int, camera: StarCamera) -> StarSolution:
-    """Why there is no attitude."""
+def _refused(verdict: int, block: Vector, spots: int, camera: StarCamera, *, told: bool) -> StarSolution:
+    """Why there is no attitude; told: whether the spots had covariances of their own."""
+    noise, question = "the model's noise", "is the model's spot_noise_px that of the spots"
+    if told:
+        noise, question = "their covariances say", "are their covariances right"
     tried, here = int(block[19]), which_way(camera.distortion)
     if verdict == TOO_FEW:
         status, reason = StarStatus.TOO_FEW, f"{int(block[20])} spots; {LEAST_SPOTS} or more are needed"
     elif verdict == MISFIT:
         status, reason = (
             StarStatus.NO_MATCH,
-            f"stars are found, but the spots lie {block[20]:.1f} times as far from them as the model's noise: are "
+            f"stars are found, but the spots lie {block[20]:.1f} times as far from them as {noise}: are "
             f"focal length, distortion{here} and mirror those of this camera, and is the velocity right?",
         )
     elif verdict == NOISIER:
         status, reason = (
             StarStatus.NO_MATCH,
-            "stars are found, but more spots lie beside a star than on one: is the model's spot_noise_px that of the "
-            f"spots, and are focal length and distortion{here} those of this camera?",
+            f"stars are found, but more spots lie beside a star than on one: {question}, and "
+            f"are focal length and distortion{here} those of this camera?",
         )
     elif verdict == OFF_FOLD:
         status, reason = StarStatus.NO_MATCH, OFF_FOLD_REASON
@@ -174,6 +184,7 @@ def track(
     magnitude: ArrayLike | None = None,
     epoch_jyear: float | None = None,
     velocity_km_s: ArrayLike | None = None,
+    spot_covariance_px2: ArrayLike | None = None,
 ) -> StarSolution:
     """Attitude near a predicted one, from two stars or more; arguments as in `measure`.
 
@@ -194,13 +205,16 @@ def track(
     if not 0.0 < sigma_prior_rad <= WIDEST_PRIOR_RAD:
         raise ValueError(f"sigma_prior_rad is above 0 and up to {WIDEST_PRIOR_RAD:g} rad; got {sigma_prior_rad}")
     spots, mag, velocity = _checked(spots_px, model, flux, magnitude, velocity_km_s)
+    own = _covariances(spot_covariance_px2, spots)
     sky, (star, found, block) = model.sky(_epoch(epoch_jyear)), _room(len(spots))
     verdict = NO_ROTATION
     if prior.shape == (3, 3):
         block[:9] = prior.ravel()
         brightness = NO_MAGNITUDE if mag is None else mag
         parameters = _parameters(model, mag, velocity)
-        verdict = track_spots(spots, brightness, parameters, sigma_prior_rad, *sky.arrays, sky.hip, star, found, block)
+        verdict = track_spots(
+            spots, own, brightness, parameters, sigma_prior_rad, *sky.arrays, sky.hip, star, found, block
+        )
     if verdict == NO_ROTATION:
         raise ValueError(f"dcm_prior is a rotation matrix (3, 3); got {prior.tolist()}")
     focal, seen = model.camera.focal_length_px, int(block[20])
@@ -268,6 +282,26 @@ def prepare(
     sigma = ray_sigma(points, camera.spot_noise_px, camera.focal_length_px)
     fold = model.fold.matrix
     return Ready(rays(points), sigma, None if mag is None else mag[order], fold, velocity, order, len(spots))
+
+
+def _covariances(spot_covariance_px2: ArrayLike | None, spots: Matrix) -> Stack:
+    """The spots' own (n, 2, 2), or none (0, 2, 2), or a ValueError that says what is wrong with them."""
+    if spot_covariance_px2 is None:
+        return NO_COVARIANCES
+    own = one_piece("spot_covariance_px2", spot_covariance_px2)
+    if own.shape != (len(spots), 2, 2):
+        raise ValueError(f"spot_covariance_px2 has shape ({len(spots)}, 2, 2), one a spot; got {own.shape}")
+    xx, xy, yx, yy = own.reshape(-1, 4).T
+    with np.errstate(over="ignore", invalid="ignore"):
+        even = np.abs(xy - yx) <= 1e-9 * np.sqrt(xx * yy)
+        usable = even & (xx > 0.0) & (xy * yx < xx * yy) & np.isfinite(xx * yy) & (np.maximum(xx, yy) <= LARGEST**2)
+    wrong = np.flatnonzero(~usable & np.isfinite(spots).all(axis=1))
+    if len(wrong):
+        raise ValueError(
+            "spot_covariance_px2 has symmetric, positive definite matrices in px^2; got "
+            f"{own[wrong[0]].tolist()} for spot {wrong[0]}"
+        )
+    return own
 
 
 def _epoch(jyear: float | None) -> float | None:

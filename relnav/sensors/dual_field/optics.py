@@ -35,6 +35,48 @@ def ray_and_variance(x: float, y: float, sigma: float) -> tuple[float, float, fl
     return x * cosine, y * cosine, cosine, sigma * sigma * 0.5 * cos2 * (1.0 + cos2)
 
 
+@kernel
+def ray_information(
+    u: float, v: float, x: float, y: float, focal: float, k1: float, k2: float, covariance: Matrix, out: Vector
+) -> float:
+    """Write the inverse covariance of a spot's ray, rad^-2, and return its largest variance, rad^2.
+
+    It is K^T C^-1 K, K (2, 3) being the spot's displacement by that of the ray; out (6,): xx, xy, xz, yy, yz, zz.
+    u, v: the spot's place on the detector over f, from the principal point; x, y: its undistorted point; covariance C
+    (2, 2) px^2.
+    """
+    r2 = u * u + v * v
+    scale, bend = 1.0 + r2 * (k1 + k2 * r2), 2.0 * (k1 + 2.0 * k2 * r2)
+    a, b, d = scale + bend * u * u, bend * u * v, scale + bend * v * v  # of the point by u, v
+    depth = 1.0 / math.sqrt(1.0 + x * x + y * y)
+    over = focal / ((a * d - b * b) * depth)
+    ax, ay, az = over * d, -over * b, over * (b * y - d * x)
+    bx, by, bz = -over * b, over * a, over * (b * x - a * y)
+    c00, c01, c11 = covariance[0, 0], 0.5 * (covariance[0, 1] + covariance[1, 0]), covariance[1, 1]
+    det = c00 * c11 - c01 * c01
+    i00, i01, i11 = c11 / det, -c01 / det, c00 / det
+    out[0] = i00 * ax * ax + 2.0 * i01 * ax * bx + i11 * bx * bx
+    out[1] = i00 * ax * ay + i01 * (ax * by + ay * bx) + i11 * bx * by
+    out[2] = i00 * ax * az + i01 * (ax * bz + az * bx) + i11 * bx * bz
+    out[3] = i00 * ay * ay + 2.0 * i01 * ay * by + i11 * by * by
+    out[4] = i00 * ay * az + i01 * (ay * bz + az * by) + i11 * by * bz
+    out[5] = i00 * az * az + 2.0 * i01 * az * bz + i11 * bz * bz
+    half = 0.5 * (out[0] + out[3] + out[5])
+    both = out[0] * out[3] - out[1] ** 2 + out[0] * out[5] - out[2] ** 2 + out[3] * out[5] - out[4] ** 2
+    return float((half + math.sqrt(max(0.0, half * half - both))) / both)
+
+
+@kernel
+def turned_information(R: Matrix, row: Vector, out: Vector) -> None:
+    """Write R P R^T (6,) for the symmetric P of a row (6,)."""
+    for r in range(3):
+        x = R[r, 0] * row[0] + R[r, 1] * row[1] + R[r, 2] * row[2]
+        y = R[r, 0] * row[1] + R[r, 1] * row[3] + R[r, 2] * row[4]
+        z = R[r, 0] * row[2] + R[r, 1] * row[4] + R[r, 2] * row[5]
+        for c in range(r, 3):
+            out[c if r == 0 else r + c + 1] = x * R[c, 0] + y * R[c, 1] + z * R[c, 2]
+
+
 @entry
 def _plane_points_into(spots: Matrix, focal: float, cx: float, cy: float, k1: float, k2: float, out: Matrix) -> None:
     """Write the plane points (n, 2) of spots (n, 2)."""

@@ -2,7 +2,7 @@
 
 import math
 
-from relnav.arrays import Codes, Matrix, Vector
+from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.codegen.kernel import entry, kernel
 from relnav.geometry.rotation import are_a_rotation
 from relnav.sensors.dual_field.attitude_fit import fit_attitude, forget_slip
@@ -42,6 +42,7 @@ FOUND_ALONE, ALONG_A_LINE, NO_ROTATION = 2, -7, -8
 @entry
 def track_spots(
     spots: Matrix,
+    covariances: Stack,
     magnitude: Vector,
     parameters: Vector,
     sigma_prior: float,
@@ -77,8 +78,8 @@ def track_spots(
     solution[6, 0], solution[6, 1], solution[6, 2] = 0.0, 0.0, n
     if n < LEAST_STARS:
         return TOO_FEW
-    frame = framed(scratch, p, n)
-    fill_frame(frame, spots, magnitude, order, p)
+    frame = framed(scratch, p, n, covariances.shape[0])
+    fill_frame(frame, spots, covariances, magnitude, order, p)
     count_stars(frame, sky)
     A, cov, free = solution[0:3], solution[3:6], scratch[SPOT * n :]
     out, v, prior = free[0:3], free[3:6], free[6:15].reshape((3, 3))
