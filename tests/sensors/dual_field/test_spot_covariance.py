@@ -1,12 +1,16 @@
 """Spots whose noise differs: each counts by its own covariance, along and across, in both fields."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import relnav
 from relnav.estimation.consistency import chi_square_interval
+from relnav.files.star_frames import StarFrame
+from relnav.files.star_solving import solve_frame
+from relnav.sensors.dual_field.optics import plane_points, ray_information, rays
 from relnav.simulation.star_field import SkyConditions, StarFieldSimulator
 
 RUNS = 150
@@ -94,6 +98,72 @@ def test_the_models_own_noise(sensor):
     solution = relnav.dual_field.measure(frame.spots_px, sensor, **told, spot_covariance_px2=own)
     np.testing.assert_allclose(solution.sigma_rad, plain.sigma_rad, rtol=0.01)
     assert np.array_equal(solution.hip, plain.hip)
+
+
+def test_information_of_a_ray():
+    """Against differences, through a lens that bends as much as that of a wide camera."""
+    focal, centre, lens, step = 900.0, np.array([7.0, -5.0]), (-0.12, 0.03), 1e-3
+    covariance, out = np.array([[0.3, 0.1], [0.1, 0.2]]), np.empty(6)
+    for spot in np.random.default_rng(3).uniform(-400.0, 400.0, (20, 2)):
+        seen = [spot + step * np.array(d) for d in ((1, 0), (-1, 0), (0, 1), (0, -1))]
+        a, b, c, d = rays(plane_points(np.array(seen), focal, centre, lens))
+        slope = np.stack([a - b, c - d], axis=1) / (2.0 * step)
+        expected = slope @ covariance @ slope.T
+        (x, y), (u, v) = plane_points(spot[None], focal, centre, lens)[0], (spot - centre) / focal
+        largest = ray_information(u, v, x, y, focal, *lens, covariance, out)
+        xx, xy, xz, yy, yz, zz = out
+        P = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        np.testing.assert_allclose(P, np.linalg.pinv(expected, rcond=1e-6), rtol=1e-5, atol=1e-5 * abs(P).max())
+        assert largest == pytest.approx(np.linalg.eigvalsh(expected)[-1], rel=1e-6)
+
+
+def streaks(sensor, rng, across=1.0, faintest=5.75):
+    """A frame whose spots are known to 0.6 px along a diagonal and 0.03 px across it, errors being so many times that.
+
+    Each has a sigma of its own; covariances, and the frame with these errors.
+    """
+    frame = StarFieldSimulator(exact(sensor), SkyConditions(faintest_mag=faintest, false_spots=0)).frame(rng, velocity_km_s=AT_REST)
+    n, axes = len(frame.spots_px), turned(np.array([0.25 * np.pi]))[0]
+    sigma = np.array([0.6, 0.03]) * rng.uniform(0.3, 1.0, (n, 1))
+    covariance = axes @ (sigma[:, :, None] ** 2 * np.eye(2)) @ axes.T
+    return covariance, frame, frame.spots_px + (sigma * (1.0, across) * rng.normal(size=(n, 2))) @ axes.T
+
+
+def test_errors_across_that_are_not_as_told(single_sensor):
+    """Ten times the told sigma across a streak is far within that along it, and still no fit."""
+    rng = np.random.default_rng(5)
+    for across, ok in ((1.0, 20), (10.0, 0)):
+        solved = []
+        for _ in range(20):
+            covariance, frame, spots = streaks(single_sensor, rng, across)
+            told = {"magnitude": frame.magnitude, "velocity_km_s": AT_REST, "spot_covariance_px2": covariance}
+            solved.append(relnav.dual_field.measure(spots, single_sensor, **told))
+        assert sum(solution.ok for solution in solved) == ok
+    assert "times as far from them as their covariances say" in solved[0].reason
+
+
+@pytest.mark.parametrize("flux", [None, 1e-4])
+def test_a_mirrored_frame_and_one_of_another_zero_point(flux):
+    """The file's path: y counts up, and spots in any order of brightness, which the model's zero point does not fit."""
+    model, rng = relnav.load_model("ground_camera"), np.random.default_rng(6)
+    covariance, frame, spots = streaks(model, rng, faintest=7.0)
+    light = None if flux is None else flux * 10.0 ** (-0.4 * frame.magnitude)
+    order = rng.permutation(len(spots)) if flux is not None else np.argsort(frame.magnitude)
+    flip = np.array([1.0, -1.0])
+    solutions = [
+        solve_frame(
+            StarFrame(Path("frame"), spots[order] * y, None if light is None else light[order], None, own[order]),
+            "ground_camera",
+            None,
+            mirrored=mirrored,
+        )
+        for y, own, mirrored in ((1.0, covariance, False), (flip, covariance * np.outer(flip, flip), True))
+    ]
+    direct = relnav.dual_field.measure(spots, model, magnitude=frame.magnitude, spot_covariance_px2=covariance)
+    assert direct.ok
+    for solution in solutions:
+        np.testing.assert_allclose(solution.covariance, direct.covariance, rtol=1e-4)
+        np.testing.assert_allclose(solution.dcm_cam_from_icrs, direct.dcm_cam_from_icrs, atol=1e-9)
 
 
 @pytest.mark.parametrize(
