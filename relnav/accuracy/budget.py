@@ -1,9 +1,10 @@
 """The error budget of a three-beacon design, by range: what each imperfection costs one fix and the settled filter.
 
-Spot noise is new in every image; everything else lasts, and no filter averages it. The attitude is an error of the
-settled `spots` filter, which takes it as given; a fix tells it from its own spots. What it has of noise (`noise_deg`)
-is not in the budget. Lines in brackets are what would
-come on top, or instead, if something were done otherwise: they are not in the total.
+Noise of spots and attitude is new in every image; everything else lasts, and no filter averages it. The attitude is an
+error of the settled `spots` filter, which takes it as given; a fix tells it from its own spots. Its noise (`noise_deg`)
+is a line of its own: by how much it raises the settled filter's variance. Where that is much, near the target, the
+filter weighs what lasts otherwise than here, and reports more. Lines in brackets are what would come on top, or
+instead, if something were done otherwise: they are not in the total.
 """
 
 import dataclasses
@@ -141,11 +142,16 @@ def _place(model: Model, range_m: float, period_s: float) -> BudgetPlace:
     at = sensitivity(model, np.array([range_m, 0.0, 0.0]))
     fix, filtered = fix_by_spots(model, at), settled(model, at, period_s)
     sigma = at.sigma_m.ravel()
-    noise = BudgetLine(
-        "spot noise", True, _sigma(fix * np.where(np.isnan(sigma), 0.0, sigma)), _diagonal(filtered.covariance)
-    )
+    steady = dataclasses.replace(model, attitude=dataclasses.replace(model.attitude, noise_rad=0.0))
+    spots_alone = settled(steady, at, period_s).covariance
     lines = [
-        noise,
+        BudgetLine("spot noise", True, _sigma(fix * np.where(np.isnan(sigma), 0.0, sigma)), _diagonal(spots_alone)),
+        BudgetLine(
+            "attitude noise",
+            True,
+            _sigma(fix @ (at.by_camera_turn * model.attitude.noise_rad)),
+            np.sqrt(np.maximum(0.0, np.diag(filtered.covariance - spots_alone))),
+        ),
         *(
             BudgetLine(name, counts, _sigma(fix @ spots), _sigma(filtered.by_bias @ spots))
             for name, counts, spots in _lasting(model, at)

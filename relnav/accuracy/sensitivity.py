@@ -139,10 +139,12 @@ class Settled:
     state : SteadyState
         From the Riccati equation (`control`).
     covariance : (3, 3)
-        Of (range m, azimuth rad, elevation rad), from noise alone; as the filter, with what a calibration leaves in R.
+        Of (range m, azimuth rad, elevation rad), from noise alone, of spots and attitude; as the filter, with what a
+        calibration leaves in R.
     bound : (3, 3)
-        The same in closed form: each direction of the fix's information settles as a double integrator under white
-        acceleration (Kalman-Bucy), sigma^2 = sqrt(2) q^(1/4) (r T)^(3/4) for noise r every T; NaN where unobservable.
+        That of spot noise in closed form: each direction of the fix's information settles as a double integrator under
+        white acceleration (Kalman-Bucy), sigma^2 = sqrt(2) q^(1/4) (r T)^(3/4) for noise r every T; NaN where
+        unobservable.
     by_bias : (3, 2 n)
         Error of (range, azimuth, elevation) per lasting error of each coordinate; 0 for those not seen.
     """
@@ -167,9 +169,12 @@ def settled(model: Model, at: Sensitivity, period_s: float) -> Settled:
     if len(rows) < (1 if known else 6):
         nobody = SteadyState(False, np.full((6, 6), np.nan), np.full((6, 6), np.nan), np.empty((6, 0)), np.zeros(6))
         return Settled(nobody, nothing, nothing, np.full((3, numbers), np.nan))
-    whitener = np.diag(1.0 / np.hypot(at.sigma_m, at.lasting_m[:, None]).ravel()[rows])
+    of_spots = whitener = np.diag(1.0 / np.hypot(at.sigma_m, at.lasting_m[:, None]).ravel()[rows])
     if not known:
-        whitener = null_space((whitener @ at.by_camera_turn[rows]).T).T @ whitener
+        of_spots = whitener = null_space((whitener @ at.by_camera_turn[rows]).T).T @ whitener
+    elif model.attitude.noise_rad > 0.0:
+        turned = of_spots @ at.by_camera_turn[rows] * model.attitude.noise_rad
+        whitener = np.linalg.inv(np.linalg.cholesky(np.eye(len(rows)) + turned @ turned.T)) @ of_spots
     h = np.zeros((len(rows), 6))
     h[:, :3] = at.by_position[rows] @ model.dcm_dock_from_lvlh
     phi = transition(n, period_s)
@@ -180,7 +185,7 @@ def settled(model: Model, at: Sensitivity, period_s: float) -> Settled:
     gain = np.linalg.solve(np.eye(6) - (np.eye(6) - state.gain @ h) @ phi, state.gain)
     by_bias = np.zeros((3, numbers))
     by_bias[:, rows] = view @ gain[:3]
-    whitened = whitener @ at.by_position[rows]
+    whitened = of_spots @ at.by_position[rows]
     information = whitened.T @ whitened
     size, direction = np.linalg.eigh(information)
     if size[0] > 1e-12 * size[-1]:

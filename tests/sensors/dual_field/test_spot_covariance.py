@@ -122,7 +122,9 @@ def streaks(sensor, rng, across=1.0, faintest=5.75):
 
     Each has a sigma of its own; covariances, and the frame with these errors.
     """
-    frame = StarFieldSimulator(exact(sensor), SkyConditions(faintest_mag=faintest, false_spots=0)).frame(rng, velocity_km_s=AT_REST)
+    frame = StarFieldSimulator(exact(sensor), SkyConditions(faintest_mag=faintest, false_spots=0)).frame(
+        rng, velocity_km_s=AT_REST
+    )
     n, axes = len(frame.spots_px), turned(np.array([0.25 * np.pi]))[0]
     sigma = np.array([0.6, 0.03]) * rng.uniform(0.3, 1.0, (n, 1))
     covariance = axes @ (sigma[:, :, None] ** 2 * np.eye(2)) @ axes.T
