@@ -1,13 +1,14 @@
 """CCSDS Attitude Ephemeris Message (CCSDS 504.0-B-2, section 4), keyword = value: attitude of the target in space.
 
 `q_lvlh_from_target` of a marker track with the orbit's orientation makes the attitude of the target's axes against
-inertial ones.
+inertial ones. The standard's quaternion is that of the turn which takes the axes of A to those of B: x_B = M x_A with M
+= [[q1^2 - q2^2 - q3^2 + qc^2, 2 (q1 q2 + q3 qc), 2 (q1 q3 - q2 qc)], ...] (annex on conversions), the transpose of what
+scipy makes of the same four numbers.
 """
 
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from scipy.spatial.transform import Rotation
 
 from relnav.dynamics.in_frame import lvlh_in_space
@@ -33,7 +34,7 @@ def write_aem(solution: Any, path: Path, settings: dict[str, Any]) -> None:
     epoch, known = epoch_of(settings, "an AEM"), known_epochs(solution, "an AEM")
     orbit, said = lvlh_in_space(solution.t_s[known], solution.mission, orientation_of(settings, "an AEM"))
     eci_from_target = orbit @ solution.dcm_lvlh_from_target[known]
-    quaternions = Rotation.from_matrix(np.swapaxes(eci_from_target, 1, 2)).as_quat(canonical=True)
+    quaternions = Rotation.from_matrix(eci_from_target).as_quat(canonical=True)
     times = stamps(epoch, solution.t_s[known], "an AEM")
     lines = [
         "CCSDS_AEM_VERS = 2.0",
@@ -41,6 +42,7 @@ def write_aem(solution: Any, path: Path, settings: dict[str, Any]) -> None:
         "ORIGINATOR = RELNAV",
         "META_START",
         f"COMMENT model: {name_of(solution.model)}; target orbit: {name_of(said)}",
+        "COMMENT q1 q2 q3 qc of the turn of axes from A to B: x_B = M x_A with M12 = 2 (q1 q2 + q3 qc)",
         "OBJECT_NAME = TARGET",
         "OBJECT_ID = TARGET",
         "CENTER_NAME = EARTH",

@@ -195,6 +195,31 @@ def assert_turns_about_fixed_axes(solution, e, chaser, covariance):
     np.testing.assert_allclose(found / scale, covariance / scale, atol=0.04)  # 1 / sqrt(20,000) is 0.007
 
 
+def ccsds_matrix(q1, q2, q3, qc):
+    """M of x_B = M x_A as CCSDS 504.0-B writes it in its annex on conversions."""
+    return np.array(
+        [
+            [q1**2 - q2**2 - q3**2 + qc**2, 2 * (q1 * q2 + q3 * qc), 2 * (q1 * q3 - q2 * qc)],
+            [2 * (q1 * q2 - q3 * qc), -(q1**2) + q2**2 - q3**2 + qc**2, 2 * (q2 * q3 + q1 * qc)],
+            [2 * (q1 * q3 + q2 * qc), 2 * (q2 * q3 - q1 * qc), -(q1**2) - q2**2 + q3**2 + qc**2],
+        ]
+    )
+
+
+def test_aem_by_brahe(poses, tmp_path, outside):
+    """A reader that turns the quaternion into a matrix itself."""
+    ccsds = pytest.importorskip("brahe.ccsds", reason="brahe is not installed")
+    relnav.write(poses, tmp_path / "target.aem", orientation_deg=ORIENTATION_DEG, epoch=EPOCH)
+    (segment,) = ccsds.AEM.from_file(str(tmp_path / "target.aem")).segments
+    known, off = np.flatnonzero(np.isfinite(poses.state[:, 0])), 0.0
+    states = poses.in_frame("eci_relative", orientation_deg=ORIENTATION_DEG).state
+    for entry, e in zip(segment.states, known, strict=True):
+        target_from_eci = np.array(entry.quaternion.to_rotation_matrix().to_matrix())
+        in_target = target_from_eci @ states[e, :3]
+        off = max(off, np.abs(in_target - poses.dcm_lvlh_from_target[e].T @ poses.state[e, :3]).max())
+    outside("brahe", "AEM read back, the chaser's place turned by it, m", off, 1e-9)
+
+
 def test_aem_by_ccsds_ndm(poses, tmp_path, outside):
     ccsds_ndm = pytest.importorskip("ccsds_ndm", reason="ccsds-ndm-py is not installed")
     relnav.write(poses, tmp_path / "target.aem", orientation_deg=ORIENTATION_DEG, epoch=EPOCH)
@@ -205,7 +230,7 @@ def test_aem_by_ccsds_ndm(poses, tmp_path, outside):
     assert len(segment.data.attitude_states) == len(known) > 3
     off = 0.0
     for entry, e in zip(segment.data.attitude_states, known, strict=True):
-        target_from_eci = Rotation.from_quat(entry.values).as_matrix()
+        target_from_eci = ccsds_matrix(*map(float, entry.values))
         in_target = target_from_eci @ states[e, :3]
         off = max(off, np.abs(in_target - poses.dcm_lvlh_from_target[e].T @ poses.state[e, :3]).max())
     outside("ccsds-ndm-py", "AEM read back, the chaser's place turned by it, m", off, 1e-9)
