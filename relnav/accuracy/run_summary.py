@@ -8,7 +8,8 @@ import numpy as np
 
 from relnav.accuracy.published import Comparison, Published, PublishedTrend
 from relnav.estimation.consistency import Consistency, consistency_of_sum
-from relnav.navigation.lasting_words import left_out_line
+from relnav.estimation.whiteness import NeighbourSums
+from relnav.navigation.lasting_words import in_every_image, left_out_line
 from relnav.navigation.record import Solution
 from relnav.navigation.status import Alarm, EpochStatus
 from relnav.sensors.measurement import Status
@@ -77,6 +78,7 @@ class RunSummary:
         self.longest_gap_s, self.hint, self._t_before, self._interval = 0.0, "", math.nan, math.nan
         self.refused_after_gaps, self.replaced, self._after_gap = 0, 0, False
         self._sigma: tuple[float, ...] = (math.nan,) * 3
+        self._neighbours = NeighbourSums()
         self._used, self._used_dof, self._seen, self._seen_dof, self._seen_epochs = 0.0, 0, 0.0, 0, 0
 
     def take(self, part: Solution) -> None:
@@ -102,6 +104,7 @@ class RunSummary:
         used = part.accepted & np.isfinite(part.nis) & (part.dof > 0)
         self._used += float(part.nis[used].sum())
         self._used_dof += int(part.dof[used].sum())
+        self._neighbours.take(part.innovation, used)
         seen = part.dof > 0
         self._seen += float(part.nis[seen].sum())
         self._seen_dof += int(part.dof[seen].sum())
@@ -188,7 +191,9 @@ class RunSummary:
     @property
     def nis(self) -> Consistency:
         """NIS of the epochs that were used whole."""
-        return consistency_of_sum("NIS", self._used, self._used_dof, lasting=bool(self.considered))
+        neighbours = None if in_every_image(self.considered) else self._neighbours
+        lasting = bool(self.considered)
+        return consistency_of_sum("NIS", self._used, self._used_dof, lasting=lasting, neighbours=neighbours)
 
     @property
     def nis_all_per_dof(self) -> float:
@@ -223,6 +228,8 @@ class RunSummary:
             "nis_interval": [self.nis.lower, self.nis.upper],
             "nis_consistent": None if self.nis.withheld else self.nis.consistent,
             "nis_overconfident": None if self.nis.withheld else self.nis.overconfident,
+            "innovation_correlation": None if math.isnan(self.nis.correlation) else self.nis.correlation,
+            "innovations_correlated": self.nis.correlated,
             "nis_all_per_dof": self.nis_all_per_dof,
             "refused_unexplained": self.refused_unexplained,
             "rows": [

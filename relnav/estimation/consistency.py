@@ -10,8 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from relnav.arrays import Codes, Matrix, Vector, number
+from relnav.estimation.whiteness import NeighbourSums
 
 SMALLER = "errors smaller than stated, no fault"
+SMALLER_OR_COLOURED = "errors smaller than stated, or alike from image to image"
+COLOURED = "errors are alike from image to image (correlation {:.2f}), which the covariance does not include"
 LASTING = "lasting errors are included, the same in every epoch"
 ONE_RUN = "one run does not tell how much runs differ"
 
@@ -35,6 +38,11 @@ class Consistency:
         Of the interval.
     withheld : str
         Why there is no interval; empty if there is one.
+    correlation : float
+        Of the innovations of neighbouring images; NaN where it is not told.
+    correlated : bool
+        Whether that is more than chance, and than the covariance includes (`relnav.estimation.whiteness`). The
+        covariance is then too small, and so is `ratio`, as the estimate follows such errors.
     """
 
     quantity: str
@@ -44,11 +52,13 @@ class Consistency:
     dof: int
     probability: float
     withheld: str = ""
+    correlation: float = math.nan
+    correlated: bool = False
 
     @property
     def consistent(self) -> bool:
-        """Whether the ratio lies in its interval."""
-        return self.lower <= self.ratio <= self.upper
+        """Whether the ratio lies in its interval, and innovations are not correlated."""
+        return self.lower <= self.ratio <= self.upper and not self.correlated
 
     @property
     def overconfident(self) -> bool:
@@ -59,9 +69,15 @@ class Consistency:
         """One sentence: figure, interval, verdict."""
         if self.dof == 0:
             return f"{self.quantity}: no data"
+        coloured = COLOURED.format(self.correlation)
         if self.withheld:
-            return f"{self.quantity} per degree of freedom {self.ratio:.3f}, no interval: {self.withheld}"
-        verdict = "overconfident" if self.overconfident else "consistent" if self.consistent else SMALLER
+            told = f"{self.quantity} per degree of freedom {self.ratio:.3f}, no interval: {self.withheld}"
+            return f"{told}; overconfident: {coloured}" if self.correlated else told
+        untold = self.quantity == "NIS" and math.isnan(self.correlation)
+        smaller = SMALLER_OR_COLOURED if untold else SMALLER
+        verdict = "overconfident" if self.overconfident else "consistent" if self.consistent else smaller
+        if self.correlated:
+            verdict = f"overconfident: {coloured}"
         return (
             f"{self.quantity} per degree of freedom {self.ratio:.3f}, "
             f"{100 * self.probability:g} % interval [{self.lower:.3f}, {self.upper:.3f}]: {verdict}"
@@ -89,29 +105,47 @@ def chi_square_interval(dof: int, probability: float = 0.95) -> tuple[float, flo
 
 
 def consistency_of_sum(
-    quantity: str, total: float, dof: int, probability: float = 0.95, *, lasting: bool = False
+    quantity: str,
+    total: float,
+    dof: int,
+    probability: float = 0.95,
+    *,
+    lasting: bool = False,
+    neighbours: NeighbourSums | None = None,
 ) -> Consistency:
     """Consistency of a sum of squared normalised errors with so many degrees of freedom.
 
     lasting: whether the errors include some that are the same in every term. Then the terms are not independent: the
-    mean of one run may lie anywhere, and no interval is told.
+    mean of one run may lie anywhere, and no interval is told. neighbours: of the innovations, where it is known that
+    nothing but noise makes neighbours alike.
     """
     if dof == 0:
         return Consistency(quantity, math.nan, math.nan, math.nan, 0, probability)
     lower, upper = chi_square_interval(dof, probability)
+    withheld, told = "", (math.nan, False)
     if lasting:
-        return Consistency(quantity, total / dof, math.nan, math.nan, dof, probability, LASTING)
-    return Consistency(quantity, total / dof, lower, upper, dof, probability)
+        lower, upper, withheld = math.nan, math.nan, LASTING
+    if neighbours is not None:
+        told = neighbours.correlation, neighbours.overconfident(total / dof)
+    return Consistency(quantity, total / dof, lower, upper, dof, probability, withheld, *told)
 
 
-def nis_consistency(nis: Vector, dof: Codes, probability: float = 0.95, *, lasting: bool = False) -> Consistency:
+def nis_consistency(
+    nis: Vector,
+    dof: Codes,
+    probability: float = 0.95,
+    *,
+    lasting: bool = False,
+    neighbours: NeighbourSums | None = None,
+) -> Consistency:
     """Consistency of normalised innovations squared, (n,) with their degrees of freedom (n,); NaN are left out.
 
-    lasting: as in `consistency_of_sum`.
+    lasting, neighbours: as in `consistency_of_sum`.
     """
     used = np.isfinite(nis) & (np.asarray(dof) > 0)
     total = int(np.sum(np.asarray(dof)[used]))
-    return consistency_of_sum("NIS", float(np.sum(np.asarray(nis)[used])), total, probability, lasting=lasting)
+    summed = float(np.sum(np.asarray(nis)[used]))
+    return consistency_of_sum("NIS", summed, total, probability, lasting=lasting, neighbours=neighbours)
 
 
 def consistency_of_runs(quantity: str, totals: Vector, dofs: Vector, probability: float = 0.95) -> Consistency:

@@ -15,6 +15,7 @@ from relnav.accuracy.published import Claim
 from relnav.arrays import Matrix, Vector
 from relnav.estimation.consistency import Consistency, consistency_of_sum
 from relnav.estimation.gating import chi_square_limit
+from relnav.estimation.whiteness import NeighbourSums
 from relnav.files.approach_view import Place, Places, misalignments
 from relnav.files.innovation_columns import Innovations, SpotInnovations, unsaid
 from relnav.files.port_columns import PortColumns
@@ -22,7 +23,7 @@ from relnav.files.spans import Event, Spans
 from relnav.files.tables import COLUMNS, DOCKING_COLUMNS, STATE_COLUMNS, rows_of
 from relnav.files.thinning import Thin, Thinning
 from relnav.mission import Model, VisionMission
-from relnav.navigation.lasting_words import marker_words
+from relnav.navigation.lasting_words import in_every_image, marker_words
 from relnav.navigation.record import Solution
 from relnav.navigation.status import Alarm, EpochStatus
 from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
@@ -260,6 +261,7 @@ class RunWatcher:
         self._counts: Counter[int] = Counter()
         self._alarmed: Counter[str] = Counter()
         self._total, self._dof, self._title, self._ambiguous = 0.0, 0, "", -1
+        self._neighbours = NeighbourSums()
         self._innovations: Innovations | SpotInnovations | None = None
         self._port, self._unsaid = PortColumns(), ""
         self._metadata: dict[str, str] = {}
@@ -303,6 +305,9 @@ class RunWatcher:
         whole = np.isin(status, (EpochStatus.UPDATED, EpochStatus.STARTED)) & (dof > 0) & np.isfinite(nis)
         sums = np.stack([np.where(whole, nis, 0.0), np.where(whole, dof, 0), np.ones(len(t))])
         self._total, self._dof = self._total + float(sums[0].sum()), self._dof + int(sums[1].sum())
+        innovations = [np.asarray(one) for name, one in columns.items() if name.startswith("innovation_")]
+        if innovations:
+            self._neighbours.take(np.stack(innovations, axis=1), whole)
         self._keep(t, {**columns, **self._port.of(columns), **flags}, sums)
         codes, numbers = np.unique(status, return_counts=True)
         self._counts.update(dict(zip(codes.tolist(), numbers.tolist(), strict=True)))
@@ -333,7 +338,13 @@ class RunWatcher:
             counts=self._counts,
             alarmed={name: self._alarmed[name] for name in ALARMS if self._alarmed[name]},
             ambiguous=self._ambiguous,
-            nis=consistency_of_sum("NIS", self._total, self._dof, lasting=bool(said.get("considered"))),
+            nis=consistency_of_sum(
+                "NIS",
+                self._total,
+                self._dof,
+                lasting=bool(said.get("considered")),
+                neighbours=None if in_every_image(said.get("considered", "")) else self._neighbours,
+            ),
             gate_probability=math.nan if settings is None else settings.gate_probability,
             claims=self._claims,
             events=sorted(events, key=lambda event: event.begin_s),

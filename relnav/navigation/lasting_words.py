@@ -3,14 +3,20 @@
 from relnav.mission import Model, VisionMission
 
 MARKERS = "focal length, mounting, markers"
+ATTITUDE = "attitude"
 
 
 def lasting_words(model: Model, method: str) -> dict[str, str]:
     """Of a beacon filter: {"considered": words, "left out": words}, each only where there is something to say."""
-    attitude = "attitude" if method == "spots" and model.attitude.sigma_rad > 0.0 else ""
+    attitude = ATTITUDE if method == "spots" and model.attitude.sigma_rad > 0.0 else ""
     words = ", ".join(part for part in (attitude, model.considered) if part)
     said = {"considered": words, "left out": left_out(model)}
     return {key: value for key, value in said.items() if value}
+
+
+def in_every_image(considered: str) -> bool:
+    """Whether errors that last show in successive innovations: all do but the attitude's, which moves the estimate."""
+    return considered not in ("", ATTITUDE)
 
 
 def marker_words(mission: VisionMission) -> dict[str, str]:

@@ -12,8 +12,10 @@ import numpy as np
 from relnav.arrays import Codes, Flags, Matrix, Stack, Vector
 from relnav.dynamics.error_state import MOTION
 from relnav.estimation.consistency import Consistency, nis_consistency
+from relnav.estimation.whiteness import NeighbourSums
 from relnav.navigation.docking_view import DOCKING_ROWS, STATE_ROWS, UPPER, symmetric, views
 from relnav.navigation.epoch_report import REPORT
+from relnav.navigation.lasting_words import in_every_image
 from relnav.navigation.presented import Presented
 from relnav.navigation.status import STARTED, UPDATED, Alarm, EpochStatus
 from relnav.sensors.measurement import Status
@@ -280,12 +282,16 @@ class Solution(Presented):
         return replace(self, **arrays)
 
     def nis_consistency(self, probability: float = 0.95) -> Consistency:
-        """NIS of the epochs whose spots were all accepted; the others are left out.
+        """NIS of the epochs whose spots were all accepted, and correlation of their innovations.
 
         Without an interval where `metadata["considered"]` names lasting errors, which are the same in every epoch.
         """
-        lasting = bool(self.metadata.get("considered"))
-        return nis_consistency(self.nis[self.accepted], self.dof[self.accepted], probability, lasting=lasting)
+        considered, whole = str(self.metadata.get("considered", "")), self.accepted
+        neighbours = None if in_every_image(considered) else NeighbourSums()
+        if neighbours is not None:
+            neighbours.take(self.innovation, whole)
+        lasting, nis, dof = bool(considered), self.nis[whole], self.dof[whole]
+        return nis_consistency(nis, dof, probability, lasting=lasting, neighbours=neighbours)
 
     def __len__(self) -> int:
         return len(self.t_s)

@@ -13,6 +13,7 @@ from relnav.estimation.consistency import (
     nees_consistency,
     nis_consistency,
 )
+from relnav.estimation.whiteness import NeighbourSums
 
 
 @pytest.mark.parametrize("dof", [1, 3, 60, 10_000, 1_000_000])
@@ -38,12 +39,39 @@ def honest(scale: float = 1.0, n: int = 500, seed: int = 1) -> tuple[np.ndarray,
     return scale * np.random.default_rng(seed + 1).chisquare(dof), dof
 
 
+def white(rng: np.random.Generator, a: float = 0.0) -> NeighbourSums:
+    """Of 500 images of six numbers, each a times the one before it and new noise."""
+    v = rng.normal(size=(500, 6))
+    for k in range(1, len(v)):
+        v[k] = a * v[k - 1] + math.sqrt(1.0 - a * a) * v[k]
+    sums = NeighbourSums()
+    sums.take(v, np.ones(len(v), dtype=bool))
+    return sums
+
+
 def test_verdicts() -> None:
     assert nis_consistency(*honest()).consistent
     assert str(nis_consistency(*honest())).endswith(": consistent")
     assert str(nis_consistency(*honest(1.3))).endswith(": overconfident")
-    assert str(nis_consistency(*honest(0.7))).endswith(": errors smaller than stated, no fault")
+    unlike = nis_consistency(*honest(0.7), neighbours=white(np.random.default_rng(4)))
+    assert str(unlike).endswith(": errors smaller than stated, no fault")
+    assert str(nis_consistency(*honest(0.7))).endswith(": errors smaller than stated, or alike from image to image")
     assert not nis_consistency(*honest(1.3)).consistent
+
+
+def test_errors_that_are_alike_from_image_to_image() -> None:
+    """NIS is as it should be, or lower; no interval, or an inconspicuous one, and still overconfident."""
+    alike = white(np.random.default_rng(5), 0.5)
+    words = "overconfident: errors are alike from image to image (correlation 0.48)"
+    for scale, lasting in ((1.0, False), (0.7, False), (1.0, True)):
+        told = nis_consistency(*honest(scale), lasting=lasting, neighbours=alike)
+        assert told.correlated
+        assert not told.consistent
+        assert not told.overconfident
+        assert words in str(told)
+    wide = nis_consistency(*honest(1.0 / 3.0), neighbours=alike)  # three times the variance is stated
+    assert not wide.correlated
+    assert str(wide).endswith(": errors smaller than stated, no fault")
 
 
 def test_the_sentence() -> None:
