@@ -32,6 +32,11 @@ def logs() -> dict[str, str]:
 
     times = [*(0.1 * k for k in range(50)), *(65.0 + 0.1 * k for k in range(50))]
     moved = [[repr(t), *"-1500,0,1500,0,0,0".replace("1500", "1500" if t < 10.0 else "1875").split(",")] for t in times]
+    alike, noise = [], [0.0] * 6
+    for k in range(400):
+        noise = [0.8 * one + 6.0 * rng.gauss(0.0, 1.0) for one in noise]
+        spots = (one + own for one, own in zip((-1500, 0, 1500, 0, 0, 0), noise, strict=True))
+        alike.append([repr(0.1 * k), *(f"{spot:.2f}" for spot in spots)])
     markers = ",".join(["t_s", *(f"spot_{m}_{axis}_px" for m in "abc" for axis in "xy")])
     turned = [[repr(0.1 * k), "469.3,553.7,553.7,553.7,511.5,511.5,0.5,-0.5,0.5,0.5"] for k in range(5)]
 
@@ -43,6 +48,7 @@ def logs() -> dict[str, str]:
         "none.csv": table(head, none),
         "anywhere.csv": table(head, anywhere),
         "exchanged.csv": table(head, exchanged),
+        "alike.csv": table(head.partition(",accel")[0], alike),
         "gap.csv": table(head.partition(",accel")[0], moved),
         "turned.csv": table(markers + "".join(f",q_chaser_from_lvlh_{axis}" for axis in "xyzw"), turned),
         "millimetres.csv": table(head.replace("_um", "_mm"), cells),
@@ -87,7 +93,7 @@ COMMANDS = [
     *(f"filter {log} --model {PSD} --quiet" for log in ("absent.csv", "no_unit.csv", "kilograms.csv", "word.csv")),
     *(f"filter {log} --model {PSD}" for log in ("back.csv", "late.csv", "empty.csv", "header.csv", "no_comma.csv")),
     *(f"filter {log} --model {PSD}" for log in ("none.csv", "anywhere.csv", "exchanged.csv", "millimetres.csv")),
-    f"filter gap.csv --model {PSD}",
+    *(f"filter {log} --model {PSD}" for log in ("gap.csv", "alike.csv")),
     f"filter good.csv --model {PSD} --method spots",
     "filter turned.csv --model three_marker_vision",
     "filter stars.csv --model rendezvous_demo",

@@ -228,7 +228,7 @@ class RunSummary:
             "nis_interval": [self.nis.lower, self.nis.upper],
             "nis_consistent": None if self.nis.withheld else self.nis.consistent,
             "nis_overconfident": None if self.nis.withheld else self.nis.overconfident,
-            "innovation_correlation": None if math.isnan(self.nis.correlation) else self.nis.correlation,
+            "innovation_correlation": None if math.isnan(self.nis.correlation) else round(self.nis.correlation, 6),
             "innovations_correlated": self.nis.correlated,
             "nis_all_per_dof": self.nis_all_per_dof,
             "refused_unexplained": self.refused_unexplained,
