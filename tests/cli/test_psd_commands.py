@@ -126,7 +126,7 @@ def test_calibrate_wrong_use(run, tmp_path, grid_of):
     path.write_text("true_x_um,true_y_um,spot_x_um,spot_y_um\n0,0,1,1\n1,1,2,2\n")
     code, _, error = run("calibrate", "psd", path)
     assert code == 3
-    assert "grid.csv: twelve points or more are needed for a calibration; got 2" in error
+    assert "grid.csv: twelve different points or more are needed for a calibration; got 2" in error
     path.write_text("true_x_um,true_y_um,spot_x_um,spot_y_um\n0,0,1_0,1\n")
     assert "grid.csv:2: column 'spot_x_um': '1_0' is not a number" in run("calibrate", "psd", path)[2]
 

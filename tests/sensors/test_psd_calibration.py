@@ -198,7 +198,10 @@ def test_points_that_are_missing_are_left_out_and_holes_are_told():
     ("true", "text"),
     [
         (np.zeros((7, 3)), r"have one shape \(n, 2\); got \(7, 3\)"),
-        (np.random.default_rng(0).normal(size=(5, 2)), "twelve points or more are needed for a calibration; got 5"),
+        (
+            np.random.default_rng(0).normal(size=(5, 2)),
+            "twelve different points or more are needed for a calibration; got 5",
+        ),
         (np.stack([np.arange(12.0), np.zeros(12)], axis=1), "the points lie on one line"),
         (np.stack([np.arange(12.0), np.arange(12.0)], axis=1), "do not tell shear, pin-cushion and tilt apart"),
     ],

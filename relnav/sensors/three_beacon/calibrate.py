@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from relnav.arrays import Matrix, numbers
 from relnav.sensors.three_beacon.calibration import Calibration, exponents, powers
 from relnav.sensors.three_beacon.inverse import invert
+from relnav.sensors.three_beacon.repeated_points import SAME_M, mean_of_points, odd_readings
 from relnav.sensors.three_beacon.smooth_figure import (
     LENGTHS,
     OPTICS_ORDER,
@@ -39,6 +40,8 @@ LARGEST_SIDE = 64
 """Of a grid that is recommended."""
 USUAL_GAIN = 0.1
 """Of a gain's difference from one, more of which is said: a detector's own is some per cent."""
+LEAST_SHARE = 0.01
+"""Of the detector: nobody calibrates a tenth of its width, but micrometres may be written as millimetres."""
 LARGEST_ERROR = 0.5
 """Of the grid's half width, rms: beyond it, axes or units are not what they are said to be."""
 
@@ -170,7 +173,8 @@ def calibrate(
     Parameters
     ----------
     true_m, measured_m : (n, 2)
-        Known and measured positions, m; a row with NaN is left out.
+        Known and measured positions, m; a row with NaN is left out. Rows of one known position are one point, measured
+        where their mean is.
     detector_size_m : (2,), optional
         For the share of the detector that is covered.
     target_m : float
@@ -181,17 +185,17 @@ def calibrate(
     Raises
     ------
     ValueError
-        For arrays of other shapes, fewer than twelve usable points, points on one line or measured off the detector,
-        measured positions that are the known ones, or have nothing to do with them, or points that leave the
-        distortion open somewhere in their box.
+        For arrays of other shapes, fewer than twelve different points, points on one line, off the detector or on less
+        than a hundredth of it, measured positions that are the known ones, or have nothing to do with them, or points
+        that leave the distortion open somewhere in their box.
     """
     true_m, measured_m = numbers("true_m", true_m), numbers("measured_m", measured_m)
     if true_m.ndim != 2 or true_m.shape[1] != 2 or true_m.shape != measured_m.shape:
         raise ValueError(f"true_m and measured_m have one shape (n, 2); got {true_m.shape} and {measured_m.shape}")
     known = np.isfinite(true_m).all(axis=1) & np.isfinite(measured_m).all(axis=1)
-    true_m, measured_m = true_m[known], measured_m[known]
+    true_m, measured_m = mean_of_points(true_m[known], measured_m[known])
     if len(true_m) < LEAST_POINTS:
-        raise ValueError(f"twelve points or more are needed for a calibration; got {len(true_m)}")
+        raise ValueError(f"twelve different points or more are needed for a calibration; got {len(true_m)}")
     box, seen = Box.around(true_m), Box.around(measured_m)
     if not ((box.half_m > 0.0).all() and (seen.half_m > 0.0).all()):
         raise ValueError("the points lie on one line; spread them over the detector")
@@ -250,9 +254,9 @@ def calibrate_without_outliers(
 ) -> tuple[CalibrationReport, tuple[int, ...]]:
     """As `calibrate`, without the points that the others contradict: the report, and the rows that were left out.
 
-    First those whose error is many times the usual one, then one after the other the worst as long as it is
-    `OUTLIER_SIGMA` from where the rest puts it. Never more than `MOST_LEFT_OUT` of the points: beyond, what is left is
-    reported, or refused, as it is.
+    First those whose error is many times the usual one, and readings that others of their point contradict; then one
+    after the other the worst point as long as it is `OUTLIER_SIGMA` from where the rest puts it. Never more than
+    `MOST_LEFT_OUT` of the rows: beyond, what is left is reported, or refused, as it is.
     """
     true, measured = np.array(true_m, dtype=np.float64), np.array(measured_m, dtype=np.float64)
     left_out: list[int] = []
@@ -262,13 +266,17 @@ def calibrate_without_outliers(
         if len(gross) <= MOST_LEFT_OUT * len(true):
             left_out.extend(gross.tolist())
             measured[gross] = np.nan
+        odd = odd_readings(true, measured)
+        if len(left_out) + len(odd) <= MOST_LEFT_OUT * len(true):
+            left_out.extend(odd.tolist())
+            measured[odd] = np.nan
     while True:
         report = calibrate(true, measured, detector_size_m=detector_size_m, target_m=target_m)
-        if report.outlier_sigma <= OUTLIER_SIGMA or len(left_out) + 1 > MOST_LEFT_OUT * len(true):
-            return report, tuple(sorted(left_out))
         apart = np.where(np.isfinite(measured).all(axis=1), np.hypot(*(true - report.outlier_m).T), np.inf)
-        worst = int(np.argmin(apart))
-        left_out.append(worst)
+        worst = np.flatnonzero(apart <= apart.min() + SAME_M)  # all readings of that point
+        if report.outlier_sigma <= OUTLIER_SIGMA or len(left_out) + len(worst) > MOST_LEFT_OUT * len(true):
+            return report, tuple(sorted(left_out))
+        left_out.extend(worst.tolist())
         measured[worst] = np.nan
 
 
@@ -282,6 +290,13 @@ def _check_errors(
         raise ValueError(
             f"spots are measured up to ({off[0] * 1e3:.4g}, {off[1] * 1e3:.4g}) mm off the middle, but the detector "
             f"has {width:g} x {height:g} mm: are the units right?"
+        )
+    covered = np.ptp(measured_m, axis=0)
+    if detector_size_m is not None and covered.prod() < LEAST_SHARE * np.prod(detector_size_m):
+        width, height = np.array(detector_size_m) * 1e3
+        raise ValueError(
+            f"the grid is {covered[0] * 1e3:.3g} x {covered[1] * 1e3:.3g} mm wide, and the detector {width:g} x "
+            f"{height:g} mm: are the units right?"
         )
     if not np.abs(error).max() > 1e-9 * half_m:
         raise ValueError("the measured positions are the known ones: a calibration needs what the detector measured")
