@@ -106,14 +106,20 @@ class Summary:
 
     def passing(self, parts: "Iterable[PoseSolution]") -> "Iterator[PoseSolution]":
         """The parts, each taken in when it has passed."""
-        from relnav.files.attitude_reading import reading_that_looks
+        import numpy as np
+
+        from relnav.files.attitude_reading import reading_that_looks, stepped
         from relnav.files.filter_file import spacing_note
 
         looked = False
         for part in parts:
             if not looked:
                 self._attitude = reading_that_looks(part.epochs["chaser"][0], self._mission.dcm_chaser_from_lvlh)
-                self._notes = spacing_note(part.t_s)
+                turned = np.diff(part.epochs["chaser"], axis=0)
+                angles = np.sqrt(0.5 * (turned**2).sum(axis=(1, 2)))  # of small turns of matrices
+                camera, own = self._mission.camera, self._mission.chaser.attitude_noise_rad
+                spot = camera.spot_noise_px / max(camera.focal_length_px)
+                self._notes = (*spacing_note(part.t_s), *stepped(angles, own, spot))
                 looked = True
             yield part
             self._parts.take(part)

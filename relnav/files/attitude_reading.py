@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from relnav.arrays import Matrix, Stack, Vector
+from relnav.geometry.linear_algebra import lengths
 from relnav.geometry.rotation import dcm_from_quaternion, quaternion_from_dcm
 from relnav.navigation.log import LogFilter, filter_epochs
 
@@ -15,6 +16,11 @@ READINGS = {
 }
 """Name: which column of the log is x, y, z, w, and its sign."""
 
+
+STEPS = 5
+"""Times that an attitude stays and then turns, among the rows tried, before that is said."""
+LEAST_STEP = 0.1
+"""Of the angle that a spot's noise is: what an attitude turns by at once, and nobody sees."""
 
 FAR_DEG, NEAR_DEG = 60.0, 20.0
 """From the attitude in which the model sees its target: no flight looks so far away, and most stay as near."""
@@ -50,6 +56,33 @@ def reading_that_looks(
 def away_deg(one: Matrix, other: Matrix) -> float:
     """By what angle two attitudes (3, 3) of one thing differ."""
     return math.degrees(math.acos(min(1.0, max(-1.0, 0.5 * (float(np.trace(one @ other.T)) - 1.0)))))
+
+
+def stepped(angles_rad: Vector, noise_rad: float, spot_rad: float) -> tuple[str, ...]:
+    """A note on attitudes that were stated more seldom than images were taken, each repeated until the next one came.
+
+    angles_rad (n - 1,): by how much the attitude turns from row to row, exactly 0 where it is the same; noise_rad: what
+    the model takes it to be off at every image; spot_rad: angle of one spot's noise.
+    """
+    turns = angles_rad[:ROWS_TRIED]
+    steps = turns[turns > 0.0]
+    if len(steps) < STEPS or 2 * len(steps) > len(turns):
+        return ()
+    size = float(np.sqrt(np.mean(steps**2)))
+    off = size / math.sqrt(3.0)  # from 0 to a whole step, evenly
+    if off < max(noise_rad, LEAST_STEP * spot_rad):
+        return ()
+    return (
+        f"the attitude stays for {len(turns) / len(steps):.2g} rows and then turns by {math.degrees(size):.2g} deg: it "
+        "was stated more seldom than the images; interpolate it, or state the error that this is in every image, "
+        f"{math.degrees(off):.2g} deg, as the model's noise of the attitude",
+    )
+
+
+def turns_of(quaternion: Matrix) -> Vector:
+    """Angles (n - 1,) rad from row to row of small turns between unit quaternions (n, 4), either sign."""
+    one, next_one = quaternion[:-1], quaternion[1:]
+    return 2.0 * np.minimum(lengths(next_one - one), lengths(next_one + one))
 
 
 def reading_that_starts(log_filter: LogFilter, t_s: Vector, spots_m: Stack, quaternion: Matrix) -> str:

@@ -17,7 +17,7 @@ from relnav.arrays import Matrix, Stack, Vector
 from relnav.dynamics.error_state import MOTION
 from relnav.dynamics.in_frame import Turning
 from relnav.errors import UsageError
-from relnav.files.attitude_reading import ROWS_TRIED, reading_that_starts
+from relnav.files.attitude_reading import ROWS_TRIED, reading_that_starts, stepped, turns_of
 from relnav.files.frame_logs import log_in_memory
 from relnav.files.gathered import Gathered
 from relnav.files.late_log import filter_late_log, says_exposures
@@ -138,7 +138,7 @@ def filter_file(
         stated |= lasting_words(mission, method) | engine_words(engine) | of_log
         writer(Path(out), COLUMNS, parts(), stated, INTEGERS)
     gathered.settle()
-    summary.hint, summary.notes = run.hint(summary.started), run.spacing()
+    summary.hint, summary.notes = run.hint(summary.started), run.notes()
     return summary
 
 
@@ -200,9 +200,15 @@ class _Run:
         self.log, self.filter, self.progress = log, log_filter, progress
         self._first: _Chunk | None = None
 
-    def spacing(self) -> tuple[str, ...]:
-        """A note where rows are so far apart, in whole numbers, that the unit of time is in doubt."""
-        return () if self._first is None else spacing_note(self._first.t)
+    def notes(self) -> tuple[str, ...]:
+        """What is odd about the first rows: how far apart they are, and an attitude that comes in steps."""
+        if self._first is None:
+            return ()
+        model, said = self.filter.model, spacing_note(self._first.t)
+        if self.filter.method == "spots" and len(self._first.quaternion) > 1:
+            spot = model.sensor.spot_noise_m / model.sensor.focal_length_m
+            said += stepped(turns_of(self._first.quaternion), model.attitude.noise_rad, spot)
+        return said
 
     def hint(self, started: bool) -> str:
         """Why the filter did not start or rejects much, as far as the log's columns tell."""
