@@ -38,6 +38,7 @@ def logs() -> dict[str, str]:
         noise = [0.8 * one + 6.0 * rng.gauss(0.0, 1.0) for one in noise]
         spots = (one + own for one, own in zip((-1500, 0, 1500, 0, 0, 0), noise, strict=True))
         alike.append([repr(0.1 * k), *(f"{spot:.2f}" for spot in spots)])
+    steps = [[repr(0.1 * k), *(str(20 * round(x / 20 + k / 8)) for x in (-1500, 0, 1500, 0, 0, 0))] for k in range(50)]
     last = [repr(-0.5 + 1e-3 * math.sin(0.1 * (k // 10))) for k in range(300)]
     seldom = [[repr(0.1 * k), "-1500,0,1500,0,0,0,0.5,-0.5,-0.5", last[k]] for k in range(300)]
     markers = ",".join(["t_s", *(f"spot_{m}_{axis}_px" for m in "abc" for axis in "xy")])
@@ -53,6 +54,7 @@ def logs() -> dict[str, str]:
         "exchanged.csv": table(head, exchanged),
         "alike.csv": table(head.partition(",accel")[0], alike),
         "seldom.csv": table(head.partition(",accel")[0] + "".join(f",q_cam_from_lvlh_{p}" for p in "xyzw"), seldom),
+        "steps.csv": table(head.partition(",accel")[0], steps),
         "gap.csv": table(head.partition(",accel")[0], moved),
         "turned.csv": table(markers + "".join(f",q_chaser_from_lvlh_{axis}" for axis in "xyzw"), turned),
         "millimetres.csv": table(head.replace("_um", "_mm"), cells),
@@ -97,7 +99,7 @@ COMMANDS = [
     *(f"filter {log} --model {PSD} --quiet" for log in ("absent.csv", "no_unit.csv", "kilograms.csv", "word.csv")),
     *(f"filter {log} --model {PSD}" for log in ("back.csv", "late.csv", "empty.csv", "header.csv", "no_comma.csv")),
     *(f"filter {log} --model {PSD}" for log in ("none.csv", "anywhere.csv", "exchanged.csv", "millimetres.csv")),
-    *(f"filter {log} --model {PSD}" for log in ("gap.csv", "alike.csv")),
+    *(f"filter {log} --model {PSD}" for log in ("gap.csv", "alike.csv", "steps.csv")),
     *(f"filter {log} --model {PSD} --method spots" for log in ("good.csv", "seldom.csv")),
     "filter turned.csv --model three_marker_vision",
     "filter stars.csv --model rendezvous_demo",

@@ -110,6 +110,7 @@ class Summary:
 
         from relnav.files.attitude_reading import reading_that_looks, stepped
         from relnav.files.filter_file import spacing_note
+        from relnav.files.rounded_spots import rounded
 
         looked = False
         for part in parts:
@@ -119,7 +120,8 @@ class Summary:
                 angles = np.sqrt(0.5 * (turned**2).sum(axis=(1, 2)))  # of small turns of matrices
                 camera, own = self._mission.camera, self._mission.chaser.attitude_noise_rad
                 spot = camera.spot_noise_px / max(camera.focal_length_px)
-                self._notes = (*spacing_note(part.t_s), *stepped(angles, own, spot))
+                seen = () if part.spots_px is None else rounded(part.spots_px, camera.spot_noise_px, "px")
+                self._notes = (*spacing_note(part.t_s), *seen, *stepped(angles, own, spot))
                 looked = True
             yield part
             self._parts.take(part)

@@ -39,7 +39,7 @@ class Consistency:
     withheld : str
         Why there is no interval; empty if there is one.
     correlation : float
-        Of the innovations of neighbouring images; NaN where it is not told.
+        Of each innovation, the share that was in the one of the image before, -1 to 1; NaN where it is not told.
     correlated : bool
         Whether that is more than chance, and than the covariance includes (`relnav.estimation.whiteness`). The
         covariance is then too small, and so is `ratio`, as the estimate follows such errors.

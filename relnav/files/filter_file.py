@@ -26,6 +26,7 @@ from relnav.files.logs import Log, LogFile, check_beacons, opened
 from relnav.files.models import load_mission, load_published
 from relnav.files.raw_filter import filter_raw_log
 from relnav.files.raw_logs import is_raw_log
+from relnav.files.rounded_spots import rounded
 from relnav.files.spool import Spool
 from relnav.files.tables import COLUMNS, INTEGERS, Table, Writer, head, rows_of, write_table
 from relnav.files.text_table import TextTable
@@ -204,7 +205,8 @@ class _Run:
         """What is odd about the first rows: how far apart they are, and an attitude that comes in steps."""
         if self._first is None:
             return ()
-        model, said = self.filter.model, spacing_note(self._first.t)
+        model = self.filter.model
+        said = spacing_note(self._first.t) + rounded(self._first.spots, model.sensor.spot_noise_m, "um", 1e6)
         if self.filter.method == "spots" and len(self._first.quaternion) > 1:
             spot = model.sensor.spot_noise_m / model.sensor.focal_length_m
             said += stepped(turns_of(self._first.quaternion), model.attitude.noise_rad, spot)
