@@ -4,10 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relnav.arrays import Matrix, Stack, Vector
+from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import entry
 from relnav.dynamics.docking_port import ARM, RATE, VELOCITY, port_geometry_into
 from relnav.dynamics.error_state import POSE
+from relnav.dynamics.port_second_order import ALPHA, ERRORS, SECOND_ORDER, add_second_order
 from relnav.dynamics.relative_motion import frame_rate
 from relnav.mission import VisionMission
 from relnav.navigation.memory import orbit_values
@@ -74,7 +75,8 @@ def docking_states(
     values, C_TB, whole = np.empty((count, 3, 3)), np.empty((count, 3, 3)), np.empty((count, POSE, POSE))
     told = motion, dcm_lvlh_from_target, rate_rad_s, covariance, dcm_chaser_from_lvlh, own, turn, by_chaser, ports
     sigma = np.array([chaser.attitude_sigma_rad, chaser.attitude_noise_rad])
-    arguments = [*map(np.ascontiguousarray, told), sigma, values, C_TB, whole, np.empty((3 * POSE, POSE))]
+    scratch = np.empty((3 * POSE, POSE)), np.zeros((ERRORS, ERRORS)), np.zeros((), SECOND_ORDER)[()]
+    arguments = [*map(np.ascontiguousarray, told), sigma, values, C_TB, whole, *scratch]
     _write_docking(*arguments)
     return DockingState(values[:, ARM], values[:, VELOCITY], C_TB, values[:, RATE], whole)
 
@@ -95,10 +97,13 @@ def _write_docking(
     relative: Stack,
     whole: Stack,
     work: Matrix,
+    errors: Matrix,
+    second: Record,
 ) -> None:
     """Write values (n, 3, 3), relative attitudes (n, 3, 3) and covariances (n, 12, 12) of `docking_states`.
 
-    sigma (2,): of the chaser's attitude, lasting and new at an image; work (36, 12) is scratch.
+    sigma (2,): of the chaser's attitude, lasting and new at an image; work (36, 12), errors (18, 18), zero before, and
+    second, of SECOND_ORDER, are scratch.
     """
     G, product, taken = work[:POSE], work[POSE : 2 * POSE], work[2 * POSE : 2 * POSE + 3]
     A, rows = work[2 * POSE + 3 : 2 * POSE + 6].reshape((POSE, 3)), work[2 * POSE + 6 :].reshape((2 * POSE, 3))
@@ -113,8 +118,6 @@ def _write_docking(
             for j in range(3):
                 C_TB[i, j] = C_TL[i, 0] * chaser[k, j, 0] + C_TL[i, 1] * chaser[k, j, 1] + C_TL[i, 2] * chaser[k, j, 2]
         port_geometry_into(C_TL, C_TB, motion[k], rates, turn[k], ports[0], values[k], G, A, rows[5:9])
-        for i in range(3):
-            values[k, ARM, i] -= ports[1, i]
         for i in range(POSE):
             for j in range(POSE):
                 product[i, j] = 0.0
@@ -135,3 +138,13 @@ def _write_docking(
                 for c in range(3):
                     variance += total * A[i, c] * A[j, c] - sigma[0] * (A[i, c] * taken[c, j] + A[j, c] * taken[c, i])
                 out[i, j], out[j, i] = variance, variance
+        for i in range(POSE):
+            for j in range(POSE):
+                errors[i, j] = P[i, j]
+            for c in range(3):
+                errors[i, ALPHA + c] = errors[ALPHA + c, i] = -sigma[0] * by_chaser[k, c, i]
+        for c in range(3):
+            errors[ALPHA + c, ALPHA + c] = total
+        add_second_order(C_TB, motion[k], rates, turn[k], ports[0], values[k], G, A, errors, out, second)
+        for i in range(3):
+            values[k, ARM, i] -= ports[1, i]

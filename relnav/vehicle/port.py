@@ -13,6 +13,7 @@ from relnav.arrays import Matrix, Vector, number
 from relnav.dynamics.docking_port import ARM, RATE, port_geometry_into
 from relnav.dynamics.docking_port import VELOCITY as PORT_VELOCITY
 from relnav.dynamics.error_state import POSE
+from relnav.dynamics.port_second_order import ERRORS, SECOND_ORDER, add_second_order
 from relnav.dynamics.relative_motion import frame_rate
 from relnav.errors import UsageError
 from relnav.spacecraft import Vehicle
@@ -26,6 +27,12 @@ from relnav.vehicle.layout import (
 )
 from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.state import VehicleState
+
+_SIGNS = np.ones(ERRORS)
+_SIGNS[GYRO_BIAS] = -1.0
+"""Of the moving errors, so that they are those of `add_second_order`: the chaser's rate is less the bias."""
+_RATE_VARIANCES = slice(GYRO_BIAS.start * (ERRORS + 1), None, ERRORS + 1)
+"""Of that rate, in a flat covariance of these errors."""
 
 
 @dataclass(frozen=True)
@@ -102,27 +109,17 @@ def port_state(
     motion = np.concatenate([state.values[POSITION], state.values[VELOCITY]])
     rates, d = np.stack([state.values[TARGET_RATE], chaser_rate_rad_s]), np.array(vehicle.chaser.port_position_m)
     found, by_target, by_chaser = np.empty((3, 3)), np.empty((POSE, POSE)), np.empty((POSE, 3))
-    port_geometry_into(
-        np.ascontiguousarray(C_TL),
-        C_TB,
-        motion,
-        rates,
-        frame_rate(frame.vector, state.t_s),
-        d,
-        found,
-        by_target,
-        by_chaser,
-        np.empty((4, 3)),
-    )
-    J = np.zeros((POSE, len(state.values)))
-    J[:, :POSE], J[:, CHASER_ATTITUDE] = by_target, by_chaser
+    told = C_TB, motion, rates, frame_rate(frame.vector, state.t_s), d, found, by_target, by_chaser
+    port_geometry_into(np.ascontiguousarray(C_TL), *told, np.empty((4, 3)))
     by_rate = np.zeros((POSE, 3))  # by the error of the chaser's rate, which is less that of the bias
     by_rate[VELOCITY], by_rate[TARGET_RATE] = by_chaser[POSITION], by_chaser[TARGET_ATTITUDE]
-    J[:, GYRO_BIAS] = -by_rate
+    J = np.zeros((POSE, len(state.values)))
+    J[:, :POSE], J[:, CHASER_ATTITUDE], J[:, GYRO_BIAS] = by_target, by_chaser, -by_rate
     noise = vehicle.gyro.random_walk_rad_sqrt_s**2 * vehicle.gyro.rate_hz
-    whole = J @ state.covariance @ J.T + noise * by_rate @ by_rate.T
-    if rate_trend_rad_s is not None:
-        trend = by_rate * rate_trend_rad_s
-        whole += trend @ trend.T
+    errors = state.covariance[:ERRORS, :ERRORS] * _SIGNS * _SIGNS[:, None]
+    errors.reshape(-1)[_RATE_VARIANCES] += noise if rate_trend_rad_s is None else noise + rate_trend_rad_s**2
+    by_errors = J[:, :ERRORS] * _SIGNS
+    whole = by_errors @ errors @ by_errors.T
+    add_second_order(*told, errors, whole, np.zeros((), SECOND_ORDER)[()])
     position = found[ARM] - np.array(vehicle.target.port_position_m)
     return PortState(position, found[PORT_VELOCITY], C_TB, found[RATE], 0.5 * (whole + whole.T)), J

@@ -152,14 +152,21 @@ def docking_error(one, reference):
 
 
 def test_docking_covariance(mission, docking_of):
-    """J P J^T by differences, the chaser's attitude error with it."""
+    """To second order by differences, the chaser's attitude error with it."""
     state, dcm, own = a_state(), chaser_attitude(mission), np.array([0.003, -0.004, 0.002])
     reference = docking_of(state, mission, dcm, own)
-    by_state = differences(lambda e: docking_error(docking_of(moved(state, e), mission, dcm, own), reference), 12, 1e-5)
-    by_chaser = differences(
-        lambda a: docking_error(docking_of(state, mission, turned(np.eye(3), -a) @ dcm, own), reference), 3, 1e-5
-    )
-    expected = by_state @ state.covariance @ by_state.T + (2e-3) ** 2 * by_chaser @ by_chaser.T
+
+    def error(e):
+        seen = docking_of(moved(state, e[:12]), mission, turned(np.eye(3), -e[12:]) @ dcm, own)
+        return docking_error(seen, reference)
+
+    rows, step = differences(error, 15, 1e-5), 1e-3 * np.eye(15)
+    bend = [[error(a + b) - error(a - b) - error(b - a) + error(-a - b) for b in step] for a in step]
+    P = np.zeros((15, 15))
+    P[:12, :12], P[12:, 12:] = state.covariance, (2e-3) ** 2 * np.eye(3)
+    HP = np.moveaxis(np.array(bend) / 4e-6, 2, 0) @ P
+    mean = 0.5 * np.trace(HP, axis1=1, axis2=2)
+    expected = rows @ P @ rows.T + 0.5 * np.einsum("ikl,jlk->ij", HP, HP) + np.outer(mean, mean)
     sigma = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(
         reference.covariance / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=1e-7
