@@ -86,6 +86,7 @@ WATCH = np.dtype(
         ("noisy", _F),
         ("interval", _F),  # usual time between images
         ("since", _F),  # since the last image
+        ("longest", _F, 3),  # steps of late, the longest first; they fade
         ("jumped", _F),  # since a step that was too long
         ("offset", _F),  # s, by which an image seems late where `clock`
         ("doubted", _F),  # s, a step that may be the clock's; 0 if none is
@@ -168,6 +169,8 @@ def watch_start(watch: Record, groups: Record, again: bool, comparable: bool) ->
         forget(watch, groups, True)
         watch["hold"], watch["alarm"], watch["jumped"], watch["interval"] = 0.0, 0, math.inf, 0.0
         watch["since"] = 0.0
+        for k in range(3):
+            watch["longest"][k] = 0.0
         watch["contradicted"], watch["noisy"], watch["pause"] = 0.0, 0.0, 0.0
         watch["doubted"], watch["unproven"], watch["pulled"], watch["returned"] = 0.0, 0.0, 0, 0
         return
@@ -265,12 +268,12 @@ def _looks_late(watch: Record, groups: Record) -> bool:
 
 @kernel
 def note_step(watch: Record, dt: float) -> None:
-    """Let dt s pass, and notice a step that is much longer than images are usually apart."""
+    """Let dt s pass, and notice a step that is much longer than images are usually apart, and than it is at times."""
     watch["jumped"] += dt
     watch["since"] += dt
     watch["hold"] = max(0.0, watch["hold"] - dt)
     watch["noisy"] = max(0.0, watch["noisy"] - dt)
-    if watch["interval"] > 0.0 and dt > TOO_LONG * watch["interval"]:
+    if watch["interval"] > 0.0 and dt > TOO_LONG * max(watch["interval"], watch["longest"][2]):
         watch["jumped"] = 0.0
 
 

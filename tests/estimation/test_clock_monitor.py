@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from relnav.estimation.clock_monitor import doubt_clock, is_doubtful, weigh_jump
+from relnav.estimation.clock_monitor import LATELY_S, doubt_clock, is_doubtful, learn_step, weigh_jump
 from relnav.estimation.monitors import WATCH, watched_type
 
 
@@ -21,6 +21,29 @@ def test_a_step_is_doubtful_beyond_ten_usual_ones(interval, dt, says):
     assert is_doubtful(watch_of(interval=interval), dt) is says
 
 
+@pytest.mark.parametrize(("third", "dt", "says"), [(3.0, 7.5, False), (3.0, 7.51, True), (1.9, 5.0, False)])
+def test_nor_up_to_two_and_a_half_of_the_third_longest(third, dt, says):
+    assert is_doubtful(watch_of(interval=0.5, longest=(90.0, 30.0, third)), dt) is says
+
+
+@pytest.mark.parametrize(
+    ("dt", "after"),
+    [(1.0, (8.0, 4.0, 2.0)), (3.0, (8.0, 4.0, 3.0)), (5.0, (8.0, 5.0, 4.0)), (9.0, (9.0, 8.0, 4.0))],
+)
+def test_the_three_longest_steps_are_kept_and_fade(dt, after):
+    """Each by 1 + dt / T in a step of dt."""
+    watch = watch_of(longest=np.array([8.0, 4.0, 2.0]) * (1.0 + dt / LATELY_S))
+    learn_step(watch, dt)
+    np.testing.assert_allclose(watch["longest"], after, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("doubted", "left"), [(4.99, 0.0), (5.01, 5.01), (0.0, 0.0)])
+def test_a_step_that_has_come_three_times_is_not_doubted_any_more(doubted, left):
+    watch = watch_of(doubted=doubted, longest=np.array([9.0, 2.0, 2.0]) * (1.0 + 1.0 / LATELY_S))
+    learn_step(watch, 1.0)
+    assert watch["doubted"] == pytest.approx(left, abs=1e-12)
+
+
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize(("sigmas", "doubted"), [(4.99, 0.0), (5.01, 8.0), (7.0, 8.0), (-7.0, 8.0)])
 def test_a_jump_is_doubted_if_it_moves_the_position_by_five_sigma(axis, sigmas, doubted):
@@ -29,8 +52,10 @@ def test_a_jump_is_doubted_if_it_moves_the_position_by_five_sigma(axis, sigmas, 
     lower = np.linalg.cholesky(covariance)
     ld = np.tril(lower / np.diag(lower), -1) + np.diag(np.diag(lower) ** 2)
     state = np.array([90.0, 90.0, 90.0, 0.0, 0.0, 0.0])
-    state[3 + axis] = sigmas * np.sqrt(covariance[axis, axis]) / 8.0
-    state[3 + (axis + 1) % 3] = 1.0 / 8.0 * np.sqrt(covariance[(axis + 1) % 3, (axis + 1) % 3])  # one sigma
+    variances = covariance.diagonal()
+    sigma = np.sqrt(variances[:3] + 8.0**2 * variances[3:])  # of where it is 8 s later
+    state[3 + axis] = sigmas * sigma[axis] / 8.0
+    state[3 + (axis + 1) % 3] = sigma[(axis + 1) % 3] / 8.0  # one sigma
     watch = watch_of(interval=0.5, doubted=1.0, shown=2.0, along=3.0, unsure=4.0)
     doubt_clock(watch, 8.0, state, ld)
     assert (watch["doubted"], watch["shown"], watch["along"]) == (doubted, 0.0, 0.0)
@@ -39,8 +64,8 @@ def test_a_jump_is_doubted_if_it_moves_the_position_by_five_sigma(axis, sigmas, 
 
 def test_the_axis_that_tells_most_counts():
     watch = watch_of(interval=0.5)
-    doubt_clock(watch, 8.0, np.array([0.0, 0.0, 0.0, 1.0, 2.0, 1.5]), np.eye(6))
-    assert watch["unsure"] == pytest.approx(1.0 / 16.0**2)
+    doubt_clock(watch, 8.0, np.array([0.0, 0.0, 0.0, 8.0, 16.0, 12.0]), np.eye(6))
+    assert watch["unsure"] == pytest.approx((1.0 + 8.0**2) / 128.0**2)
 
 
 def test_a_usual_step_leaves_the_doubt_as_it_is():

@@ -115,3 +115,52 @@ def test_what_moves_the_craft_in_a_gap_is_no_jump(drift, look, method):
         solution = relnav.filter_epochs(model, t, look(model, truth, seed=seed), method=method)
         restarts += solution.restarts
     assert restarts <= 1
+
+
+def random_steps(rng):
+    return np.cumsum(rng.exponential(0.1, 600) + 1e-3)
+
+
+def bursts(rng):
+    """Five images at 50 Hz every second."""
+    return (np.arange(60)[:, None] + 0.02 * np.arange(5)).ravel() + rng.uniform(0.0, 1e-3)
+
+
+def slow_bursts(rng):
+    """Five at 10 Hz every two seconds."""
+    return (2.0 * np.arange(40)[:, None] + 0.1 * np.arange(5)).ravel() + rng.uniform(0.0, 1e-3)
+
+
+def flown_at(model, drift, look, t, seed):
+    v = np.random.default_rng(seed).normal(0.0, 0.003, 3) - [0.02, 0.0, 0.0]
+    truth = drift(model, t, [8.0, 0.1, -0.05, *v], impulse=pushes(model, t, seed))
+    return truth, look(model, truth, seed=seed)
+
+
+@pytest.mark.parametrize("method", ["fix", "spots"])
+@pytest.mark.parametrize("times", [random_steps, bursts, slow_bursts])
+def test_cameras_that_image_in_bursts_or_at_random_are_healthy(vbar, drift, look, times, method):
+    """Once a rhythm has been seen three times: of 10 flights one in 200 may alarm, more than none with 5 %."""
+    alarmed, doubted = 0, []
+    for seed in range(10):
+        t = times(np.random.default_rng([seed, 3]))
+        _, spots = flown_at(vbar, drift, look, t, seed)
+        solution = relnav.filter_epochs(vbar, t, spots, method=method)
+        alarmed += bool(solution.alarm[t > 20.0].any())
+        doubted.append(np.mean(solution.alarm & CLOCK > 0))
+    assert alarmed == 0
+    assert np.mean(doubted) < 0.1
+
+
+@pytest.mark.parametrize("method", ["fix", "spots"])
+def test_a_jump_of_the_clock_among_bursts_is_told(vbar, drift, look, method):
+    """By 6 s, more than two and a half of their long steps, at 2 cm/s."""
+    for times, seed in ((bursts, 1), (slow_bursts, 2)):
+        t = times(np.random.default_rng(seed))
+        _, spots = flown_at(vbar, drift, look, t, seed)
+        jumped = t + 6.0 * (t >= 40.0)
+        solution = relnav.filter_epochs(vbar, jumped, spots, method=method)
+        told = t[(solution.alarm & CLOCK > 0) & (t > 20.0)]
+        assert 40.0 <= told[0] < 41.0
+        assert solution.restarts == 1
+        assert solution.alarm[-1] == 0

@@ -13,7 +13,7 @@ from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel
 from relnav.codegen.together import anywhere, held, select
 from relnav.dynamics.error_state import MOTION
-from relnav.estimation.clock_monitor import doubt_clock, is_doubtful, weigh_jump
+from relnav.estimation.clock_monitor import doubt_clock, is_doubtful, learn_step, weigh_jump
 from relnav.estimation.lasting_change import lasting_change, learn_lasting
 from relnav.estimation.monitors import (
     AWAY_S,
@@ -190,6 +190,7 @@ def watch(m: Memory, spots: Matrix, dt: float, status: int) -> None:
     note_step(m.watch, dt)
     note_image(m.watch, status != PREDICTED)
     doubt_clock(m.watch, dt, m.track["state"], m.track["ld"])
+    learn_step(m.watch, dt)
     weigh_jump(m.watch, groups)
     coordinates = uses_coordinates(m.sensor)
     for i in range(groups.shape[0]):

@@ -16,6 +16,7 @@ from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.kernel import kernel
 from relnav.dynamics.error_state import THETA
 from relnav.dynamics.rigid_body import FRAME_RATE, ORBIT
+from relnav.estimation.clock_monitor import learn_step
 from relnav.estimation.lasting_change import lasting_change, learn_lasting
 from relnav.estimation.monitors import (
     AWAY_S,
@@ -160,6 +161,7 @@ def let_pass(m: PoseMemory, dt: float) -> None:
     """Carry what is kept over the step that has been prepared."""
     step, past, watch = m.step, m.past, m.watch
     note_step(watch, dt)
+    learn_step(watch, dt)
     write_alarm(watch)
     carry_state_eccentric(past[NEWEST]["motion"], step["phi"], step["effect"], past[NEWEST]["motion"])
     carry_state_eccentric(past[OLDER]["motion"], step["phi"], step["effect"], past[OLDER]["motion"])
