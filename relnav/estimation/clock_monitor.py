@@ -30,19 +30,18 @@ none, or as unlikely."""
 @kernel
 def is_doubtful(watch: Record, dt: float) -> bool:
     """Whether a step of dt s is so long that the clock may have jumped."""
-    usual = max(LOST * watch["interval"], TOO_LONG * watch["longest"][2])
+    usual = max(LOST * watch["interval"], TOO_LONG * watch["third"])
     return bool(watch["interval"] > 0.0 and dt > usual)
 
 
 @kernel
 def learn_step(watch: Record, dt: float) -> None:
     """Keep the longest steps; one that is usual by now is not doubted any more."""
-    fades, step, longest = dt / (dt + LATELY_S), dt, watch["longest"]
-    for k in range(3):
-        before = longest[k] - fades * longest[k]
-        longer = step > before
-        longest[k], step = select(longer, step, before), select(longer, before, step)
-    watch["doubted"] = select(watch["doubted"] <= TOO_LONG * longest[2], 0.0, watch["doubted"])
+    left = LATELY_S / (LATELY_S + dt)
+    one, two, three = left * watch["longest"], left * watch["second"], left * watch["third"]
+    watch["longest"], watch["second"] = max(one, dt), max(two, min(one, dt))
+    watch["third"] = max(three, min(two, dt))
+    watch["doubted"] = select(watch["doubted"] <= TOO_LONG * watch["third"], 0.0, watch["doubted"])
 
 
 @kernel

@@ -84,9 +84,15 @@ WATCH = np.dtype(
         ("contradicted", _F),  # left of it
         ("unproven", _F),  # left of what a start after it is watched before it is believed
         ("noisy", _F),
+        ("judged", _I),  # images in the mean of `over`
+        ("over", _F),  # mean share of spots that are refused, less that which may be
+        ("over_noise", _F),  # its variance
+        ("refusing", _F),  # left of what is said of it
         ("interval", _F),  # usual time between images
         ("since", _F),  # since the last image
-        ("longest", _F, 3),  # steps of late, the longest first; they fade
+        ("longest", _F),  # steps of late, the three longest; they fade
+        ("second", _F),
+        ("third", _F),
         ("jumped", _F),  # since a step that was too long
         ("offset", _F),  # s, by which an image seems late where `clock`
         ("doubted", _F),  # s, a step that may be the clock's; 0 if none is
@@ -169,14 +175,14 @@ def watch_start(watch: Record, groups: Record, again: bool, comparable: bool) ->
         forget(watch, groups, True)
         watch["hold"], watch["alarm"], watch["jumped"], watch["interval"] = 0.0, 0, math.inf, 0.0
         watch["since"] = 0.0
-        for k in range(3):
-            watch["longest"][k] = 0.0
+        watch["longest"], watch["second"], watch["third"] = 0.0, 0.0, 0.0
         watch["contradicted"], watch["noisy"], watch["pause"] = 0.0, 0.0, 0.0
         watch["doubted"], watch["unproven"], watch["pulled"], watch["returned"] = 0.0, 0.0, 0, 0
         return
     watch["doubted"] = 0.0
     clock = 1 if watch["clock"] > 0 or watch["jumped"] < JUMP_S else 0
     watch["hold"], watch["alarm"] = HOLD_S, RESTARTED | (CLOCK if clock > 0 else 0)
+    watch["alarm"] |= NOISY if watch["refusing"] > 0.0 else 0
     if watch["restart"] > 0:  # asked for: what was wrong is over
         watch["unproven"] = WARM_S if watch["contradicted"] > 0.0 else 0.0
         watch["contradicted"], watch["noisy"] = 0.0, 0.0
@@ -273,7 +279,8 @@ def note_step(watch: Record, dt: float) -> None:
     watch["since"] += dt
     watch["hold"] = max(0.0, watch["hold"] - dt)
     watch["noisy"] = max(0.0, watch["noisy"] - dt)
-    if watch["interval"] > 0.0 and dt > TOO_LONG * max(watch["interval"], watch["longest"][2]):
+    watch["refusing"] = max(0.0, watch["refusing"] - dt)
+    if watch["interval"] > 0.0 and dt > TOO_LONG * max(watch["interval"], watch["third"]):
         watch["jumped"] = 0.0
 
 
@@ -387,7 +394,7 @@ def write_alarm(watch: Record) -> None:
     watch["alarm"] = (
         select(watch["on"] > 0, SHIFTED, 0)
         | select(said, CONTRADICTED, 0)
-        | select(watch["noisy"] > 0.0, NOISY, 0)
+        | select((watch["noisy"] > 0.0) | (watch["refusing"] > 0.0), NOISY, 0)
         | select((watch["clock"] > 0) | (watch["doubted"] > 0.0), CLOCK, 0)
         | select(watch["hold"] > 0.0, RESTARTED, 0)
     )

@@ -44,7 +44,7 @@ class Alarm(IntFlag):
     Of markers also: one of three spots is refused image after image, so that it is bad or the pose is wrong.
     """
     NOISY = monitors.NOISY
-    """Innovations scatter more than their noise explains."""
+    """Innovations scatter more than their noise explains, or more spots are refused than outliers explain."""
     STUCK = monitors.STUCK
     """A spot does not move although the predicted one does."""
     CLOCK = monitors.CLOCK

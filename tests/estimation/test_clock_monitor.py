@@ -23,7 +23,7 @@ def test_a_step_is_doubtful_beyond_ten_usual_ones(interval, dt, says):
 
 @pytest.mark.parametrize(("third", "dt", "says"), [(3.0, 7.5, False), (3.0, 7.51, True), (1.9, 5.0, False)])
 def test_nor_up_to_two_and_a_half_of_the_third_longest(third, dt, says):
-    assert is_doubtful(watch_of(interval=0.5, longest=(90.0, 30.0, third)), dt) is says
+    assert is_doubtful(watch_of(interval=0.5, longest=90.0, second=30.0, third=third), dt) is says
 
 
 @pytest.mark.parametrize(
@@ -32,14 +32,15 @@ def test_nor_up_to_two_and_a_half_of_the_third_longest(third, dt, says):
 )
 def test_the_three_longest_steps_are_kept_and_fade(dt, after):
     """Each by 1 + dt / T in a step of dt."""
-    watch = watch_of(longest=np.array([8.0, 4.0, 2.0]) * (1.0 + dt / LATELY_S))
+    faded = 1.0 + dt / LATELY_S
+    watch = watch_of(longest=8.0 * faded, second=4.0 * faded, third=2.0 * faded)
     learn_step(watch, dt)
-    np.testing.assert_allclose(watch["longest"], after, rtol=1e-12)
+    assert [float(watch[name]) for name in ("longest", "second", "third")] == pytest.approx(after, rel=1e-12)
 
 
 @pytest.mark.parametrize(("doubted", "left"), [(4.99, 0.0), (5.01, 5.01), (0.0, 0.0)])
 def test_a_step_that_has_come_three_times_is_not_doubted_any_more(doubted, left):
-    watch = watch_of(doubted=doubted, longest=np.array([9.0, 2.0, 2.0]) * (1.0 + 1.0 / LATELY_S))
+    watch = watch_of(doubted=doubted, longest=9.0, second=2.0, third=2.0 * (1.0 + 1.0 / LATELY_S))
     learn_step(watch, 1.0)
     assert watch["doubted"] == pytest.approx(left, abs=1e-12)
 

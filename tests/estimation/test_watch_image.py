@@ -23,6 +23,7 @@ def test_a_first_start_forgets(filled, grouped):
     watch, groups = filled(WATCH, **EVERY), grouped(HERE | {"learnt": 5}, HERE | {"learnt": 5})
     watch_start(watch, groups, False, True)
     kept = dict.fromkeys(("quiet", "offset", "unsure", "shown", "along"), 3.0)
+    kept |= dict.fromkeys(("judged", "over", "over_noise", "refusing"), 3.0)  # of what is refused: `refusals.py`
     assert now(watch) == dict.fromkeys(WATCH.names, 0.0) | kept | {"jumped": math.inf}
     assert list(groups["images"]) == list(groups["learnt"]) == [0, 0]
 

@@ -23,6 +23,7 @@ from relnav.estimation.monitors import (
     watch_image,
     watch_start,
 )
+from relnav.estimation.refusals import BAD_IMAGES, BAD_SPOTS, count_refusals, forget_refusals
 from relnav.estimation.repeated_reading import LEAST_MOTION, repeats
 from relnav.estimation.returning import LONG_S, note_pair, returns_wrong
 from relnav.estimation.rows import own_variance
@@ -30,7 +31,7 @@ from relnav.estimation.watched_means import follow, newest_share
 from relnav.navigation.memory import Memory
 from relnav.navigation.observation.beacon_considered import shared_errors
 from relnav.navigation.observation.beacon_geometry import see_beacon, uses_coordinates
-from relnav.navigation.status import PARTIAL, PREDICTED, UPDATED
+from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, UPDATED
 
 EDGE_SIGMAS = 2.0
 """So far from the edge noise cut off there moves a mean by 0.06 sigma."""
@@ -180,6 +181,24 @@ def _is_stuck(m: Memory, i: int, spots: Matrix, dt: float) -> bool:
 
 
 @kernel
+def _count_refusals(m: Memory, status: int) -> None:
+    """Count what of an image is refused: a fix as a whole; of spots those that have not been refused for long."""
+    since, whole = m.watch["since"], status == REJECTED
+    seen = (status == UPDATED) | (status == PARTIAL) | whole
+    if not uses_coordinates(m.sensor):
+        count_refusals(m.watch, since, select(whole, 1.0, 0.0), 1.0, BAD_IMAGES, seen)
+        return
+    spots, refused = 0.0, 0.0
+    for i in range(m.groups.shape[0]):
+        counts = (m.watched[i]["seen"] > 0) & (m.returning[i]["refused"] <= LONG_S)
+        bad = counts & (whole | (m.groups[i]["tested"] == 0))
+        spots, refused = select(counts, spots + 1.0, spots), select(bad, refused + 1.0, refused)
+    none = spots == 0.0
+    spots, refused = select(none, 1.0, spots), select(none & whole, 1.0, refused)
+    count_refusals(m.watch, since, refused / spots, spots, BAD_SPOTS, seen & (whole | (not none)))
+
+
+@kernel
 def watch(m: Memory, spots: Matrix, dt: float, status: int) -> None:
     """Take an image (n, 2) m that the running track was updated with, or not, into the monitors."""
     stuck, groups = False, m.watched
@@ -188,6 +207,7 @@ def watch(m: Memory, spots: Matrix, dt: float, status: int) -> None:
         for j in range(MOTION):
             unseen[j] = select(taken, unseen[j], m.track["state"][j])
     note_step(m.watch, dt)
+    _count_refusals(m, status)
     note_image(m.watch, status != PREDICTED)
     doubt_clock(m.watch, dt, m.track["state"], m.track["ld"])
     learn_step(m.watch, dt)
@@ -219,4 +239,6 @@ def watch_new_track(m: Memory, again: bool) -> None:
     """A track has started; again: it replaced one."""
     for i in range(m.returning.shape[0]):
         m.returning[i]["refused"] = 0.0
+    if not again:
+        forget_refusals(m.watch)
     watch_start(m.watch, m.watched, again, not uses_coordinates(m.sensor))
