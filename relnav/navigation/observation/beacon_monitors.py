@@ -182,10 +182,14 @@ def _is_stuck(m: Memory, i: int, spots: Matrix, dt: float) -> bool:
 
 @kernel
 def _count_refusals(m: Memory, status: int) -> None:
-    """Count what of an image is refused: a fix as a whole; of spots those that have not been refused for long."""
+    """Count what of an image a gate refuses: a fix as a whole; of spots those that have not been refused for long.
+
+    Spots that lie off the detector, or explain no position, are not a gate's.
+    """
     since, whole = m.watch["since"], status == REJECTED
     seen = (status == UPDATED) | (status == PARTIAL) | whole
     if not uses_coordinates(m.sensor):
+        seen = seen & (m.watched[0]["seen"] > 0)
         count_refusals(m.watch, since, select(whole, 1.0, 0.0), 1.0, BAD_IMAGES, seen)
         return
     spots, refused = 0.0, 0.0
@@ -193,9 +197,8 @@ def _count_refusals(m: Memory, status: int) -> None:
         counts = (m.watched[i]["seen"] > 0) & (m.returning[i]["refused"] <= LONG_S)
         bad = counts & (whole | (m.groups[i]["tested"] == 0))
         spots, refused = select(counts, spots + 1.0, spots), select(bad, refused + 1.0, refused)
-    none = spots == 0.0
-    spots, refused = select(none, 1.0, spots), select(none & whole, 1.0, refused)
-    count_refusals(m.watch, since, refused / spots, spots, BAD_SPOTS, seen & (whole | (not none)))
+    seen, spots = seen & (spots > 0.0), max(spots, 1.0)
+    count_refusals(m.watch, since, refused / spots, spots, BAD_SPOTS, seen)
 
 
 @kernel
