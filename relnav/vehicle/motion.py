@@ -92,6 +92,7 @@ class VehicleMotion:
             "push_sigma": thrust.largest_m_s2,
             "push_time": thrust.lasts_s,
             "angle_walk": gyro.random_walk_rad_sqrt_s**2,
+            "period": 1.0 / gyro.rate_hz,
         }.items():
             self._constants[name] = value
 

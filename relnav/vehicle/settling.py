@@ -12,8 +12,6 @@ samples give C(t) all the time, so that velocity gets the integral of C dt, and 
 attitude's error the same is - [(integral) f x] C(t_0) alpha(t_0), as alpha does not turn in inertial axes.
 """
 
-import math
-
 import numpy as np
 
 from relnav.arrays import Codes, Matrix, Record, Stack, Vector
@@ -24,9 +22,7 @@ from relnav.dynamics.error_state import MOTION, ROTATION
 from relnav.dynamics.process_noise import NODES
 from relnav.dynamics.rigid_body import BODY_ROWS, FRAME_RATE, GRADIENT, ORBIT
 from relnav.estimation.schmidt import carry_into, clear
-from relnav.geometry.rotation_vector import turn_by_rotation_vector
 from relnav.vehicle.drift_sums import carry_drifts
-from relnav.vehicle.gyro import holding_at
 from relnav.vehicle.layout import (
     CHASER_ATTITUDE,
     DRIVING,
@@ -40,6 +36,7 @@ from relnav.vehicle.layout import (
     VELOCITY,
 )
 from relnav.vehicle.orbit_frame import lvlh_from_inertial_into
+from relnav.vehicle.turning import turn_through
 
 _F = np.float64
 
@@ -55,10 +52,11 @@ CONSTANTS = np.dtype(
         ("push_sigma", _F, 3),
         ("push_time", _F, 3),
         ("angle_walk", _F),
+        ("period", _F),
     ]
 )
 """Of a vehicle: its orbit (`OrbitFrame`), the target (`rigid_body`), densities of white noise, the slow acceleration,
-what stands in its place where no command is told, the gyro's angle random walk squared."""
+what stands in its place where no command is told, the gyro's angle random walk squared and its period."""
 
 SCRATCH = np.dtype(
     [
@@ -78,6 +76,7 @@ SCRATCH = np.dtype(
         ("acceleration", _F, 3),
         ("pushed", _F, 3),
         ("extra", _F, 3),
+        ("slope", _F, 3),
         ("along", _F, 3),
         ("turned", _F, (3, 3)),
         ("mean", _F, (3, 3)),
@@ -208,62 +207,6 @@ def _add_push_noise(Q: Matrix, dt: float, drift: Matrix) -> None:
 
 
 @kernel
-def _add_means(dcm: Matrix, turn: Vector, share: float, left: float, mean: Matrix, early: Matrix) -> None:
-    """Add to the means of a step what dcm exp(u [turn x]), u from 0 to 1, gives them over a share of it.
-
-    left: share of the step that comes after. The integrals over u of exp and (1 - u) exp are 1 + b T + c T^2 and
-    1/2 + c T + d T^2, T = [turn x]: to rounding of 1e-12, whatever the angle.
-    """
-    angle2 = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2]
-    if angle2 > 0.01:
-        angle = math.sqrt(angle2)
-        b, c = (1.0 - math.cos(angle)) / angle2, (1.0 - math.sin(angle) / angle) / angle2
-        d = (0.5 - b) / angle2
-    else:
-        b = 0.5 - angle2 / 24.0 * (1.0 - angle2 / 30.0 * (1.0 - angle2 / 56.0))
-        c = 1.0 / 6.0 - angle2 / 120.0 * (1.0 - angle2 / 42.0 * (1.0 - angle2 / 72.0))
-        d = 1.0 / 24.0 - angle2 / 720.0 * (1.0 - angle2 / 56.0)
-    for i in range(3):
-        along = dcm[i, 0] * turn[0] + dcm[i, 1] * turn[1] + dcm[i, 2] * turn[2]
-        for k in range(3):
-            m, n = (k + 1) % 3, (k + 2) % 3
-            once, twice = dcm[i, m] * turn[n] - dcm[i, n] * turn[m], along * turn[k] - angle2 * dcm[i, k]
-            whole, falling = dcm[i, k] + b * once + c * twice, 0.5 * dcm[i, k] + c * once + d * twice
-            mean[i, k] += share * whole
-            early[i, k] += 2.0 * share * (left * whole + share * falling)
-
-
-@kernel
-def _turn_through(
-    samples: Matrix, count: int, begin: float, end: float, bias: Vector, dcm: Matrix, pushes: bool, scratch: Record
-) -> None:
-    """Turn dcm_inertial_from_chaser, in place, from begin to end by gyro samples less their bias (3,).
-
-    pushes: write its means over the step into scratch, of the same weight at all times, as velocity has it, in `mean`,
-    and of a weight that falls to none at the end, as position has it, in `early`.
-    """
-    turn, turned, mean, early = scratch["pushed"], scratch["turned"], scratch["mean"], scratch["early"]
-    k, step = holding_at(samples, count, begin), end - begin
-    if pushes:
-        clear(mean)
-        clear(early)
-    while begin < end:
-        until = min(samples[k + 1, 0], end) if k + 1 < count else end
-        dt = until - begin
-        if dt > 0.0:
-            for i in range(3):
-                turn[i] = (samples[k, 1 + i] - bias[i]) * dt
-            if pushes:
-                _add_means(dcm, turn, dt / step, (end - until) / step, mean, early)
-            turn_by_rotation_vector(dcm, turn, turned)
-            for i in range(3):
-                for c in range(3):
-                    dcm[i, c] = turned[i, c]
-            begin = until
-        k += 1
-
-
-@kernel
 def _shared(constants: Record, scratch: Record, t: float, dt: float) -> None:
     """Write into scratch what is the same in every estimate over dt from t: the frame, and what fades."""
     lvlh_from_inertial_into(constants["orbit"], constants["axes"], t + dt, scratch["frame"])
@@ -349,10 +292,11 @@ def settle_into(
         for i in range(3):
             told[i] = 0.0 if f == untold else command[i]
         pushes = told[0] != 0.0 or told[1] != 0.0 or told[2] != 0.0
+        bias, period = values[f, _BIAS : _BIAS + 3], constants["period"]
         if f == without:
-            _turn_through(held, 1, t, end, values[f, _BIAS : _BIAS + 3], now, pushes, scratch)
+            turn_through(held, 1, period, t, end, bias, now, pushes, scratch)
         else:
-            _turn_through(samples, count, t, end, values[f, _BIAS : _BIAS + 3], now, pushes, scratch)
+            turn_through(samples, count, period, t, end, bias, now, pushes, scratch)
         fade, drift = scratch["fade"], scratch["drift"]
         if f == untold:
             fade, drift = scratch["push_fade"], scratch["push_drift"]
