@@ -18,6 +18,11 @@ TREND = 8
 
 Their noise then adds less than a hundredth (2 / 8^2 / 4) to the variance of a sample.
 """
+SURE = 14.0
+"""By how much, over the square root of their number, the mean square of changes has to be more than noise makes it.
+
+Relative to what noise does. With one change noise exceeds it once in ten thousand times, with eight more seldom.
+"""
 FASTEST_RAD_S = 1e3
 """More is a mistake."""
 
@@ -151,6 +156,31 @@ class GyroSamples:
             return np.zeros(3)
         trend: Vector = (last[1:] - first[1:]) / TREND * ((t_s - last[0]) / period_s - 0.5)
         return trend
+
+    def unsteady_at(self, t_s: float, period_s: float, sigma_rad_s: float) -> Vector:
+        """How far (3,) the rate at t_s may be off its sample, rad/s, 1-sigma, if it changes as in the last periods.
+
+        Two means of a rate with the slope s differ by d = s T, and by noise: E d^2 = s^2 T^2 + 2 sigma^2. At u within a
+        period the rate is off its mean by s (u - T/2): the variance is (u/T - 1/2)^2 (E d^2 - 2 sigma^2). E d^2 is the
+        mean over the last `TREND` changes, as an even trend is zero where a rate turns back, or the last of them where
+        that is more, as a slope grows from there on. Zero where noise does as much (`SURE`), and before two samples.
+
+        Parameters
+        ----------
+        t_s, period_s : float
+            When, and the gyro's period: changes over a gap do not count.
+        sigma_rad_s : float
+            Of a sample's noise.
+        """
+        at = self._holding_at(t_s)
+        steps: Matrix = np.diff(self.array[max(0, at - TREND) : at + 1], axis=0)
+        squares, noise = steps[np.abs(steps[:, 0] - period_s) < 0.5 * period_s, 1:] ** 2, 2.0 * sigma_rad_s**2
+        variance = np.zeros(3)
+        for last in (squares, squares[-1:]):
+            if len(last):
+                more = np.mean(last, axis=0) - noise
+                variance = np.where(more > noise * SURE / len(last) ** 0.5, np.maximum(variance, more), variance)
+        return np.abs((t_s - self.array[at, 0]) / period_s - 0.5) * np.sqrt(variance) if len(squares) else variance
 
     def silent_before(self, t_s: float) -> float:
         """How long before the sample that holds at t_s the one before it was taken; 0 if it is the first."""

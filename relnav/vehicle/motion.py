@@ -79,6 +79,7 @@ class VehicleMotion:
             self._walks[without] = lost_walk
         self._watched, self._drives = watched, np.zeros(0, dtype=np.int64) if drives is None else drives
         self._moved = np.empty((MOVING, len(self._drives)))
+        self._sampled = 1.0 / gyro.rate_hz, gyro.random_walk_rad_sqrt_s * gyro.rate_hz**0.5
         self._holds_s = gyro.lost_after_periods / gyro.rate_hz
         self._constants, self._scratch = np.zeros((), CONSTANTS)[()], np.zeros((), SCRATCH)[()]
         for name, value in {
@@ -104,9 +105,11 @@ class VehicleMotion:
         return rate
 
     def rate_trend(self, at: Estimates, samples: GyroSamples, filter_: int = 0) -> Vector:
-        """How far (3,) rad/s that rate may be off as the chaser's turn speeds up: none of it while no sample holds."""
-        known = filter_ != self._without and at.lost is None
-        return samples.trend_at(at.t_s) if known else np.zeros(3)
+        """How far (3,) rad/s that rate may be off as the chaser's turn changes: none of it while no sample holds."""
+        if filter_ == self._without or at.lost is not None:
+            return np.zeros(3)
+        trend: Vector = np.maximum(np.abs(samples.trend_at(at.t_s)), samples.unsteady_at(at.t_s, *self._sampled))
+        return trend
 
     def settled(self, at: Estimates, samples: GyroSamples, t_s: float) -> Estimates:
         """The estimates at t_s, not before their own time; the same ones if they are of that time."""

@@ -2,7 +2,7 @@
 
 As in `relnav.dynamics.docking_port`, the chaser's rate being the gyro's sample less its bias: the errors of the bias
 and the noise of the sample are in velocity and rate. So is the square of what the rate has changed since the middle of
-the sample's period, if it changes as over the samples before (`GyroSamples.trend_at`).
+the sample's period, if it changes as over the samples before (`GyroSamples.trend_at`, `unsteady_at`).
 """
 
 from dataclasses import dataclass
