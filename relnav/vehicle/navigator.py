@@ -56,7 +56,7 @@ class VehicleNavigator:
         separation : bool
             Whether filters without each sensor, without the gyro and without the thrusters' commands are flown beside,
             for a protection level with one of them at fault (`relnav.vehicle.separation`), for some three times the
-            computing with five sensors.
+            computing with five sensors. The one without the gyro assumes a chaser that is held in the orbital frame.
 
         Raises
         ------

@@ -8,13 +8,13 @@ less that of the filter without sensor s, and sigma_s of the latter, the error a
 so that max(k_0 sigma_0, max over s of |d_s| + k_s sigma_s) bounds it (solution separation, Brown and McBurney 1988,
 Self-contained GPS integrity check using maximum solution separation; Brenner 1996, Integrated GPS/inertial fault
 detection availability; with the separation as it is instead of its threshold). The probability is shared equally among
-"nothing is at fault" and each sensor, gyro and thrusters among them. The filter without the gyro holds the chaser's
-rate, which walks as while a gyro is lost. The one without the thrusters takes no command, be it true or not: in place
-of the slow acceleration it expects one as of a target that manoeuvres (Singer 1970, Estimating optimal tracking filter
-performance for manned maneuvering targets), Gauss-Markov in `lvlh_ccsds`, `lasts_s` long. Its 1-sigma is all that
-thrusters can give, `largest_m_s2`: Singer's where they push as hard as they can all the time, as a valve stuck open
-does. It is told nothing of thrust at all, so that its level holds for one that is weaker, stronger or turned, and for
-one that nobody ordered.
+"nothing is at fault" and each sensor, gyro and thrusters among them. The filter without the gyro assumes a chaser that
+is held in the orbital frame, with a rate that walks as while a gyro is lost. The one without the thrusters takes no
+command, be it true or not: in place of the slow acceleration it expects one as of a target that manoeuvres (Singer
+1970, Estimating optimal tracking filter performance for manned maneuvering targets), Gauss-Markov in `lvlh_ccsds`,
+`lasts_s` long. Its 1-sigma is all that thrusters can give, `largest_m_s2`: Singer's where they push as hard as they can
+all the time, as a valve stuck open does. It is told nothing of thrust at all, so that its level holds for one that is
+weaker, stronger or turned, and for one that nobody ordered.
 
 Two at fault at once are not covered. After a lock-out an image opens the search in all filters, also in that without
 its sensor; but about its pose they know so little (`acquisition`) that the images of others alone say where the target
