@@ -165,6 +165,10 @@ def sources(vehicle: Vehicle) -> Iterator[Source]:
     bias = f"{math.degrees(gyro.bias_sigma_rad_s) * 3600.0:.3g} deg/h"
     steadier = _less(gyro, "bias_sigma_rad_s", "bias_walk_rad_s_sqrt_s")
     yield Source("gyro bias and its walk", bias, replace(vehicle, gyro=steadier))
+    if gyro.is_off:
+        said = f"{1e6 * gyro.scale_sigma:.3g} ppm, {1e3 * gyro.misalignment_sigma_rad:.3g} mrad"
+        better = replace(vehicle, gyro=_less(gyro, "scale_sigma", "misalignment_sigma_rad"))
+        yield Source("gyro scale and misalignment", said, better)
     off = f"{100.0 * thrust.scale_sigma:.3g} %, {math.degrees(thrust.direction_sigma_rad):.3g} deg"
     yield Source("thrusters", off, replace(vehicle, thrust=_less(thrust, "scale_sigma", "direction_sigma_rad")))
     key, density = "acceleration_noise_density_m2_s3", f"{motion.acceleration_noise_density_m2_s3:.3g} m^2/s^3"

@@ -17,6 +17,7 @@ from relnav.simulation.trajectory import Approach
 from relnav.simulation.vehicle_dispersions import (
     Alignment,
     SensorFault,
+    VehicleGyro,
     VehicleResults,
     VehicleScenario,
     VehicleSpread,
@@ -28,6 +29,7 @@ OF_VEHICLES: dict[str, Any] = {
     "approach": Rendezvous,
     "spread": VehicleSpread,
     "thrust": VehicleThrust,
+    "gyro": VehicleGyro,
     "fault": SensorFault,
     "as_built": Alignment,
     "results": VehicleResults,

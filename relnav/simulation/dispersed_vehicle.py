@@ -59,6 +59,11 @@ def as_flown(vehicle: Vehicle, scenario: VehicleScenario) -> Vehicle:
             scale_sigma=of(vehicle.thrust.scale_sigma, thrust.scale_sigma),
             direction_sigma_rad=of(vehicle.thrust.direction_sigma_rad, thrust.direction_sigma_rad),
         ),
+        gyro=dataclasses.replace(
+            vehicle.gyro,
+            scale_sigma=of(vehicle.gyro.scale_sigma, scenario.gyro.scale_sigma),
+            misalignment_sigma_rad=of(vehicle.gyro.misalignment_sigma_rad, scenario.gyro.misalignment_sigma_rad),
+        ),
         sensor={
             name: dataclasses.replace(
                 mounted,
@@ -93,6 +98,8 @@ def drawn_once(vehicle: Vehicle, scenario: VehicleScenario) -> dict[str, int]:
         "thrust_scale": (thrust.scale_sigma, 1),
         "thrust_turn": (thrust.direction_sigma_rad, 3),
         "gyro_bias": (flown.gyro.bias_sigma_rad_s, 3),
+        "gyro_scale": (flown.gyro.scale_sigma, 3),
+        "gyro_misalignment": (flown.gyro.misalignment_sigma_rad, 6),
     }
     for name, mounted in flown.sensor.items():
         sizes[f"{name}.mount"] = mounted.mount_sigma_rad, 3

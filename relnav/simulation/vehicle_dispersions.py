@@ -51,6 +51,14 @@ class VehicleThrust:
 
 
 @dataclass(frozen=True)
+class VehicleGyro:
+    """Errors of the gyro that last a run, 1-sigma; what is left out is as the vehicle file states it."""
+
+    scale_sigma: NonNegative | None = None
+    misalignment_sigma_rad: NonNegative | None = None
+
+
+@dataclass(frozen=True)
 class SensorFault:
     """One sensor at fault.
 
@@ -112,7 +120,7 @@ class VehicleScenario:
     ----------
     approach : Rendezvous
         As it is meant to be flown; it begins where the vehicle file hands over, on the port's axis `start_m` out.
-    spread, thrust, fault, as_built
+    spread, thrust, gyro, fault, as_built
         What is uncertain.
     results : VehicleResults
         What is reported of every run of a campaign.
@@ -121,6 +129,7 @@ class VehicleScenario:
     approach: Rendezvous = field(default_factory=Rendezvous)
     spread: VehicleSpread = field(default_factory=VehicleSpread)
     thrust: VehicleThrust = field(default_factory=VehicleThrust)
+    gyro: VehicleGyro = field(default_factory=VehicleGyro)
     fault: SensorFault = field(default_factory=SensorFault)
     as_built: Alignment = field(default_factory=Alignment)
     results: VehicleResults = field(default_factory=VehicleResults)

@@ -19,15 +19,21 @@ ONCE = {
     "target_rate": 3,
     "gyro_bias": 3,
     "speed": 1,
+    "gyro_scale": 3,
+    "gyro_misalignment": 6,
 }
 """What is drawn once a run of every vehicle, and how many numbers it has. What is once here keeps its place."""
 ANGLES = {"sway": 6, "orbit": 1}
+PAIRS = ("xy", "xz", "yx", "yz", "zx", "zy")
+"""Of a misalignment: the axis that measures, and the one of which it measures."""
 BUILT = ("mount", "lever", "focal", "points")
 """What a sensor is built with; its names are those of the filter's blocks."""
 
 
 def number_names(name: str, count: int) -> tuple[str, ...]:
-    """Names of the numbers of something that is drawn once: by axis, of lights numbered from 1."""
+    """Names of the numbers of something that is drawn once: by axis or two of them, of lights numbered from 1."""
+    if name == "gyro_misalignment":
+        return tuple(f"{name}_{pair}" for pair in PAIRS[:count])
     if count == 1:
         return (name,)
     if count == 3:

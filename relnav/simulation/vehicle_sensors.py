@@ -107,7 +107,8 @@ def simulate_rendezvous(
     """
     drawn = InTurn(seed) if numbers is None else numbers
     truth = Truth(vehicle, Rendezvous() if flight is None else flight, drawn)
-    lasting, (samples, bias) = dict(truth.lasting), _gyro(truth, drawn)
+    lasting, (samples, bias, own) = dict(truth.lasting), _gyro(truth, drawn)
+    lasting |= own
     others = [Observation("thrust", t, command, t) for t, command in truth.commands]
     for name, mounted in vehicle.sensor.items():
         lasting[f"{name}.mount"] = drawn.once(f"{name}.mount", 3) * mounted.mount_sigma_rad
@@ -134,8 +135,9 @@ def simulate_rendezvous(
     return VehicleRun(truth, lasting, bias, samples, tuple(others))
 
 
-def _gyro(truth: Truth, numbers: VehicleNumbers) -> tuple[Matrix, Matrix]:
-    gyro = truth.vehicle.gyro
+def _gyro(truth: Truth, numbers: VehicleNumbers) -> tuple[Matrix, Matrix, dict[str, Vector]]:
+    """Samples, biases, and what else lasts of the gyro, by the names of the filter's blocks."""
+    gyro, lasting = truth.vehicle.gyro, dict[str, Vector]()
     dt = 1.0 / gyro.rate_hz
     times: Vector = np.arange(round(truth.end_s * gyro.rate_hz) + 1, dtype=np.float64) * dt
     body = truth.dcm_chaser_from_inertial(times)
@@ -144,7 +146,13 @@ def _gyro(truth: Truth, numbers: VehicleNumbers) -> tuple[Matrix, Matrix]:
     walk = rng.normal(size=rate.shape) * gyro.bias_walk_rad_s_sqrt_s * dt**0.5
     bias = numbers.once("gyro_bias", 3) * gyro.bias_sigma_rad_s + np.cumsum(walk, axis=0) - walk[0]
     sample = rate + bias + rng.normal(size=rate.shape) * gyro.random_walk_rad_sqrt_s / dt**0.5
-    return np.column_stack([times[:-1], sample]), bias
+    if gyro.is_off:
+        lasting["gyro.scale"] = numbers.once("gyro_scale", 3) * gyro.scale_sigma
+        lasting["gyro.misalignment"] = numbers.once("gyro_misalignment", 6) * gyro.misalignment_sigma_rad
+        off = np.diag(lasting["gyro.scale"])
+        off[~np.eye(3, dtype=bool)] = lasting["gyro.misalignment"]
+        sample += rate @ off.T
+    return np.column_stack([times[:-1], sample]), bias, lasting
 
 
 def _spots(

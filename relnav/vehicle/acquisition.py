@@ -53,7 +53,7 @@ START_SHARE, START_M_S, START_RAD_S = 0.1, 1.0, 0.05
 
 Wide beside what images tell: ten times the closing rates flown here, and a target that tumbles at 3 deg/s.
 """
-KEPT = ("chaser_attitude", "gyro_bias")
+KEPT = ("chaser_attitude", "gyro_bias", "gyro.scale", "gyro.misalignment")
 """Errors that lights tell little of."""
 
 Through: TypeAlias = Callable[[Estimates], tuple[Estimates, list[Outcome]]]

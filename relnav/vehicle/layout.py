@@ -24,6 +24,9 @@ MOVING = SLOW_ACCELERATION.stop
 THRUST_SCALE, THRUST_DIRECTION = slice(MOVING, MOVING + 1), slice(MOVING + 1, MOVING + 4)
 DRIVING = THRUST_DIRECTION.stop
 """The moving errors depend on these first ones alone."""
+GYRO_SCALE, GYRO_MISALIGNMENT = slice(DRIVING, DRIVING + 3), slice(DRIVING + 3, DRIVING + 9)
+"""Of a gyro for which one of both is stated (`Gyro.is_off`), before the errors of all sensors."""
+GYRO_ERRORS = slice(GYRO_SCALE.start, GYRO_MISALIGNMENT.stop)
 LIGHTS = "points"
 """The kind of a lasting error that is where lights are in the target, three errors each: of a sensor's new lights."""
 
@@ -51,19 +54,22 @@ class LastingError:
 
 def layout_of(vehicle: Vehicle, more: Mapping[str, tuple[LastingError, ...]] | None = None) -> StateLayout:
     """The blocks of a vehicle; more: errors of sensors that are not in its file, by the sensor's name."""
-    start, thrust = vehicle.hand_over, vehicle.thrust
+    start, thrust, gyro = vehicle.hand_over, vehicle.thrust, vehicle.gyro
     blocks = [
         Block("position", POSITION, start.position_sigma_m),
         Block("velocity", VELOCITY, start.velocity_sigma_m_s),
         Block("target_attitude", TARGET_ATTITUDE, start.target_attitude_sigma_rad),
         Block("target_rate", TARGET_RATE, start.target_rate_sigma_rad_s),
         Block("chaser_attitude", CHASER_ATTITUDE, start.chaser_attitude_sigma_rad),
-        Block("gyro_bias", GYRO_BIAS, vehicle.gyro.bias_sigma_rad_s),
+        Block("gyro_bias", GYRO_BIAS, gyro.bias_sigma_rad_s),
         Block("slow_acceleration", SLOW_ACCELERATION, vehicle.motion.slow_acceleration_sigma_m_s2),
         Block("thrust.scale", THRUST_SCALE, thrust.scale_sigma, thrust.role),
         Block("thrust.direction", THRUST_DIRECTION, thrust.direction_sigma_rad, thrust.role),
     ]
-    at = DRIVING
+    if gyro.is_off:
+        blocks.append(Block("gyro.scale", GYRO_SCALE, gyro.scale_sigma, gyro.role))
+        blocks.append(Block("gyro.misalignment", GYRO_MISALIGNMENT, gyro.misalignment_sigma_rad, gyro.role))
+    at = GYRO_ERRORS.stop if gyro.is_off else DRIVING
     for name, errors in {**{name: _lasting(vehicle, name) for name in vehicle.sensor}, **(more or {})}.items():
         for error in errors:
             blocks.append(Block(f"{name}.{error.kind}", slice(at, at + error.size), error.sigma, error.role))

@@ -14,7 +14,8 @@ from relnav.arrays import Codes, Matrix, Vector
 from relnav.dynamics.rigid_body import RigidBody
 from relnav.spacecraft import Vehicle
 from relnav.vehicle.gyro import GyroSamples, found_at, lost_at
-from relnav.vehicle.layout import DRIVING, GYRO_BIAS, MOVING, TARGET_RATE
+from relnav.vehicle.gyro_errors import true_rate
+from relnav.vehicle.layout import CHASER_ATTITUDE, DRIVING, GYRO_BIAS, GYRO_ERRORS, MOVING, TARGET_RATE
 from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.settling import CONSTANTS, SCRATCH, settle_into
 from relnav.vehicle.state import Estimates, Lost
@@ -30,8 +31,8 @@ class Step(NamedTuple):
     ----------
     before : Estimates
         At its beginning.
-    F, Q : (MOVING, DRIVING), (MOVING, MOVING)
-        By what the errors that move depend on the first ones before, and their noise.
+    F, Q : (MOVING, k), (MOVING, MOVING)
+        By what the errors that move depend on the first ones before, DRIVING or those of the gyro too, and their noise.
     values, attitudes : (n,), ((3, 3), (3, 3))
         At its end; dcm_lvlh_from_target, dcm_inertial_from_chaser.
     """
@@ -80,6 +81,7 @@ class VehicleMotion:
         self._watched, self._drives = watched, np.zeros(0, dtype=np.int64) if drives is None else drives
         self._moved = np.empty((MOVING, len(self._drives)))
         self._sampled = 1.0 / gyro.rate_hz, gyro.random_walk_rad_sqrt_s * gyro.rate_hz**0.5
+        self._is_off, self._gained = gyro.is_off, np.empty((0, 0))
         self._holds_s = gyro.lost_after_periods / gyro.rate_hz
         self._constants, self._scratch = np.zeros((), CONSTANTS)[()], np.zeros((), SCRATCH)[()]
         for name, value in {
@@ -102,7 +104,7 @@ class VehicleMotion:
         held = filter_ == self._without
         told = self.frame.held_rate(self._chaser, at.t_s) if held else samples.rate_at(at.t_s)
         rate: Vector = told - at.values[filter_, GYRO_BIAS]
-        return rate
+        return true_rate(at.values[filter_, GYRO_ERRORS], rate) if self._is_off and not held else rate
 
     def rate_trend(self, at: Estimates, samples: GyroSamples, filter_: int = 0) -> Vector:
         """How far (3,) rad/s that rate may be off as the chaser's turn changes: none of it while no sample holds."""
@@ -166,6 +168,8 @@ class VehicleMotion:
         drift = drift.copy() if self._watched >= 0 else drift
         if self._without >= 0:
             self._held[0, 1:] = self.frame.held_rate(self._chaser, 0.5 * (begin_s + t_s))
+        if self._is_off and len(self._gained) == 0:
+            self._gained = np.empty((3, values.shape[1]))
         values, target, chaser, after = values.copy(), target.copy(), chaser.copy(), np.empty_like(covariance)
         known = settle_into(
             self._constants,
@@ -188,6 +192,7 @@ class VehicleMotion:
             self._drives,
             drift,
             self._moved,
+            self._gained,
         )
         if not known:
             rate = np.linalg.norm(at.values[:, TARGET_RATE], axis=1).max()
@@ -195,5 +200,9 @@ class VehicleMotion:
         frame = self._scratch["frame"].copy()
         new = Estimates(t_s, values, target, chaser, after, frame, lights, command, lost, drift)
         if self.on_step is not None:
-            self._tell(at, self._scratch["F"], self._scratch["Q"], new)
+            F: Matrix = self._scratch["F"]
+            if self._is_off:
+                F = np.hstack([F, np.zeros((MOVING, GYRO_ERRORS.stop - DRIVING))])
+                F[CHASER_ATTITUDE, GYRO_ERRORS] = -self._scratch["driven"]
+            self._tell(at, F, self._scratch["Q"], new)
         return new

@@ -17,9 +17,11 @@ from relnav.dynamics.port_second_order import ERRORS, SECOND_ORDER, add_second_o
 from relnav.dynamics.relative_motion import frame_rate
 from relnav.errors import UsageError
 from relnav.spacecraft import Vehicle
+from relnav.vehicle.gyro_errors import by_errors
 from relnav.vehicle.layout import (
     CHASER_ATTITUDE,
     GYRO_BIAS,
+    GYRO_ERRORS,
     POSITION,
     TARGET_ATTITUDE,
     TARGET_RATE,
@@ -117,9 +119,15 @@ def port_state(
     J[:, :POSE], J[:, CHASER_ATTITUDE], J[:, GYRO_BIAS] = by_target, by_chaser, -by_rate
     noise = vehicle.gyro.random_walk_rad_sqrt_s**2 * vehicle.gyro.rate_hz
     errors = state.covariance[:ERRORS, :ERRORS] * _SIGNS * _SIGNS[:, None]
+    if vehicle.gyro.is_off:
+        J[:, GYRO_ERRORS] = -by_rate @ by_errors(chaser_rate_rad_s)
+        of_rate = np.zeros((ERRORS, len(state.values)))
+        of_rate[:, :ERRORS] = np.diag(_SIGNS)
+        of_rate[-3:, GYRO_ERRORS] = -by_errors(chaser_rate_rad_s)
+        errors = of_rate @ state.covariance @ of_rate.T
     errors.reshape(-1)[_RATE_VARIANCES] += noise if rate_trend_rad_s is None else noise + rate_trend_rad_s**2
-    by_errors = J[:, :ERRORS] * _SIGNS
-    whole = by_errors @ errors @ by_errors.T
+    by_moving = J[:, :ERRORS] * _SIGNS
+    whole = by_moving @ errors @ by_moving.T
     add_second_order(*told, errors, whole, np.zeros((), SECOND_ORDER)[()])
     position = found[ARM] - np.array(vehicle.target.port_position_m)
     return PortState(position, found[PORT_VELOCITY], C_TB, found[RATE], 0.5 * (whole + whole.T)), J

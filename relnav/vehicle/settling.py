@@ -2,10 +2,11 @@
 
 Errors (Markley and Crassidis 2014, ch. 6, for the gyro; convention of `relnav.geometry.rotation_vector`):
 
-    alpha' = -w x alpha - db - n_w,     d(a) = C_LB (f dk - [f x] (dd + alpha)) + ds
+    alpha' = -w x alpha - db - dM w - n_w,     d(a) = C_LB (f dk - [f x] (dd + alpha)) + ds
 
-with a = (1 + k) C_LB (f + d x f) + s the acceleration in `lvlh_ccsds`, f the command, k and d the thrusters' errors, s
-the slow acceleration. Relative motion and the target's turn bring their own transitions.
+with M the gyro's scale and misalignment (`gyro_errors`), a = (1 + k) C_LB (f + d x f) + s the acceleration in
+`lvlh_ccsds`, f the command, k and d the thrusters' errors, s the slow acceleration. Relative motion and the target's
+turn bring their own transitions.
 
 The chaser turns within a step from t_0 to t_1, and the thrusters with it, by C(t) = C_LB exp([phi(t) x]). The gyro's
 samples give C(t) all the time, so that velocity gets the integral of C dt, and position that of (t_1 - t) C dt. Of an
@@ -23,10 +24,12 @@ from relnav.dynamics.process_noise import NODES
 from relnav.dynamics.rigid_body import BODY_ROWS, FRAME_RATE, GRADIENT, ORBIT
 from relnav.estimation.schmidt import carry_into, clear
 from relnav.vehicle.drift_sums import carry_drifts
+from relnav.vehicle.gyro_errors import drive_attitude, drive_sensitivities, driven_into
 from relnav.vehicle.layout import (
     CHASER_ATTITUDE,
     DRIVING,
     GYRO_BIAS,
+    GYRO_ERRORS,
     MOVING,
     SLOW_ACCELERATION,
     TARGET_ATTITUDE,
@@ -77,6 +80,8 @@ SCRATCH = np.dtype(
         ("pushed", _F, 3),
         ("extra", _F, 3),
         ("slope", _F, 3),
+        ("whole", _F, 3),
+        ("driven", _F, (3, 9)),
         ("along", _F, 3),
         ("turned", _F, (3, 3)),
         ("mean", _F, (3, 3)),
@@ -96,6 +101,7 @@ SCRATCH = np.dtype(
 )
 
 _VELOCITY, _TARGET, _RATE, _CHASER = VELOCITY.start, TARGET_ATTITUDE.start, TARGET_RATE.start, CHASER_ATTITUDE.start
+_GYRO, _GYRO_END = GYRO_ERRORS.start, GYRO_ERRORS.stop
 _BIAS, _SLOW, _SCALE, _DIRECTION = (
     block.start for block in (GYRO_BIAS, SLOW_ACCELERATION, THRUST_SCALE, THRUST_DIRECTION)
 )
@@ -269,6 +275,7 @@ def settle_into(
     drives: Codes,
     drift_sums: Matrix,
     moved: Matrix,
+    gained: Matrix,
 ) -> bool:
     """Carry k estimates from t to end, s: values (k, n) and attitudes (k, 3, 3) in place, P (k, n, n) into after.
 
@@ -276,8 +283,8 @@ def settle_into(
     gyro's bias gains in a second. without: the estimate that has no gyro, and holds the sample of held (1, 4) instead,
     -1 if there is none. untold: the estimate that is told no command, and whose slow acceleration is that of unknown
     thrusts, -1 if there is none. watched, drives: the estimate whose drifts are looked for, -1 if there is none, with
-    sums as of `drift_sums.carry_drifts`, in place; moved (MOVING, m) scratch. False for a step so long that nothing is
-    known after it.
+    sums as of `drift_sums.carry_drifts`, in place; moved (MOVING, m) scratch. gained: (3, n) scratch of a gyro with
+    `gyro_errors`, (0, n) without. False for a step so long that nothing is known after it.
     """
     dt, before, told = end - t, scratch["before"], scratch["told"]
     _shared(constants, scratch, t, dt)
@@ -293,10 +300,12 @@ def settle_into(
             told[i] = 0.0 if f == untold else command[i]
         pushes = told[0] != 0.0 or told[1] != 0.0 or told[2] != 0.0
         bias, period = values[f, _BIAS : _BIAS + 3], constants["period"]
+        is_off = len(gained) > 0 and f != without
+        errors = values[f, _GYRO : (_GYRO_END if is_off else _GYRO)]
         if f == without:
-            turn_through(held, 1, period, t, end, bias, now, pushes, scratch)
+            turn_through(held, 1, period, t, end, bias, errors, now, pushes, scratch)
         else:
-            turn_through(samples, count, period, t, end, bias, now, pushes, scratch)
+            turn_through(samples, count, period, t, end, bias, errors, now, pushes, scratch)
         fade, drift = scratch["fade"], scratch["drift"]
         if f == untold:
             fade, drift = scratch["push_fade"], scratch["push_drift"]
@@ -311,4 +320,9 @@ def settle_into(
         carry_into(P[f], F, Q, after[f], product, places, scratch["weights"], scratch["counts"])
         if f == watched:
             carry_drifts(drift_sums, dt, drives, places, scratch["weights"], scratch["counts"], moved)
+        if is_off:
+            driven_into(scratch["whole"], scratch["driven"])
+            drive_attitude(after[f], scratch["driven"], gained)
+            if f == watched:
+                drive_sensitivities(drift_sums, scratch["driven"])
     return True

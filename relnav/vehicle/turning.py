@@ -21,6 +21,7 @@ from relnav.codegen.kernel import kernel
 from relnav.estimation.schmidt import clear
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
 from relnav.vehicle.gyro import holding_at
+from relnav.vehicle.gyro_errors import take_out
 
 SURE_RAD = 1e-4
 """A slope that turns the chaser by no more than this in half a period is believed at once.
@@ -97,17 +98,21 @@ def turn_through(
     begin: float,
     end: float,
     bias: Vector,
+    errors: Vector,
     dcm: Matrix,
     pushes: bool,
     scratch: Record,
 ) -> None:
     """Turn dcm_inertial_from_chaser, in place, from begin to end by gyro samples less their bias (3,).
 
-    period: of the gyro, s. pushes: write its means over the step into scratch, of the same weight at all times, as
+    period: of the gyro, s. errors (9,) of the gyro (`gyro_errors`), or none; the turn is then added up in scratch too,
+    in `whole`. pushes: write its means over the step into scratch, of the same weight at all times, as
     velocity has it, in `mean`, and of a weight that falls to none at the end, as position has it, in `early`.
     """
     turn, turned, mean, early = scratch["pushed"], scratch["turned"], scratch["mean"], scratch["early"]
-    k, step, slope = holding_at(samples, count, begin), end - begin, scratch["slope"]
+    k, step, slope, whole = holding_at(samples, count, begin), end - begin, scratch["slope"], scratch["whole"]
+    for i in range(3):
+        whole[i] = 0.0
     if pushes:
         clear(mean)
         clear(early)
@@ -122,6 +127,10 @@ def turn_through(
                 bent = (_bend(until - samples[k, 0], period) if is_last else 0.0) - _bend(begin - samples[k, 0], period)
                 for i in range(3):
                     turn[i] += slope[i] * bent
+            if len(errors) > 0:
+                take_out(errors, turn, slope)
+                for i in range(3):
+                    whole[i] += turn[i]
             if pushes:
                 _add_means(dcm, turn, dt / step, (end - until) / step, mean, early)
             turn_by_rotation_vector(dcm, turn, turned)
