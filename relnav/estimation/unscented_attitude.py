@@ -39,9 +39,12 @@ SIGMA_POINTS = np.dtype(
 
 
 @kernel
-def spread_points(track: Record, points: Record, work: Matrix) -> None:
-    """Write the sigma points of a track: attitudes (12, 3, 3) and rates (12, 3); work (4, 3) scratch."""
-    ld, rate, attitudes, rates, dcm = track["ld"], track["rate"], points["dcm"], points["rate"], track["dcm"][:]
+def spread_points(track: Record, ld: Matrix, points: Record, work: Matrix) -> None:
+    """Write the sigma points of a track: attitudes (12, 3, 3) and rates (12, 3); work (4, 3) scratch.
+
+    ld (6, 6): the factors that they are drawn from.
+    """
+    rate, attitudes, rates, dcm = track["rate"], points["dcm"], points["rate"], track["dcm"][:]
     turned, turn = work[0:3], work[3]
     for k in range(POINTS):
         j = k // 2

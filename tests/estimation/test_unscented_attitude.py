@@ -20,7 +20,7 @@ def test_spread_and_gathered():
     A, B = rng.normal(size=(TURNING, 9)), rng.normal(size=(TURNING, 9))
     P, Q = 1e-4 * A @ A.T / 9.0, 1e-6 * B @ B.T
     track, points, work = track_of(P), np.zeros((), SIGMA_POINTS)[()], np.empty((4, 3))
-    spread_points(track, points, work)
+    spread_points(track, track["ld"], points, work)
     offsets = points["rate"] - track["rate"]
     np.testing.assert_allclose(offsets.T @ offsets / 12.0, P[3:, 3:], rtol=0.0, atol=1e-18)
     np.testing.assert_allclose(offsets[0::2], -offsets[1::2], rtol=0.0, atol=1e-17)

@@ -7,17 +7,7 @@ import numpy as np
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import entry, kernel
 from relnav.dynamics.inertia_error import inertia_effect_into, second_order_square
-from relnav.dynamics.rigid_body import (
-    BODY_ROWS,
-    FRAME_RATE,
-    INERTIA,
-    INVERSE,
-    ORBIT,
-    TORQUE,
-    propagate_into,
-    step_count,
-    turn_body,
-)
+from relnav.dynamics.rigid_body import BODY_ROWS, FRAME_RATE, ORBIT, propagate_into, step_count
 from relnav.estimation.attitude import (
     ATTITUDE_TRACK,
     COMPARED,
@@ -28,7 +18,8 @@ from relnav.estimation.attitude import (
     compare_attitude,
 )
 from relnav.estimation.innovation_sums import INNOVATION, RECENT, SUMS, remember_innovation, sums_are_credible
-from relnav.estimation.unscented_attitude import POINTS, SIGMA_POINTS, gather_points, spread_points
+from relnav.estimation.unscented_attitude import SIGMA_POINTS, gather_points, spread_points
+from relnav.navigation.attitude.bending import BENT, bend, carry_points, draw_points, is_bent, turn_points, unbend
 from relnav.navigation.attitude.inputs import can_be_used
 from relnav.navigation.status import PREDICTED, REJECTED, UPDATED, WAITING
 from relnav.navigation.told import is_an_attitude
@@ -40,7 +31,7 @@ STEPS_A_PIECE = 4
 """Runge-Kutta steps after which sigma points are drawn anew, and lasting errors are carried: a turn of 0.2 rad."""
 
 LARGEST_SIGMA_RAD = 0.1
-"""Of a track's attitude, up to which errors count as small; at 0.2 rad NEES after a gap is three times too large."""
+"""Of a track's attitude, up to which errors count as small: what bends is followed to second order (`bending.py`)."""
 LARGEST_TRIAL_SIGMA_RAD = 1.2
 """Of a trial's: a turn of 2.6 sigma is half a turn, beyond which it would be told from the other side."""
 
@@ -79,6 +70,7 @@ MEMORY = np.dtype(
         ("remembered", _I),
         ("sums", SUMS),
         ("points", SIGMA_POINTS),
+        ("bent", BENT),  # beside the track, in a gap
         ("phi", _F, (TURNING, TURNING)),
         ("noise", _F, (TURNING, TURNING)),
         ("before", _F, (3, TURNING)),
@@ -109,20 +101,6 @@ def _largest_sigmas(track: Record) -> tuple[float, float]:
 
 
 @kernel
-def _turn_points(body: Matrix, points: Record, dt: float, work: Matrix) -> bool:
-    """Carry the sigma points over dt."""
-    inertia, inverse, orbit = body[INERTIA : INERTIA + 3], body[INVERSE : INVERSE + 3], body[ORBIT]
-    for k in range(POINTS):
-        rate = points["rate"][k]
-        count = step_count(rate, orbit[FRAME_RATE], dt)
-        for _ in range(count):
-            turn_body(points["dcm"][k], rate, inertia, inverse, orbit, body[TORQUE], dt / count, work)
-        if count == 0:
-            return False
-    return True
-
-
-@kernel
 def _turn_time(rate: Vector, n: float) -> float:
     """For how long an acceleration adds up in a body that turns: one turn, s; 0 at rest.
 
@@ -134,14 +112,15 @@ def _turn_time(rate: Vector, n: float) -> float:
 
 
 @kernel
-def _carry(memory: Record, track: Record, dt: float, limit: float, unscented: bool) -> bool:
+def _carry(memory: Record, track: Record, dt: float, limit: float, unscented: bool, bends: bool) -> bool:
     """Carry a track over dt; False where its attitude is lost: its 1-sigma exceeds a limit, rad.
 
-    If by kinematics alone it is going to, nothing long is computed.
+    If by kinematics alone it is going to, nothing long is computed. bends: its bending is followed, which is the
+    track's own and not a trial's.
     """
     m = memory[0]
     # [:] makes all arrays of one kind: a kernel is compiled once for each kind that it is given
-    body, points, phi, noise = m["body"], m["points"], m["phi"][:], m["noise"][:]
+    body, points, phi, noise, bent = m["body"], m["points"], m["phi"][:], m["noise"][:], m["bent"]
     before, after = m["before"], m["after"]
     sigma, density, work = m["inertia_sigma"], m["density"], m["work"][:]
     narrow, dcm, rate, lasting = work[0:14, 0:3], track["dcm"][:], track["rate"][:], track["lasting"]
@@ -150,13 +129,21 @@ def _carry(memory: Record, track: Record, dt: float, limit: float, unscented: bo
     steps = step_count(rate, body[ORBIT, FRAME_RATE], dt)
     known = steps > 0 and coming * coming + density * dt * dt * dt / 3.0 <= limit * limit
     pieces = (steps + STEPS_A_PIECE - 1) // STEPS_A_PIECE
+    bending = False
+    if bends and bent["on"] > 0:
+        unbend(track, bent)
     for _ in range(pieces):
         if not known:
             break
         h = dt / pieces
-        if unscented:
-            spread_points(track, points, narrow)
-            known = _turn_points(body, points, h, narrow)
+        if bends and bent["on"] == 0 and is_bent(body, track, turn + speed * h):
+            draw_points(body, sigma, track, bent, narrow)
+        bending = bends and bent["on"] > 0
+        if bending:
+            known = carry_points(body, bent, m["inertia_off"] > 0, h, narrow)
+        elif unscented:
+            spread_points(track, track["ld"], points, narrow)
+            known = turn_points(body, points, h, narrow)
         inertia_effect_into(body, sigma, dcm, rate, before)
         jitter = density
         if m["inertia_off"] > 0:
@@ -164,12 +151,16 @@ def _carry(memory: Record, track: Record, dt: float, limit: float, unscented: bo
         known = known and propagate_into(body, h, dcm, rate, jitter, phi, noise, work)
         inertia_effect_into(body, sigma, dcm, rate, after)
         carry_lasting(lasting, phi, before, after, h)
-        if unscented:
+        if unscented and not bending:
             gather_points(track, points, noise, narrow)
         else:
             carry_errors(track["ld"], phi, noise)
         turn, speed = _largest_sigmas(track)
         known = known and turn <= limit
+    if bending and known:
+        bend(track, bent, m["inertia_off"] > 0, narrow)
+        turn, speed = _largest_sigmas(track)
+        known = turn <= limit
     return known
 
 
@@ -181,9 +172,13 @@ def advance(memory: Record, t: float) -> int:
     """
     m = memory[0]
     dt, unscented, m["t"] = t - m["t"], m["unscented"] > 0, t
-    if dt > 0.0 and m["running"] > 0 and not _carry(memory, m["track"], dt, LARGEST_SIGMA_RAD, unscented):
-        m["running"], m["rejections"] = 0, 0
-    if dt > 0.0 and m["has_trial"] > 0 and not _carry(memory, m["trial"], dt, LARGEST_TRIAL_SIGMA_RAD, unscented):
+    if dt > 0.0 and m["running"] > 0 and not _carry(memory, m["track"], dt, LARGEST_SIGMA_RAD, unscented, True):
+        m["running"], m["rejections"], m["bent"]["on"] = 0, 0, 0
+    if (
+        dt > 0.0
+        and m["has_trial"] > 0
+        and not _carry(memory, m["trial"], dt, LARGEST_TRIAL_SIGMA_RAD, unscented, False)
+    ):
         m["has_trial"] = 0
     if m["running"] == 0:
         return WAITING
@@ -193,7 +188,7 @@ def advance(memory: Record, t: float) -> int:
 @entry
 def carry_trial(memory: Record, dt: float) -> bool:
     """Carry the trial over dt by slopes alone; False where its attitude is lost."""
-    return bool(_carry(memory, memory[0]["trial"], dt, LARGEST_TRIAL_SIGMA_RAD, False))
+    return bool(_carry(memory, memory[0]["trial"], dt, LARGEST_TRIAL_SIGMA_RAD, False, False))
 
 
 @entry
@@ -225,7 +220,7 @@ def take_if_near(memory: Record, of_trial: bool, measured: Matrix, noise: Matrix
         remember_innovation(recent[count % RECENT], compared["innovation"], compared["innovation_covariance"], seen)
         if not sums_are_credible(recent, count + 1, m["sums"], m["sum_limit"]):
             return False
-        m["remembered"] = count + 1
+        m["remembered"], m["bent"]["on"] = count + 1, 0
     corrected = compared["track"]
     for i in range(3):
         track["rate"][i] = corrected["rate"][i]

@@ -44,7 +44,7 @@ def use(memory: Record, measured: Matrix, chaser: Matrix) -> tuple[int, bool]:
     if m["has_trial"] > 0 and _agrees(memory, measured, noise, chaser):
         if _is_confirmed(m):
             m["track"], m["rate_unknown"] = m["trial"], bool(m["rate_unknown"]) or running
-            m["running"], m["rejections"], m["has_trial"], m["remembered"] = 1, 0, 0, 0
+            m["running"], m["rejections"], m["has_trial"], m["remembered"], m["bent"]["on"] = 1, 0, 0, 0, 0
             return STARTED, True
     else:
         open_trial(memory, measured, noise, chaser, interval)
