@@ -249,9 +249,12 @@ class Vehicle(LoadedModel, sensor_type="vehicle"):
     def __post_init__(self) -> None:
         if not self.sensor:
             raise ValueError("a vehicle has sensors: write one section [sensor.NAME] for each")
+        dcm_from_quaternion(np.array(self.chaser.q_chaser_from_lvlh), "chaser.q_chaser_from_lvlh")
+        dcm_from_quaternion(np.array(self.target.q_target_from_lvlh), "target.q_target_from_lvlh")
         for name, mounted in self.sensor.items():
             if name in RESERVED:
                 raise ValueError(f"sensor.{name}: this name is taken; call the sensor something else")
+            dcm_from_quaternion(np.array(mounted.q_sensor_from_chaser), f"sensor.{name}.q_sensor_from_chaser")
             kind = self.kind(name)
             given = [key for key in _OF_POINTS if getattr(mounted, key) not in (None, 0.0, ())]
             if kind != POINTS and given:

@@ -8,20 +8,20 @@ from relnav.arrays import Matrix, Stack, Vector
 from relnav.codegen.kernel import entry, kernel, plain
 
 
-def dcm_from_quaternion(quaternion: Vector) -> Matrix:
-    """Rotation matrix (3, 3) of a unit quaternion (x, y, z, w).
+def dcm_from_quaternion(quaternion: Vector, name: str = "") -> Matrix:
+    """Rotation matrix (3, 3) of a unit quaternion (x, y, z, w); a message says its name.
 
     Raises
     ------
     ValueError
         If the quaternion is not finite or its norm is off 1 by more than 1e-3 (it is then normalised).
     """
-    q = np.asarray(quaternion, dtype=np.float64)
+    q, of = np.asarray(quaternion, dtype=np.float64), f"{name}: " if name else ""
     if q.shape != (4,):
-        raise ValueError(f"a quaternion has four components (x, y, z, w); got shape {q.shape}")
+        raise ValueError(f"{of}a quaternion has four components (x, y, z, w); got shape {q.shape}")
     out = np.empty((3, 3))
     if not dcm_from_quaternion_into(q, out):
-        raise ValueError(f"a rotation quaternion (x, y, z, w) has norm 1 within 1e-3; got {q.tolist()}")
+        raise ValueError(f"{of}a rotation quaternion (x, y, z, w) has norm 1 within 1e-3; got {q.tolist()}")
     return out
 
 

@@ -78,7 +78,7 @@ class StarTracker(_Mounted):
         own = self.noise if covariance is None else self._checked(covariance)
         if not math.isfinite(sum(q.tolist())):
             return np.full(9, np.nan), own
-        return dcm_from_quaternion(q).ravel(), own
+        return dcm_from_quaternion(q, self.name).ravel(), own
 
     def _checked(self, covariance: ArrayLike) -> Matrix:
         own = numbers(f"{self.name}'s covariance", covariance)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -75,6 +76,10 @@ class VehicleNavigator:
     def __repr__(self) -> str:
         """The estimate's line for the console."""
         return f"VehicleNavigator of {self.state()!r}"
+
+    def __copy__(self) -> VehicleNavigator:
+        """One that goes on by itself, as `copy.deepcopy` gives: what two share each of them would change."""
+        return copy.deepcopy(self)
 
     @property
     def on_outcome(self) -> Callable[[Event, Outcome], None] | None:

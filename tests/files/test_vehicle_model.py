@@ -60,6 +60,11 @@ LATE = {
     ),
     "a camera that is nowhere": (POSITION, "#", "sensor.camera: model three_marker_vision sees lights; position_m"),
     "a star sensor without noise": ("noise_rad = { value", "#", "sensor.star.noise_rad is needed"),
+    "no attitude": (
+        "q_sensor_from_chaser = { value = [0.0, 0.0, 0.0, 1.0]",
+        "q_sensor_from_chaser = { value = [0.0, 0.0, 0.0, 2.0]",
+        "sensor.star.q_sensor_from_chaser: a rotation quaternion (x, y, z, w) has norm 1",
+    ),
     "a taken name": ("[sensor.camera]", "[sensor.gyro]", "sensor.gyro: this name is taken"),
     "a star camera with lights": (MARKERS, MARKERS.replace("three_marker_vision", "ground_camera"), "sees no lights"),
 }

@@ -153,7 +153,7 @@ def test_points_are_carried_in_a_gap_only(method):
 @pytest.mark.parametrize("method", METHODS)
 def test_a_copy_goes_on_in_a_gap(method):
     nav = gone_into_a_gap(method, 40)
-    copies = copy.deepcopy(nav), pickle.loads(pickle.dumps(nav))
+    copies = copy.copy(nav), copy.deepcopy(nav), pickle.loads(pickle.dumps(nav))
     for k in range(52, 70):
         record = nav.step(float(k))
         for one in copies:

@@ -45,6 +45,26 @@ def test_a_star_solution_is_its_quaternion_with_its_covariance(navigator, seen):
     assert np.all(np.isnan(nothing))
 
 
+@pytest.mark.parametrize("wrong", [[1.0, 1.0, 1.0, 1.0], [0.0, 0.0, 0.0, 0.0]])
+def test_what_is_no_attitude_is_refused_by_the_name_of_its_sensor(navigator, wrong):
+    with pytest.raises(ValueError, match=r"star: a rotation quaternion .* has norm 1 within 1e-3"):
+        navigator.observe("star", 1.0, wrong)
+
+
+@pytest.mark.parametrize(
+    ("section", "key"),
+    [("sensor.star", "q_sensor_from_chaser"), ("chaser", "q_chaser_from_lvlh"), ("target", "q_target_from_lvlh")],
+)
+def test_a_vehicle_names_what_is_no_attitude(vehicle, section, key):
+    wrong = {key: (0.0, 0.0, 0.0, 2.0)}
+    if section.startswith("sensor"):
+        change = {"sensor": {**vehicle.sensor, "star": dataclasses.replace(vehicle.sensor["star"], **wrong)}}
+    else:
+        change = {section: dataclasses.replace(getattr(vehicle, section), **wrong)}
+    with pytest.raises(ValueError, match=f"{section}.{key}: a rotation quaternion .* has norm 1 within 1e-3"):
+        dataclasses.replace(vehicle, **change)
+
+
 def test_all_five_in_one_filter(vehicle):
     """Solutions instead of quaternions, sun directions, and the spots that `measure` of the lights takes."""
     run = simulate_rendezvous(vehicle, Rendezvous(final_m=29.5), seed=3)

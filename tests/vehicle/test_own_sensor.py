@@ -129,3 +129,16 @@ def test_copied_and_restored_it_goes_on_bit_for_bit(near, seen):
     for each in others:
         assert each.state().covariance.tobytes() == first.covariance.tobytes()
         assert each.state().values.tobytes() == first.values.tobytes()
+
+
+def test_what_is_fed_to_a_copy_leaves_the_original(near, seen):
+    """As `copy.deepcopy`, so `copy.copy`: two navigators, and neither moves the other."""
+    nav = flown(near, seen[:150], {"lidar": RangeFinder(near)})
+    before, other = nav.state(), copy.copy(nav)
+    for name, t, value in seen[150:220]:
+        other.observe(name, t, value)
+    assert other.newest_s > nav.newest_s
+    assert nav.state().covariance.tobytes() == before.covariance.tobytes()
+    for name, t, value in seen[150:220]:
+        nav.observe(name, t, value)
+    assert nav.state().covariance.tobytes() == other.state().covariance.tobytes()

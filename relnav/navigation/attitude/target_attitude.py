@@ -9,6 +9,7 @@ the same figures. Start, gate, restart and lasting errors are one: `step.py`.
 
 from __future__ import annotations
 
+import copy
 import math
 
 import numpy as np
@@ -113,6 +114,10 @@ class TargetAttitude:
                 raise ValueError(f"inertia_sigma_kg_m2 is symmetric and nowhere below zero; got {sigma.tolist()}")
             m["inertia_sigma"], m["inertia_off"] = sigma, bool(sigma.any())
         m["t"] = m["measured_t"] = math.nan
+
+    def __copy__(self) -> TargetAttitude:
+        """One that goes on by itself, as `copy.deepcopy` gives: what two share each of them would change."""
+        return copy.deepcopy(self)
 
     @property
     def last_t_s(self) -> float:
