@@ -11,6 +11,7 @@ from relnav.estimation.considered import join_considered
 from relnav.estimation.factored import compose_into
 from relnav.estimation.rows import copy_rows
 from relnav.navigation.packed_factors import pack_factors, unpack_factors
+from relnav.navigation.pose_bending import add_bends
 from relnav.navigation.pose_memory import PoseMemory, pose_views
 from relnav.navigation.pose_propagation import copy_place, odds_against
 from relnav.sensors.three_marker.outcome import AMBIGUITY_LIMIT
@@ -156,7 +157,12 @@ def write_epoch(m: PoseMemory, out: Record, apart: Matrix) -> None:
     out["used"] = used
     if count > 0:
         copy_place(lead, out)
-        write_covariance(lead["ld"], m.bank_sensitivities[0], apart, m.work["ld"], out["factor"], out["by_chaser"])
+        ld = lead["ld"]
+        if m.bents[0]["on"] > 0:
+            copy_rows(ld, m.spare[0]["ld"])
+            ld = m.spare[0]["ld"]
+            add_bends(m.bents[0], ld)
+        write_covariance(ld, m.bank_sensitivities[0], apart, m.work["ld"], out["factor"], out["by_chaser"])
         return
     motion, dcm, rate, factor = out["motion"], out["dcm"], out["rate"], out["factor"]
     motion[:], dcm[:], rate[:], factor[:], apart[:] = math.nan, math.nan, math.nan, math.nan, math.nan

@@ -36,6 +36,7 @@ from relnav.navigation.blocks import MOUNTING
 from relnav.navigation.observation.marker_exchange import gates_share, is_exchanged
 from relnav.navigation.observation.marker_monitors import gather_markers, let_pass, watch_markers, watch_new_track
 from relnav.navigation.observation.marker_rows import aim_camera, has_spot
+from relnav.navigation.pose_bending import take_bends
 from relnav.navigation.pose_epoch import SETTLED_S, is_contested
 from relnav.navigation.pose_memory import MOST_POSES, PoseMemory, pose_views
 from relnav.navigation.pose_propagation import (
@@ -234,12 +235,10 @@ def _advance(m: PoseMemory, t: float) -> None:
     if (clock["running"] > 0 or clock["trial"] > 0) and (dt > 0.0 or v[0] != 0.0 or v[1] != 0.0 or v[2] != 0.0):
         prepare_step(m.step, m.motion, m.scratch, clock["t"], dt)
         body, step, scratch, orbit, at, taken = m.body, m.step, m.scratch, m.motion["orbit"], clock["t"], m.step["dt"]
-        clock["running"] = advance_bank(
-            body, step, scratch, orbit, m.bank, m.bank_sensitivities, m.bank_evidence, clock["running"], at, taken
-        )
-        clock["trial"] = advance_bank(
-            body, step, scratch, orbit, m.trial, m.trial_sensitivities, m.trial_evidence, clock["trial"], at, taken
-        )
+        by, told, bents, running = m.bank_sensitivities, m.bank_evidence, m.bents, clock["running"]
+        clock["running"] = advance_bank(body, step, scratch, orbit, m.bank, by, told, bents, running, at, taken)
+        by, told, trial = m.trial_sensitivities, m.trial_evidence, clock["trial"]
+        clock["trial"] = advance_bank(body, step, scratch, orbit, m.trial, by, told, bents[:0], trial, at, taken)
         let_pass(m, dt)
     if math.isnan(clock["begun"]):
         clock["begun"] = t
@@ -353,6 +352,7 @@ def _look(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) -> int:
     if seen == 0:
         result["status"] = PREDICTED if running else WAITING
         return NOTHING
+    take_bends(m.bank, m.bents, clock["running"])
     if running and seen >= 3 and is_wide(m.bank[0]):
         result["seen"], result["status"] = seen, PREDICTED
     elif running:

@@ -19,6 +19,7 @@ from relnav.estimation.rows import group_type
 from relnav.mission import VisionMission
 from relnav.navigation.blocks import marker_considered
 from relnav.navigation.memory import MOTION_MODEL, STEP, WATCHED, fill, watch_anew, write_motion_model
+from relnav.navigation.pose_bending import POSE_BENT
 
 SEEN = 6
 """Position and attitude: of the errors, what an image shows."""
@@ -175,6 +176,7 @@ class PoseMemory(NamedTuple):
     bank: Annotated[Record, POSE_TRACK, MOST_POSES]  # the most credible first
     trial: Annotated[Record, POSE_TRACK, MOST_POSES]
     spare: Annotated[Record, POSE_TRACK, MOST_POSES]  # scratch
+    bents: Annotated[Record, POSE_BENT, MOST_POSES]  # of the bank, since the latest image
     beaten: Annotated[Record, BEATEN, MOST_POSES]
     gate: Annotated[Vector, "2n"]  # chi-square limits
     points: Annotated[Matrix, "n", 3]  # the markers, target axes

@@ -15,6 +15,7 @@ from relnav.estimation.factored import factorize_into, time_update_into
 from relnav.estimation.lasting_evidence import fade
 from relnav.estimation.rows import copy_rows, copy_track
 from relnav.geometry.rotation_vector import rotation_vector_into
+from relnav.navigation.pose_bending import carry_pairs, draw_pairs
 from relnav.navigation.propagation import carry_state_eccentric, multiply
 
 rotate_into = rigid_body.propagate_into
@@ -146,6 +147,32 @@ def _is_forgotten(body: Record, track: Record, dt: float) -> bool:
 
 
 @kernel
+def _advance_bent(
+    body: Record, step: Record, scratch: Record, orbit: Vector, track: Record, bent: Record, t: float, dt: float
+) -> bool:
+    """`advance_pose` of a hypothesis whose bending is followed."""
+    before, ld = scratch["pose"], track["ld"]
+    reach = math.sqrt(_largest_variance(ld, THETA)) + dt * math.sqrt(_largest_variance(ld, RATE))
+    draw_pairs(body, scratch, track, bent, reach, dt)
+    for i in range(3):
+        before[3, i] = track["rate"][i]
+        for j in range(3):
+            before[i, j] = track["dcm"][i, j]
+    if not advance_pose(body, step, scratch, orbit, track, t, dt):
+        return False
+    if bent["on"] > 0:
+        carry_pairs(body, scratch, track, bent, dt)
+    return True
+
+
+@kernel
+def _copy_bent(source: Record, target: Record) -> None:
+    target["on"], target["age"] = source["on"], source["age"]
+    copy_rows(source["pairs"], target["pairs"])
+    copy_rows(source["even"], target["even"])
+
+
+@kernel
 def advance_bank(
     body: Record,
     step: Record,
@@ -154,13 +181,14 @@ def advance_bank(
     bank: Record,
     sensitivities: Stack,
     evidence: Stack,
+    bents: Record,
     count: int,
     t: float,
     dt: float,
 ) -> int:
     """Carry the hypotheses over dt, those left out of which nothing would be known; returns how many remain.
 
-    sensitivities (hypotheses, m, 12) and evidence (hypotheses, m + 1, m): of each.
+    sensitivities (hypotheses, m, 12), evidence (hypotheses, m + 1, m) and bents: of each. bents are none for a trial.
     """
     kept = 0
     share = math.exp(-dt / MEMORY_S)
@@ -170,7 +198,13 @@ def advance_bank(
                 copy_pose(bank[k], bank[kept])
                 copy_rows(sensitivities[k], sensitivities[kept])
                 copy_rows(evidence[k], evidence[kept])
-            if advance_pose(body, step, scratch, orbit, bank[kept], t, dt):
+                if bents.shape[0] > 0:
+                    _copy_bent(bents[k], bents[kept])
+            if bents.shape[0] > 0:
+                known = _advance_bent(body, step, scratch, orbit, bank[kept], bents[kept], t, dt)
+            else:
+                known = advance_pose(body, step, scratch, orbit, bank[kept], t, dt)
+            if known:
                 carry_sensitivities(scratch["phi"], sensitivities[kept])
                 bank[kept]["score"], bank[kept]["doubt"] = share * bank[kept]["score"], share * bank[kept]["doubt"]
                 if count > 1:

@@ -6,6 +6,7 @@ came after replayed. The answer is, bit for bit, that of the same events in orde
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -34,6 +35,7 @@ from relnav.navigation.arguments import (
 from relnav.navigation.blocks import marker_layout
 from relnav.navigation.memory import fill, orbit_values
 from relnav.navigation.observation.marker_poses import state_of
+from relnav.navigation.pose_bending import take_bends
 from relnav.navigation.pose_call import (
     NO_COVARIANCES,
     NO_SPOTS,
@@ -114,6 +116,10 @@ class PoseNavigator:
         """Everything but the views, which are of this memory, and by which version it is laid out."""
         return {**self.__dict__, "_named": None, "version": version("relnav")}
 
+    def __copy__(self) -> PoseNavigator:
+        """One that goes on by itself, as `copy.deepcopy` gives: what two share each of them would change."""
+        return copy.deepcopy(self)
+
     def __setstate__(self, state: dict[str, Any]) -> None:
         """As it was saved; ValueError if another version of relnav saved it."""
         refuse_another_version(state.pop("version"))
@@ -131,9 +137,10 @@ class PoseNavigator:
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """Every pose that is still possible, the most likely first."""
         if self._reference is not None:
-            found = [Hypothesis(one.state, one.rank) for one in self._reference.bank]
+            found = [Hypothesis(one.state, one.rank) for one in self._reference.believed]
         else:
-            m = self._named
+            m = pose_views(self.memory.copy())
+            take_bends(m.bank, m.bents, int(m.clock["running"]))
             tracks = zip(m.bank[: int(m.clock["running"])], m.bank_sensitivities, strict=False)
             found = [Hypothesis(state_of(one, by), float(one["score"] + one["prior"])) for one, by in tracks]
         return tuple(sorted(found, key=lambda one: one.score))
@@ -173,7 +180,7 @@ class PoseNavigator:
         m.bank_sensitivities[0] = 0.0
         fill(m.clock, t=t, begun=t, confirmed=t, renewed=t, blurred=-math.inf, doubted=-math.inf)
         fill(m.clock, running=1, trial=0, rejected=0)
-        m.beaten["t"] = -math.inf
+        m.beaten["t"], m.bents["on"], m.bents["age"] = -math.inf, 0, 0.0
         m.used_s[:] = t
         watch_markers_anew(m)
         if self._reference is not None:

@@ -12,7 +12,11 @@ import relnav
 from relnav.simulation.marker_flight import simulate_flight
 from relnav.simulation.trajectory import Approach
 
-WAYS = {"deepcopy": copy.deepcopy, "pickle": lambda navigator: pickle.loads(pickle.dumps(navigator))}
+WAYS = {
+    "copy": copy.copy,
+    "deepcopy": copy.deepcopy,
+    "pickle": lambda navigator: pickle.loads(pickle.dumps(navigator)),
+}
 
 
 @pytest.fixture(scope="module")

@@ -15,6 +15,7 @@ from relnav.navigation.blocks import MOUNTING
 from relnav.navigation.pose_filter import DROP, JOINED, JOINED_LATE, MARGIN, TELLING_SHARE
 from relnav.navigation.pose_propagation import MEMORY_S
 from relnav.navigation.pose_update import LONE_SHARE, SETTLING_S
+from relnav.navigation.reference.bending import over_a_step, with_pairs
 from relnav.navigation.reference.marker_rows import MarkerImage, MarkerOptics, PoseTrack
 from relnav.navigation.reference.motion import predict_motion, predict_rotation, rate_and_gravity
 
@@ -71,9 +72,12 @@ def turn_between(dcm: Matrix, reference: Matrix) -> Vector:
 
 
 def carried(
-    mission: VisionMission, track: PoseTrack, t_s: float, dt_s: float, push: Vector, impulse: Vector
+    mission: VisionMission, track: PoseTrack, t_s: float, dt_s: float, push: Vector, impulse: Vector, *, bends: bool
 ) -> PoseTrack | None:
-    """A hypothesis after dt from t; None if nothing is known of its attitude, or of anything, after it."""
+    """A hypothesis after dt from t; None if nothing is known of its attitude, or of anything, after it.
+
+    bends: what its turn does in second order is followed.
+    """
     variance = np.diag(track.covariance)
     drift = mission.target.rate_noise_density_rad2_s3 * dt_s**3 / 3.0
     if not variance[_TURN].max() + variance[_RATE].max() * dt_s**2 + drift <= math.pi**2:
@@ -84,6 +88,13 @@ def carried(
     if rotation is None:
         return None
     dcm, rate, turning, turn_noise = rotation
+
+    def turn(at: Matrix, fast: Vector) -> tuple[Matrix, Vector]:
+        moved = predict_rotation(inertia, orbit, at, fast, dt_s, density)
+        return (at, fast) if moved is None else moved[:2]
+
+    track = with_pairs(track, dt_s, orbit[0]) if bends else track
+    pairs, even = over_a_step(track, dcm, rate, turning, turn)
     motion, motion_noise, effect = predict_motion(mission.orbit, mission.process_noise, t_s, dt_s, push, impulse)
     phi, q = np.zeros((12, 12)), np.zeros((12, 12))
     phi[:6, :6], phi[6:, 6:], q[:6, :6], q[6:, 6:] = motion, turning, motion_noise, turn_noise
@@ -102,6 +113,9 @@ def carried(
         track.prior,
         track.added,
         _faded(track.evidence, fade),
+        pairs,
+        even,
+        track.age_s,
     )
 
 

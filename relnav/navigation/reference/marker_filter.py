@@ -38,6 +38,7 @@ from relnav.navigation.reference.bank import (
     ordered,
     turn_between,
 )
+from relnav.navigation.reference.bending import taken_into
 from relnav.navigation.reference.marker_rows import MarkerOptics, PoseTrack
 from relnav.navigation.reference.motion import step_between
 from relnav.navigation.reference.poses import Found, find_poses
@@ -94,6 +95,11 @@ class ReferencePose:
         self._used_s[:] = t_s
         self._denied[:], self._is_denied = 0, False
 
+    @property
+    def believed(self) -> list[PoseTrack]:
+        """The bank, with what has bent since the latest image."""
+        return [taken_into(track) for track in self.bank]
+
     def take(self, event: Event, out: Record, covariance: Matrix, accepted: Vector) -> None:
         """Go on to an event, the control acting until then; write what is then known (`pose_call.views_of_report`)."""
         image = Exposure(
@@ -106,6 +112,8 @@ class ReferencePose:
         seen, running = image.seen, bool(self.bank)
         if not running:
             self.rejected = 0
+        if seen > 0:
+            self.bank = self.believed
         if seen == 0:
             self.result.status = PREDICTED if running else WAITING
         elif running and seen >= 3 and _is_wide(self.bank[0]):
@@ -126,7 +134,8 @@ class ReferencePose:
         push, impulse = self._control[:3], self._control[3:]
         if t_s > self.t_s or np.any(impulse):
             for tracks in (self.bank, self.trial):
-                moved = [carried(self.mission, track, self.t_s, dt, push, impulse) for track in tracks]
+                bends = tracks is self.bank
+                moved = [carried(self.mission, one, self.t_s, dt, push, impulse, bends=bends) for one in tracks]
                 tracks[:] = [track for track in moved if track is not None]
         self.begun_s = t_s if math.isnan(self.begun_s) else self.begun_s
         self.t_s = t_s
@@ -301,7 +310,7 @@ class ReferencePose:
             return
         lead = self.bank[0]
         out["motion"], out["dcm"], out["rate"], out["by_chaser"] = lead.motion, lead.dcm, lead.rate, lead.considered[:3]
-        out["factor"] = factorize(lead.covariance + lead.considered.T @ lead.considered)[LOWER]
+        out["factor"] = factorize(taken_into(lead).covariance + lead.considered.T @ lead.considered)[LOWER]
 
     def _ambiguity(self) -> float:
         """Odds of the leading hypothesis against the next, zero at most where they do not count yet."""

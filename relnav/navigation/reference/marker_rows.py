@@ -44,6 +44,10 @@ class PoseTrack:
         others; when that was.
     evidence : (m,), (m, m) or None
         What images have told of lasting errors, by this hypothesis: mean and covariance; None: nothing.
+    pairs, even : (6, 6) or None
+        Points about attitude and rate in a gap, a column a pair, and what they have bent (`reference.bending`).
+    age_s : float
+        How long the gap lasts.
     """
 
     motion: Vector
@@ -56,6 +60,9 @@ class PoseTrack:
     prior: float = 0.0
     added: float = -np.inf
     evidence: tuple[Vector, Matrix] | None = None
+    pairs: Matrix | None = None
+    even: Matrix | None = None
+    age_s: float = 0.0
 
     @property
     def rank(self) -> float:
