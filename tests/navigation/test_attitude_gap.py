@@ -1,7 +1,7 @@
 """The target-attitude filter through long gaps on tumbling bodies of unequal moments: honest at the end of each.
 
 The truth is scipy's, as in `test_target_attitude_honesty`. After a gap what is known of the attitude is long and thin,
-and the path of the body bends: by slopes alone NEES / 6 of the first case would be 7, in one run hundreds.
+and the path of the body bends: slopes alone do not tell how far off the truth is.
 """
 
 import copy

@@ -1,7 +1,7 @@
 """The marker filter through long gaps on tumbling targets of unequal moments: honest at the end, both engines alike.
 
 The truth is scipy's: Euler's equations, the attitude a quaternion from an inertial frame; the chaser hangs still in the
-orbit before a target whose markers are seen from all sides. By slopes alone NEES / 12 of the first case would be 100.
+orbit before a target whose markers are seen from all sides.
 """
 
 import copy

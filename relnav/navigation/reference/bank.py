@@ -72,7 +72,14 @@ def turn_between(dcm: Matrix, reference: Matrix) -> Vector:
 
 
 def carried(
-    mission: VisionMission, track: PoseTrack, t_s: float, dt_s: float, push: Vector, impulse: Vector, *, bends: bool
+    mission: VisionMission,
+    track: PoseTrack,
+    t_s: float,
+    dt_s: float,
+    push: Vector,
+    impulse: Vector,
+    *,
+    bends: bool = False,
 ) -> PoseTrack | None:
     """A hypothesis after dt from t; None if nothing is known of its attitude, or of anything, after it.
 
