@@ -1,8 +1,8 @@
 """Images of which some are refused and some are used, again and again: said (NOISY), where it is more than outliers.
 
 The attitude is stated with an error that grows for a second and begins anew, as one that is stated once a second while
-the craft turns. Beacons are flown by a matrix exponential and seen by the camera of `conftest.py`, markers by
-`relnav.simulation`, which shares nothing with the filter.
+the craft turns. Beacons are flown by a matrix exponential and seen by the camera of `conftest.py`, which share nothing
+with the filter.
 """
 
 import numpy as np
@@ -11,17 +11,9 @@ from scipy.spatial.transform import Rotation
 
 import relnav
 from relnav.navigation.status import PARTIAL, REJECTED
-from relnav.simulation.marker_flight import MarkerFaults, simulate_flight
-from relnav.simulation.trajectory import Approach
 
 NOISY = int(relnav.Alarm.NOISY)
 BEGINS_S, TOLD_S = 30.0, 20.0
-FLIGHT = Approach(100.0, start_m=(8.0, 0.2, -0.2), final_range_m=6.0, assumed_noise=True)
-
-
-@pytest.fixture(scope="module")
-def mission():
-    return relnav.load_model("three_marker_vision")
 
 
 @pytest.fixture(scope="module")
@@ -71,19 +63,6 @@ def test_images_of_which_most_are_off_are_told(vbar, seen, method):
     is_told(t, relnav.filter_epochs(vbar, t, spots, method=method))
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_markers_with_an_attitude_in_steps_are_told(mission, seed):
-    flight = simulate_flight(mission, FLIGHT, seed=seed)
-    stated = stepwise(flight.t_s, mission.dcm_chaser_from_lvlh, 0.15).as_matrix()
-    accelerations = flight.acceleration_m_s2
-    is_told(
-        flight.t_s,
-        relnav.filter_marker_epochs(
-            mission, flight.t_s, flight.spots_px, acceleration_m_s2=accelerations, dcm_chaser_from_lvlh=stated
-        ),
-    )
-
-
 @pytest.mark.parametrize("outliers", [0.0, 0.02, 0.1])
 @pytest.mark.parametrize("dark", [None, 2])
 @pytest.mark.parametrize("method", ["fix", "spots"])
@@ -102,16 +81,6 @@ def test_outliers_of_one_in_ten_raise_nothing(vbar, seen, method, dark, outliers
     whole = np.isfinite(spots).all(axis=(1, 2)) if method == "fix" else np.full(len(t), True)
     refused = np.isin(solution.status, (PARTIAL, REJECTED))
     assert refused.sum() == pytest.approx((glint.any(axis=1) & whole).sum(), abs=10)
-    assert not (solution.alarm & NOISY).any()
-
-
-@pytest.mark.parametrize("outliers", [0.05, 0.1])
-def test_nor_do_they_of_markers(mission, outliers):
-    flight = simulate_flight(mission, FLIGHT, MarkerFaults(outliers=outliers), seed=4)
-    solution = relnav.filter_marker_epochs(
-        mission, flight.t_s, flight.spots_px, acceleration_m_s2=flight.acceleration_m_s2
-    )
-    assert np.isin(solution.status, (PARTIAL, REJECTED)).mean() > 2.0 * outliers
     assert not (solution.alarm & NOISY).any()
 
 

@@ -29,9 +29,8 @@ from relnav.estimation.monitors import (
     watch_start,
     write_alarm,
 )
-from relnav.estimation.refusals import BAD_SPOTS, count_refusals, forget_refusals
 from relnav.estimation.repeated_reading import LEAST_MOTION, repeats
-from relnav.estimation.returning import LONG_S, note_pair, returns_wrong
+from relnav.estimation.returning import note_pair, returns_wrong
 from relnav.estimation.rows import pair_covariance
 from relnav.navigation.observation.marker_rows import has_spot, new_noise
 from relnav.navigation.observation.marker_witness import ask_witness, call_witness, remember
@@ -203,17 +202,6 @@ def _comes_back(m: PoseMemory, spots: Matrix, dt: float) -> bool:
 
 
 @kernel
-def _count_refusals(m: PoseMemory, spots: Matrix, dt: float) -> None:
-    """Count which spots are refused, those left out that have been for long."""
-    seen, refused = 0, 0
-    for i in range(m.spots.shape[0]):
-        if has_spot(spots, i) and m.spots[i]["refused"] <= LONG_S:
-            seen, refused = seen + 1, refused + (1 if m.accepted[i] == 0.0 else 0)
-    if seen > 0:
-        count_refusals(m.watch, dt, refused / seen, float(seen), BAD_SPOTS, True)
-
-
-@kernel
 def _is_stuck(m: PoseMemory, spots: Matrix, dt: float) -> tuple[bool, bool]:
     """Whether a spot reads the same though it should have moved, by a tenth of its noise; whether one that is used."""
     stuck, pulls = False, False
@@ -230,7 +218,6 @@ def watch_markers(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) ->
     watch, clock = m.watch, m.clock
     dt, before = t - clock["watched"], watch["on"]
     note_image(watch, True)
-    _count_refusals(m, spots, dt)
     clock["watched"] = t
     if m.result["used"] > 0:
         gap = t - clock["used"]
@@ -265,8 +252,6 @@ def watch_new_track(m: PoseMemory, again: bool) -> None:
     stays, and the witness.
     """
     watch, clock = m.watch, m.clock
-    if not again:
-        forget_refusals(watch)
     clock["watched"], clock["used"], clock["leader"], clock["usurped"] = (
         clock["t"],
         clock["t"],
