@@ -162,8 +162,14 @@ def docking_error(estimate, true):
     return np.concatenate([*moved[:2], turned, moved[2]])
 
 
+def believed(mission, sigma_rad):
+    """The mission with this 1-sigma of the chaser's attitude, none of it new at every image."""
+    chaser = dataclasses.replace(mission.chaser, attitude_sigma_rad=sigma_rad, attitude_noise_rad=0.0)
+    return dataclasses.replace(mission, chaser=chaser)
+
+
 def test_docking_covariance_by_the_attitude_of_the_target(mission, scene, truth, docking_of):
-    covariance = np.zeros((12, 12))
+    mission, covariance = believed(mission, 0.0), np.zeros((12, 12))
     covariance[6:9, 6:9] = SMALL**2 * np.diag([1.0, 2.0, 3.0])
     own = np.array([0.003, -0.004, 0.002])
     estimate = docking_of(pose_state(scene, covariance), mission, scene[0], own)
@@ -178,7 +184,7 @@ def test_docking_covariance_by_the_attitude_of_the_target(mission, scene, truth,
 
 
 def test_docking_covariance_by_the_attitude_of_the_chaser(mission, scene, truth, docking_of):
-    mission = dataclasses.replace(mission, chaser=dataclasses.replace(mission.chaser, attitude_sigma_rad=SMALL))
+    mission = believed(mission, SMALL)
     state, own = pose_state(scene, np.zeros((12, 12))), np.array([0.003, -0.004, 0.002])
     estimate = docking_of(state, mission, scene[0], own)
     by_alpha = truth.derivative(
