@@ -31,7 +31,7 @@ class Consistency:
         Sum over its degrees of freedom; 1 if the covariance is correct, more if it is too small.
     lower, upper : float
         Interval that contains `ratio` with `probability` if the covariance is correct and the terms are independent;
-        NaN where there is none, and no verdict with it: `consistent` and `overconfident` are both False.
+        NaN where there is none, and no verdict by it: `consistent` is then False, `overconfident` as `correlated`.
     dof : int
         Degrees of freedom summed.
     probability : float
@@ -62,8 +62,11 @@ class Consistency:
 
     @property
     def overconfident(self) -> bool:
-        """Whether the ratio exceeds the interval, a fault; below it errors are smaller than the model states."""
-        return self.ratio > self.upper
+        """Whether the ratio exceeds the interval, or innovations are correlated: the covariance is too small.
+
+        Below the interval errors are smaller than the model states.
+        """
+        return self.ratio > self.upper or self.correlated
 
     def __str__(self) -> str:
         """One sentence: figure, interval, verdict."""
@@ -76,8 +79,7 @@ class Consistency:
         untold = self.quantity == "NIS" and math.isnan(self.correlation)
         smaller = SMALLER_OR_COLOURED if untold else SMALLER
         verdict = "overconfident" if self.overconfident else "consistent" if self.consistent else smaller
-        if self.correlated:
-            verdict = f"overconfident: {coloured}"
+        verdict += f": {coloured}" if self.correlated else ""
         return (
             f"{self.quantity} per degree of freedom {self.ratio:.3f}, "
             f"{100 * self.probability:g} % interval [{self.lower:.3f}, {self.upper:.3f}]: {verdict}"

@@ -120,7 +120,7 @@ def _epoch_tiles(view: RunView) -> list[str]:
         note, verdict = ("not to be used", "bad") if view.ambiguous else fine
         tiles.append(tile("epochs with an ambiguous pose", str(view.ambiguous), note, verdict))
     if view.nis.dof:
-        verdict = "" if view.nis.withheld else "bad" if view.nis.overconfident else "good"
+        verdict = "bad" if view.nis.overconfident else "" if view.nis.withheld else "good"
         said = str(view.nis).partition(", ")[2]
         tiles.append(tile("NIS per degree of freedom", f"{view.nis.ratio:.3f}", said, verdict))
     return tiles

@@ -67,7 +67,7 @@ def test_errors_that_are_alike_from_image_to_image() -> None:
         told = nis_consistency(*honest(scale), lasting=lasting, neighbours=alike)
         assert told.correlated
         assert not told.consistent
-        assert not told.overconfident
+        assert told.overconfident
         assert words in str(told)
     wide = nis_consistency(*honest(1.0 / 3.0), neighbours=alike)  # three times the variance is stated
     assert not wide.correlated

@@ -56,6 +56,33 @@ def test_hostile_words_stay_words(page):
     assert words("a\u202eb\x1b[2J") == "a\\u202eb\\x1b[2J"
 
 
+def test_errors_alike_from_image_to_image_are_no_good_news(tmp_path):
+    """NIS is below its interval, which alone would be harmless; of white noise it is."""
+    rng, noise, tiles = np.random.default_rng(2), np.zeros(6), []
+    head = ",".join(["t_s", *(f"spot_{one}_{axis}_um" for one in "abc" for axis in "xy")])
+    for keep in (0.0, 0.9):
+        rows = []
+        for k in range(400):
+            noise = keep * noise + 8.0 * (1.0 - keep**2) ** 0.5 * rng.normal(size=6)
+            rows.append(",".join([f"{0.1 * k:.1f}", *map(str, np.array([-1500, 0, 1500, 0, 0, 0]) + noise)]))
+        (tmp_path / "log.csv").write_text("\n".join([head, *rows]) + "\n")
+        said = [
+            "report",
+            tmp_path / "log.csv",
+            "--model",
+            "three_beacon_psd",
+            "--out",
+            tmp_path / "run.html",
+            "--quiet",
+        ]
+        assert relnav.cli.run(list(map(str, said))) == 0
+        text = (tmp_path / "run.html").read_text(encoding="utf-8")
+        tiles.append(next(part for part in text.split('<div class="tile') if "NIS per degree of freedom" in part))
+    assert "errors smaller than stated, no fault" in tiles[0]
+    assert "overconfident: errors are alike from image to image" in tiles[1]
+    assert ['class="bad"' in tile for tile in tiles] == [False, True]
+
+
 def test_the_page_needs_nothing_else(page):
     outside = re.sub(r"<script>.*?</script>|<footer>.*?</footer>", "", page, flags=re.S)
     assert not re.search(r"(src|href)\s*=\s*[\"']?(https?:)?//", outside)
