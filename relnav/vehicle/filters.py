@@ -276,6 +276,8 @@ class VehicleFilters:
         if source == THRUST:
             return at._replace(command_m_s2=value), []
         sensor = self.sensors[source]
+        if isinstance(sensor, PointSensor):
+            at = at._replace(pivot=sensor.pivot(value))
         if at.values is before.values:  # the same arrays, though the gyro may be lost since
             at = at.copied()
         hidden = [self._without[source]] if self._without else []

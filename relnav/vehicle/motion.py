@@ -164,7 +164,7 @@ class VehicleMotion:
 
     def _step(self, at: Estimates, samples: GyroSamples, t_s: float) -> Estimates:
         """All from at.t_s to t_s in one piece."""
-        begin_s, values, target, chaser, covariance, _, lights, command, lost, drift = at
+        begin_s, values, target, chaser, covariance, _, lights, pivot, command, lost, drift = at
         drift = drift.copy() if self._watched >= 0 else drift
         if self._without >= 0:
             self._held[0, 1:] = self.frame.held_rate(self._chaser, 0.5 * (begin_s + t_s))
@@ -198,7 +198,7 @@ class VehicleMotion:
             rate = np.linalg.norm(at.values[:, TARGET_RATE], axis=1).max()
             raise ValueError(f"the target's rate, {rate:.3g} rad/s, is no longer known: start anew")
         frame = self._scratch["frame"].copy()
-        new = Estimates(t_s, values, target, chaser, after, frame, lights, command, lost, drift)
+        new = Estimates(t_s, values, target, chaser, after, frame, lights, pivot, command, lost, drift)
         if self.on_step is not None:
             F: Matrix = self._scratch["F"]
             if self._is_off:

@@ -21,9 +21,10 @@ from relnav.sensors.three_marker.camera import normalise_spot, usable_covariance
 from relnav.sensors.three_marker.pose import explaining_poses
 from relnav.sensors.three_marker.sensor import MarkerCamera
 from relnav.spacecraft import Vehicle
-from relnav.vehicle.layout import places_of_lights
+from relnav.vehicle.layout import lights_of, places_of_lights
 from relnav.vehicle.light_rows import GEOMETRY, OPTICS, light_rows_into, spots_inside_into
 from relnav.vehicle.orbit_frame import OrbitFrame
+from relnav.vehicle.pivot import WEIGHTS, pivot_into
 from relnav.vehicle.rows import Rows, empty_rows
 from relnav.vehicle.state import Estimates
 
@@ -59,7 +60,7 @@ class PointSensor:
         )
         for kind in ("mount", "lever", "focal"):
             self._optics[kind] = layout.by_name[f"{name}.{kind}"].start
-        self._lights = places_of_lights(layout, vehicle, name)
+        self._lights, self._all_lights = places_of_lights(layout, vehicle, name), lights_of(layout)
 
     def taken(self, value: ArrayLike, covariance: ArrayLike | None) -> tuple[Vector, Matrix]:
         """A caller's spots (n, 2) as numbers, flat, and their noise (2 n, 2 n).
@@ -112,6 +113,12 @@ class PointSensor:
             rows.noise,
         )
         return rows
+
+    def pivot(self, spots: Vector) -> Vector:
+        """The pivot (3 + l,) of spots (2 n,), of which one at least is not NaN (`relnav.vehicle.pivot`)."""
+        out = np.empty(WEIGHTS + len(self._all_lights))
+        pivot_into(self._points, self._lights, self._all_lights, spots, out)
+        return out
 
     def poses(self, at: Estimates, spots: Vector, noise: Matrix) -> list[tuple[Matrix, Vector]]:
         """Every pose that explains spots (2 n,) of three lights or more.

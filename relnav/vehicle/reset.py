@@ -31,6 +31,14 @@ from relnav.vehicle.layout import (
     TARGET_RATE,
     VELOCITY,
 )
+from relnav.vehicle.pivot import (
+    change_about_lights,
+    lever_into,
+    mean_place_into,
+    move_about_lights,
+    pivot_scratch,
+    row_about_lights,
+)
 from relnav.vehicle.retraction import LEAST_SHARE, find_turn, path_feels, retraction_scratch, turned_into
 
 TURNS = 6
@@ -52,6 +60,7 @@ def reset_scratch(n: int) -> Record:
         ("turns", np.float64, (TURNS, n)),
         ("carried", np.float64, (TURNS, n)),
         *retraction_scratch(n),
+        *pivot_scratch(n),
     ]
     scratch = np.zeros(1, np.dtype(fields))
     scratch["unit"] = np.eye(3)
@@ -155,6 +164,26 @@ def is_felt(
 
 
 @kernel
+def is_pivot_felt(
+    P: Matrix, correction: Vector, values: Vector, target: Matrix, chaser: Matrix, frame: Matrix, scratch: Record
+) -> bool:
+    """Whether what a turn about the lights adds is LEAST_SHARE of what is known of the position; p, s phi in scratch.
+
+    P (n, n), correction and values (n,), both attitudes (3, 3) of the estimate before it.
+    """
+    middle, phi = scratch["middle"], scratch["phi"]
+    length2 = middle[0] * middle[0] + middle[1] * middle[1] + middle[2] * middle[2]
+    turn2, most, more = 0.0, 0.0, 0.0
+    for i in range(3):
+        C = target[i]
+        psi = C[0] * correction[_TARGET] + C[1] * correction[_TARGET + 1] + C[2] * correction[_TARGET + 2] - phi[i]
+        turn2 += psi * psi
+        most, more = max(most, P[_TARGET + i, _TARGET + i]), max(more, P[_CHASER + i, _CHASER + i])
+    shift2 = turn2 * length2 * max(0.25 * turn2, most + more)
+    return bool(shift2 > 0.0 and path_feels(P, values, _POSITION, shift2, chaser, frame, scratch))
+
+
+@kernel
 def _length2(moved: Vector, at: int) -> float:
     """Square of the length of three components from `at` on."""
     return float(moved[at] * moved[at] + moved[at + 1] * moved[at + 1] + moved[at + 2] * moved[at + 2])
@@ -231,19 +260,24 @@ def refer_rows_into(
     new_chasers: Stack,
     frame: Matrix,
     lights: Codes,
+    pivot: Vector,
     scratch: Record,
 ) -> None:
     """Replace rows H (k, m, n) of k filters, about corrected estimates, by rows about the errors before: H G.
 
-    corrections, values before (k, n); the rest as of `change_into`, one of each a filter; scratch (1,) of
-    `reset_scratch`.
+    corrections, values before (k, n); pivot (3 + l,) (`pivot`); the rest as of `change_into`, one of each a filter;
+    scratch (1,) of `reset_scratch`.
     """
     own = scratch[0]
     change, total, turn, moved = own["change"], own["to_lvlh"][0:2], own["turn"], own["moved"]
     for f in range(len(H)):
         find_turn(corrections[f], values[f], chasers[f], frame, own)
         turned_into(corrections[f], values[f], own)
+        mean_place_into(values[f], lights, pivot, own["middle"])
+        lever_into(corrections[f], targets[f], new_targets[f], own)
+        move_about_lights(corrections[f], lights, pivot, own, moved)
         change_into(moved, True, targets[f], chasers[f], new_targets[f], new_chasers[f], frame, lights, own)
+        change_about_lights(own)
         for i in range(H.shape[1]):
             row = H[f, i]
             for k in range(3):
@@ -255,6 +289,7 @@ def refer_rows_into(
             for k in range(3):
                 row[_TARGET + k] += total[0, k]
                 row[_CHASER + k] += total[1, k]
+            row_about_lights(row, lights, pivot, own)
             for at in (_POSITION, _VELOCITY):
                 x, y, z = row[at], row[at + 1], row[at + 2]
                 for k in range(3):

@@ -13,20 +13,21 @@ After an image rho is phi x r and little more: s is 1, and r and u keep their co
 path and attitude are not correlated s is near 0, and corrections add. Both are the same to first order, so that rows
 and gains need not know of it; the covariance of rho - phi x r and v - phi x u turns with R (`reset`).
 
-The target's own correction does not turn the path. In the target's axes images tell it less well than in the chaser's,
-by the ratio of the distance to the size of the pattern. Lights and the target's rate are corrected by addition: what
+The target's own correction does not turn the path but about the lights that were seen (`pivot`). In the target's axes
+images tell it less well than in the chaser's, by the ratio of the distance to the size of the pattern. Lights and the target's rate are corrected by addition: what
 images leave free is a turn of the lights by no more than the angle to which they are placed, a hundredth, and half its
 square of their distances is less than a hundredth of their sigma.
 """
 
 import numpy as np
 
-from relnav.arrays import Matrix, Record, Vector
+from relnav.arrays import Codes, Matrix, Record, Vector
 from relnav.codegen.kernel import entry, kernel
 from relnav.dynamics.error_state import MOTION
 from relnav.geometry.linear_algebra import cross_into, invert_three
 from relnav.geometry.rotation_vector import rotation_vector_into, turn_by_rotation_vector
 from relnav.vehicle.layout import CHASER_ATTITUDE, GYRO_BIAS, POSITION, TARGET_ATTITUDE, VELOCITY
+from relnav.vehicle.pivot import lever_into, mean_place_into, move_about_lights
 
 LEAST_SHARE = 1e-3
 """Of a sigma: what moves no error by more than this share of its own is left out."""
@@ -171,23 +172,34 @@ def correction_into(
     new_target: Matrix,
     new_chaser: Matrix,
     frame: Matrix,
+    lights: Codes,
+    pivot: Vector,
     scratch: Record,
     out: Vector,
 ) -> None:
-    """Write the correction (n,) that leads from one estimate to another, and R into scratch.
+    """Write the correction (n,) that leads from one estimate to another, and into scratch R, p and D (`pivot`).
 
-    values (n,), both attitudes (3, 3), dcm_lvlh_from_target and dcm_inertial_from_chaser, of both of them.
+    values (n,), both attitudes (3, 3), dcm_lvlh_from_target and dcm_inertial_from_chaser, of both of them; lights (l,),
+    pivot (3 + l,).
     """
     own, across, phi, turn = scratch["own"], scratch["across"], scratch["phi"], scratch["turn"]
+    added = scratch["moved"]
     for i in range(len(out)):
         out[i] = new_values[i] - values[i]
     rotation_vector_into(new_target, target, out[_TARGET : _TARGET + 3])
     rotation_vector_into(new_chaser, chaser, out[_CHASER : _CHASER + 3])
+    mean_place_into(values, lights, pivot, scratch["middle"])
     for _ in range(PASSES):
         find_turn(out, values, chaser, frame, scratch)
         turn_by_rotation_vector(scratch["unit"], phi, turn)
+        lever_into(out, target, new_target, scratch)
+        for i in range(MOTION):
+            added[i] = 0.0
+        move_about_lights(out, lights, pivot, scratch, added)
         for at in (_POSITION, _VELOCITY):
             cross_into(phi, values[at : at + 3], across)
             for i in range(3):
-                own[i] = turn[0, i] * new_values[at] + turn[1, i] * new_values[at + 1] + turn[2, i] * new_values[at + 2]
+                own[i] = 0.0
+                for c in range(3):
+                    own[i] += turn[c, i] * (new_values[at + c] - added[at + c])
                 out[at + i] = own[i] - values[at + i] + across[i]

@@ -18,7 +18,15 @@ from relnav.spacecraft import Vehicle
 from relnav.vehicle.drift_sums import no_sums
 from relnav.vehicle.layout import CHASER_ATTITUDE, POSITION, TARGET_ATTITUDE, TARGET_RATE, VELOCITY, lights_of
 from relnav.vehicle.orbit_frame import OrbitFrame
-from relnav.vehicle.reset import change_into, is_felt, refer_into, reset_scratch
+from relnav.vehicle.pivot import (
+    change_about_lights,
+    lever_into,
+    mean_place_into,
+    move_about_lights,
+    no_pivot,
+    refer_about_lights,
+)
+from relnav.vehicle.reset import change_into, is_felt, is_pivot_felt, refer_into, reset_scratch
 from relnav.vehicle.retraction import bends, correction_into, find_turn, turned_into
 
 _TARGET, _CHASER = TARGET_ATTITUDE.start, CHASER_ATTITUDE.start
@@ -33,11 +41,13 @@ def correct_one(
     correction: Vector,
     frame: Matrix,
     lights: Codes,
+    pivot: Vector,
     scratch: Record,
 ) -> None:
     """Take a correction (n,) into values (n,), both attitudes (3, 3) and P (n, n), in place.
 
-    frame (3, 3): dcm_lvlh_from_inertial; lights (l,): where the errors of each begin; scratch of `reset_scratch`.
+    frame (3, 3): dcm_lvlh_from_inertial; lights (l,): where the errors of each begin; pivot (3 + l,), of those seen
+    last; scratch of `reset_scratch`.
     """
     new, moved = scratch["attitudes"], scratch["moved"]
     turn_by_rotation_vector(target, correction[_TARGET : _TARGET + 3], new[0])
@@ -46,18 +56,29 @@ def correct_one(
     turned = bends(P, values, angle2, chaser, frame, scratch)
     if turned:
         turned_into(correction, values, scratch)
-        change_into(moved, True, target, chaser, new[0], new[1], frame, lights, scratch)
-        refer_into(P, True, scratch)
+    else:
+        for i in range(len(values)):
+            moved[i] = correction[i]
+        for i in range(3):
+            scratch["phi"][i] = 0.0
+            for c in range(3):
+                scratch["turn"][i, c] = scratch["unit"][i, c]
+    mean_place_into(values, lights, pivot, scratch["middle"])
+    about_lights = is_pivot_felt(P, correction, values, target, chaser, frame, scratch)
+    if about_lights:
+        lever_into(correction, target, new[0], scratch)
+        move_about_lights(correction, lights, pivot, scratch, moved)
+    if turned or about_lights or is_felt(P, moved, values, chaser, frame, lights, scratch):
+        change_into(moved, turned, target, chaser, new[0], new[1], frame, lights, scratch)
+        if about_lights:
+            change_about_lights(scratch)
+            refer_about_lights(P, lights, pivot, scratch)
+        refer_into(P, turned, scratch)
+    if turned:
         for i in range(MOTION):
             values[i] = scratch["path"][i]
-        for i in range(len(values)):
-            values[i] += moved[i]
-    else:
-        if is_felt(P, correction, values, chaser, frame, lights, scratch):
-            change_into(correction, False, target, chaser, new[0], new[1], frame, lights, scratch)
-            refer_into(P, False, scratch)
-        for i in range(len(values)):
-            values[i] += correction[i]
+    for i in range(len(values)):
+        values[i] += moved[i]
     for i in range(3):
         values[_TARGET + i] = values[_CHASER + i] = 0.0
         for c in range(3):
@@ -73,11 +94,12 @@ def correct_into(
     corrections: Matrix,
     frame: Matrix,
     lights: Codes,
+    pivot: Vector,
     scratch: Record,
 ) -> None:
     """Take corrections (k, n) into k estimates, in place: as `correct_one`."""
     for f in range(len(values)):
-        correct_one(values[f], targets[f], chasers[f], P[f], corrections[f], frame, lights, scratch[0])
+        correct_one(values[f], targets[f], chasers[f], P[f], corrections[f], frame, lights, pivot, scratch[0])
 
 
 class VehicleState(NamedTuple):
@@ -133,6 +155,8 @@ class Estimates(NamedTuple):
         dcm_lvlh_from_inertial at t_s.
     lights : (l,)
         Where in the layout the three errors of each light begin.
+    pivot : (3 + l,)
+        The lights of the last image, about which corrections turn the target (`pivot`).
     command_m_s2 : (3,)
         To the thrusters, chaser axes.
     lost : Lost or None
@@ -148,6 +172,7 @@ class Estimates(NamedTuple):
     covariance: Stack
     frame: Matrix
     lights: Codes
+    pivot: Vector
     command_m_s2: Vector
     lost: Lost | None
     drift: Matrix
@@ -189,7 +214,7 @@ class Estimates(NamedTuple):
         """That correction, and scratch with the turn of the path in it."""
         out, scratch = np.empty_like(values), reset_scratch(len(values))[0]
         new = self.values[0], self.dcm_lvlh_from_target[0], self.dcm_inertial_from_chaser[0]
-        correction_into(values, target, chaser, *new, self.frame, scratch, out)
+        correction_into(values, target, chaser, *new, self.frame, self.lights, self.pivot, scratch, out)
         return out, scratch
 
     def referred(self, values: Vector, dcm_lvlh_from_target: Matrix, dcm_inertial_from_chaser: Matrix) -> "Estimates":
@@ -202,7 +227,11 @@ class Estimates(NamedTuple):
         scratch["moved"] = values - own
         scratch["moved"][:MOTION] = values[:MOTION] - scratch["path"]
         here = self.dcm_lvlh_from_target[0], self.dcm_inertial_from_chaser[0]
+        mean_place_into(own, self.lights, self.pivot, scratch["middle"])
+        scratch["lever"] = other[0] - back @ here[0]
         change_into(scratch["moved"], True, *here, *other, self.frame, self.lights, scratch)
+        change_about_lights(scratch)
+        refer_about_lights(new.covariance[0], self.lights, self.pivot, scratch)
         refer_into(new.covariance[0], True, scratch)
         return new
 
@@ -211,7 +240,7 @@ class Estimates(NamedTuple):
         new = self.copied()
         attitudes = new.dcm_lvlh_from_target, new.dcm_inertial_from_chaser
         scratch = reset_scratch(new.values.shape[1])
-        correct_into(new.values, *attitudes, new.covariance, corrections, new.frame, new.lights, scratch)
+        correct_into(new.values, *attitudes, new.covariance, corrections, new.frame, new.lights, new.pivot, scratch)
         return new
 
 
@@ -233,6 +262,7 @@ def start_state(
         covariance=np.stack([layout.prior for layout in layouts]),
         frame=frame.dcm_lvlh_from_inertial(t_s),
         lights=lights_of(layouts[0]),
+        pivot=no_pivot(lights_of(layouts[0])),
         command_m_s2=np.zeros(3),
         lost=None,
         drift=no_sums(layouts[0].size, drifting),

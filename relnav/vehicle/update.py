@@ -70,6 +70,7 @@ def take_into(
     told: Matrix,
     frame: Matrix,
     lights: Codes,
+    pivot: Vector,
     scratch: Record,
     work: Matrix,
     places: Codes,
@@ -105,7 +106,7 @@ def take_into(
             take_drifts(H[f], believed, work, places, wide, drift, drift_rows)
         _gains_into(gains, P[f])
         if not wide:
-            correct_one(values[f], targets[f], chasers[f], P[f], corrections[f], frame, lights, scratch[0])
+            correct_one(values[f], targets[f], chasers[f], P[f], corrections[f], frame, lights, pivot, scratch[0])
     return again
 
 
@@ -200,6 +201,7 @@ class Updater:
             told,
             at.frame,
             at.lights,
+            at.pivot,
             self._reset,
             *self._scratch,
             self._watched,
@@ -232,6 +234,7 @@ class Updater:
                 there.dcm_inertial_from_chaser,
                 at.frame,
                 at.lights,
+                at.pivot,
                 self._reset,
             )
             given = rows.residual, rows.jacobian, rows.noise
@@ -239,4 +242,4 @@ class Updater:
                 prior, self._considered, *given, self._chosen, at.covariance, corrections, told, again, *self._scratch
             )
         numbers = at.values, at.dcm_lvlh_from_target, at.dcm_inertial_from_chaser, at.covariance
-        correct_into(*numbers, corrections, at.frame, at.lights, self._reset)
+        correct_into(*numbers, corrections, at.frame, at.lights, at.pivot, self._reset)

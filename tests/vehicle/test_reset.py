@@ -165,6 +165,7 @@ def test_rows_referred(odd_state):
         new.dcm_inertial_from_chaser,
         odd_state.frame,
         odd_state.lights,
+        odd_state.pivot,
         reset_scratch(n),
     )
     np.testing.assert_allclose(told[0], H[0] @ G, atol=1e-12 * np.abs(told).max())
