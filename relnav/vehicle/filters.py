@@ -276,12 +276,11 @@ class VehicleFilters:
         if source == THRUST:
             return at._replace(command_m_s2=value), []
         sensor = self.sensors[source]
-        if isinstance(sensor, PointSensor):
-            at = at._replace(pivot=sensor.pivot(value))
         if at.values is before.values:  # the same arrays, though the gyro may be lost since
             at = at.copied()
         hidden = [self._without[source]] if self._without else []
-        return at, self._updater.take(at, lambda estimates: hide(sensor.rows(estimates, value, noise), hidden))
+        outcomes = self._updater.take(at, lambda estimates: hide(sensor.rows(estimates, value, noise), hidden))
+        return sensor.pivoted(at, value, outcomes) if isinstance(sensor, PointSensor) else at, outcomes
 
     def _searched(self, search: Search, event: Event) -> tuple[Search, list[Outcome]]:
         """What an event makes of a start that is not over, and what became of it in the best hypothesis."""

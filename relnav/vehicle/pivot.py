@@ -2,8 +2,8 @@
 
 One light tells three errors of a place, and no turn of the target about it: its middle is where it was, and the path to
 the target's own centre goes with the turn psi, in `lvlh_ccsds`, by psi x C p. The direction of that is another one
-about each estimate C of the target's attitude. A filter that corrects path and attitude by addition takes the difference
-for a measurement, image by image, and believes in the end that it knows an attitude which nothing told.
+about each estimate C of the target's attitude. A filter that corrects path and attitude by addition takes the
+difference for a measurement, image by image, and believes in the end that it knows an attitude which nothing told.
 
 So what an image told is where the mean of its lights is seen: p in the target, with m the error of that place. With the
 errors of `reset`, this is the same about both estimates, told in axes that turn by R with the path (`retraction`):
@@ -19,8 +19,8 @@ and a correction with psi of the target, s phi shared by the path, and m of the 
 
     r_new = R (r + rho - s phi x r) + D (p + m) - R ((psi - s phi) x C p)
 
-Any p is true to first order. That of the last image is taken, as it is of all its lights where many are seen, which
-tell the attitude.
+Any p is true to first order. That of the image before is taken, of all its lights where many are seen: it is what is
+known when an image, or the whole of what comes later, corrects the estimate, be it of other lights and by degrees.
 """
 
 import numpy as np

@@ -11,6 +11,8 @@ Spots are f X / Z and f Y / Z, with a camera's distortion; a focal length off by
 distance from the principal point.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -27,6 +29,7 @@ from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.pivot import WEIGHTS, pivot_into
 from relnav.vehicle.rows import Rows, empty_rows
 from relnav.vehicle.state import Estimates
+from relnav.vehicle.update import Outcome
 
 LEAST_LIGHTS = 3
 """From which an attitude follows, up to four of them."""
@@ -61,6 +64,7 @@ class PointSensor:
         for kind in ("mount", "lever", "focal"):
             self._optics[kind] = layout.by_name[f"{name}.{kind}"].start
         self._lights, self._all_lights = places_of_lights(layout, vehicle, name), lights_of(layout)
+        self._whole = np.stack([self.pivot(np.zeros(2 * len(self._points)))] * filters)
 
     def taken(self, value: ArrayLike, covariance: ArrayLike | None) -> tuple[Vector, Matrix]:
         """A caller's spots (n, 2) as numbers, flat, and their noise (2 n, 2 n).
@@ -119,6 +123,15 @@ class PointSensor:
         out = np.empty(WEIGHTS + len(self._all_lights))
         pivot_into(self._points, self._lights, self._all_lights, spots, out)
         return out
+
+    def pivoted(self, at: Estimates, spots: Vector, outcomes: Sequence[Outcome]) -> Estimates:
+        """The same after spots (2 n,), of which this became in each filter, about what it believed (`pivot`)."""
+        new, count = self._whole, len(self._points)
+        for outcome in outcomes:
+            if outcome.used != count:
+                new = np.where([[one.used > 0] for one in outcomes], self.pivot(spots), at.pivot)
+                break
+        return at if new is at.pivot else at._replace(pivot=new)
 
     def poses(self, at: Estimates, spots: Vector, noise: Matrix) -> list[tuple[Matrix, Vector]]:
         """Every pose that explains spots (2 n,) of three lights or more.

@@ -260,12 +260,12 @@ def refer_rows_into(
     new_chasers: Stack,
     frame: Matrix,
     lights: Codes,
-    pivot: Vector,
+    pivot: Matrix,
     scratch: Record,
 ) -> None:
     """Replace rows H (k, m, n) of k filters, about corrected estimates, by rows about the errors before: H G.
 
-    corrections, values before (k, n); pivot (3 + l,) (`pivot`); the rest as of `change_into`, one of each a filter;
+    corrections, values before (k, n); pivot (k, 3 + l) (`pivot`); the rest as of `change_into`, one of each a filter;
     scratch (1,) of `reset_scratch`.
     """
     own = scratch[0]
@@ -273,9 +273,9 @@ def refer_rows_into(
     for f in range(len(H)):
         find_turn(corrections[f], values[f], chasers[f], frame, own)
         turned_into(corrections[f], values[f], own)
-        mean_place_into(values[f], lights, pivot, own["middle"])
+        mean_place_into(values[f], lights, pivot[f], own["middle"])
         lever_into(corrections[f], targets[f], new_targets[f], own)
-        move_about_lights(corrections[f], lights, pivot, own, moved)
+        move_about_lights(corrections[f], lights, pivot[f], own, moved)
         change_into(moved, True, targets[f], chasers[f], new_targets[f], new_chasers[f], frame, lights, own)
         change_about_lights(own)
         for i in range(H.shape[1]):
@@ -289,7 +289,7 @@ def refer_rows_into(
             for k in range(3):
                 row[_TARGET + k] += total[0, k]
                 row[_CHASER + k] += total[1, k]
-            row_about_lights(row, lights, pivot, own)
+            row_about_lights(row, lights, pivot[f], own)
             for at in (_POSITION, _VELOCITY):
                 x, y, z = row[at], row[at + 1], row[at + 2]
                 for k in range(3):

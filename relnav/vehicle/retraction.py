@@ -14,9 +14,9 @@ path and attitude are not correlated s is near 0, and corrections add. Both are 
 and gains need not know of it; the covariance of rho - phi x r and v - phi x u turns with R (`reset`).
 
 The target's own correction does not turn the path but about the lights that were seen (`pivot`). In the target's axes
-images tell it less well than in the chaser's, by the ratio of the distance to the size of the pattern. Lights and the target's rate are corrected by addition: what
-images leave free is a turn of the lights by no more than the angle to which they are placed, a hundredth, and half its
-square of their distances is less than a hundredth of their sigma.
+images tell it less well than in the chaser's, by the ratio of the distance to the size of the pattern. Lights and the
+target's rate are corrected by addition: what images leave free is a turn of the lights by no more than the angle to
+which they are placed, a hundredth, and half its square of their distances is less than a hundredth of their sigma.
 """
 
 import numpy as np

@@ -321,6 +321,7 @@ def _combine_into(P: Matrix, Q: Matrix, later: Matrix, G: Matrix, rest: Matrix, 
 def step_back(step: Step, later: Estimates) -> Estimates:
     """Smoothed estimates of one filter before a step, from those after it."""
     before, n = step.before, later.values.shape[1]
+    later = later._replace(pivot=before.pivot)
     P, P_later = before.of(0).covariance, later.referred(step.values, *step.attitudes).of(0).covariance
     G, rest, work, smoothed = np.empty((MOVING, n)), np.empty((MOVING, n)), np.empty((max(n, 3 * MOVING), n)), P.copy()
     for more in LEAST_PIVOTS:

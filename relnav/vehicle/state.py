@@ -47,7 +47,7 @@ def correct_one(
     """Take a correction (n,) into values (n,), both attitudes (3, 3) and P (n, n), in place.
 
     frame (3, 3): dcm_lvlh_from_inertial; lights (l,): where the errors of each begin; pivot (3 + l,), of those seen
-    last; scratch of `reset_scratch`.
+    before; scratch of `reset_scratch`.
     """
     new, moved = scratch["attitudes"], scratch["moved"]
     turn_by_rotation_vector(target, correction[_TARGET : _TARGET + 3], new[0])
@@ -94,12 +94,12 @@ def correct_into(
     corrections: Matrix,
     frame: Matrix,
     lights: Codes,
-    pivot: Vector,
+    pivot: Matrix,
     scratch: Record,
 ) -> None:
     """Take corrections (k, n) into k estimates, in place: as `correct_one`."""
     for f in range(len(values)):
-        correct_one(values[f], targets[f], chasers[f], P[f], corrections[f], frame, lights, pivot, scratch[0])
+        correct_one(values[f], targets[f], chasers[f], P[f], corrections[f], frame, lights, pivot[f], scratch[0])
 
 
 class VehicleState(NamedTuple):
@@ -155,8 +155,8 @@ class Estimates(NamedTuple):
         dcm_lvlh_from_inertial at t_s.
     lights : (l,)
         Where in the layout the three errors of each light begin.
-    pivot : (3 + l,)
-        The lights of the last image, about which corrections turn the target (`pivot`).
+    pivot : (k, 3 + l)
+        The lights of the last image that was believed, about which corrections turn the target (`pivot`).
     command_m_s2 : (3,)
         To the thrusters, chaser axes.
     lost : Lost or None
@@ -172,7 +172,7 @@ class Estimates(NamedTuple):
     covariance: Stack
     frame: Matrix
     lights: Codes
-    pivot: Vector
+    pivot: Matrix
     command_m_s2: Vector
     lost: Lost | None
     drift: Matrix
@@ -192,6 +192,7 @@ class Estimates(NamedTuple):
             dcm_lvlh_from_target=self.dcm_lvlh_from_target[f].copy(),
             dcm_inertial_from_chaser=self.dcm_inertial_from_chaser[f].copy(),
             covariance=self.covariance[f].copy(),
+            pivot=self.pivot[f].copy(),
             lost=None if lost is None else lost._replace(bias=lost.bias[f], variance=lost.variance[f]),
             drift=no_sums(self.values.shape[1], 0),
         )
@@ -214,7 +215,7 @@ class Estimates(NamedTuple):
         """That correction, and scratch with the turn of the path in it."""
         out, scratch = np.empty_like(values), reset_scratch(len(values))[0]
         new = self.values[0], self.dcm_lvlh_from_target[0], self.dcm_inertial_from_chaser[0]
-        correction_into(values, target, chaser, *new, self.frame, self.lights, self.pivot, scratch, out)
+        correction_into(values, target, chaser, *new, self.frame, self.lights, self.pivot[0], scratch, out)
         return out, scratch
 
     def referred(self, values: Vector, dcm_lvlh_from_target: Matrix, dcm_inertial_from_chaser: Matrix) -> "Estimates":
@@ -227,11 +228,11 @@ class Estimates(NamedTuple):
         scratch["moved"] = values - own
         scratch["moved"][:MOTION] = values[:MOTION] - scratch["path"]
         here = self.dcm_lvlh_from_target[0], self.dcm_inertial_from_chaser[0]
-        mean_place_into(own, self.lights, self.pivot, scratch["middle"])
+        mean_place_into(own, self.lights, self.pivot[0], scratch["middle"])
         scratch["lever"] = other[0] - back @ here[0]
         change_into(scratch["moved"], True, *here, *other, self.frame, self.lights, scratch)
         change_about_lights(scratch)
-        refer_about_lights(new.covariance[0], self.lights, self.pivot, scratch)
+        refer_about_lights(new.covariance[0], self.lights, self.pivot[0], scratch)
         refer_into(new.covariance[0], True, scratch)
         return new
 
@@ -262,7 +263,7 @@ def start_state(
         covariance=np.stack([layout.prior for layout in layouts]),
         frame=frame.dcm_lvlh_from_inertial(t_s),
         lights=lights_of(layouts[0]),
-        pivot=no_pivot(lights_of(layouts[0])),
+        pivot=np.stack([no_pivot(lights_of(layouts[0]))] * filters),
         command_m_s2=np.zeros(3),
         lost=None,
         drift=no_sums(layouts[0].size, drifting),

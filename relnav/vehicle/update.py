@@ -70,7 +70,7 @@ def take_into(
     told: Matrix,
     frame: Matrix,
     lights: Codes,
-    pivot: Vector,
+    pivot: Matrix,
     scratch: Record,
     work: Matrix,
     places: Codes,
@@ -106,7 +106,7 @@ def take_into(
             take_drifts(H[f], believed, work, places, wide, drift, drift_rows)
         _gains_into(gains, P[f])
         if not wide:
-            correct_one(values[f], targets[f], chasers[f], P[f], corrections[f], frame, lights, pivot, scratch[0])
+            correct_one(values[f], targets[f], chasers[f], P[f], corrections[f], frame, lights, pivot[f], scratch[0])
     return again
 
 
