@@ -41,7 +41,7 @@ def beacon(vehicle) -> PolarisedBeacon:
 
 
 def seen(truth, t_s: float, sensor, rng: np.random.Generator) -> PolarisedRoll:
-    """What the sensor makes of the beacon's light at one time."""
+    """What the sensor makes of the beacon's light at one time; a photon at least in each spot."""
     t = np.array([t_s])
     target = Rotation.from_matrix(truth.dcm_frame_from_target(t)[0])
     chaser = Rotation.from_matrix(truth.dcm_chaser_from_frame(t)[0])
@@ -51,11 +51,14 @@ def seen(truth, t_s: float, sensor, rng: np.random.Generator) -> PolarisedRoll:
     across = np.array([1.0, 0.0, 0.0]) - s[0] * s
     across /= np.linalg.norm(across)
     psi = np.arctan2(a @ np.cross(s, across), a @ across)
-    return polarised_roll(sensor, s, *rng.poisson(PHOTONS * shares(sensor, s, psi)))
+    return polarised_roll(sensor, s, *np.maximum(rng.poisson(PHOTONS * shares(sensor, s, psi)), 1))
 
 
-def fly(vehicle, seed: int) -> tuple[float, float, float]:
-    """1-sigma about the line of sight before and after, rad, and the error over it; ValueError for a refused image."""
+def fly(vehicle, seed: int, *, all_used: bool = True) -> tuple[float, float, float]:
+    """1-sigma about the line of sight before and after, rad, and the error over it.
+
+    ValueError for a refused image if all are to be used.
+    """
     sensor, rng = relnav.load_model("birefringent_sun").sensor, np.random.default_rng(seed)
     run, nav = (
         simulate_rendezvous(vehicle, FLIGHT, seed=seed),
@@ -65,7 +68,7 @@ def fly(vehicle, seed: int) -> tuple[float, float, float]:
     events = [(one.t_s, one.sensor, one.value) for one in run.observations if one.t_s < END_S]
     events += [(t, "roll", seen(run.truth, t, sensor, rng)) for t in np.arange(EVERY_S, END_S, EVERY_S).tolist()]
     for t_s, name, value in sorted(events, key=lambda one: one[0]):
-        if nav.observe(name, t_s, value).name == "REJECTED":
+        if nav.observe(name, t_s, value).name == "REJECTED" and all_used:
             raise ValueError(f"{name} at {t_s} s was refused")
     end = nav.state()
     off = end.dcm_lvlh_from_target.T @ run.truth.dcm_frame_from_target(np.array([end.t_s]))[0]

@@ -367,8 +367,8 @@ class VehicleFilters:
 
     def _port(self, at: Estimates, f: int) -> PortState:
         """The ports as one of the filters has them."""
-        rate, trend = self.motion.chaser_rate(at, self.samples, f), self.motion.rate_trend(at, self.samples, f)
-        return port_state(self.vehicle, self.frame, at.of(f), rate, trend)[0]
+        rate, more = self.motion.chaser_rate(at, self.samples, f), self.motion.rate_variance(at, self.samples, f)
+        return port_state(self.vehicle, self.frame, at.of(f), rate, more)[0]
 
 
 def refuse_covariance(name: str, covariance: ArrayLike | None) -> None:

@@ -142,6 +142,10 @@ class GyroSamples:
         rate: Vector = self.array[self._holding_at(t_s), 1:].copy()
         return rate
 
+    def held_at(self, t_s: float) -> float:
+        """Time of the sample that holds at t_s; -inf if none came before."""
+        return float(self.array[self._holding_at(t_s), 0])
+
     def trend_at(self, t_s: float) -> Vector:
         """How far (3,) the rate at t_s is from the mean of its sample, rad/s, if it changes as over `TREND` samples.
 

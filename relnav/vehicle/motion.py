@@ -1,7 +1,19 @@
 """From one event to the next: gyro samples wait until an observation needs them, then all follows at once.
 
-A lost gyro: the last rate is held and walks, as the bias' walk; when samples return, the bias is what it was before,
-with what it walked since, and without its correlations.
+A gyro without samples: its last rate is held. That is off by d, the noise s of the sample that is held, and what the
+chaser's turn has changed since, a random walk of density q. At u after the begin of that sample, of which the first
+period T is in the gyro's own noise already,
+
+    var d = s^2 + q u,   var (integral of d) = s^2 (u^2 - T^2) + q (u^3 - T^3) / 3
+
+For HELD_S this is white noise of the attitude, of as much in every step as the variance grows: what the filter knows of
+the bias, and with which errors it is correlated, stays true, and goes on when samples return. An attitude that is
+measured meanwhile has less to gain from then on than the variance says: with d the same all the time and a share K of
+its effect at u_1 corrected, (u - K u_1)^2 is left of what counts as u^2 - K u_1^2, which is more for any K up to 1.
+
+After that d is to be learnt: it is added to the bias, and walks. How it is correlated with the attitude is not known
+then. Twice both variances are more than any correlation makes of them. When samples return, the bias is what it was
+before, with what it walked since, and without its correlations: several such gaps count what was known of it twice.
 """
 
 import math
@@ -20,6 +32,8 @@ from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.settling import CONSTANTS, SCRATCH, settle_into
 from relnav.vehicle.state import Estimates, Lost
 
+HELD_S = 10.0
+"""Of silence: drop-outs of telemetry. d is then some 0.04 deg/s, of a chaser whose attitude is controlled."""
 LONGEST_STEP_S = 1.0
 """Of the covariance: the orbit turns by a milliradian in it. Thrust turns with the chaser (`settling`)."""
 
@@ -72,12 +86,12 @@ class VehicleMotion:
         gyro, motion, thrust = vehicle.gyro, vehicle.motion, vehicle.thrust
         self.frame = frame
         self.on_step: Callable[[Step], None] | None = None
-        self._bias_walk, lost_walk = gyro.bias_walk_rad_s_sqrt_s**2, gyro.lost_rate_walk_rad_s_sqrt_s**2
-        self._walks, self._lost_walks = np.full(filters, self._bias_walk), np.full(filters, lost_walk)
+        self._bias_walk, self._lost_walk = gyro.bias_walk_rad_s_sqrt_s**2, gyro.lost_rate_walk_rad_s_sqrt_s**2
+        self._walks, self._lost_walks = np.full(filters, self._bias_walk), np.full(filters, self._lost_walk)
         self._chaser, self._held = vehicle.chaser.dcm_chaser_from_lvlh.T, np.full((1, 4), -math.inf)
         self._without, self._untold = without, untold
         if without >= 0:
-            self._walks[without] = lost_walk
+            self._walks[without] = self._lost_walk
         self._watched, self._drives = watched, np.zeros(0, dtype=np.int64) if drives is None else drives
         self._moved = np.empty((MOVING, len(self._drives)))
         self._sampled = 1.0 / gyro.rate_hz, gyro.random_walk_rad_sqrt_s * gyro.rate_hz**0.5
@@ -106,12 +120,20 @@ class VehicleMotion:
         rate: Vector = told - at.values[filter_, GYRO_BIAS]
         return true_rate(at.values[filter_, GYRO_ERRORS], rate) if self._is_off and not held else rate
 
-    def rate_trend(self, at: Estimates, samples: GyroSamples, filter_: int = 0) -> Vector:
-        """How far (3,) rad/s that rate may be off as the chaser's turn changes: none of it while no sample holds."""
-        if filter_ == self._without or at.lost is not None:
+    def rate_variance(self, at: Estimates, samples: GyroSamples, filter_: int = 0) -> Vector:
+        """Of what that rate is off by beyond the errors of the state, (3,) rad^2/s^2.
+
+        A sample's noise, and how the chaser's turn may change within its period, or since while it is held. Zero where
+        that is learnt, in the error of the bias.
+        """
+        if filter_ == self._without:
             return np.zeros(3)
-        trend: Vector = np.maximum(np.abs(samples.trend_at(at.t_s)), samples.unsteady_at(at.t_s, *self._sampled))
-        return trend
+        period, sigma = self._sampled
+        if at.lost is None:
+            trend = np.maximum(np.abs(samples.trend_at(at.t_s)), samples.unsteady_at(at.t_s, period, sigma))
+            variance: Vector = sigma * sigma + trend * trend
+            return variance
+        return np.full(3, 0.0 if at.lost.is_learnt else self._held_error(at.lost, at.t_s)[0])
 
     def settled(self, at: Estimates, samples: GyroSamples, t_s: float) -> Estimates:
         """The estimates at t_s, not before their own time; the same ones if they are of that time."""
@@ -129,6 +151,8 @@ class VehicleMotion:
                 stop = lost_at(array, count, self._holds_s, at.t_s, t_s)
             else:
                 stop = found_at(array, count, lost.since_s)
+                if not lost.is_learnt:
+                    stop = min(stop, max(at.t_s, lost.held_s + HELD_S))
             if min(stop, t_s) - at.t_s > LONGEST_STEP_S:
                 at = self._step(at, samples, at.t_s + LONGEST_STEP_S)
                 continue
@@ -136,14 +160,41 @@ class VehicleMotion:
                 return at
             if stop > at.t_s:
                 at = self._step(at, samples, stop)
-            at = self._lose_gyro(at) if lost is None else self._find_gyro(at, lost, samples)
+            if lost is None:
+                at = at._replace(lost=Lost(at.t_s, samples.held_at(at.t_s)))
+            elif lost.is_learnt:
+                at = self._find_gyro(at, lost, samples)
+            elif found_at(array, count, lost.since_s) > stop:
+                at = self._learn_rate(at, lost)
+            else:
+                at = at._replace(lost=None)
 
-    def _lose_gyro(self, at: Estimates) -> Estimates:
-        variance = np.diagonal(at.covariance, axis1=1, axis2=2)
-        return at._replace(lost=Lost(at.t_s, at.values[:, GYRO_BIAS].copy(), variance[:, GYRO_BIAS].copy()))
+    def _held_error(self, lost: Lost, t_s: float) -> tuple[float, float]:
+        """Variances of the rate that is held, and of what it adds to the attitude: of a sample, at t_s."""
+        period, sigma = self._sampled
+        u = t_s - lost.held_s
+        if u == math.inf:  # no sample at all: the rate of the orbit, as handed over
+            return 0.0, 0.0
+        u = max(u, period)
+        rate, turn = sigma * sigma + self._lost_walk * u, sigma * sigma * (u * u - period * period)
+        return rate, turn + self._lost_walk * (u**3 - period**3) / 3.0
+
+    def _learn_rate(self, at: Estimates, lost: Lost) -> Estimates:
+        """The same with the error of the held rate in that of the bias, which is kept."""
+        new, (rate, turn) = at.copied(), self._held_error(lost, at.t_s)
+        bias, variance = at.values[:, GYRO_BIAS].copy(), np.diagonal(at.covariance, axis1=1, axis2=2)
+        F, Q = np.eye(MOVING, DRIVING), np.zeros((MOVING, MOVING))
+        Q[GYRO_BIAS, GYRO_BIAS], Q[CHASER_ATTITUDE, CHASER_ATTITUDE] = 2.0 * rate * np.eye(3), turn * np.eye(3)
+        for f in range(len(bias)):
+            if f != self._without:
+                new.covariance[f, :MOVING, :MOVING] += Q
+        self._tell(at, F, Q, new)
+        return new._replace(lost=lost._replace(bias=bias, variance=variance[:, GYRO_BIAS].copy()))
 
     def _find_gyro(self, at: Estimates, lost: Lost, samples: GyroSamples) -> Estimates:
         new, silent_s = at.copied(), samples.silent_before(at.t_s)
+        assert lost.bias is not None
+        assert lost.variance is not None
         for f, (bias, variance) in enumerate(zip(lost.bias, lost.variance, strict=True)):
             if f == self._without:
                 continue
@@ -171,6 +222,13 @@ class VehicleMotion:
         if self._is_off and len(self._gained) == 0:
             self._gained = np.empty((3, values.shape[1]))
         values, target, chaser, after = values.copy(), target.copy(), chaser.copy(), np.empty_like(covariance)
+        walks, turned = self._walks, 0.0
+        if lost is not None and lost.is_learnt:
+            walks = self._lost_walks
+        elif lost is not None:
+            turned = self._held_error(lost, t_s)[1] - (
+                0.0 if begin_s == lost.since_s else self._held_error(lost, begin_s)[1]
+            )
         known = settle_into(
             self._constants,
             self._scratch,
@@ -179,7 +237,8 @@ class VehicleMotion:
             samples.array,
             samples.count,
             command,
-            self._walks if lost is None else self._lost_walks,
+            walks,
+            turned,
             self._held,
             self._without,
             self._untold,

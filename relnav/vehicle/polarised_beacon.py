@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from relnav.arrays import Matrix, Vector, numbers
+from relnav.estimation.gating import gate_limits
 from relnav.estimation.state_layout import Role, StateLayout
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.rotation import dcm_from_quaternion
@@ -34,7 +35,9 @@ class PolarisedBeacon:
     """A flying sensor for `VehicleNavigator(vehicle, sensors={name: PolarisedBeacon(...)})`.
 
     `observe(name, t_s, roll)` takes what `relnav.birefringent_sun.polarised_roll` returns; of its two candidates the
-    one nearer to the estimate is believed, and refused by the gate if it is not credible.
+    one nearer to the estimate is believed, and refused by the gate if it is not credible. An image of which both are
+    credible tells nothing: the wrong one would be believed at every image from then on. Candidates are mirrored about
+    the crystal's axes: mount a polariser such that it is seen some 45 deg from them.
     """
 
     most_rows = 1
@@ -71,6 +74,7 @@ class PolarisedBeacon:
         """
         self.lasting = (LastingError("mount", 3, mount_sigma_rad, mount_role),)
         self._frame = OrbitFrame(vehicle.orbit)
+        self._limit = float(gate_limits(vehicle.filter.gate_probability, 1)[0])
         places = {"position_m": position_m, "beacon_m": beacon_m, "polarisation": polarisation}
         taken = {key: numbers(key, value) for key, value in places.items()}
         for key, value in taken.items():
@@ -105,7 +109,11 @@ class PolarisedBeacon:
         return value.psi_rad, own
 
     def rows(self, state: VehicleState, value: Vector, noise: Matrix) -> Rows:
-        """As of `FlyingSensor`; nothing where the field points along the line of sight, which has no angle then."""
+        """As of `FlyingSensor`.
+
+        Nothing where the field points along the line of sight, which has no angle then, or where both candidates are
+        credible.
+        """
         C_LT, C_BI = state.dcm_lvlh_from_target, state.dcm_inertial_from_chaser.T
         C_BL = C_BI @ self._frame.dcm_lvlh_from_inertial(state.t_s).T
         C_SB = turned(np.eye(3), -state.values[self._mount]) @ self._mounted
@@ -124,6 +132,9 @@ class PolarisedBeacon:
         H[0, self._mount] = by_p @ cross_matrix(p) + by_a @ cross_matrix(a)
         off = np.remainder(value - psi + 0.5 * np.pi, np.pi) - 0.5 * np.pi
         best = int(np.argmin(np.abs(off)))
+        variance = float((H @ state.covariance @ H.T)[0, 0]) + np.diagonal(noise)
+        if (off * off < self._limit * variance).all():
+            return Rows(none, H, noise[:1, :1], 1)
         return Rows(off[best : best + 1], H, noise[best : best + 1, best : best + 1], 1)
 
 

@@ -100,11 +100,11 @@ def port_state(
     frame: OrbitFrame,
     state: VehicleState,
     chaser_rate_rad_s: Vector,
-    rate_trend_rad_s: Vector | None = None,
+    rate_variance: Vector | None = None,
 ) -> tuple[PortState, Matrix]:
     """The ports of a settled state, and d(port errors)/d(errors of the state), (12, n).
 
-    rate_trend_rad_s: how far the chaser's rate may be off beyond noise and bias, (3,).
+    rate_variance: of the chaser's rate beyond the errors of the state, (3,) rad^2/s^2; the gyro's noise if left out.
     """
     C_TL = state.dcm_lvlh_from_target.T
     C_TB = C_TL @ frame.dcm_lvlh_from_inertial(state.t_s) @ state.dcm_inertial_from_chaser
@@ -125,7 +125,7 @@ def port_state(
         of_rate[:, :ERRORS] = np.diag(_SIGNS)
         of_rate[-3:, GYRO_ERRORS] = -by_errors(chaser_rate_rad_s)
         errors = of_rate @ state.covariance @ of_rate.T
-    errors.reshape(-1)[_RATE_VARIANCES] += noise if rate_trend_rad_s is None else noise + rate_trend_rad_s**2
+    errors.reshape(-1)[_RATE_VARIANCES] += noise if rate_variance is None else rate_variance
     by_moving = J[:, :ERRORS] * _SIGNS
     whole = by_moving @ errors @ by_moving.T
     add_second_order(*told, errors, whole, np.zeros((), SECOND_ORDER)[()])

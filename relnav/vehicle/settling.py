@@ -263,6 +263,7 @@ def settle_into(
     count: int,
     command: Vector,
     walks: Vector,
+    turned: float,
     held: Matrix,
     without: int,
     untold: int,
@@ -280,10 +281,11 @@ def settle_into(
     """Carry k estimates from t to end, s: values (k, n) and attitudes (k, 3, 3) in place, P (k, n, n) into after.
 
     samples, count: of the gyro, as `GyroSamples`; command (3,) m/s^2, chaser axes; walks (k,): the square of what the
-    gyro's bias gains in a second. without: the estimate that has no gyro, and holds the sample of held (1, 4) instead,
-    -1 if there is none. untold: the estimate that is told no command, and whose slow acceleration is that of unknown
-    thrusts, -1 if there is none. watched, drives: the estimate whose drifts are looked for, -1 if there is none, with
-    sums as of `drift_sums.carry_drifts`, in place; moved (MOVING, m) scratch. gained: (3, n) scratch of a gyro with
+    gyro's bias gains in a second. turned: what a rate that is held adds to the attitude's variance, rad^2. without: the
+    estimate that has no gyro, and holds the sample of held (1, 4) instead, -1 if there is none. untold: the estimate
+    that is told no command, and whose slow acceleration is that of unknown thrusts, -1 if there is none. watched,
+    drives: the estimate whose drifts are looked for, -1 if there is none, with sums as of `drift_sums.carry_drifts`, in
+    place; moved (MOVING, m) scratch. gained: (3, n) scratch of a gyro with
     `gyro_errors`, (0, n) without. False for a step so long that nothing is known after it.
     """
     dt, before, told = end - t, scratch["before"], scratch["told"]
@@ -314,6 +316,9 @@ def settle_into(
             return False
         _write_transition(scratch, dt, told, fade, now, pushes)
         _write_noise(scratch, dt, drift, constants["angle_walk"], walks[f])
+        if turned > 0.0 and f != without:
+            for i in range(_CHASER, _CHASER + 3):
+                scratch["Q"][i, i] += turned
         if f == untold:
             _add_push_noise(scratch["Q"], dt, drift)
         F, Q, product, places = scratch["F"], scratch["Q"], scratch["product"], scratch["places"]

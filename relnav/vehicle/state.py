@@ -124,18 +124,31 @@ class VehicleState(NamedTuple):
 
 
 class Lost(NamedTuple):
-    """What of the bias is kept while the gyro is lost.
+    """A gyro that is lost, and what of its bias is kept while the held rate is learnt in its place.
 
     Attributes
     ----------
-    since_s : float
-    bias, variance : (k, 3)
-        Of each filter when it was lost.
+    since_s, held_s : float
+        When it was lost, and from when the sample is that is held; that is -inf if there is none.
+    bias, variance : (k, 3) or None
+        Of each filter when that began; None before.
     """
 
     since_s: float
-    bias: Matrix
-    variance: Matrix
+    held_s: float
+    bias: Matrix | None = None
+    variance: Matrix | None = None
+
+    @property
+    def is_learnt(self) -> bool:
+        """Whether the held rate is learnt."""
+        return self.bias is not None
+
+    def alone(self, f: slice) -> "Lost":
+        """That of some filters."""
+        if self.bias is None or self.variance is None:
+            return self
+        return self._replace(bias=self.bias[f], variance=self.variance[f])
 
 
 class Estimates(NamedTuple):
@@ -193,7 +206,7 @@ class Estimates(NamedTuple):
             dcm_inertial_from_chaser=self.dcm_inertial_from_chaser[f].copy(),
             covariance=self.covariance[f].copy(),
             pivot=self.pivot[f].copy(),
-            lost=None if lost is None else lost._replace(bias=lost.bias[f], variance=lost.variance[f]),
+            lost=None if lost is None else lost.alone(f),
             drift=no_sums(self.values.shape[1], 0),
         )
 

@@ -25,7 +25,7 @@ def test_the_row_is_the_derivative(near, flights):
     nav = VehicleNavigator(near, sensors={"roll": own})
     start = nav._filters.start.estimates
     names, layout = nav.layout.by_name, nav.layout
-    value, noise = np.array([0.3, 1.9]), np.eye(2)
+    value, noise = np.array([0.3, 1.9]), 1e-8 * np.eye(2)
     row = own.rows(start.of(0), value, noise)
     for block in (POSITION, TARGET_ATTITUDE, CHASER_ATTITUDE, names["roll.mount"]):
         for k in range(block.start, block.stop):
@@ -50,7 +50,7 @@ def test_the_row_is_the_derived_one(near, flights, derivatives):
     )
     given = own._beacon, own._field, state.values[POSITION], own._lens
     by = derived(state.dcm_lvlh_from_target, C_BL, own._mounted, *given)
-    row = own.rows(state, np.array([0.3, 1.9]), np.eye(2)).jacobian
+    row = own.rows(state, np.array([0.3, 1.9]), 1e-8 * np.eye(2)).jacobian
     blocks = POSITION, TARGET_ATTITUDE, CHASER_ATTITUDE, names["roll.mount"]
     got = np.hstack([row[:, block] for block in blocks])
     np.testing.assert_allclose(got, by, rtol=1e-10, atol=1e-13)
@@ -80,3 +80,15 @@ def test_what_is_refused(near, flights):
     along = PolarisedBeacon(near, **places | {"polarisation": [1.0, 0.0, 0.0]})
     nav = VehicleNavigator(near, sensors={"roll": along})
     assert nav.observe("roll", 0.1, roll).name == "REJECTED", "a field along the line of sight has no angle"
+
+
+def test_a_field_near_the_mirror_axis_is_not_taken_for_its_mirror(near, flights, monkeypatch):
+    """A degree off the crystal's axis the candidates are two apart, and the target is known to 0.6 deg.
+
+    Both are credible in most runs: of 24 the roll is found in some, and none is wrong.
+    """
+    angle = np.radians(1.0)
+    monkeypatch.setattr(flights, "FIELD", np.array([0.0, np.sin(angle), np.cos(angle)]))
+    flown = np.array([flights.fly(near, seed, all_used=False) for seed in range(24)])
+    assert np.abs(flown[:, 2]).max() < 3.9
+    assert (flown[:, 0] / flown[:, 1] > 10.0).sum() > 2
