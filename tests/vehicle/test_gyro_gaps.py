@@ -112,3 +112,25 @@ def test_a_noisy_gyro_that_is_lost_for_a_while(slow):
         assert not nav.state().first_alarm_s
         points.append(checkpoint(run, nav.state()))
     honest(points, vehicle, "chaser_attitude", "gyro_bias", "port")
+
+
+def test_a_gap_in_which_the_rate_is_learnt(slow):
+    """From 5 to 20 s: NEES/n in the gap and after it, filtered; and smoothed, of both times, never too sure."""
+    vehicle, times = flown_by(slow, "camera", "star"), (18.0, 25.0)
+    filtered, smoothed = {t: [] for t in times}, {t: [] for t in times}
+    for k in range(RUNS):
+        run = simulate_rendezvous(vehicle, FLIGHT, seed=1020 + k)
+        nav, smoother, left = VehicleNavigator(vehicle), VehicleSmoother(vehicle, monitor=False), list(times)
+        for one in seen(run, lambda t_s: 5.0 < t_s < 20.0):
+            while left and one.t_s > left[0]:
+                estimate = nav.state(left.pop(0))
+                assert estimate.gyro_lost == (estimate.t_s == times[0])
+                filtered[estimate.t_s].append(checkpoint(run, estimate))
+            nav.observe(one.sensor, one.t_s, one.value)
+            smoother.observe(one.sensor, one.t_s, one.value)
+        assert not nav.state().first_alarm_s
+        for estimate in smoother.estimates(times):
+            smoothed[estimate.t_s].append(checkpoint(run, estimate))
+    for found in (filtered, smoothed):
+        for points in found.values():
+            honest(points, vehicle, "chaser_attitude", "gyro_bias", "velocity", "port", least=0.1)
