@@ -163,7 +163,7 @@ class _Progress:
         from relnav.files.campaign_folder import missing, open_folder
 
         open_folder(out, plan)
-        self._all = plan.runs
+        self._plan, self._out, self._all = plan, out, plan.runs
         self._left = sum(len(plan.runs_of(start)) for start in missing(out, plan))
         self._quiet, self._flown, self._began, self._said = quiet, 0, time.monotonic(), time.monotonic()
         self._bar: Any = click.progressbar(
@@ -181,7 +181,16 @@ class _Progress:
         return self
 
     def __exit__(self, *error: Any) -> None:
+        from relnav.files.atomic import IN_PLACE
+        from relnav.files.campaign_folder import RUNS, missing
+
         self._bar.__exit__(*error)
+        written = IN_PLACE.get()
+        if error[0] is not None and written is not None:
+            parts = len(self._plan.starts)
+            there = parts - len(missing(self._out, self._plan))
+            written[:] = [name for name in written if not name.endswith(".parquet")]  # told as a number
+            written.append(f"{there} of {parts} parts in {self._out / RUNS}; the same command goes on")
 
     def done(self, runs: int) -> None:
         """So many more runs are flown."""

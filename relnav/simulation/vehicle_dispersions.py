@@ -70,7 +70,8 @@ class SensorFault:
         Drifting off to five of its sigmas; giving nothing for a while; a glint in its first image; its clock jumping by
         0.5 s; late by 1.5 s.
     from_s, for_s : float
-        From when, and how long a ramp grows or a sensor is lost.
+        From when (a glint is in the first image, whenever that is), and how long a ramp grows (60 s if infinite) or a
+        sensor is lost. A ramp stays at its full size; a clock that jumped and images that are late stay so.
     probability : float
         In how many of the runs.
     """

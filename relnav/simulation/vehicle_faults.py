@@ -96,9 +96,12 @@ def with_fault(
     """What was observed with a fault of this sensor, or "thrust", in the order in which a navigator is to take it.
 
     That is the order of time, whatever arrives when, except where images are late. begins_s, lasts_s: `BEGINS_S` and
-    `LASTS_S` if left out. size: of those of `SIZED`, as a multiple of the constants.
+    `LASTS_S` if left out; a ramp has to end, so that one without end takes `LASTS_S` too. size: of those of `SIZED`,
+    as a multiple of the constants.
     """
-    begins_s, lasts_s = BEGINS_S if begins_s is None else begins_s, LASTS_S if lasts_s is None else lasts_s
+    begins_s = BEGINS_S if begins_s is None else begins_s
+    if lasts_s is None or (fault == VehicleFault.RAMP and math.isinf(lasts_s)):
+        lasts_s = LASTS_S
     vehicle, full = run.truth.vehicle, size * ramp_of(run.truth.vehicle, name) if fault == VehicleFault.RAMP else 0.0
     axis = direction(rng, 3) if fault in OF_THRUSTERS else np.zeros(3)
 

@@ -47,6 +47,30 @@ def test_another_campaign_in_the_folder(run, tmp_path):
     assert "holds another campaign: model.sensor.focal_length_m is 0.05 there and 0.06 here" in said
 
 
+def test_an_interrupted_campaign_says_what_is_there(run, tmp_path, monkeypatch):
+    """Ctrl-C when the second of two parts is to be written; what is said is true."""
+    from relnav.files import campaign_folder
+
+    usual = campaign_folder.write_sealed
+
+    def interrupt(table, path):
+        if table.column("run")[0].as_py() > 0:
+            raise KeyboardInterrupt
+        usual(table, path)
+
+    out = tmp_path / "out"
+    command = [*BEGIN, "--runs", "6", "--out", out, "--workers", "1"]
+    with monkeypatch.context() as patched:
+        patched.setattr(campaign_folder, "write_sealed", interrupt)
+        first, second = run(*command), run(*command)
+    said = f"1 of 2 parts in {out / 'runs'}; the same command goes on"
+    assert (first[0], second[0]) == (130, 130)
+    assert first[2].strip() == f"relnav: interrupted; written: {out / 'campaign.json'}, {said}"
+    assert second[2].strip() == f"relnav: interrupted; written: {said}"
+    assert len(list((out / "runs").glob("part-*.parquet"))) == 1
+    assert run(*command)[0] == 0
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [

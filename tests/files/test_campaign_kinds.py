@@ -7,6 +7,7 @@ from concurrent.futures import BrokenExecutor
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 pytest.importorskip("pyarrow", reason="campaigns are Parquet files (extra parquet)")
 
@@ -156,6 +157,24 @@ def test_a_sensor_at_fault_leaves_the_rest(vehicle, closing):
     for (t, value), (own_t, own) in zip(*rest, strict=True):
         assert t == own_t
         assert np.array_equal(value, own, equal_nan=True)
+
+
+@pytest.mark.parametrize(("told", "lasts_s"), [({}, 60.0), ({"fault.for_s": 20.0}, 20.0)])
+def test_a_ramp_grows_to_its_full_size(vehicle, told, lasts_s):
+    """Within a minute if the scenario does not say how fast; five sigmas of noise and mounting, from quaternions."""
+    flight = {"approach.start_m": 5.6, "approach.final_m": 3.4}
+    ramp = {"fault.sensor": "star", "fault.kind": "ramp", "fault.from_s": 3.0} | told
+    seen = []
+    for changes in (flight, flight | ramp):
+        scenario = relnav.load_scenario(None, changes, model=vehicle)
+        seen.append([one for one in fly_vehicle_run(vehicle, scenario, 3, 1)[0].observations if one.sensor == "star"])
+    usual, faulty = (Rotation.from_quat([one.value for one in some]) for some in seen)
+    off = (usual.inv() * faulty).magnitude()
+    t_s = np.array([one.t_s for one in seen[0]])
+    assert t_s[-1] > 65.0
+    star = vehicle.sensor["star"]
+    full = 5.0 * math.hypot(max(star.noise_rad), star.mount_sigma_rad)
+    np.testing.assert_allclose(off, full * np.clip((t_s - 3.0) / lasts_s, 0.0, 1.0), atol=1e-7 * full + 1e-12)
 
 
 @pytest.mark.parametrize(
