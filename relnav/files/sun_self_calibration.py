@@ -74,6 +74,9 @@ class SunSelfCalibrationReport:
             "not_seen": self.not_seen,
             "left_out_lines": self.left_out,
             "chi2_per_dof": self.made.chi2_per_dof,
+            "spot_noise_px": self.made.sensor.spot_noise_px,
+            "spot_noise_found_px": self.made.spot_noise_found_px,
+            "covariance_factor": self.made.covariance_factor,
             "parameters": {
                 name: {"value": float(value), "sigma": float(s)}
                 for name, value, s in zip(self.made.free, self.made.values, sigma, strict=True)
@@ -161,7 +164,7 @@ def _known(model: BirefringentSunModel, suns: KnownSuns, free: tuple[str, ...] |
         raise ValueError(
             f"spots are {np.sqrt(made.constants.chi2_per_dof):.0f} times as far from where the angles put them as the "
             "model's spot_noise; are these a turntable's gimbal angles (columns outer, inner; --outer-axis), and not "
-            "projection angles (alpha, beta), or the reverse?"
+            "projection angles (alpha, beta), or the reverse, or is spot_noise too small?"
         )
     left_out = [int(line) for line in suns.lines[~used]]
     return SunSelfCalibrationReport(model.name, made.constants, int(used.sum()), suns.not_seen, left_out, made)
@@ -176,9 +179,16 @@ def _settled(sensor: BirefringentSunSensor, spots_px: Stack, free: tuple[str, ..
         ordered, chi2 = _agreement(made.sensor, spots_px)
         keep = _agreeing(chi2)
         if np.array_equal(keep, used):
-            return made, used
+            break
         used = keep
-    raise ValueError("which pairs of spots agree with the others does not settle; look at them")
+    else:
+        raise ValueError("which pairs of spots agree with the others does not settle; look at them")
+    if made.chi2_per_dof > MOST_CHI2:
+        raise ValueError(
+            f"the two spots of an image are {np.sqrt(made.chi2_per_dof):.0f} times as far from those of one direction "
+            "as the model's spot_noise; are they of this sensor, or is spot_noise too small?"
+        )
+    return made, used
 
 
 def _agreeing(chi2: Vector, median: float = MEDIAN_CHI2) -> Flags:

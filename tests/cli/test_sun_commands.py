@@ -133,6 +133,45 @@ def test_self_calibration(run, tmp_path):
     assert relnav.load_model(tmp_path / "model.toml").sensor.zero_spot_px == pytest.approx(section["value"])
 
 
+@pytest.mark.parametrize(("more_px", "found_px"), [(0.0, 0.125), (0.3, 0.325)])
+def test_the_spot_noise_of_a_self_calibration(run, tmp_path, more_px, found_px):
+    """What is found is said beside what the model states, and the sigmas are of it if it is more."""
+    log, _ = simulate(run, tmp_path, "birefringent_sun", "log.csv", "--duration", 100, "--rate", 5)
+    names, rows = table(log)
+    rows[:, 1:] += more_px * np.random.default_rng(6).normal(size=rows[:, 1:].shape)
+    np.savetxt(tmp_path / "noisy.csv", rows, "%.12g", ",", header=",".join(names), comments="")
+    arguments = ["--model", "birefringent_sun", "--out", tmp_path / "sensor.toml", "--json", tmp_path / "out.json"]
+    code, said, _ = run("calibrate", "sun", tmp_path / "noisy.csv", *arguments)
+    assert code == 0
+    values = json.loads((tmp_path / "out.json").read_text())
+    assert values["spot_noise_px"] == 0.125
+    assert values["spot_noise_found_px"] == pytest.approx(found_px, rel=0.07)  # three sigma of 1000 residuals
+    line = f"spot noise found {values['spot_noise_found_px']:.4g} px, the model states 0.125 px"
+    assert (line + "; the sigmas below are of the noise found" in said) == (more_px > 0.0)
+    assert line in said
+
+
+def test_spots_far_beyond_their_noise_are_refused(run, tmp_path):
+    """With the model's noise seven times too small: of its own spots, and of a turntable's."""
+    log, _ = simulate(run, tmp_path, "birefringent_sun", "log.csv", "--duration", 100, "--rate", 5)
+    on_a_turntable(tmp_path / "table.csv")
+    from relnav.files.model_folders import models_root
+
+    text = (models_root() / "birefringent_sun" / "model.toml").read_text()
+    assert "spot_noise_px = { value = 0.125," in text
+    model = tmp_path / "model.toml"
+    model.write_text(text.replace("spot_noise_px = { value = 0.125,", "spot_noise_px = { value = 0.018,"))
+    for path, said in (
+        (log, "the two spots of an image are 7 times as far from those of one direction as the model's spot_noise"),
+        (tmp_path / "table.csv", "spots are 7 times as far from where the angles put them as the model's spot_noise"),
+    ):
+        code, _, err = run("calibrate", "sun", path, "--model", model, "--out", tmp_path / "sensor.toml")
+        assert code == 3
+        assert said in err
+        assert "or is spot_noise too small?" in err
+    assert not (tmp_path / "sensor.toml").exists()
+
+
 TRUE = {
     "zero_spot_px": (513.1, 510.4),
     "crystal_thickness_m": 5.02e-3,

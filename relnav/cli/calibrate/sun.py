@@ -160,6 +160,11 @@ def self_calibration_lines(report: "SunSelfCalibrationReport") -> list[str]:
     figures = report.to_dict()
     unseen = f", {report.not_seen} without both spots" if report.not_seen else ""
     lines = [f"{report.frames} images{unseen}, model {report.model}; chi2/dof {figures['chi2_per_dof']:.3f}"]
+    allowed = "; the sigmas below are of the noise found" if figures["covariance_factor"] > 1.0 else ""
+    lines.append(
+        f"spot noise found {figures['spot_noise_found_px']:.4g} px, the model states {figures['spot_noise_px']:.4g} "
+        f"px{allowed}"
+    )
     lines.extend(f"left out: line {line}: its two spots contradict the others" for line in report.left_out)
     if report.known is not None:
         turn, sigma = figures["alignment_deg"], figures["alignment_sigma_deg"]

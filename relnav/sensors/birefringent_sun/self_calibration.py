@@ -6,6 +6,7 @@ cannot do this: there a shift of the detector looks like another direction.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -30,6 +31,9 @@ PARAMETERS = {
 PASSES = 8
 LEAST_SHARE = 1e-9
 """Of what the spots would say of a constant if the directions were known, that must be left where they are not."""
+NOTABLE = 2.0
+"""In standard deviations of a chi-square per degree of freedom: residuals larger by more are not of the stated noise,
+of which chance shows one calibration in forty."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +47,12 @@ class SelfCalibration:
     free : tuple of str
         What was estimated.
     values, covariance : (p,), (p, p)
-        Estimates and their covariance, units as the names say.
+        Estimates and their covariance, units as the names say, `covariance_factor` times that of the stated noise.
     chi2_per_dof : float
         1 if the model is right and the noise as stated.
+    covariance_factor : float
+        chi2_per_dof where that is significantly above 1, so that the residuals and not the model say how large the
+        noise is; else 1.
     """
 
     sensor: BirefringentSunSensor
@@ -53,12 +60,25 @@ class SelfCalibration:
     values: Vector
     covariance: Matrix
     chi2_per_dof: float
+    covariance_factor: float = 1.0
+
+    @property
+    def spot_noise_found_px(self) -> float:
+        """1-sigma of a spot coordinate that the residuals show."""
+        return self.sensor.spot_noise_px * math.sqrt(self.chi2_per_dof)
+
+
+def factor_of(chi2_per_dof: float, dof: int) -> float:
+    """By what a covariance of the stated noise is to be multiplied: `SelfCalibration.covariance_factor`."""
+    return chi2_per_dof if chi2_per_dof > 1.0 + NOTABLE * math.sqrt(2.0 / dof) else 1.0
 
 
 def self_calibrate(
     sensor: BirefringentSunSensor, spots_px: ArrayLike, *, free: Sequence[str] = ("zero_spot_x_px", "zero_spot_y_px")
 ) -> SelfCalibration:
     """Estimate constants from frames of labelled spots (N, 2, 2) px, rows o, e; Gauss-Newton from the sensor's values.
+
+    Where the residuals are larger than the sensor's spot noise explains, the covariance is that of their size.
 
     Raises
     ------
@@ -84,8 +104,10 @@ def self_calibrate(
     u, miss = _fitted(sensor, spots)
     normal, _, _ = _reduced(sensor, names, u, miss)
     dof = 2 * len(spots) - len(names)
-    covariance = np.asarray(noise**2 * np.linalg.inv(normal), dtype=np.float64)
-    return SelfCalibration(sensor, names, values_of(sensor, names), covariance, float(np.sum(miss**2) / noise**2 / dof))
+    chi2 = float(np.sum(miss**2) / noise**2 / dof)
+    factor = factor_of(chi2, dof)
+    covariance = np.asarray(factor * noise**2 * np.linalg.inv(normal), dtype=np.float64)
+    return SelfCalibration(sensor, names, values_of(sensor, names), covariance, chi2, factor)
 
 
 def self_calibration_bound(sensor: BirefringentSunSensor, u: ArrayLike, free: Sequence[str]) -> Matrix:

@@ -15,7 +15,12 @@ from numpy.typing import ArrayLike
 from relnav.arrays import Matrix, Stack, Vector, numbers
 from relnav.geometry.rotation_vector import turned
 from relnav.sensors.birefringent_sun.direction import fit_two_spots
-from relnav.sensors.birefringent_sun.self_calibration import PARAMETERS, SelfCalibration, with_constants
+from relnav.sensors.birefringent_sun.self_calibration import (
+    PARAMETERS,
+    SelfCalibration,
+    factor_of,
+    with_constants,
+)
 from relnav.sensors.birefringent_sun.self_calibration import values_of as constants_of
 from relnav.sensors.birefringent_sun.sensor import BirefringentSunSensor
 from relnav.sensors.birefringent_sun.spots import project
@@ -75,7 +80,8 @@ def calibrate_known(
 ) -> TurntableCalibration:
     """Estimate constants from labelled spots (N, 2, 2) px, rows o, e, of known directions s (N, 3), unit vectors.
 
-    Gauss-Newton, starting from the sensor's values and no rotation between the axes.
+    Gauss-Newton, starting from the sensor's values and no rotation between the axes. Where the residuals are larger
+    than the sensor's spot noise explains, the sigmas are those of their size.
 
     Raises
     ------
@@ -105,11 +111,12 @@ def calibrate_known(
             )
         x = x + np.linalg.solve(normal, (J / lengths).T @ miss) / lengths
     miss = (spots - _spots(sensor, names, x, known)).reshape(-1)
-    covariance = noise**2 * np.linalg.inv(normal) / np.outer(lengths, lengths)
-    count = len(names)
+    count, dof = len(names), miss.size - x.size
     made = with_constants(sensor, names, x[:count])
-    chi2 = float(miss @ miss) / noise**2 / (miss.size - x.size)
-    constants = SelfCalibration(made, names, x[:count], covariance[:count, :count], chi2)
+    chi2 = float(miss @ miss) / noise**2 / dof
+    factor = factor_of(chi2, dof)
+    covariance = factor * noise**2 * np.linalg.inv(normal) / np.outer(lengths, lengths)
+    constants = SelfCalibration(made, names, x[:count], covariance[:count, :count], chi2, factor)
     held_out = _held_out(J / lengths, normal, miss).reshape(spots.shape)
     error = direction_error(made, _spots(sensor, names, x, known) + held_out, _turned(known, x[count:]))
     return TurntableCalibration(constants, x[count:], np.sqrt(np.diag(covariance)[count:]), miss.reshape(-1, 4), error)

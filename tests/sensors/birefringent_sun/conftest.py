@@ -42,3 +42,27 @@ def crystals(sensor):
         ]
 
     return of
+
+
+@pytest.fixture(scope="session")
+def traced():
+    """traced(sensor, s) -> spots (N, 2, 2) px, rows o, e, by other formulas than the package's.
+
+    The extraordinary wave vector lies where the ellipsoid of its dispersion surface, |k|^2 / n_e^2 + b (k c)^2 = 1 with
+    b = 1/n_o^2 - 1/n_e^2, has the transverse part of the light outside; the ray is the ellipsoid's normal there.
+    """
+
+    def of(sensor, s):
+        n_o, n_e, depth = sensor.ordinary_index, sensor.extraordinary_index, sensor.crystal_thickness_m
+        polar, azimuth = sensor.axis_polar_rad, sensor.axis_azimuth_rad
+        c = np.array([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)])
+        across, b = s[:, :2], n_o**-2 - n_e**-2
+        squared, along = np.sum(across**2, axis=1), across @ c[:2]
+        ordinary = depth * across / np.sqrt(n_o**2 - squared)[:, None]
+        two, one, none = n_e**-2 + b * c[2] ** 2, 2.0 * b * along * c[2], squared * n_e**-2 + b * along**2 - 1.0
+        k = np.column_stack([across, (-one + np.sqrt(one**2 - 4.0 * two * none)) / (2.0 * two)])
+        ray = k * n_e**-2 + b * (k @ c)[:, None] * c
+        both = np.stack([ordinary, depth * ray[:, :2] / ray[:, 2:]], axis=1)
+        return np.array(sensor.zero_spot_px) + both / sensor.pixel_pitch_m
+
+    return of

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from relnav.estimation.consistency import chi_square_interval
 from relnav.sensors.birefringent_sun.self_calibration import self_calibrate, self_calibration_bound
 from relnav.sensors.birefringent_sun.spots import project
 
@@ -31,6 +32,23 @@ def test_decentre_below_a_micrometre_from_1000_frames(sensor, cone):
     np.testing.assert_allclose(np.sqrt(np.mean(np.square(error), axis=0)), bound, rtol=0.45)
     assert np.mean(chi2) == pytest.approx(1.0, abs=0.02)
     assert made.sensor.zero_spot_px == tuple(made.values)
+
+
+@pytest.mark.parametrize("times", [1.0, 3.0])
+def test_sigmas_are_of_the_noise_that_is_there(sensor, cone, traced, times):
+    """Whether the spots have the noise that the model states or three times as much."""
+    rng, logs = np.random.default_rng(83), 80
+    nees, found_px = 0.0, []
+    for log in range(logs):
+        true = np.array([511.5, 511.5]) + 2.0 * rng.normal(size=2)
+        spots = traced(replace(sensor, zero_spot_px=tuple(true)), cone(50.0, 150, log))
+        made = self_calibrate(sensor, spots + times * sensor.spot_noise_px * rng.normal(size=spots.shape))
+        error = made.values - true
+        nees += error @ np.linalg.solve(made.covariance, error)
+        found_px.append(made.spot_noise_found_px)
+    low, high = chi_square_interval(2 * logs, 0.999)
+    assert low < nees / (2 * logs) < high
+    assert np.mean(found_px) == pytest.approx(times * 0.125, rel=0.02)
 
 
 def test_thickness_and_index_too(sensor, cone):
