@@ -5,7 +5,7 @@ own), or by the names that it carries itself, as a sensor_msgs/JointState does (
 is none, is the stamp of its header.
 """
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,8 @@ TOPIC = "/relnav/pose"
 UNKNOWN_TURN_RAD2 = 1e6
 """Variance of an attitude that is not estimated: a message has no word for that."""
 LAST_S = 2**31 - 1
+MOST_TOPICS = 8
+"""Listed where none has spots; a sentence with more would not be read."""
 _POSE = [0, 1, 2, 6, 7, 8]
 _OTHER_SIGN = np.diag([1.0, 1.0, 1.0, -1.0, -1.0, -1.0])
 
@@ -70,45 +72,95 @@ def read_bag(path: Path) -> BagRows:
 
 
 def _columns(path: Path, reader: Any) -> dict[str, list[float]]:
-    """Name -> values of the topic that names spots."""
+    """Name -> values of the topic that names spots. Of any other topic it does not matter what cannot be read."""
     found: dict[str, dict[str, list[float]]] = {}
-    others: set[str] = set()
+    others: dict[str, str] = {}
+    count: dict[str, int] = defaultdict(int)
     for connection, _, raw in reader.messages():
         topic = connection.topic
-        if topic in others:
+        count[topic] += 1
+        if others.get(topic):
             continue
-        row = numbers_of(reader.deserialize(raw, connection.msgtype))
+        try:
+            row = _row(reader, connection, raw)
+        except ValueError as error:
+            if topic in found:
+                raise LogError(f"{path}: message {count[topic]} of {shown(topic)}: {error}") from error
+            others[topic] = f"{shown(topic, 80)} ({error})"
+            continue
         if topic not in found:
-            if not any(name.startswith("spot_") for name in row):
-                others.add(topic)
+            if not any(name.startswith("spot_") for name in row or ()):
+                others[topic] = "" if row is None else shown(topic, 80)
                 continue
+            others.pop(topic, None)
             found[topic] = defaultdict(list)
         columns = found[topic]
-        if columns and row.keys() != columns.keys():
-            count = len(next(iter(columns.values())))
-            raise LogError(f"{path}: message {count + 1} of {shown(topic)} has other fields than the one before")
+        if row is None or (columns and row.keys() != columns.keys()):
+            raise LogError(f"{path}: message {count[topic]} of {shown(topic)} has other fields than the one before")
         for name, value in row.items():
             columns[name].append(value)
         if len(columns[name]) > MOST_ROWS:
             raise LogError(f"{path}: more than {MOST_ROWS} messages of {shown(topic)}; split the bag in time")
     if len(found) != 1:
-        what = f"spots under {listed(found)}; keep one topic" if found else f"no spots; its topics are {listed(others)}"
+        told = [words or f"{shown(topic, 80)} (no message names anything)" for topic, words in others.items()]
+        what = f"spots under {listed(found)}; keep one topic" if found else f"no spots; its topics are {_few(told)}"
         raise LogError(f"{path}: {what}: a log has columns t_s, spot_a_x_um, ... (docs/live.md)")
     return dict(next(iter(found.values())))
 
 
+def _few(words: list[str]) -> str:
+    """After commas; those first of which something is said, in brackets."""
+    ordered = sorted(words, key=lambda one: not one.endswith(")"))
+    return ", ".join(ordered[:MOST_TOPICS]) + (f" and {len(words) - MOST_TOPICS} more" if words[MOST_TOPICS:] else "")
+
+
+def _row(reader: Any, connection: Any, raw: bytes) -> dict[str, float] | None:
+    """The numbers of a message as the bag has it; None for a JointState without any names.
+
+    Raises
+    ------
+    ValueError
+        Saying why it cannot be read.
+    """
+    try:
+        message = reader.deserialize(raw, connection.msgtype)
+    except KeyError as error:
+        raise ValueError(
+            f"the bag does not hold its type {shown(connection.msgtype, 80)}: record as MCAP, which does, or publish "
+            "sensor_msgs/msg/JointState"
+        ) from error
+    except Exception as error:  # whatever the decoder meets in bytes that are none of its type
+        raise ValueError(f"cannot be decoded: {shown(error)}") from error
+    row = numbers_of(message)
+    return None if row.keys() <= {"t_s"} and getattr(message, "name", None) == [] else row
+
+
 def numbers_of(message: Any) -> dict[str, float]:
-    """The numbers that a message names, `t_s` among them."""
+    """The numbers that a message names, `t_s` among them.
+
+    Raises
+    ------
+    ValueError
+        For a name that is there twice, or names without a number each; only no numbers at all are left out.
+    """
     row: dict[str, float] = {}
-    header = getattr(message, "header", None)
-    if header is not None:
-        row["t_s"] = header.stamp.sec + 1e-9 * header.stamp.nanosec
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    if hasattr(stamp, "sec") and hasattr(stamp, "nanosec"):
+        row["t_s"] = stamp.sec + 1e-9 * stamp.nanosec
     fields = vars(message) if hasattr(message, "__dict__") else {}
     for name, value in fields.items():
         if isinstance(value, bool | int | float | np.number):
             row[name] = float(value)
-    if hasattr(message, "name") and hasattr(message, "position"):
-        row |= dict(zip(message.name, map(float, message.position), strict=True))
+    names, values = getattr(message, "name", None), getattr(message, "position", None)
+    if isinstance(names, list) and isinstance(values, np.ndarray) and all(isinstance(name, str) for name in names):
+        if len(values) == 0 and not any(name.startswith("spot_") for name in names):
+            return row
+        if len(names) != len(values):
+            raise ValueError(f"{len(names)} names and {len(values)} positions; a position for each name is expected")
+        if len(set(names)) < len(names):
+            twice, _ = Counter(names).most_common(1)[0]
+            raise ValueError(f"the name '{shown(twice, 80)}' is there twice; give each number a name of its own")
+        row |= dict(zip(names, map(float, values), strict=True))
     return row
 
 
