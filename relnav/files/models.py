@@ -17,7 +17,7 @@ from relnav.files.paths import path_of
 from relnav.files.plausibility import implausible
 from relnav.files.psd_calibration import named_calibration
 from relnav.files.systems import SYSTEMS, resolve
-from relnav.files.toml_values import Problems, build, change_value, read_toml
+from relnav.files.toml_values import Problems, build, change_value, read_toml, required_of
 from relnav.files.wording import shown
 from relnav.mission import Model, VisionMission
 from relnav.sensors.three_beacon.calibration import Calibration
@@ -113,11 +113,15 @@ def load_model(name_or_path: str | os.PathLike[str], changes: Changes = None) ->
         if section is Calibration:
             values[name] = named_calibration(table[name], path, problems, provenance)
             continue
+        if name not in table and len(needed := required_of(section)) > 1:
+            problems.add(name, f"the section is missing; write [{name}] with {', '.join(needed)}")
+            continue
         values[name] = build(section, table.get(name, {}), name, problems, provenance)
     problems.raise_if_any()
+    values |= {group: {} for group in _groups(cls)}
     for place in named:
         group, _, name = place.partition(".")
-        values.setdefault(group, {})[name] = values.pop(place)
+        values[group][name] = values.pop(place)
     if system.parts:
         extras |= resolve(system.parts)(values, path, problems)
         problems.raise_if_any()
@@ -155,18 +159,22 @@ def _named_sections(cls: Any, table: dict[str, Any], problems: Problems) -> dict
     They are taken out of their common table, so that each stands under its whole name.
     """
     sections: dict[str, Any] = {}
-    for group, hint in typing.get_type_hints(cls).items():
-        kinds = typing.get_args(hint)
-        if typing.get_origin(hint) is not Mapping or not dataclasses.is_dataclass(kinds[-1]):
-            continue
+    for group, kind in _groups(cls).items():
         entries = table.pop(group, {})
         if not isinstance(entries, dict) or not all(isinstance(entry, dict) for entry in entries.values()):
             problems.add(group, f"sections with a name each are expected, written [{group}.NAME]")
             continue
         for name, entry in entries.items():
             table[f"{group}.{name}"] = entry
-            sections[f"{group}.{name}"] = kinds[-1]
+            sections[f"{group}.{name}"] = kind
     return sections
+
+
+def _groups(cls: Any) -> dict[str, Any]:
+    """Fields of a mission that map names to a dataclass, and which."""
+    hints = {name: hint for name, hint in typing.get_type_hints(cls).items() if typing.get_origin(hint) is Mapping}
+    kinds = {name: typing.get_args(hint)[-1] for name, hint in hints.items()}
+    return {name: kind for name, kind in kinds.items() if dataclasses.is_dataclass(kind)}
 
 
 def load_mission(name_or_path: str | os.PathLike[str]) -> Model:

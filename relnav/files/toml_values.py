@@ -149,6 +149,12 @@ def _validated(hint: Any, value: Any) -> Any:
     return adapter.validate_python(value)
 
 
+def required_of(cls: Any) -> list[str]:
+    """Fields of a dataclass that have no default."""
+    none = dataclasses.MISSING
+    return [one.name for one in dataclasses.fields(cls) if one.default is none and one.default_factory is none]
+
+
 def build(cls: Any, table: Any, where: str, problems: Problems, provenance: dict[str, str] | None) -> Any:
     """Make one dataclass from one TOML table; None, with the problems noted, if it cannot be made.
 
@@ -159,13 +165,13 @@ def build(cls: Any, table: Any, where: str, problems: Problems, provenance: dict
         problems.add(where, f"a table is expected, written [{where}]; got {_shown(table)}")
         return None
     hints = typing.get_type_hints(cls, include_extras=True)
-    fields = {field.name: field for field in dataclasses.fields(cls)}
+    fields = [field.name for field in dataclasses.fields(cls)]
     values: dict[str, Any] = {}
     before = len(problems.lines)
     named: dict[str, str] = {}
     for key, raw in table.items():
         key_path = f"{where}.{key}" if where else key
-        name, factor, wrong = find_field(key, list(fields))
+        name, factor, wrong = find_field(key, fields)
         if wrong:
             problems.add(key_path, wrong)
             named.setdefault(name, key)
@@ -199,9 +205,8 @@ def build(cls: Any, table: Any, where: str, problems: Problems, provenance: dict
             continue
         if provenance is not None:
             provenance[key_path] = origin
-    for name, field in fields.items():
-        optional = field.default is not dataclasses.MISSING or field.default_factory is not dataclasses.MISSING
-        if name not in named and not optional:
+    for name in required_of(cls):
+        if name not in named:
             problems.add(where or name, f"'{name}' is missing")
     if len(problems.lines) > before:
         return None

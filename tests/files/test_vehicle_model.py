@@ -149,6 +149,27 @@ def test_a_sensor_that_is_no_section(write):
         relnav.load_model(path)
 
 
+def test_a_vehicle_without_sensors(tmp_path):
+    text = find_model(NAME).read_text(encoding="utf-8")
+    assert not re.search(r"^\[(?!sensor\.)", text[text.index("[sensor.") :], re.MULTILINE), "sensors stand last"
+    path = tmp_path / "model.toml"
+    path.write_text(text[: text.index("[sensor.")], encoding="utf-8")
+    with pytest.raises(relnav.ModelError) as caught:
+        relnav.load_model(path)
+    assert str(caught.value) == f"{path}: a vehicle has sensors: write one section [sensor.NAME] for each"
+
+
+def test_a_vehicle_without_a_section(tmp_path):
+    """One sentence, with the keys that have no default."""
+    text = find_model(NAME).read_text(encoding="utf-8")
+    path = tmp_path / "model.toml"
+    path.write_text(re.sub(r"\[gyro\].*?(?=\n\[)", "", text, count=1, flags=re.DOTALL), encoding="utf-8")
+    with pytest.raises(relnav.ModelError) as caught:
+        relnav.load_model(path)
+    assert str(caught.value).startswith(f"{path}:1: gyro: the section is missing; write [gyro] with rate_hz, ")
+    assert "\n" not in str(caught.value)
+
+
 @pytest.mark.parametrize("itself", [".", "model.toml", "rendezvous_demo"])
 def test_a_vehicle_is_no_sensor(write, itself):
     """One that named itself was loaded again and again, without end."""
