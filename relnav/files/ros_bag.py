@@ -144,7 +144,7 @@ def numbers_of(message: Any) -> dict[str, float]:
         For a name that is there twice, or names without a number each; only no numbers at all are left out.
     """
     row: dict[str, float] = {}
-    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    stamp: Any = getattr(getattr(message, "header", None), "stamp", None)
     if hasattr(stamp, "sec") and hasattr(stamp, "nanosec"):
         row["t_s"] = stamp.sec + 1e-9 * stamp.nanosec
     fields = vars(message) if hasattr(message, "__dict__") else {}
