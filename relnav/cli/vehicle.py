@@ -109,8 +109,10 @@ class Summary:
     """
 
     def __init__(self, vehicle: "Vehicle") -> None:
+        from relnav.files.vehicle_notes import GyroTimes
+
         self.late, self.said = Counter[str](), list[str]()
-        self._vehicle, self._rows = vehicle, 0
+        self._vehicle, self._rows, self._gyro = vehicle, 0, GyroTimes(vehicle)
         self._times: dict[str, list[float]] = {}
         self._last: VehicleEstimate | None = None
         self._estimates = 0
@@ -127,6 +129,7 @@ class Summary:
         for row in rows:
             self._rows += 1
             self._latest[row[0]] = row
+            self._gyro.take(row[0], row[1])
             if self._rows <= NOTED:
                 self._times.setdefault(row[0], []).append(row[1])
                 if row[0] not in self._readings:
@@ -160,7 +163,7 @@ class Summary:
         return _figures(self._last, self._vehicle, self._rows) | said
 
     def _notes(self) -> list[str]:
-        """What is odd about the times of the sensor that is seen most often, about attitudes, and what is refused."""
+        """What is odd about times, of the gyro and of the sensor seen most often, about attitudes; what is refused."""
         import numpy as np
 
         from relnav.files.filter_file import spacing_note
@@ -173,7 +176,7 @@ class Summary:
             for name, count in self.late.items()
         ]
         seen = [(self._latest[name], health) for name, health in self._last.sensors.items() if name in self._latest]
-        said = [*self._readings.values(), *(refused_note(*one, self._vehicle) for one in seen)]
+        said = [*self._gyro.notes(), *self._readings.values(), *(refused_note(*one, self._vehicle) for one in seen)]
         most = max(self._times.values(), key=len, default=[])
         return [*self.said, *late, *spacing_note(np.array(most), "divide them by 1000"), *filter(None, said)]
 

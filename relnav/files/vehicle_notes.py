@@ -1,4 +1,4 @@
-"""Sentences on a sensor of a vehicle's log that does not fit the attitude at which its file holds the chaser."""
+"""Sentences on a vehicle's log: attitudes that do not fit that of its file, and gaps of the gyro."""
 
 import math
 
@@ -11,12 +11,16 @@ from relnav.files.vehicle_log import Row
 from relnav.geometry.linear_algebra import lengths
 from relnav.geometry.rotation import dcm_from_quaternion
 from relnav.sensors.sun_direction import SunDirection
-from relnav.spacecraft import POINTS, RESERVED, STAR, Vehicle
+from relnav.spacecraft import GYRO, POINTS, RESERVED, STAR, Vehicle
 from relnav.vehicle.health import SensorHealth
+from relnav.vehicle.motion import HELD_S
 from relnav.vehicle.orbit_frame import OrbitFrame
 
 FAR_FROM_HELD_DEG = 30.0
 """No chaser on its way to a port turns so far away from the attitude of its file."""
+OFTEN = 1.2
+"""Mean spacing of a gyro's samples over its period above which samples are missing: one of six. Below 1 / OFTEN there
+are more than its rate says."""
 _MOUNTING, _TIMES = "q_sensor_from_chaser", "that t_s = 0 is epoch_utc, with the target at true_anomaly"
 
 
@@ -57,3 +61,49 @@ def refused_note(row: Row, health: SensorHealth, vehicle: Vehicle) -> str:
         f"{told}; it is {off:.1f} deg off the attitude that is held: check {_MOUNTING}, {_TIMES}, and that "
         "x, y, z, w are of v_sensor = R v_inertial"
     )
+
+
+class GyroTimes:
+    """When a log has samples of the gyro: how far apart, and for how long there is none."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._period_s = 1.0 / vehicle.gyro.rate_hz
+        self._holds_s = vehicle.gyro.lost_after_periods * self._period_s
+        self._first_s = self._end_s = self._sampled_s = math.nan
+        self._samples, self._steps, self._stepped_s = 0, 0, 0.0
+        self._gaps = list[tuple[float, float]]()
+
+    def take(self, name: str, t_s: float) -> None:
+        """The next row of any sensor."""
+        if math.isnan(self._first_s):
+            self._first_s = self._end_s = self._sampled_s = t_s
+        self._end_s = max(self._end_s, t_s)
+        apart_s = t_s - self._sampled_s
+        if name != GYRO or (self._samples and apart_s <= 0.0):
+            return
+        if apart_s > self._holds_s:
+            self._gaps.append((apart_s, self._sampled_s))
+        elif self._samples:
+            self._steps, self._stepped_s = self._steps + 1, self._stepped_s + apart_s
+        self._sampled_s, self._samples = t_s, self._samples + 1
+
+    def notes(self) -> list[str]:
+        """A sentence on their spacing, and one on gaps, where there is something to say."""
+        if not self._samples:
+            return [f"{GYRO}: no row; the chaser's rate is learnt from the other sensors"]
+        said, rest_s = list[str](), self._end_s - self._sampled_s
+        spacing_s = self._stepped_s / self._steps if self._steps else self._period_s
+        if not 1.0 / OFTEN <= spacing_s / self._period_s <= OFTEN:
+            said.append(
+                f"{GYRO}: samples are {spacing_s:.4g} s apart on average, and {self._period_s:.4g} s by its rate_hz: "
+                "if none is missing, state the rate that it has"
+            )
+        gaps = [*self._gaps, *([(rest_s, self._sampled_s)] if rest_s > self._holds_s else [])]
+        if gaps:
+            longest_s, from_s = max(gaps)
+            said.append(
+                f"{GYRO}: gaps of {sum(apart_s for apart_s, _ in gaps):.4g} s in {self._end_s - self._first_s:.4g} s, "
+                f"the longest {longest_s:.4g} s from {from_s:.2f} s on; there the last rate is held, and after "
+                f"{HELD_S:g} s the rate is learnt from the other sensors"
+            )
+        return said

@@ -257,6 +257,44 @@ def test_what_is_not_for_a_vehicle(run, model, vbar_log, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def without_samples(log, path, every, gaps):
+    """The log without each sample whose number this divides of the gyro, and without those of these times."""
+    lines, number = [], 0
+    for line in log.read_text().splitlines(keepends=True):
+        t_s, _, rest = line.partition(",")
+        if rest.startswith("gyro,"):
+            number += 1
+            if number % every == 0 or any(begin < float(t_s) < end for begin, end in gaps):
+                continue
+        lines.append(line)
+    path.write_text("".join(lines))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("every", "gaps", "said"),
+    [
+        (1000, [], None),
+        (8, [], None),
+        (2, [], r"samples are 0\.1 s apart on average, and 0\.05 s by its rate_hz: if none is missing, state .*"),
+        (
+            1000,
+            [(2.02, 3.02), (4.02, 4.52)],
+            r"gaps of 1\.6 s in [\d.]+ s, the longest 1\.05 s from 2\.00 s on; there the last rate is held, .*",
+        ),
+        (1000, [(3.02, 1e3)], r"gaps of ([\d.]+) s in [\d.]+ s, the longest \1 s from 3\.00 s on; .*"),
+        (1, [], r"no row; the chaser's rate is learnt from the other sensors"),
+    ],
+)
+def test_gaps_of_the_gyro_are_in_the_summary(run, model, log, tmp_path, every, gaps, said):
+    left = without_samples(log, tmp_path / "left.csv", every, gaps)
+    code, out, _ = run("filter", left, "--model", model, "--out", tmp_path / "track.csv")
+    assert code == 0
+    lines = [line for line in out.splitlines() if line.startswith("gyro:")]
+    assert len(lines) == (said is not None)
+    assert all(re.fullmatch(f"gyro: {said}", line) for line in lines)
+
+
 def test_alarms_are_in_the_summary():
     """Of each sensor: when first, and in how many estimates."""
     vehicle = relnav.load_model("rendezvous_demo")
