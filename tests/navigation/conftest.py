@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
 
 import relnav
 from relnav.accuracy.campaign import noise_alone
@@ -20,6 +22,8 @@ from relnav.simulation.detector import Faults
 from relnav.simulation.scenario import simulate
 from relnav.simulation.trajectory import Approach
 
+LOW_ORBIT_RAD_S = 1.1313666536110223e-3
+"""Mean motion of the shipped models."""
 EXAMPLES = Path(__file__).parents[2] / "examples" / "basilisk_approach"
 ACCEPTED = (relnav.EpochStatus.UPDATED, relnav.EpochStatus.STARTED)
 
@@ -235,3 +239,32 @@ def docking_of():
         return DockingState(*(values[0] for values in vars(whole).values()))
 
     return run
+
+
+def tumbling_bodies(t, start, rate, inertia, n=LOW_ORBIT_RAD_S):
+    """Attitudes dcm_lvlh_from_target (n, runs, 3, 3) and inertial rates (n, runs, 3) of bodies of inertia (runs, 3, 3).
+
+    At t = 0 the inertial frame is `lvlh_ccsds`, which turns at -n about its y.
+    """
+    runs, inverse = len(rate), np.linalg.inv(inertia)
+
+    def derivative(now, x):
+        q, w = x[: 4 * runs].reshape(runs, 4), x[4 * runs :].reshape(runs, 3)
+        v, s = q[:, :3], q[:, 3:]
+        turn = np.hstack([0.5 * (s * w + np.cross(v, w)), -0.5 * np.sum(v * w, axis=1, keepdims=True)])
+        nadir = Rotation.from_quat(q).inv().apply(Rotation.from_rotvec([0.0, -n * now, 0.0]).apply([0.0, 0.0, 1.0]))
+        of_nadir, of_rate = (np.einsum("rij,rj->ri", inertia, one) for one in (nadir, w))
+        torque = 3.0 * n**2 * np.cross(nadir, of_nadir) - np.cross(w, of_rate)
+        return np.concatenate([turn.ravel(), np.einsum("rij,rj->ri", inverse, torque).ravel()])
+
+    x = np.concatenate([start.as_quat().ravel(), rate.ravel()])
+    x = solve_ivp(derivative, (t[0], t[-1]), x, method="DOP853", t_eval=t, rtol=1e-10, atol=1e-12).y.T
+    frames = Rotation.from_rotvec(np.outer(t, [0.0, n, 0.0])).as_matrix()
+    attitudes = Rotation.from_quat(x[:, : 4 * runs].reshape(-1, 4)).as_matrix().reshape(len(t), runs, 3, 3)
+    return frames[:, None] @ attitudes, x[:, 4 * runs :].reshape(len(t), runs, 3)
+
+
+@pytest.fixture(scope="session")
+def turning():
+    """turning(t, start, rate, inertia): the attitudes of `tumbling_bodies`, which share nothing with the product."""
+    return tumbling_bodies
