@@ -73,6 +73,12 @@ class Plan:
         return self.kind.columns(self.model, self.scenario)
 
     @property
+    def note(self) -> str:
+        """A sentence on what the filter is not told of the truth; empty where there is none."""
+        note = self.kind.note
+        return "" if note is None else note(self.model, self.scenario)
+
+    @property
     def batch(self) -> int:
         """Runs of a batch, a multiple of four."""
         epochs = max(1.0, self.kind.epochs(self.model, self.scenario))

@@ -82,6 +82,8 @@ class CampaignSummary:
         granted.
     bins : tuple of BinRow
     final : tuple of FinalRow
+    note : str
+        On what the filter was not told of the truth; empty where there is nothing to say.
     """
 
     runs: int
@@ -93,6 +95,7 @@ class CampaignSummary:
     nees_by_bin: tuple[Consistency, ...]
     bins: tuple[BinRow, ...]
     final: tuple[FinalRow, ...]
+    note: str = ""
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
@@ -111,7 +114,7 @@ class CampaignSummary:
             "nees_by_bin": [_plain(entry) for entry in self.nees_by_bin],
             "bins": [vars(row) for row in self.bins],
             "final": [vars(row) for row in self.final],
-        }
+        } | ({"note": self.note} if self.note else {})
 
     def lines(self) -> list[str]:
         """The figures for a reader."""
@@ -137,7 +140,7 @@ class CampaignSummary:
         for last in self.final:
             numbers = (last.mean, last.deviation, last.three_sigma, last.worst, last.sigma)
             lines.append(f"  {last.component:<14}" + "".join(f"{number:12.3g}" for number in numbers))
-        return lines
+        return [*lines, *([f"note: {self.note}"] if self.note else [])]
 
 
 def summarise(
@@ -236,6 +239,7 @@ def summary_of(plain: dict[str, Any]) -> CampaignSummary:
         tuple(_filled(Consistency, entry) for entry in plain["nees_by_bin"]),
         tuple(_filled(BinRow, entry) for entry in plain["bins"]),
         tuple(_filled(FinalRow, entry) for entry in plain["final"]),
+        str(plain.get("note", "")),
     )
 
 

@@ -103,6 +103,8 @@ class RunKind:
         (model, scenario, method, seed) -> Scorer.
     together_at_hand : callable or None
         Whether its scorer flies runs together without compiling that first; None where it does not at all.
+    note : callable or None
+        (model, scenario) -> a sentence on what the filter is not told of the truth, empty where there is none.
     """
 
     figures: Figures
@@ -113,6 +115,7 @@ class RunKind:
     drawn: Callable[[Any, Any], dict[str, tuple[str, ...]]]
     scorer: Callable[[Any, Any, str, int], Scorer]
     together_at_hand: Callable[[], bool] | None = None
+    note: Callable[[Any, Any], str] | None = None
 
     def columns(self, model: Any, scenario: Binned) -> tuple[str, ...]:
         """Names of the figures of a run, but for its number, its status and its reason."""

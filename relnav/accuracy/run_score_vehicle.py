@@ -10,7 +10,13 @@ from relnav.accuracy.run_figures import Figures, RunKind, RunStatus
 from relnav.accuracy.run_score_port import OF_TWELVE, SAMPLES, TWELVE, score_port
 from relnav.arrays import Vector
 from relnav.geometry.rotation_vector import attitude_error
-from relnav.simulation.dispersed_vehicle import as_believed, check_vehicle_scenario, drawn_once, fly_vehicle_run
+from relnav.simulation.dispersed_vehicle import (
+    as_believed,
+    check_vehicle_scenario,
+    control_note,
+    drawn_once,
+    fly_vehicle_run,
+)
 from relnav.simulation.vehicle_dispersions import VehicleScenario
 from relnav.simulation.vehicle_numbers import number_names
 from relnav.simulation.vehicle_sensors import VehicleRun
@@ -129,4 +135,5 @@ VEHICLES = RunKind(
     epochs=_epochs,
     drawn=_drawn,
     scorer=VehicleScorer,
+    note=control_note,
 )

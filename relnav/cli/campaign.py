@@ -103,6 +103,8 @@ def command(
     if only is not None:
         lines = _one_run(plan, only, out)
     else:
+        if plan.note and not quiet:
+            click.echo(f"note: {plan.note}", err=True)
         with _Progress(plan, out, quiet) as progress:
             fly_missing(plan, out, workers, cluster, progress.done)
         kind = None if no_pictures else pictures

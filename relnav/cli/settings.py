@@ -31,7 +31,7 @@ def setting(text: str) -> tuple[str, Any]:
 
 
 def model_and_scenario(settings: tuple[str, ...]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Changes of the model and of the scenario: keys of a scenario begin with one of its sections."""
+    """Changes of the model and of the scenario: a key is a scenario's where a section of one has it."""
     from relnav.files.scenarios import is_of_scenario
 
     changes = dict(setting(text) for text in settings)

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -139,6 +140,7 @@ def finish(plan: Plan, folder: Path, *, pictures: str | None = "png") -> Campaig
     write_failed(folder, runs.failed())
     edges, figures = plan.scenario.range_edges_m, plan.kind.figures
     summary = summarise(plan.runs, runs.status(), edges, runs.read, load_published(plan.model), figures)
+    summary = replace(summary, note=plan.note)
     write_json(
         {"model": plan.model.name, "method": plan.method, "seed": plan.seed} | summary.to_dict(), folder / SUMMARY
     )

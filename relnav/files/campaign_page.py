@@ -104,7 +104,11 @@ def write_campaign_page(flown: FlownCampaign, path: Path) -> None:
         raise InputError(f"{where}: runs and {DESCRIPTION} do not belong together: {shown(error)}") from error
     parts = [f'<div class="tiles">{"".join(_tiles(summary))}</div>']
     parts.append(
-        section("Consistency of the covariance", paragraph(_HONEST_SAID), table(_HONEST, _honest(summary), (1, 2, 3)))
+        section(
+            "Consistency of the covariance",
+            paragraph(_HONEST_SAID) + (paragraph(summary.note) if summary.note else ""),
+            table(_HONEST, _honest(summary), (1, 2, 3)),
+        )
     )
     parts.append(section("Errors by range", by_range, table(_BINS, _bins(summary), (2, 3, 4, 5, 6, 7))))
     parts.append(section("Errors at the end", at_end, table(_FINAL, _final(summary), (1, 2, 3, 4, 5))))

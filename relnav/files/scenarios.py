@@ -9,7 +9,7 @@ from typing import Any
 
 from relnav.errors import UsageError
 from relnav.files.paths import path_of
-from relnav.files.toml_values import Problems, build, change_value, read_toml
+from relnav.files.toml_values import Problems, build, change_value, find_field, read_toml
 from relnav.files.wording import shown
 from relnav.simulation.dispersions import AsBuilt, Images, Results, Scenario, Spread, Thrust
 from relnav.simulation.rendezvous import Rendezvous
@@ -104,8 +104,10 @@ def load_scenario(
 
 
 def is_of_scenario(key: str) -> bool:
-    """Whether a key "section.name" of a change belongs to a scenario, not to a model."""
-    return key.partition(".")[0] in {*SECTIONS, *OF_VEHICLES}
+    """Whether a key "section.name" of a change belongs to a scenario; a model may have a section of that name too."""
+    section, _, name = key.partition(".")
+    kinds = [sections[section] for sections in (SECTIONS, OF_VEHICLES) if section in sections]
+    return any(not find_field(name, [field.name for field in dataclasses.fields(kind)])[2] for kind in kinds)
 
 
 def plain(value: Any) -> Any:

@@ -1,15 +1,22 @@
 """One run of a vehicle's scenario: what is uncertain is drawn, then it is flown and seen by every sensor."""
 
 import dataclasses
+import math
 from collections.abc import Mapping
 
-from relnav.simulation.rendezvous import Rendezvous
+from relnav.simulation.rendezvous import FREE, Rendezvous
+from relnav.simulation.rendezvous_motion import CONTROL_DAMPING, CONTROL_RAD_S
 from relnav.simulation.streams import Draws, Stream
 from relnav.simulation.vehicle_dispersions import FAULTS, VehicleScenario
 from relnav.simulation.vehicle_faults import VehicleFault, with_fault
 from relnav.simulation.vehicle_numbers import OfRun
 from relnav.simulation.vehicle_sensors import VehicleRun, simulate_rendezvous
 from relnav.spacecraft import GYRO, POINTS, Vehicle
+
+PEAK_RATE = math.exp(-math.acos(CONTROL_DAMPING) * CONTROL_DAMPING / math.sqrt(1.0 - CONTROL_DAMPING**2))
+"""Largest rate of an attitude that is turned back, over that attitude and the control's natural frequency."""
+MOST_BEYOND = 9.0
+"""By how much a target's control may exceed the white angular acceleration that is stated: three times in size."""
 
 
 def default_scenario(vehicle: Vehicle) -> VehicleScenario:
@@ -33,6 +40,30 @@ def check_vehicle_scenario(vehicle: Vehicle, scenario: VehicleScenario) -> None:
         and (scenario.fault.sensor == GYRO or vehicle.kind(scenario.fault.sensor) != POINTS)
     ):
         raise ValueError(f"fault.kind glint is for a sensor that sees lights; {scenario.fault.sensor} sees none")
+
+
+def control_note(vehicle: Vehicle, scenario: VehicleScenario) -> str:
+    """A sentence on a target whose control turns it by more than the filter expects; empty for others.
+
+    The control takes out the rate that a target has at first, and what it gives it to turn it back: changes within
+    1 / CONTROL_RAD_S. White angular acceleration of density q changes a rate by the root of q times that.
+    """
+    flight, start = scenario.approach, as_flown(vehicle, scenario).hand_over
+    stated = vehicle.target.rate_noise_density_rad2_s3
+    if flight.as_believed or flight.target == FREE:
+        return ""
+    turned_back = PEAK_RATE * CONTROL_RAD_S * start.target_attitude_sigma_rad
+    change = math.hypot(start.target_rate_sigma_rad_s, turned_back)
+    density = change * change * CONTROL_RAD_S
+    if density <= MOST_BEYOND * stated:
+        return ""
+    expected = math.degrees(math.sqrt(stated / CONTROL_RAD_S))
+    return (
+        f"the target's control changes its rate by {math.degrees(change):.2g} deg/s (1-sigma) within "
+        f"{1.0 / CONTROL_RAD_S:g} s, and by target.rate_noise_density_rad2_s3 the filter expects {expected:.2g} deg/s: "
+        'its covariance is too small. For a target that nobody controls set approach.target to "free"; for one that '
+        f"is controlled, that density to {density:.1g}"
+    )
 
 
 def as_flown(vehicle: Vehicle, scenario: VehicleScenario) -> Vehicle:

@@ -11,6 +11,7 @@ torques of the stated sizes.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final, Literal
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -34,6 +35,9 @@ from relnav.spacecraft import InertialOrbit, Vehicle
 SWAY_RAD, SWAY_PERIODS_S = math.radians(0.08), (60.0, 170.0)
 """Of the chaser's attitude about the held one, each axis and period; what is off at the start fades in SETTLING_S."""
 SETTLING_S = 40.0
+CONTROLLED: Final = "controlled"
+FREE: Final = "free"
+"""Targets."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +54,11 @@ class Rendezvous:
         By which the true orbit departs from the stated one, anomaly drawn.
     air_density_kg_m3, drag_m2_kg, drag_difference_m2_kg : float
         Cd A / m of the target, and by how much the chaser's is more.
+    target : {"controlled", "free"}
+        Whether the target's own control turns it to the attitude that the vehicle file states and holds it there, or
+        nothing but gravity's gradient turns it.
     as_believed : bool
-        Truth as the filter believes it to be.
+        Truth as the filter believes it to be: a free target, and white and slow accelerations.
     """
 
     start_m: float = 30.0
@@ -63,6 +70,7 @@ class Rendezvous:
     air_density_kg_m3: float = 1e-12
     drag_m2_kg: float = 0.01
     drag_difference_m2_kg: float = 0.01
+    target: Literal["controlled", "free"] = CONTROLLED
     as_believed: bool = False
 
     def __post_init__(self) -> None:
@@ -70,6 +78,8 @@ class Rendezvous:
             raise ValueError(f"0 < final_m < start_m is expected; got {self.final_m!r}, {self.start_m!r}")
         if not (self.fast_m_s > 0.0 and self.slow_m_s > 0.0):
             raise ValueError(f"closing rates are positive; got {self.fast_m_s!r}, {self.slow_m_s!r}")
+        if self.target not in (CONTROLLED, FREE):
+            raise ValueError(f'target is "controlled" or "free"; got {self.target!r}')
 
     def profile(self) -> Matrix:
         """Port distance and its rate, (m, 2), every STEP_S from start to end; the rate changes over metres."""
@@ -218,12 +228,17 @@ class Truth:
         return np.array([MU_EARTH_M3_S2, 0.0 if flight.as_believed else J2_EARTH, air, *ballistic])
 
     def _noise(self, count: int) -> tuple[Matrix, Matrix]:
-        """What pushes the chaser, (m, 3) m/s^2, and turns the target, (m, 3) rad/s^2 or (0, 3), step by step."""
+        """What pushes the chaser, (m, 3) m/s^2, and turns the target, (m, 3) rad/s^2, step by step.
+
+        Of a target that controls itself the latter is (0, 3).
+        """
         vehicle, believed = self.vehicle, self._flight.as_believed
         drawn = self._numbers.noise("motion").normal(size=(count, 2 if believed else 1, 3))
         white = math.sqrt(vehicle.motion.acceleration_noise_density_m2_s3 / STEP_S) * believed
         density = vehicle.target.rate_noise_density_rad2_s3
-        pushes = math.sqrt(density / STEP_S) * drawn[:, 1] if believed else np.empty((0, 3))
+        pushes = np.zeros((0 if self._flight.target == CONTROLLED else count, 3))
+        if believed:
+            pushes = math.sqrt(density / STEP_S) * drawn[:, 1]
         return white * drawn[:, 0], pushes
 
     def _frame_rates(self) -> Vector:

@@ -116,3 +116,21 @@ def test_the_script_for_slurm(run, monkeypatch):
     assert code == 0
     assert "#SBATCH --ntasks=64\n" in said
     assert "-m relnav campaign three_beacon_psd --runs 1000 --out 'my results' --cluster \"$place\"\n" in said
+
+
+def test_a_target_whose_control_misleads_the_filter(run, tmp_path):
+    """Told before anything is flown, with the results, and on the page; not of a free one."""
+    near = ["--set", "approach.start_m=5.3", "--set", "approach.final_m=5.2", "--set", "gyro.rate_hz=10"]
+    turning = ["--set", "hand_over.target_rate_sigma_deg_s=0.3"]
+    begin = ["campaign", "rendezvous_demo", "--runs", "1", "--workers", "1", *near, *turning, "--no-pictures", "--out"]
+    code, said, told = run(*begin, tmp_path / "held")
+    note = json.loads((tmp_path / "held" / "summary.json").read_text())["note"]
+    assert code == 0
+    assert note.startswith("the target's control changes its rate by 0.3 deg/s (1-sigma) within 100 s, ")
+    assert told.startswith(f"note: {note}\n")
+    assert f"\nnote: {note}\n" in said
+    assert run("report", tmp_path / "held", "--out", tmp_path / "page.html")[0] == 0
+    assert "control changes its rate by 0.3 deg/s (1-sigma) within 100 s" in (tmp_path / "page.html").read_text()
+    code, said, told = run(*begin, tmp_path / "free", "--set", "approach.target=free")
+    assert (code, "note:" in said, "note:" in told) == (0, False, False)
+    assert "note" not in json.loads((tmp_path / "free" / "summary.json").read_text())
