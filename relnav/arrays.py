@@ -120,6 +120,18 @@ def whole(name: str, value: Any, least: int = 0, below: int = 2**64) -> int:
     return int(value)
 
 
+def vector(name: str, value: ArrayLike, shape: tuple[int, ...], most: float = LARGEST) -> NDArray[np.float64]:
+    """A caller's array as float64; ValueError for another shape, or what is not finite or beyond `most`."""
+    array = numbers(name, value)
+    if array.shape != shape:
+        raise ValueError(f"{name} has shape {shape}; got {array.shape}")
+    if not (np.abs(array) <= most).all():
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name} must be finite; got {array.tolist()}")
+        raise ValueError(f"{name} must be up to {most:g} in size; got {array.tolist()}")
+    return array
+
+
 def one_piece(name: str, value: ArrayLike) -> NDArray[np.float64]:
     """`numbers` in one piece of memory that may be written: kernels compile anew for any other kind of array."""
     array = numbers(name, value)

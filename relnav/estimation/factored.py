@@ -274,6 +274,20 @@ def factorize(covariance: Matrix) -> Matrix:
     return ld
 
 
+def stated_covariance(p: Matrix) -> tuple[Matrix, Matrix]:
+    """What a caller states as a covariance (n, n), symmetric to the last bit, and its factors `ld` (n, n).
+
+    Raises
+    ------
+    ValueError
+        For one with a variance that is not above zero, not symmetric to 1e-9, or not positive semidefinite.
+    """
+    if np.any(np.diagonal(p) <= 0.0):
+        raise ValueError(f"covariance has variances above zero; its diagonal is {np.diagonal(p).tolist()}")
+    covariance = 0.5 * (p + p.T) if np.allclose(p, p.T, rtol=1e-9, atol=0.0) else p
+    return covariance, factorize(covariance)
+
+
 @cache
 def _triangle(n: int) -> tuple[Flags, Matrix]:
     """Which entries of a matrix (n, n) stand below its diagonal, and the unit matrix."""

@@ -3,8 +3,9 @@
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Stack, Vector
+from relnav.arrays import Matrix, Stack, Vector, numbers
 from relnav.codegen.kernel import entry, kernel, plain
 
 
@@ -28,6 +29,20 @@ def dcm_from_quaternion(quaternion: Vector, name: str = "") -> Matrix:
 def is_rotation(dcm: Matrix) -> bool:
     """Whether a matrix is a rotation (3, 3): finite, orthonormal to 1e-6 in every entry, determinant +1."""
     return dcm.shape == (3, 3) and plain(are_a_rotation)(*dcm.ravel().tolist())
+
+
+def rotation(name: str, value: ArrayLike) -> Matrix:
+    """A caller's rotation matrix (3, 3).
+
+    Raises
+    ------
+    ValueError
+        For another shape, and what is not orthonormal, as `is_rotation` says.
+    """
+    dcm = numbers(name, value)
+    if not is_rotation(dcm):
+        raise ValueError(f"{name} is a rotation matrix (3, 3); got {dcm.tolist()}")
+    return dcm
 
 
 @kernel

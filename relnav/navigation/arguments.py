@@ -6,9 +6,9 @@ from importlib.metadata import version
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import LARGEST, Matrix, Vector, number, numbers
+from relnav.arrays import LARGEST, Matrix, Vector, number, vector
 from relnav.dynamics.error_state import MOTION
-from relnav.estimation.factored import factorize
+from relnav.estimation.factored import stated_covariance
 from relnav.geometry.linear_algebra import lengths
 from relnav.mission import Model, VisionMission
 from relnav.navigation.memory import METHODS, new_memory, views
@@ -47,27 +47,12 @@ def refuse_unknown_engine(engine: str) -> None:
         raise ValueError(f'engine must be "compiled" or "filterpy"; got {engine!r}')
 
 
-def vector(name: str, value: ArrayLike, shape: tuple[int, ...], most: float = LARGEST) -> Matrix:
-    """A caller's array as float64; ValueError for another shape, or what is not finite or beyond `most`."""
-    array = numbers(name, value)
-    if array.shape != shape:
-        raise ValueError(f"{name} has shape {shape}; got {array.shape}")
-    if not (np.abs(array) <= most).all():
-        if not np.isfinite(array).all():
-            raise ValueError(f"{name} must be finite; got {array.tolist()}")
-        raise ValueError(f"{name} must be up to {most:g} in size; got {array.tolist()}")
-    return array
-
-
 def start_values(t_s: float, state: ArrayLike, covariance: ArrayLike, size: int) -> tuple[float, Vector, Matrix]:
     """Time, state (6,) and factors (size, size) of a start; ValueError for what is none."""
     t, x = number("t_s", t_s), vector("state", state, (MOTION,))
     if not math.isfinite(t):
         raise ValueError(f"t_s must be finite; got {t_s!r}")
-    p = vector("covariance", covariance, (size, size))
-    if np.any(np.diagonal(p) <= 0.0):
-        raise ValueError(f"covariance has variances above zero; its diagonal is {np.diagonal(p).tolist()}")
-    return t, x, factorize(0.5 * (p + p.T) if np.allclose(p, p.T, rtol=1e-9, atol=0.0) else p)
+    return t, x, stated_covariance(vector("covariance", covariance, (size, size)))[1]
 
 
 CONTROL = 6

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from relnav.arrays import Matrix, Record, Stack, Vector, one_piece
+from relnav.arrays import Matrix, Record, Stack, Vector, one_piece, vector
 from relnav.codegen.kernel import entry
 from relnav.dynamics.error_state import POSE
 from relnav.errors import UsageError
 from relnav.estimation.timeline import Passed, Timeline
 from relnav.geometry.rotation import dcm_from_quaternion, dcm_from_quaternion_into, quaternion_from_dcm
 from relnav.mission import VisionMission
-from relnav.navigation.arguments import controls, quaternions, refuse_no_beacons, vector
+from relnav.navigation.arguments import controls, quaternions, refuse_no_beacons
 from relnav.navigation.pose_call import AS_STATED, Event
 from relnav.navigation.pose_epoch import EPOCH, read_epoch, write_epoch
 from relnav.navigation.pose_filter import NOTHING, pose_step

@@ -22,7 +22,7 @@ from relnav.dynamics.rigid_body import lvlh_rate
 from relnav.errors import UsageError
 from relnav.estimation.factored import compose
 from relnav.estimation.timeline import Passed, Timeline
-from relnav.geometry.rotation import is_rotation
+from relnav.geometry.rotation import rotation
 from relnav.geometry.rotation_vector import turned
 from relnav.mission import VisionMission
 from relnav.navigation.arguments import (
@@ -168,10 +168,8 @@ class PoseNavigator:
             For another shape, what is not finite, an invalid attitude or covariance. The filter is then unchanged.
         """
         t, motion, ld = start_values(t_s, state, covariance, POSE)
-        attitude = np.array(numbers("dcm_lvlh_from_target", dcm_lvlh_from_target))
+        attitude = np.array(rotation("dcm_lvlh_from_target", dcm_lvlh_from_target))
         rate = _vector("rate_rad_s", rate_rad_s)
-        if not is_rotation(attitude):
-            raise ValueError("dcm_lvlh_from_target is a rotation matrix (3, 3)")
         if t < self.last_t_s:
             raise ValueError(f"t_s must not be before the last epoch, {self.last_t_s!r}; got {t_s!r}")
         m = self._named

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import LARGEST, Matrix, Vector, number, numbers, of_floats, one_piece
+from relnav.arrays import LARGEST, Matrix, Vector, number, numbers, of_floats, one_piece, vector
 from relnav.codegen.kernel import plain, ready
 from relnav.codegen.python_members import method_of, read_by_machine_code
 from relnav.dynamics.error_state import MOTION
 from relnav.geometry.rotation import is_rotation
 from relnav.mission import Model
-from relnav.navigation.arguments import choose, not_negative, refuse_another_version, start_values, told_time, vector
+from relnav.navigation.arguments import choose, not_negative, refuse_another_version, start_values, told_time
 from relnav.navigation.blocks import attitude_counts, beacon_layout
 from relnav.navigation.epoch_report import (
     ACCELERATION,

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from relnav.arrays import Flags, Matrix, Vector
+from relnav.arrays import Flags, Matrix, Vector, vector
 from relnav.dynamics.clohessy_wiltshire import transition
 from relnav.dynamics.error_state import MOTION
 from relnav.dynamics.process_noise import acceleration_noise
 from relnav.estimation.steady_state import SteadyState, steady_state
 from relnav.mission import Model
-from relnav.navigation.arguments import choose, vector
+from relnav.navigation.arguments import choose
 from relnav.navigation.memory import Memory, views
 from relnav.navigation.observation.beacon_geometry import locate
 from relnav.navigation.observation.beacon_rows import observe

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from relnav.arrays import Matrix, Vector, number, numbers
 from relnav.codegen.kernel import plain
 from relnav.geometry.linear_algebra import cross_matrix, tangent_basis_into
-from relnav.geometry.rotation import dcm_from_quaternion, is_rotation
+from relnav.geometry.rotation import dcm_from_quaternion, rotation
 from relnav.sensors.measurement import Status
 
 
@@ -54,9 +54,7 @@ class SunDirection:
 
     def turned(self, dcm_b_from_a: ArrayLike) -> SunDirection:
         """The same in other axes, v_b = dcm @ v_a: the body's with the mounting, inertial ones with the attitude."""
-        dcm = numbers("dcm_b_from_a", dcm_b_from_a)
-        if not is_rotation(dcm):
-            raise ValueError(f"a rotation matrix (3, 3) is expected; got {dcm.tolist()}")
+        dcm = rotation("dcm_b_from_a", dcm_b_from_a)
         return replace(self, direction=_fixed(dcm @ self.direction), covariance=_fixed(dcm @ self.covariance @ dcm.T))
 
 
@@ -121,12 +119,11 @@ def attitude_observation(
         If the measurement has no value (its status says why), `sun_inertial` is not a unit vector, the attitude is not
         a rotation, or the sigma is invalid.
     """
-    sun, dcm = numbers("sun_inertial", sun_inertial), numbers("dcm_body_from_inertial", dcm_body_from_inertial)
+    sun = numbers("sun_inertial", sun_inertial)
     sigma = number("sun_sigma_rad", sun_sigma_rad)
     if sun.shape != (3,) or not (np.abs(sun) < 2.0).all() or abs(np.linalg.norm(sun) - 1.0) > 1e-6:
         raise ValueError(f"sun_inertial is a unit vector (3,); got {sun.tolist()}")
-    if not is_rotation(dcm):
-        raise ValueError(f"dcm_body_from_inertial is a rotation matrix (3, 3); got {dcm.tolist()}")
+    dcm = rotation("dcm_body_from_inertial", dcm_body_from_inertial)
     if not 0.0 <= sigma <= np.pi:
         raise ValueError(f"sun_sigma_rad is an angle in radians, 0 or more; got {sun_sigma_rad!r}")
     if not measured_body.ok:

@@ -6,12 +6,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, Record, Vector, frozen, numbers
+from relnav.arrays import Matrix, Record, Vector, frozen, numbers, vector
 from relnav.estimation.attitude import ATTITUDE_TRACK, CHASER, COMPARED, LASTING, TURNING
 from relnav.estimation.factored import compose
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.geometry.rotation import is_rotation
-from relnav.navigation.arguments import not_negative, vector
+from relnav.navigation.arguments import not_negative
 from relnav.navigation.status import EpochStatus
 
 NOT_COMPARED = np.full(1, np.nan, COMPARED).tobytes()

@@ -15,13 +15,13 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, number, numbers, one_piece
+from relnav.arrays import Matrix, number, numbers, one_piece, vector
 from relnav.dynamics.rigid_body import RigidBody
 from relnav.estimation.gating import chi_square_limit
 from relnav.estimation.innovation_sums import LIMIT_PROBABILITY
 from relnav.geometry.linear_algebra import cholesky
 from relnav.geometry.rotation import is_rotation
-from relnav.navigation.arguments import not_negative, vector
+from relnav.navigation.arguments import not_negative
 from relnav.navigation.attitude.inputs import ASYMMETRY, LARGEST_RAD2, LEAST_PIVOT
 from relnav.navigation.attitude.prediction import MEMORY, REFUSED, advance, look
 from relnav.navigation.attitude.record import NOT_COMPARED, NOT_KNOWN, AttitudeRecord
