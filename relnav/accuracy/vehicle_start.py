@@ -65,7 +65,7 @@ def rolled(vehicle: Vehicle, start_m: float, roll_rad: float, tilt_rad: Sequence
 
 def search(run: VehicleRun, vehicle: Vehicle) -> Start:
     """Start with the observations of a flight that this vehicle's sensors made, until the attitude is found."""
-    filters = VehicleFilters(vehicle, 0.0, run.truth.vehicle.start_position_m, monitor=False)
+    filters = VehicleFilters(vehicle, 0.0, {"position_m": run.truth.vehicle.start_position_m}, monitor=False)
     filters.samples.fill(run.samples)
     tracked, most = filters.start, 0
     for seen in sorted(run.others, key=lambda one: one.t_s):

@@ -28,6 +28,7 @@ from relnav.arrays import Matrix, Stack, Vector
 from relnav.estimation.state_layout import StateLayout
 from relnav.geometry.rotation_vector import rotation_vector_between, turned
 from relnav.spacecraft import FORESEEN_RAD, POINTS, Vehicle
+from relnav.vehicle.hand_over import Start
 from relnav.vehicle.layout import POSITION, TARGET_ATTITUDE, TARGET_RATE, VELOCITY
 from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.state import Estimates
@@ -157,23 +158,33 @@ def opened(blind: Estimates, explained: Sequence[Hypothesis], before: Estimates 
     return Search(blind, tuple(sorted(hypotheses, key=lambda one: one.score)), before=before)
 
 
-def hypothesis_about(blind: Estimates, dcm_lvlh_from_target: Matrix, vehicle: Vehicle, frame: OrbitFrame) -> Hypothesis:
-    """Where an explanation begins at a start: nothing is known of the target but about which attitude it is held."""
-    dcm, held = dcm_lvlh_from_target, vehicle.target.dcm_target_from_lvlh.T
-    at = blind.copied()
-    at.dcm_lvlh_from_target[:] = dcm
-    at.values[:, TARGET_RATE] = frame.held_rate(dcm, at.t_s)
-    _forget(at.covariance, TARGET_ATTITUDE, START_RAD)
-    angle = rotation_vector_between(dcm, held)
-    return Hypothesis(at, float(angle @ angle) / vehicle.hand_over.target_attitude_sigma_rad**2)
+def hypothesis_about(blind: Estimates, dcm_lvlh_from_target: Matrix, start: Start, frame: OrbitFrame) -> Hypothesis:
+    """Where an explanation begins at a start: nothing is known of the target but about which attitude it is.
+
+    It is held there, unless its rate was stated: that, in the target's axes, is the same about each attitude.
+    """
+    at = _about(blind, dcm_lvlh_from_target)
+    if not start.tells_rate:
+        at.values[:, TARGET_RATE] = frame.held_rate(dcm_lvlh_from_target, at.t_s)
+    known = blind.covariance[0, TARGET_ATTITUDE, TARGET_ATTITUDE]
+    return Hypothesis(at, start.contradiction(dcm_lvlh_from_target, blind.dcm_lvlh_from_target[0], known))
 
 
-def hypothesis_anew(blind: Estimates, pose: tuple[Matrix, Vector], vehicle: Vehicle, frame: OrbitFrame) -> Hypothesis:
+def hypothesis_anew(blind: Estimates, pose: tuple[Matrix, Vector], frame: OrbitFrame) -> Hypothesis:
     """Where an explanation begins after a lock-out: about a pose, and none is more credible than another."""
-    at = hypothesis_about(blind, pose[0], vehicle, frame).estimates
+    at = _about(blind, pose[0])
+    at.values[:, TARGET_RATE] = frame.held_rate(pose[0], at.t_s)
     at.values[:, POSITION] = pose[1]
     _forget(at.covariance, POSITION, START_SHARE * float(np.linalg.norm(pose[1])))
     return Hypothesis(at, 0.0)
+
+
+def _about(blind: Estimates, dcm_lvlh_from_target: Matrix) -> Estimates:
+    """What is known without any light, with this attitude of the target, known to START_RAD."""
+    at = blind.copied()
+    at.dcm_lvlh_from_target[:] = dcm_lvlh_from_target
+    _forget(at.covariance, TARGET_ATTITUDE, START_RAD)
+    return at
 
 
 def locked_out(at: Estimates, layouts: Sequence[StateLayout], vehicle: Vehicle) -> Estimates:
@@ -201,12 +212,12 @@ def _forget(covariance: Stack, place: slice, sigma: float | Vector) -> None:
     covariance[:, place, place] = np.square(sigma)[..., None, None] * np.eye(place.stop - place.start)
 
 
-def found_at_start(start: Estimates, found: Estimates, vehicle: Vehicle, frame: OrbitFrame) -> Estimates:
+def found_at_start(start: Estimates, found: Estimates, begin: Start, frame: OrbitFrame) -> Estimates:
     """The start again, about the attitude found later, turned back by the rate found then."""
     back = found.values[0, TARGET_RATE] * (start.t_s - found.t_s)
     inertial = frame.dcm_lvlh_from_inertial(found.t_s).T @ found.dcm_lvlh_from_target[0]
     attitude = frame.dcm_lvlh_from_inertial(start.t_s) @ turned(inertial, back)
-    return hypothesis_about(start, attitude, vehicle, frame).estimates
+    return hypothesis_about(start, attitude, begin, frame).estimates
 
 
 def _is_same(one: Hypothesis, other: Hypothesis) -> bool:

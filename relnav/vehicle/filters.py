@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import LARGEST, Codes, Matrix, number, numbers
+from relnav.arrays import Codes, Matrix, number
 from relnav.dynamics.error_state import MOTION
 from relnav.spacecraft import FORESEEN_RAD, GYRO, POINTS, RESERVED, STAR, THRUST, Vehicle
 from relnav.vehicle.acquisition import (
@@ -25,13 +25,15 @@ from relnav.vehicle.acquisition import (
     opened,
 )
 from relnav.vehicle.alarms import contradicting
+from relnav.vehicle.arguments import refuse_covariance, three
 from relnav.vehicle.attitude_jump import Jump, Verdict, jumped
 from relnav.vehicle.directions import StarTracker, SunSensor
 from relnav.vehicle.drift_sums import score_of
 from relnav.vehicle.drifts import Drifts, watched_drifts
 from relnav.vehicle.estimate import VehicleEstimate
 from relnav.vehicle.flying_sensor import Flown, FlyingSensor, check_sensors
-from relnav.vehicle.gyro import FASTEST_RAD_S, GyroSamples
+from relnav.vehicle.gyro import GyroSamples
+from relnav.vehicle.hand_over import Told, start_of
 from relnav.vehicle.health import Fare
 from relnav.vehicle.layout import TARGET_RATE, layout_of, untold
 from relnav.vehicle.monitor import Sums, all_estimated
@@ -47,8 +49,6 @@ from relnav.vehicle.trial import Taken, Trial
 from relnav.vehicle.trial import Verdict as Tried
 from relnav.vehicle.update import Outcome, Updater
 
-MOST = {GYRO: FASTEST_RAD_S, THRUST: 1e4}
-"""Of a rate, rad/s, and an acceleration, m/s^2: more is a mistake."""
 NOTHING: Matrix = np.zeros((0, 0))
 NO_CODES: Codes = np.zeros(0, dtype=np.int64)
 NOT_USED = Outcome(0.0, 0, 0, 0)
@@ -80,32 +80,32 @@ class VehicleFilters:
         self,
         vehicle: Vehicle,
         t_s: float,
-        position_m: ArrayLike | None = None,
-        velocity_m_s: ArrayLike | None = None,
+        told: Told | None = None,
         sensors: Mapping[str, FlyingSensor] | None = None,
         *,
         monitor: bool = True,
         separation: bool = False,
     ) -> None:
-        """Start them; arguments and errors as of `VehicleNavigator`."""
+        """Start them; arguments and errors as of `VehicleNavigator`, told: what is known at the start."""
         if not isinstance(vehicle, Vehicle):
             raise ValueError(
                 f"a vehicle is expected, as relnav.load_model('rendezvous_demo') gives; got a {type(vehicle).__name__}"
             )
-        place = three("position_m", vehicle.start_position_m if position_m is None else position_m)
-        speed = three("velocity_m_s", vehicle.hand_over.velocity_m_s if velocity_m_s is None else velocity_m_s)
         more = {} if sensors is None else sensors
         check_sensors(more)
         for name in more:
             if name in vehicle.sensor or name in RESERVED:
                 raise ValueError(f"sensors: the name '{name}' is taken in {vehicle.name}; call it something else")
-        self.vehicle, self.layout = vehicle, layout_of(vehicle, {name: own.lasting for name, own in more.items()})
-        self.frame = OrbitFrame(vehicle.orbit)
+        self.vehicle, self.frame = vehicle, OrbitFrame(vehicle.orbit)
+        self._begin = start_of(vehicle, self.frame, number("t_s", t_s), {} if told is None else told)
+        layout = layout_of(vehicle, {name: own.lasting for name, own in more.items()})
+        self.layout = self._begin.told_in(layout)
         layouts = [self.layout, all_estimated(self.layout)] if monitor else [self.layout]
-        if separation and vehicle.seeks_attitude:
+        if separation and self._begin.seeks_attitude:
             raise ValueError(
                 "separation: the target's attitude has to be known at hand-over, so that no filter rests on a sensor "
-                f"that it does not take; hand_over.target_attitude_sigma is above {degrees(FORESEEN_RAD):.3g} deg"
+                "that it does not take; hand_over.target_attitude_sigma, or that of covariance, is above "
+                f"{degrees(FORESEEN_RAD):.3g} deg"
             )
         self._watched, names = len(layouts), [*RESERVED, *vehicle.sensor, *more] if separation else []
         self._without = {name: len(layouts) + k for k, name in enumerate(names)}
@@ -117,18 +117,18 @@ class VehicleFilters:
         self._directions = {name for name in vehicle.sensor if vehicle.kind(name) != POINTS}
         self._lights = [name for name in vehicle.sensor if vehicle.kind(name) == POINTS]
         rows = max(sensor.most_rows for sensor in self.sensors.values())
-        self.samples = GyroSamples(self.frame.held_rate(vehicle.chaser.dcm_chaser_from_lvlh.T, number("t_s", t_s)))
+        held = self._begin.dcm_lvlh_from_chaser
+        self.samples = GyroSamples(self.frame.held_rate(held, self._begin.t_s))
         lacking = self._without.get(GYRO, -1), self._without.get(THRUST, -1)
         drifts = watched_drifts(self.layout, self.sensors) if monitor else {}
         drives, watched = np.concatenate([NO_CODES, *drifts.values()]), 1 if monitor else -1
         self._drifts = {name: len(places) for name, places in drifts.items()}
-        self.motion = VehicleMotion(vehicle, self.frame, len(layouts), *lacking, watched, drives)
+        self.motion = VehicleMotion(vehicle, self.frame, held, len(layouts), *lacking, watched, drives)
         self._updater = Updater(layouts, vehicle.filter.gate_probability, rows, watched, len(drives))
         self.places = {name: k for k, name in enumerate([*RESERVED, *self.sensors])}
-        motion = np.concatenate([place, speed])
-        start = start_state(vehicle, layouts, self.frame, number("t_s", t_s), motion, len(drives))
+        start = start_state(self._begin, layouts, self.frame, len(drives))
         fares = dict.fromkeys(self.sensors, Fare(Sums(start.t_s)))
-        search = Search(start) if vehicle.seeks_attitude else None
+        search = Search(start) if self._begin.seeks_attitude else None
         self.start = Tracked(start, fares, search, trial=Trial(start) if search is None else None)
         self.on_outcome: Callable[[Event, Outcome], None] | None = None
 
@@ -266,8 +266,8 @@ class VehicleFilters:
         assert isinstance(sensor, PointSensor)
         poses = sensor.poses(blind, event.value, event.noise)
         if before is None:
-            return [hypothesis_about(blind, attitude, self.vehicle, self.frame) for attitude, _ in poses]
-        return [hypothesis_anew(blind, pose, self.vehicle, self.frame) for pose in poses]
+            return [hypothesis_about(blind, attitude, self._begin, self.frame) for attitude, _ in poses]
+        return [hypothesis_anew(blind, pose, self.frame) for pose in poses]
 
     def _through(self, before: Estimates, event: Event) -> tuple[Estimates, list[Outcome]]:
         """What an event makes of estimates, and what became of it in each filter; nothing of a command."""
@@ -312,7 +312,7 @@ class VehicleFilters:
             if tracked.search is not None:
                 left = len(tracked.search.hypotheses)
             else:
-                known = found_at_start(self.start.estimates, tracked.estimates, self.vehicle, self.frame)
+                known = found_at_start(self.start.estimates, tracked.estimates, self._begin, self.frame)
                 return self.start._replace(estimates=known, search=None)
         raise ValueError(
             f"attitudes of the target that explain what was seen: {left}; a flight has to show one to be smoothed"
@@ -369,31 +369,3 @@ class VehicleFilters:
         """The ports as one of the filters has them."""
         rate, more = self.motion.chaser_rate(at, self.samples, f), self.motion.rate_variance(at, self.samples, f)
         return port_state(self.vehicle, self.frame, at.of(f), rate, more)[0]
-
-
-def refuse_covariance(name: str, covariance: ArrayLike | None) -> None:
-    """Refuse that of a gyro sample or a command.
-
-    Raises
-    ------
-    ValueError
-        If there is one.
-    """
-    if covariance is not None:
-        raise ValueError(f"covariance: {name} takes none, its errors are those of [{name}] in the vehicle file")
-
-
-def three(name: str, value: ArrayLike) -> tuple[float, float, float]:
-    """Three numbers of a caller.
-
-    Raises
-    ------
-    ValueError
-        For what is none, or too large to be meant.
-    """
-    array, most = numbers(name, value), MOST.get(name, LARGEST)
-    if array.shape == (3,):
-        x, y, z = array.tolist()
-        if -most <= x <= most and -most <= y <= most and -most <= z <= most:
-            return x, y, z
-    raise ValueError(f"{name}: three finite numbers up to {most:g} in size are expected; got {array.tolist()}")

@@ -72,6 +72,7 @@ class VehicleMotion:
         self,
         vehicle: Vehicle,
         frame: OrbitFrame,
+        held: Matrix,
         filters: int,
         without: int = -1,
         untold: int = -1,
@@ -80,15 +81,15 @@ class VehicleMotion:
     ) -> None:
         """Constants; without: the filter that has no gyro, for which the chaser is held in its orbit.
 
-        untold: the filter that is told no commands to the thrusters; watched: the
-        filter of which drifts are looked for, of the errors drives (k,).
+        held (3, 3): its dcm_lvlh_from_chaser then; untold: the filter that is told no commands to the thrusters;
+        watched: the filter of which drifts are looked for, of the errors drives (k,).
         """
         gyro, motion, thrust = vehicle.gyro, vehicle.motion, vehicle.thrust
         self.frame = frame
         self.on_step: Callable[[Step], None] | None = None
         self._bias_walk, self._lost_walk = gyro.bias_walk_rad_s_sqrt_s**2, gyro.lost_rate_walk_rad_s_sqrt_s**2
         self._walks, self._lost_walks = np.full(filters, self._bias_walk), np.full(filters, self._lost_walk)
-        self._chaser, self._held = vehicle.chaser.dcm_chaser_from_lvlh.T, np.full((1, 4), -math.inf)
+        self._chaser, self._held = held, np.full((1, 4), -math.inf)
         self._without, self._untold = without, untold
         if without >= 0:
             self._walks[without] = self._lost_walk

@@ -10,9 +10,11 @@ from numpy.typing import ArrayLike
 
 from relnav.arrays import number, numbers
 from relnav.spacecraft import GYRO, Vehicle
+from relnav.vehicle.arguments import refuse_covariance, three
 from relnav.vehicle.estimate import VehicleEstimate
-from relnav.vehicle.filters import VehicleFilters, refuse_covariance, three
+from relnav.vehicle.filters import VehicleFilters
 from relnav.vehicle.flying_sensor import FlyingSensor
+from relnav.vehicle.hand_over import Told
 from relnav.vehicle.replay import ACCEPTED, REJECTED, REPLAYED, TOO_OLD, Event, Observed, Replay
 from relnav.vehicle.tracked import Tracked
 from relnav.vehicle.update import Outcome
@@ -36,6 +38,10 @@ class VehicleNavigator:
         t_s: float = 0.0,
         position_m: ArrayLike | None = None,
         velocity_m_s: ArrayLike | None = None,
+        covariance: ArrayLike | None = None,
+        dcm_lvlh_from_target: ArrayLike | None = None,
+        target_rate_rad_s: ArrayLike | None = None,
+        dcm_inertial_from_chaser: ArrayLike | None = None,
         sensors: Mapping[str, FlyingSensor] | None = None,
         monitor: bool = True,
         separation: bool = False,
@@ -50,6 +56,15 @@ class VehicleNavigator:
             When: nothing before it is used.
         position_m, velocity_m_s : (3,), optional
             The chaser's centre of mass from the target's, `lvlh_ccsds` of the file's orbit; [hand_over] if left out.
+        covariance : (6, 6), (12, 12) or (15, 15), optional
+            Of their errors, as of relative GPS; as of `PoseRecord` if the target's attitude and rate follow; then, the
+            chaser's attitude too. They are the first of `layout`, attitudes as rotation vectors in their own axes. What
+            is left out is as known as [hand_over] says.
+        dcm_lvlh_from_target, target_rate_rad_s : (3, 3), (3,), optional
+            The target's attitude, and its inertial rate in its own axes; held as [target] says, if left out. A rate
+            alone is that of the attitude that is held.
+        dcm_inertial_from_chaser : (3, 3), optional
+            The chaser's attitude, of which the gyro's samples then tell how it turns; held as [chaser] says.
         sensors : mapping, optional
             Sensors of your own by name (`relnav.vehicle.flying_sensor`), flown beside those of the file.
         monitor : bool
@@ -62,12 +77,19 @@ class VehicleNavigator:
         Raises
         ------
         ValueError
-            For what is no vehicle, arguments of another shape, a sensor with a name that is taken or errors that cannot
-            be, or separation where the target's attitude is to be found.
+            For what is no vehicle, arguments of another shape, attitudes and covariances that are none or say too
+            little, a sensor with a name that is taken or errors that cannot be, or separation where the target's
+            attitude is to be found.
         """
-        self._filters = VehicleFilters(
-            vehicle, t_s, position_m, velocity_m_s, sensors, monitor=monitor, separation=separation
-        )
+        told: Told = {
+            "position_m": position_m,
+            "velocity_m_s": velocity_m_s,
+            "covariance": covariance,
+            "dcm_lvlh_from_target": dcm_lvlh_from_target,
+            "target_rate_rad_s": target_rate_rad_s,
+            "dcm_inertial_from_chaser": dcm_inertial_from_chaser,
+        }
+        self._filters = VehicleFilters(vehicle, t_s, told, sensors, monitor=monitor, separation=separation)
         self.vehicle, self.layout = vehicle, self._filters.layout
         self._timeline: Replay[Tracked, Outcome | None]
         start, window_s = self._filters.start, vehicle.filter.replay_window_s

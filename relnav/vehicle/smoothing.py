@@ -31,11 +31,13 @@ from relnav.codegen.kernel import entry, kernel
 from relnav.geometry.linear_algebra import cholesky, solve_lower, solve_lower_transposed
 from relnav.spacecraft import GYRO, Vehicle
 from relnav.vehicle.alarms import AlarmMemory
+from relnav.vehicle.arguments import refuse_covariance, three
 from relnav.vehicle.drifts import Drifts
 from relnav.vehicle.estimate import VehicleEstimate
-from relnav.vehicle.filters import VehicleFilters, refuse_covariance, three
+from relnav.vehicle.filters import VehicleFilters
 from relnav.vehicle.flying_sensor import FlyingSensor
 from relnav.vehicle.gyro import Sample
+from relnav.vehicle.hand_over import Told
 from relnav.vehicle.health import Fare
 from relnav.vehicle.layout import MOVING
 from relnav.vehicle.motion import Step
@@ -90,12 +92,24 @@ class VehicleSmoother:
         t_s: float = 0.0,
         position_m: ArrayLike | None = None,
         velocity_m_s: ArrayLike | None = None,
+        covariance: ArrayLike | None = None,
+        dcm_lvlh_from_target: ArrayLike | None = None,
+        target_rate_rad_s: ArrayLike | None = None,
+        dcm_inertial_from_chaser: ArrayLike | None = None,
         sensors: Mapping[str, FlyingSensor] | None = None,
         monitor: bool = True,
     ) -> None:
         """Begin; arguments and errors as of `VehicleNavigator`."""
         self.vehicle = vehicle
-        start = (vehicle, t_s, position_m, velocity_m_s, sensors)
+        told: Told = {
+            "position_m": position_m,
+            "velocity_m_s": velocity_m_s,
+            "covariance": covariance,
+            "dcm_lvlh_from_target": dcm_lvlh_from_target,
+            "target_rate_rad_s": target_rate_rad_s,
+            "dcm_inertial_from_chaser": dcm_inertial_from_chaser,
+        }
+        start = vehicle, t_s, told, sensors
         self._alone = VehicleFilters(*start, monitor=False)
         self._watched = VehicleFilters(*start, monitor=True) if monitor else self._alone
         self._events: list[Event] = []

@@ -14,8 +14,8 @@ from relnav.codegen.kernel import entry, kernel
 from relnav.dynamics.error_state import MOTION
 from relnav.estimation.state_layout import StateLayout
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
-from relnav.spacecraft import Vehicle
 from relnav.vehicle.drift_sums import no_sums
+from relnav.vehicle.hand_over import Start
 from relnav.vehicle.layout import CHASER_ATTITUDE, POSITION, TARGET_ATTITUDE, TARGET_RATE, VELOCITY, lights_of
 from relnav.vehicle.orbit_frame import OrbitFrame
 from relnav.vehicle.pivot import (
@@ -258,23 +258,17 @@ class Estimates(NamedTuple):
         return new
 
 
-def start_state(
-    vehicle: Vehicle, layouts: Sequence[StateLayout], frame: OrbitFrame, t_s: float, motion: Vector, drifting: int
-) -> Estimates:
-    """The estimates at hand-over with this motion (6,): attitudes and rate as held, lasting errors as stated.
-
-    drifting: how many errors are watched for a drift.
-    """
-    values, filters, target = np.zeros(layouts[0].size), len(layouts), vehicle.target.dcm_target_from_lvlh.T
-    values[:MOTION], values[TARGET_RATE] = motion, frame.held_rate(target, t_s)
-    dcm = (vehicle.chaser.dcm_chaser_from_lvlh @ frame.dcm_lvlh_from_inertial(t_s)).T
+def start_state(start: Start, layouts: Sequence[StateLayout], frame: OrbitFrame, drifting: int) -> Estimates:
+    """The estimates at hand-over, lasting errors as stated; drifting: how many errors are watched for a drift."""
+    values, filters = np.zeros(layouts[0].size), len(layouts)
+    values[:MOTION], values[TARGET_RATE] = start.motion, start.target_rate_rad_s
     return Estimates(
-        t_s=t_s,
+        t_s=start.t_s,
         values=np.stack([values] * filters),
-        dcm_lvlh_from_target=np.stack([target] * filters),
-        dcm_inertial_from_chaser=np.stack([dcm] * filters),
-        covariance=np.stack([layout.prior for layout in layouts]),
-        frame=frame.dcm_lvlh_from_inertial(t_s),
+        dcm_lvlh_from_target=np.stack([start.dcm_lvlh_from_target] * filters),
+        dcm_inertial_from_chaser=np.stack([start.dcm_inertial_from_chaser] * filters),
+        covariance=np.stack([start.prior(layout) for layout in layouts]),
+        frame=frame.dcm_lvlh_from_inertial(start.t_s),
         lights=lights_of(layouts[0]),
         pivot=np.stack([no_pivot(lights_of(layouts[0]))] * filters),
         command_m_s2=np.zeros(3),

@@ -51,7 +51,7 @@ def test_of_a_hypothesis(eccentric, t_s):
     """A target that is held with another attitude."""
     nav = VehicleNavigator(eccentric, t_s=t_s)
     dcm = Rotation.from_rotvec([0.3, -0.8, 0.5]).as_matrix()
-    found = hypothesis_about(nav._timeline.newest.estimates, dcm, eccentric, nav._filters.frame).estimates
+    found = hypothesis_about(nav._timeline.newest.estimates, dcm, nav._filters._begin, nav._filters.frame).estimates
     assert np.abs(found.values[:, TARGET_RATE] - turning(eccentric.orbit, t_s, dcm.T)).max() < 1e-9
 
 

@@ -98,7 +98,8 @@ def test_in_a_step_it_is_pushed_too(slow):
 def test_after_a_lock_out_it_expects_the_same(slow):
     """Each filter forgets to what it expects itself."""
     layouts = [layout_of(slow), untold(layout_of(slow), slow)]
-    start = start_state(slow, layouts, VehicleNavigator(slow)._filters.frame, 0.0, np.array([5.0, 0, 0, 0, 0, 0]), 0)
+    filters = VehicleNavigator(slow)._filters
+    start = start_state(filters._begin, layouts, filters.frame, 0)
     sigma = np.sqrt(np.diagonal(locked_out(start, layouts, slow).covariance, axis1=1, axis2=2))
     expected = [slow.motion.slow_acceleration_sigma_m_s2], [slow.thrust.largest_m_s2]
     np.testing.assert_allclose(sigma[:, SLOW_ACCELERATION], np.repeat(expected, 3, axis=1), rtol=1e-12)
