@@ -8,9 +8,9 @@ direction is followed by xx, xy, xz, yy, yz, zz of its covariance. Rows may stan
 import csv
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TypeGuard
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -24,8 +24,9 @@ from relnav.files.wording import shown
 from relnav.geometry.linear_algebra import lengths
 from relnav.sensors.sun_direction import SunDirection, direction_with_covariance
 from relnav.simulation.vehicle_sensors import Value, VehicleRun
-from relnav.spacecraft import GYRO, POINTS, RESERVED, STAR, Vehicle
+from relnav.spacecraft import GYRO, POINTS, RESERVED, STAR, THRUST, Vehicle
 from relnav.vehicle.estimate import VehicleEstimate
+from relnav.vehicle.hand_over import Told
 from relnav.vehicle.navigator import LONGEST_PREDICTION_S, VehicleNavigator
 from relnav.vehicle.replay import TOO_OLD, check_gap
 from relnav.vehicle.smoothing import VehicleSmoother
@@ -209,11 +210,12 @@ def filter_rows(
     every_s: float = 1.0,
     refuse: Callable[[ValueError], None] | None = None,
     late: Counter[str] | None = None,
+    start: Mapping[str, Any] | None = None,
 ) -> Iterator[VehicleEstimate]:
     """The estimate every so many seconds, and at the end, from observations in the order of time.
 
     `refuse` takes what the filter says of an observation that it cannot take, or that comes too late for its window;
-    without it that ends the run. `late` counts the latter by sensor.
+    without it that ends the run. `late` counts the latter by sensor. `start`: as of `filter_vehicle_log`.
 
     Raises
     ------
@@ -221,11 +223,12 @@ def filter_rows(
         For an observation that the filter cannot take.
     """
     nav: VehicleNavigator | None = None
-    due = 0.0
-    for name, t_s, value in rows:
+    due, known = 0.0, {} if start is None else start
+    for name, t_s, value in _begun(rows, known):
         try:
             if nav is None:
-                nav, due = VehicleNavigator(vehicle, t_s=t_s), t_s + every_s
+                nav = VehicleNavigator(vehicle, **{"t_s": t_s, **known})
+                due = nav.newest_s + every_s
             check_gap(name, t_s, nav.newest_s)
             while due <= t_s:
                 if due <= nav.newest_s + LONGEST_PREDICTION_S:
@@ -244,10 +247,27 @@ def filter_rows(
         yield nav.state()
 
 
-def smoothed_rows(rows: Iterable[Row], vehicle: Vehicle, every_s: float = 1.0) -> list[VehicleEstimate]:
+def _begun(rows: Iterable[Row], start: Mapping[str, Any]) -> Iterator[Row]:
+    """The rows from the start on, and first of all the command to the thrusters that holds then."""
+    command: Row | None = None
+    start_s = start.get("t_s", -math.inf)
+    for row in rows:
+        name, t_s, value = row
+        if t_s < start_s:
+            command = (name, start_s, value) if name == THRUST else command
+            continue
+        if command is not None:
+            yield command
+            command = None
+        yield row
+
+
+def smoothed_rows(
+    rows: Iterable[Row], vehicle: Vehicle, every_s: float = 1.0, start: Mapping[str, Any] | None = None
+) -> list[VehicleEstimate]:
     """The smoothed estimate every so many seconds, and at the end, from observations in the order of time.
 
-    Memory as of `VehicleSmoother`: 50 kB an estimate, 1 kB an observation.
+    Memory as of `VehicleSmoother`: 50 kB an estimate, 1 kB an observation. `start`: as of `filter_vehicle_log`.
 
     Raises
     ------
@@ -255,11 +275,12 @@ def smoothed_rows(rows: Iterable[Row], vehicle: Vehicle, every_s: float = 1.0) -
         For an observation that the filter cannot take, or a target whose attitude stays ambiguous.
     """
     smoother: VehicleSmoother | None = None
-    start_s = end_s = 0.0
-    for name, t_s, value in rows:
+    start_s, end_s, known = 0.0, 0.0, {} if start is None else start
+    for name, t_s, value in _begun(rows, known):
         try:
             if smoother is None:
-                smoother, start_s = VehicleSmoother(vehicle, t_s=t_s), t_s
+                start_s = known.get("t_s", t_s)
+                smoother = VehicleSmoother(vehicle, **{**known, "t_s": start_s})
             end_s = t_s
             smoother.observe(name, t_s, value)
         except ValueError as error:
@@ -274,7 +295,12 @@ def smoothed_rows(rows: Iterable[Row], vehicle: Vehicle, every_s: float = 1.0) -
 
 
 def filter_vehicle_log(
-    path: Path | str, vehicle: Vehicle, *, every_s: float = 1.0, smooth: bool = False
+    path: Path | str,
+    vehicle: Vehicle,
+    *,
+    every_s: float = 1.0,
+    smooth: bool = False,
+    start: Mapping[str, Any] | None = None,
 ) -> list[VehicleEstimate]:
     """The estimates that a vehicle's filter makes of a log, every so many seconds and at the end.
 
@@ -288,15 +314,25 @@ def filter_vehicle_log(
         Seconds between two of them, above 0; each holds 50 kB.
     smooth : bool
         Whether each rests on all of the log, not on what came before it alone (`relnav.vehicle.smoothing`).
+    start : mapping, optional
+        What is known at the start, by the names of `VehicleNavigator`'s arguments, "position_m" to
+        "dcm_inertial_from_chaser", and "t_s", when: that of the first row if left out. Of earlier rows only the last
+        command to the thrusters is used.
 
     Raises
     ------
     LogError
-        If the log cannot be read; names file, line and column.
+        If the log cannot be read; names file, line and column. Or for a start that cannot be.
     UsageError
-        For another every_s.
+        For another every_s, and for another name in start.
     """
+    names = "t_s", *Told.__annotations__
+    for name in {} if start is None else start:
+        if name not in names:
+            raise UsageError(f"start: there is no {name!r}; what may be known at the start is {', '.join(names)}")
     if not 0.0 < every_s < math.inf:
         raise UsageError(f"every_s is a time above 0 s; got {every_s!r}")
     rows = read_vehicle_log(Path(path), vehicle)
-    return smoothed_rows(rows, vehicle, every_s) if smooth else list(filter_rows(rows, vehicle, every_s))
+    if smooth:
+        return smoothed_rows(rows, vehicle, every_s, start)
+    return list(filter_rows(rows, vehicle, every_s, start=start))
