@@ -322,7 +322,17 @@ def simulated(data: Any) -> list[str]:
 def vehicle(data: Any) -> list[str]:
     """Observations of a whole vehicle."""
     flown = model("rendezvous_demo")
-    navigator = asked(relnav.VehicleNavigator, flown, t_s=data.draw(like(0.0)))
+    start = drawn(
+        data,
+        1,
+        position_m=[30.0, 0.0, 0.0],
+        velocity_m_s=[-0.1, 0.0, 0.0],
+        covariance=1e-4 * np.eye(data.draw(st.sampled_from([6, 12, 15]))),
+        dcm_lvlh_from_target=rotation(),
+        target_rate_rad_s=[0.0, 0.02, 0.0],
+        dcm_inertial_from_chaser=rotation(0.5, 1),
+    )
+    navigator = asked(relnav.VehicleNavigator, flown, t_s=data.draw(like(0.0)), **start)
     if navigator is None:
         return ["refused"]
     outcomes, t = ["given"], 0.0
