@@ -15,6 +15,7 @@ from relnav.arrays import Codes, Matrix, number
 from relnav.dynamics.error_state import MOTION
 from relnav.spacecraft import FORESEEN_RAD, GYRO, POINTS, RESERVED, STAR, THRUST, Vehicle
 from relnav.vehicle.acquisition import (
+    CONTRADICTED,
     LOST_IMAGES,
     Hypothesis,
     Search,
@@ -35,7 +36,7 @@ from relnav.vehicle.flying_sensor import Flown, FlyingSensor, check_sensors
 from relnav.vehicle.gyro import GyroSamples
 from relnav.vehicle.hand_over import Told, start_of
 from relnav.vehicle.health import Fare
-from relnav.vehicle.layout import TARGET_RATE, layout_of, untold
+from relnav.vehicle.layout import TARGET_ATTITUDE, TARGET_RATE, layout_of, untold
 from relnav.vehicle.monitor import Sums, all_estimated
 from relnav.vehicle.motion import VehicleMotion
 from relnav.vehicle.orbit_frame import OrbitFrame
@@ -45,7 +46,7 @@ from relnav.vehicle.replay import Event
 from relnav.vehicle.separation import hide
 from relnav.vehicle.state import Estimates, start_state
 from relnav.vehicle.tracked import Tracked
-from relnav.vehicle.trial import Taken, Trial
+from relnav.vehicle.trial import FOLDS_RAD, Taken, Trial
 from relnav.vehicle.trial import Verdict as Tried
 from relnav.vehicle.update import Outcome, Updater
 
@@ -181,6 +182,9 @@ class VehicleFilters:
             at, outcomes = self._through(at, event)
             if trial is not None:
                 trial, (at, outcomes) = self._tried(trial, event, (at, outcomes))
+                if trial is not None and trial.images >= CONTRADICTED and self._may_fold(trial.blind, event):
+                    search, outcomes = self._searched(Search(trial.blind), event)
+                    trial, at = None, search.estimates
         else:
             search, outcomes = self._searched(search, event)
             at = search.estimates
@@ -246,7 +250,13 @@ class VehicleFilters:
         if event.source not in self._lights:
             return Tried(trial.passed(lambda at: self._through(at, event)), taken)
         blind = self.motion.settled(trial.blind, self.samples, event.t_s)
-        return trial.seen(event, taken, blind, lambda at: self._through(at, event))
+        folds = self._may_fold(blind, event)
+        return trial.seen(event, taken, blind, lambda at: self._through(at, event), folds=folds)
+
+    def _may_fold(self, blind: Estimates, event: Event) -> bool:
+        """Whether the target may be turned so far that an image contradicts its gate."""
+        shown = event.source in self._lights and np.isfinite(event.value).sum() >= 2 * LEAST_LIGHTS
+        return bool(shown and blind.covariance[0].diagonal()[TARGET_ATTITUDE].max() > FOLDS_RAD**2)
 
     def _is_locked_out(self, event: Event, lights: int, fares: Mapping[str, Fare]) -> bool:
         """Whether no image of lights has been believed for long, although this one shows enough of them."""
@@ -299,21 +309,26 @@ class VehicleFilters:
     def known_start(self, events: Iterable[Event]) -> Tracked:
         """The start with the target's attitude that is found from these events, in order; as it is if it is known.
 
+        It is not if the trial of the first image comes to a search.
+
         Raises
         ------
         ValueError
             If more than one explanation, or none, is left at their end.
         """
         tracked, left = self.start, 0
-        if tracked.search is None:
-            return tracked
         for event in events:
+            if (tracked.search is None and tracked.trial is None) or tracked.restarts:
+                return self.start
+            searched = tracked.search is not None
             tracked, _ = self.apply(tracked, event)
             if tracked.search is not None:
                 left = len(tracked.search.hypotheses)
-            else:
+            elif searched:
                 known = found_at_start(self.start.estimates, tracked.estimates, self._begin, self.frame)
-                return self.start._replace(estimates=known, search=None)
+                return self.start._replace(estimates=known, search=None, trial=None)
+        if tracked.search is None or tracked.restarts:
+            return self.start
         raise ValueError(
             f"attitudes of the target that explain what was seen: {left}; a flight has to show one to be smoothed"
         )
@@ -328,6 +343,8 @@ class VehicleFilters:
             tracked, _ = self.again(tracked, event)
             if tracked.trial is not None and trial.image is not None and tracked.trial.image is not trial.image:
                 left.append(trial.image)
+            if tracked.trial is not None and tracked.trial.image is None and tracked.trial.images > trial.images:
+                left.append(event)
         return start._replace(trial=None), [event for event in events if not any(event is one for one in left)]
 
     def settled(self, tracked: Tracked, t_s: float) -> Tracked:

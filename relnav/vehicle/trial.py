@@ -4,6 +4,11 @@ Before it little is known, so that an image with a reflection in it passes the g
 fit a place and an attitude that are wrong, and once they are believed the right light is refused for ever. So the
 estimate as it was without any light is carried along. Where not every light of the next image is believed the first
 one is left, and that next one is on trial. After MOST images the last one stays: they may all hold a reflection.
+
+Where the target's attitude is known to some degrees only, a light may be refused because the target is turned far: an
+image shows the square of such a turn, of which its rows know nothing, and the other two lights fit a mirrored attitude.
+So an image is not on trial there unless every light is believed, and a few of them that were not, or that did not agree
+with the one before, open a search among all explanations (`acquisition`).
 """
 
 from collections.abc import Callable
@@ -15,6 +20,12 @@ from relnav.vehicle.update import Outcome
 
 MOST = 20
 """With a reflection in every fourth image 20 of them have no two in a row that are clean once in 40,000 starts."""
+
+FOLDS_RAD = 0.05
+"""1-sigma of the target's attitude above which images may be bent by more than the gate of the first one expects.
+
+Three times as much shortens a pattern by a hundredth, to which the places of lights have to be known.
+"""
 
 Taken = tuple[Estimates, list[Outcome]]
 """Estimates after an event, and what became of it in each filter."""
@@ -41,21 +52,37 @@ class Trial(NamedTuple):
         """The same after an event that is no image of lights."""
         return self._replace(blind=through(self.blind)[0])
 
-    def seen(self, event: Event, taken: Taken, blind: Estimates, anew: Callable[[Estimates], Taken]) -> "Verdict":
+    def seen(
+        self,
+        event: Event,
+        taken: Taken,
+        blind: Estimates,
+        anew: Callable[[Estimates], Taken],
+        *,
+        folds: bool = False,
+    ) -> "Verdict":
         """What an image of lights decides.
 
-        taken: what it makes of the estimates; blind: of its time; anew: what it makes of those.
+        taken: what it makes of the estimates; blind: of its time; anew: what it makes of those; folds: whether the
+        target may be turned too far for the gate.
         """
         outcome = taken[1][0]
-        if outcome.used == 0 and self.image is None:
+        if outcome.used == 0 and self.image is None and not folds:
             return Verdict(self._replace(blind=blind), taken)
         if not outcome.wide and self.image is None:  # the gate knew what to expect
             return Verdict(None, taken)
         if self.image is None:
-            return Verdict(Trial(blind, event, 1), taken)
+            return self._begun(event, taken, blind, folds)
         if outcome.used == outcome.groups or self.images >= MOST:
             return Verdict(None, taken)
-        return Verdict(Trial(blind, event, self.images + 1), anew(blind))
+        return self._begun(event, anew(blind), blind, folds)
+
+    def _begun(self, event: Event, taken: Taken, blind: Estimates, folds: bool) -> "Verdict":
+        """The next trial, of this image, or of the one after it; taken: what it makes of the blind estimates."""
+        after, outcomes = taken
+        if folds and outcomes[0].used < outcomes[0].groups:
+            return Verdict(Trial(blind, None, self.images + 1), (blind, [each._replace(used=0) for each in outcomes]))
+        return Verdict(Trial(blind, event, self.images + 1), (after, outcomes))
 
 
 class Verdict(NamedTuple):
