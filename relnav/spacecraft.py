@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
@@ -31,6 +31,8 @@ from relnav.sensors.loaded_model import LoadedModel
 
 RESERVED = GYRO, THRUST = "gyro", "thrust"
 """Names under which samples of the gyro and commands to the thrusters are observed."""
+FASTEST_TARGET_RAD_S = 10.0
+"""Of a target's rate and its 1-sigma, each axis: more is a mistake, as nothing docks with what turns once a second."""
 FORESEEN_RAD = 0.2
 """1-sigma of an attitude up to which errors about it are small ones."""
 
@@ -163,6 +165,10 @@ class Motion:
     slow_acceleration_time_s: Positive
 
 
+_AxisRate = Annotated[float, Ge(-FASTEST_TARGET_RAD_S), Le(FASTEST_TARGET_RAD_S)]
+TargetRate: TypeAlias = tuple[_AxisRate, _AxisRate, _AxisRate]
+
+
 @dataclass(frozen=True)
 class HandOver:
     """What is known when the filter starts: 1-sigma about the values, each axis.
@@ -177,7 +183,9 @@ class HandOver:
     chaser_attitude_sigma_rad, target_attitude_sigma_rad : float
         About the held attitudes. Above `FORESEEN_RAD` the target's is looked for (`relnav.vehicle.acquisition`).
     target_rate_sigma_rad_s : float
-        About that of the held attitude.
+        About its rate.
+    target_rate_rad_s : (3,), optional
+        Inertial, target axes, of one that is not controlled; that of the held attitude if left out.
     """
 
     port_distance_m: Triple
@@ -187,6 +195,7 @@ class HandOver:
     chaser_attitude_sigma_rad: Annotated[float, Gt(0.0), Le(FORESEEN_RAD)]
     target_attitude_sigma_rad: Annotated[float, Gt(0.0), Le(math.pi)]
     target_rate_sigma_rad_s: Positive
+    target_rate_rad_s: TargetRate | None = None
 
 
 @dataclass(frozen=True)

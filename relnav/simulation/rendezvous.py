@@ -5,7 +5,7 @@ body under its own control, and the chaser's attitude is a smooth function of ti
 motion is told, `lvlh_ccsds` of the orbit that the vehicle file states, is the same; the true orbit is another.
 
 With `as_believed` truth is as the filter believes it to be: the stated orbit, and white and slow accelerations and
-torques of the stated sizes.
+torques of the stated sizes. A target whose rate is stated does not control its attitude: torques are those there too.
 """
 
 import math
@@ -176,7 +176,8 @@ class Truth:
         begin, target = vehicle.hand_over, vehicle.target
         turn = numbers.once("target_attitude", 3) * begin.target_attitude_sigma_rad
         held = self._held_rates()
-        rate = held[0] + numbers.once("target_rate", 3) * begin.target_rate_sigma_rad_s
+        rate = held[0] if begin.target_rate_rad_s is None else np.array(begin.target_rate_rad_s)
+        rate = rate + numbers.once("target_rate", 3) * begin.target_rate_sigma_rad_s
         first = Rotation.from_matrix(frames[0].T @ target.dcm_target_from_lvlh.T) * Rotation.from_rotvec(turn)
         pushed, pushes = self._noise(count)
         course = Course(
@@ -233,12 +234,11 @@ class Truth:
         Of a target that controls itself the latter is (0, 3).
         """
         vehicle, believed = self.vehicle, self._flight.as_believed
-        drawn = self._numbers.noise("motion").normal(size=(count, 2 if believed else 1, 3))
+        free = is_free(vehicle, self._flight)
+        drawn = self._numbers.noise("motion").normal(size=(count, 2 if free else 1, 3))
         white = math.sqrt(vehicle.motion.acceleration_noise_density_m2_s3 / STEP_S) * believed
         density = vehicle.target.rate_noise_density_rad2_s3
-        pushes = np.zeros((0 if self._flight.target == CONTROLLED else count, 3))
-        if believed:
-            pushes = math.sqrt(density / STEP_S) * drawn[:, 1]
+        pushes = math.sqrt(density / STEP_S) * drawn[:, 1] if free else np.empty((0, 3))
         return white * drawn[:, 0], pushes
 
     def _frame_rates(self) -> Vector:

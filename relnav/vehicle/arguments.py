@@ -3,11 +3,9 @@
 from numpy.typing import ArrayLike
 
 from relnav.arrays import LARGEST, numbers
-from relnav.spacecraft import GYRO, THRUST
+from relnav.spacecraft import FASTEST_TARGET_RAD_S, GYRO, THRUST
 from relnav.vehicle.gyro import FASTEST_RAD_S
 
-FASTEST_TARGET_RAD_S = 10.0
-"""Of a target's rate and its 1-sigma, each axis: more is a mistake, as nothing docks with what turns once a second."""
 MOST = {GYRO: FASTEST_RAD_S, THRUST: 1e4, "target_rate_rad_s": FASTEST_TARGET_RAD_S}
 """Of a rate, rad/s, and an acceleration, m/s^2: more is a mistake."""
 

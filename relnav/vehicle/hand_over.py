@@ -18,8 +18,8 @@ from relnav.estimation.factored import stated_covariance
 from relnav.estimation.state_layout import StateLayout
 from relnav.geometry.rotation import rotation
 from relnav.geometry.rotation_vector import rotation_vector_between
-from relnav.spacecraft import FORESEEN_RAD, POINTS, Vehicle
-from relnav.vehicle.arguments import FASTEST_TARGET_RAD_S, three
+from relnav.spacecraft import FASTEST_TARGET_RAD_S, FORESEEN_RAD, POINTS, Vehicle
+from relnav.vehicle.arguments import three
 from relnav.vehicle.layout import CHASER_ATTITUDE, TARGET_ATTITUDE, TARGET_RATE
 from relnav.vehicle.orbit_frame import OrbitFrame
 
@@ -110,6 +110,7 @@ def start_of(vehicle: Vehicle, frame: OrbitFrame, t_s: float, told: Told) -> Sta
     place = three("position_m", vehicle.start_position_m if position is None else position)
     speed = three("velocity_m_s", vehicle.hand_over.velocity_m_s if velocity is None else velocity)
     target, rate = told.get("dcm_lvlh_from_target"), told.get("target_rate_rad_s")
+    rate = vehicle.hand_over.target_rate_rad_s if rate is None else rate
     C_LT = vehicle.target.dcm_target_from_lvlh.T
     if target is not None:
         C_LT = rotation("dcm_lvlh_from_target", target).copy()

@@ -154,3 +154,20 @@ def test_the_same_with_a_held_rate_is_wrong(far, tumbling):
     held = [{k: value for k, value in start.items() if k != "target_rate_rad_s"} for start in starts]
     ratio, _ = honesty(points_of(far, tumbling, held)[0], layout_of(far).by_name, "target_rate")
     assert ratio > 100.0
+
+
+@pytest.mark.parametrize("believed", [False, True])
+def test_a_target_whose_file_says_that_it_tumbles(far, believed):
+    """At 1.1 deg/s: filtered by that file NEES/n is honest, whatever else truth is; and the target is left alone."""
+    rate = tuple(np.radians([0.5, -0.8, 0.6]).tolist())
+    vehicle = dataclasses.replace(far, hand_over=dataclasses.replace(far.hand_over, target_rate_rad_s=rate))
+    flight, layout = dataclasses.replace(FLIGHT, as_believed=believed), layout_of(vehicle)
+    runs = [simulate_rendezvous(vehicle, flight, seed=2200 + k) for k in range(RUNS)]
+    check_honest(points_of(vehicle, runs, [{}] * RUNS), layout, ["target_attitude target_rate", "port"])
+    fast = [np.linalg.norm(run.truth.target_rate(np.array([0.0, 6.9])), axis=1) for run in runs]
+    assert max(abs(end / begin - 1.0) for begin, end in fast) < 0.05  # a target that controls itself loses a tenth
+    ratio, _ = honesty(points_of(far, runs, [{}] * RUNS)[0], layout.by_name, "target_rate")
+    assert ratio > 100.0
+    now = [VehicleNavigator(each).state() for each in (vehicle, far)]
+    argued = VehicleNavigator(far, target_rate_rad_s=rate).state()
+    assert now[0].values.tobytes() == argued.values.tobytes() != now[1].values.tobytes()
