@@ -5,6 +5,7 @@ order of events is that of who asks (`navigator`, `smoother`).
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from math import degrees, inf, isfinite, isnan, nextafter
 from typing import Any
 
@@ -181,8 +182,8 @@ class VehicleFilters:
         if search is None:
             at, outcomes = self._through(at, event)
             if trial is not None:
-                trial, (at, outcomes) = self._tried(trial, event, (at, outcomes))
-                if trial is not None and trial.images >= CONTRADICTED and self._may_fold(trial.blind, event):
+                trial, (at, outcomes) = self._tried(trial, event, (at, outcomes), tracked.estimates)
+                if trial is not None and trial.refused >= CONTRADICTED and self._may_fold(trial.blind, event):
                     search, outcomes = self._searched(Search(trial.blind), event)
                     trial, at = None, search.estimates
         else:
@@ -245,13 +246,15 @@ class VehicleFilters:
         fares = {**jump.fares, event.source: jump.fares[event.source].after(event.t_s, outcomes[: self._watched])}
         return after._replace(jump=jump.after(at, event.source, fares, outcomes[0], main))
 
-    def _tried(self, trial: Trial, event: Event, taken: Taken) -> Tried:
-        """What an event makes of a start of which no two images have agreed yet; taken: of its estimates."""
+    def _tried(self, trial: Trial, event: Event, taken: Taken, before: Estimates) -> Tried:
+        """What an event makes of a start of which no two images have agreed yet; taken: of its estimates before."""
         if event.source not in self._lights:
             return Tried(trial.passed(lambda at: self._through(at, event)), taken)
         blind = self.motion.settled(trial.blind, self.samples, event.t_s)
-        folds = self._may_fold(blind, event)
-        return trial.seen(event, taken, blind, lambda at: self._through(at, event), folds=folds)
+        without: Callable[[], Estimates] | None = None
+        if self._may_fold(blind, event):
+            without = partial(self.motion.settled, before, self.samples, event.t_s)
+        return trial.seen(event, taken, blind, lambda at: self._through(at, event), without)
 
     def _may_fold(self, blind: Estimates, event: Event) -> bool:
         """Whether the target may be turned so far that an image contradicts its gate."""
@@ -343,7 +346,7 @@ class VehicleFilters:
             tracked, _ = self.again(tracked, event)
             if tracked.trial is not None and trial.image is not None and tracked.trial.image is not trial.image:
                 left.append(trial.image)
-            if tracked.trial is not None and tracked.trial.image is None and tracked.trial.images > trial.images:
+            if tracked.trial is not None and tracked.trial.refused > trial.refused:
                 left.append(event)
         return start._replace(trial=None), [event for event in events if not any(event is one for one in left)]
 

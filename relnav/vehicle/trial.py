@@ -7,8 +7,8 @@ one is left, and that next one is on trial. After MOST images the last one stays
 
 Where the target's attitude is known to some degrees only, a light may be refused because the target is turned far: an
 image shows the square of such a turn, of which its rows know nothing, and the other two lights fit a mirrored attitude.
-So an image is not on trial there unless every light is believed, and a few of them that were not, or that did not agree
-with the one before, open a search among all explanations (`acquisition`).
+So an image is not on trial there unless every light is believed; else it is left, and the one on trial stays. A few of
+them in a row open a search among all explanations (`acquisition`).
 """
 
 from collections.abc import Callable
@@ -40,13 +40,14 @@ class Trial(NamedTuple):
         What never saw a light.
     image : Event or None
         The image on trial; None before the first.
-    images : int
-        Images so far.
+    images, refused : int
+        Images so far; those since the last one on trial that were left because not every light was believed.
     """
 
     blind: Estimates
     image: Event | None = None
     images: int = 0
+    refused: int = 0
 
     def passed(self, through: Callable[[Estimates], Taken]) -> "Trial":
         """The same after an event that is no image of lights."""
@@ -58,31 +59,33 @@ class Trial(NamedTuple):
         taken: Taken,
         blind: Estimates,
         anew: Callable[[Estimates], Taken],
-        *,
-        folds: bool = False,
+        without: Callable[[], Estimates] | None = None,
     ) -> "Verdict":
         """What an image of lights decides.
 
-        taken: what it makes of the estimates; blind: of its time; anew: what it makes of those; folds: whether the
-        target may be turned too far for the gate.
+        taken: what it makes of the estimates; blind: of its time; anew: what it makes of those; without: the estimates
+        without it, where the target may be turned too far for the gate.
         """
         outcome = taken[1][0]
-        if outcome.used == 0 and self.image is None and not folds:
+        if outcome.used == 0 and self.image is None and without is None:
             return Verdict(self._replace(blind=blind), taken)
         if not outcome.wide and self.image is None:  # the gate knew what to expect
             return Verdict(None, taken)
         if self.image is None:
-            return self._begun(event, taken, blind, folds)
+            return self._begun(event, taken, blind, without)
         if outcome.used == outcome.groups or self.images >= MOST:
             return Verdict(None, taken)
-        return self._begun(event, anew(blind), blind, folds)
+        return self._begun(event, anew(blind), blind, without)
 
-    def _begun(self, event: Event, taken: Taken, blind: Estimates, folds: bool) -> "Verdict":
-        """The next trial, of this image, or of the one after it; taken: what it makes of the blind estimates."""
-        after, outcomes = taken
-        if folds and outcomes[0].used < outcomes[0].groups:
-            return Verdict(Trial(blind, None, self.images + 1), (blind, [each._replace(used=0) for each in outcomes]))
-        return Verdict(Trial(blind, event, self.images + 1), (after, outcomes))
+    def _begun(
+        self, event: Event, taken: Taken, blind: Estimates, without: Callable[[], Estimates] | None
+    ) -> "Verdict":
+        """The trial of this image, or as it was if that is left; taken: what it makes of the blind estimates."""
+        outcomes = taken[1]
+        if without is not None and outcomes[0].used < outcomes[0].groups:
+            same = Trial(blind, self.image, self.images + 1, self.refused + 1)
+            return Verdict(same, (without(), [each._replace(used=0) for each in outcomes]))
+        return Verdict(Trial(blind, event, self.images + 1), taken)
 
 
 class Verdict(NamedTuple):

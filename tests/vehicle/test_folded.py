@@ -118,18 +118,42 @@ def test_an_image_with_a_reflection_opens_no_search(turned):
         assert (np.abs(mine.values - wanted.values) / np.sqrt(wanted.covariance.diagonal())).max() < APART
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_light_that_is_always_wrong_beside_a_sensor_that_is_right(slow, seed):
+    """The camera's, by 20 px; attitudes handed over to 5 deg: the detector's images agree, and the camera is named."""
+    begin = dataclasses.replace(
+        slow.hand_over, port_distance_m=(10.0, 0.0, 0.0), target_attitude_sigma_rad=math.radians(5.0)
+    )
+    vehicle = dataclasses.replace(slow, hand_over=begin)
+    run = simulate_rendezvous(vehicle, Rendezvous(start_m=10.0, final_m=8.8, as_believed=True), seed=seed)
+    nav = VehicleNavigator(vehicle)
+    for seen in sorted(run.observations, key=lambda seen: seen.t_s):
+        value = np.array(seen.value) if seen.sensor == "camera" else seen.value
+        if seen.sensor == "camera":
+            value[1] += 20.0
+        nav.observe(seen.sensor, seen.t_s, value)
+    now = nav.state()
+    assert (now.ambiguous, now.alarms[:1]) == (False, ("camera",))
+    assert off_sigma2(run, now) < WRONG
+
+
 def taken(used, groups=3):
     return "after", [Outcome(nis=9.0, dof=6, groups=groups, used=used, wide=True)]
 
 
+def here():
+    return "without"
+
+
 def test_an_image_of_which_a_light_is_refused_is_not_on_trial():
-    """Where the target may be turned far; none of it is believed then."""
-    trial, left = Trial("blind").seen("first", taken(2), "blind", None, folds=True)
-    assert (trial, left) == (Trial("blind", None, 1), ("blind", [taken(0)[1][0]]))
-    assert trial.seen("next", taken(3), "blind", None, folds=True) == (Trial("blind", "next", 2), taken(3))
-    assert Trial("blind").seen("first", taken(0), "blind", None, folds=True).trial.images == 1
+    """Where the target may be turned far; none of it is believed then, and the one on trial stays."""
+    trial, left = Trial("blind").seen("first", taken(2), "blind", None, here)
+    assert (trial, left) == (Trial("blind", None, 1, 1), ("without", [taken(0)[1][0]]))
+    assert trial.seen("next", taken(3), "blind", None, here) == (Trial("blind", "next", 2), taken(3))
+    assert Trial("blind").seen("first", taken(0), "blind", None, here).trial.refused == 1
     assert Trial("blind").seen("first", taken(2), "blind", None) == (Trial("blind", "first", 1), taken(2))
     tried = Trial("blind", "first", 1)
-    assert tried.seen("next", taken(2), "blind", lambda _: taken(2), folds=True).trial == Trial("blind", None, 2)
-    assert tried.seen("next", taken(2), "blind", lambda _: taken(3), folds=True).trial == Trial("blind", "next", 2)
-    assert tried.seen("next", taken(3), "blind", None, folds=True) == (None, taken(3))
+    stays = tried.seen("next", taken(2), "later", lambda _: taken(2), here)
+    assert stays == (Trial("later", "first", 2, 1), ("without", [taken(0)[1][0]]))
+    assert tried.seen("next", taken(2), "blind", lambda _: taken(3), here).trial == Trial("blind", "next", 2)
+    assert tried.seen("next", taken(3), "blind", None, here) == (None, taken(3))
