@@ -10,7 +10,8 @@ that opens it a hypothesis takes the attitude alone, known to START_RAD: a glint
 image is linearised, not the estimate. Where images contradict the best one it is left with all others, and the next
 image opens new ones: `blind` is the estimate of what never saw a light. Images of fewer than LEAST_LIGHTS are not used:
 they fix no attitude, and bend within one that is known to START_RAD. Only once one explanation is left, and images
-agreed with it, is there one filter.
+agreed with it, is there one filter. Where a caller states the attitude (`hand_over`), the angle is from that, and its
+covariance stands in place of sigma^2.
 
 The same after a lock-out: of LOST_IMAGES in a row half of the lights or less was believed, and no other image more for
 long. (At a wrong place a filter goes on to find single lights that agree with it.) Nothing is known then

@@ -1,8 +1,7 @@
 """What a vehicle starts from: the hand-over of its file, or what another navigation system knows in its place.
 
-Another system knows the errors of position and velocity together: those of relative GPS, filtered along an orbit, hang
-together and differ by axis. Sigmas alone, each axis the same, are then too large in most directions, and where they are
-not, an image that disagrees moves what it should not.
+Errors of relative GPS, filtered along an orbit, differ by axis, and those of position and velocity hang together: an
+image, which shows the position, then tells the velocity too. The file's sigmas say nothing of that.
 """
 
 import math

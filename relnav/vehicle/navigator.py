@@ -57,14 +57,14 @@ class VehicleNavigator:
         position_m, velocity_m_s : (3,), optional
             The chaser's centre of mass from the target's, `lvlh_ccsds` of the file's orbit; [hand_over] if left out.
         covariance : (6, 6), (12, 12) or (15, 15), optional
-            Of their errors, as of relative GPS; as of `PoseRecord` if the target's attitude and rate follow; then, the
-            chaser's attitude too. They are the first of `layout`, attitudes as rotation vectors in their own axes. What
-            is left out is as known as [hand_over] says.
+            Of the first errors of `layout`: position and velocity; the target's attitude and rate too, as in
+            `PoseRecord`; the chaser's attitude too. Errors of attitudes are rotation vectors in their body's axes. What
+            is left out is as well known as [hand_over] says.
         dcm_lvlh_from_target, target_rate_rad_s : (3, 3), (3,), optional
-            The target's attitude, and its inertial rate in its own axes; held as [target] says, if left out. A rate
-            alone is that of the attitude that is held.
+            The target's attitude, that of [target] if left out, and its inertial rate in its own axes. Without a rate,
+            here and in [hand_over], the target is held in its attitude.
         dcm_inertial_from_chaser : (3, 3), optional
-            The chaser's attitude, of which the gyro's samples then tell how it turns; held as [chaser] says.
+            The chaser's attitude; that of [chaser] if left out.
         sensors : mapping, optional
             Sensors of your own by name (`relnav.vehicle.flying_sensor`), flown beside those of the file.
         monitor : bool
