@@ -4,7 +4,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 
-from relnav.simulation.rendezvous import FREE, Rendezvous
+from relnav.simulation.rendezvous import Rendezvous, is_free
 from relnav.simulation.rendezvous_motion import CONTROL_DAMPING, CONTROL_RAD_S
 from relnav.simulation.streams import Draws, Stream
 from relnav.simulation.vehicle_dispersions import FAULTS, VehicleScenario
@@ -50,7 +50,7 @@ def control_note(vehicle: Vehicle, scenario: VehicleScenario) -> str:
     """
     flight, start = scenario.approach, as_flown(vehicle, scenario).hand_over
     stated = vehicle.target.rate_noise_density_rad2_s3
-    if flight.as_believed or flight.target == FREE:
+    if is_free(vehicle, flight):
         return ""
     turned_back = PEAK_RATE * CONTROL_RAD_S * start.target_attitude_sigma_rad
     change = math.hypot(start.target_rate_sigma_rad_s, turned_back)

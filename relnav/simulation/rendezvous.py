@@ -5,7 +5,7 @@ body under its own control, and the chaser's attitude is a smooth function of ti
 motion is told, `lvlh_ccsds` of the orbit that the vehicle file states, is the same; the true orbit is another.
 
 With `as_believed` truth is as the filter believes it to be: the stated orbit, and white and slow accelerations and
-torques of the stated sizes. A target whose rate is stated does not control its attitude: torques are those there too.
+torques of the stated sizes. Torques on a target that does not control its attitude are always those.
 """
 
 import math
@@ -56,7 +56,8 @@ class Rendezvous:
         Cd A / m of the target, and by how much the chaser's is more.
     target : {"controlled", "free"}
         Whether the target's own control turns it to the attitude that the vehicle file states and holds it there, or
-        nothing but gravity's gradient turns it.
+        nothing but gravity's gradient and white torques of the stated size turn it. One whose rate the file states is
+        free.
     as_believed : bool
         Truth as the filter believes it to be: a free target, and white and slow accelerations.
     """
@@ -90,6 +91,11 @@ class Rendezvous:
             rows.append([reach, -speed])
             reach -= speed * STEP_S
         return np.array([*rows, [reach, -self.slow_m_s]])
+
+
+def is_free(vehicle: Vehicle, flight: Rendezvous) -> bool:
+    """Whether the target does not control its attitude."""
+    return flight.as_believed or flight.target == FREE or vehicle.hand_over.target_rate_rad_s is not None
 
 
 class Truth:

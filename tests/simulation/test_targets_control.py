@@ -60,7 +60,7 @@ def free_body(truth, t):
 def test_nothing_but_gravity_turns_a_free_target(vehicle):
     """For 145 s. The true orbit is 1e-3 off the stated one, by which gravity's gradient is 3e-3 of 4e-6 rad/s^2 off."""
     flight = dataclasses.replace(APPROACH, start_m=20.0, target="free")
-    truth = Truth(vehicle, flight, OfRun(1, 2, list(vehicle.sensor)))
+    truth = Truth(with_density(vehicle, 1e-20), flight, OfRun(1, 2, list(vehicle.sensor)))
     t = np.linspace(0.0, truth.end_s, 20)
     attitude, rate = free_body(truth, t)
     told = np.swapaxes(truth.dcm_frame_from_inertial(t), 1, 2) @ truth.dcm_frame_from_target(t)
@@ -88,9 +88,9 @@ def nees(vehicle, flown):
 
 
 def test_nees_of_a_free_target_and_of_a_controlled_one(vehicle):
-    """Of the free one with a density that nothing needs, and of the controlled one with that of the note."""
+    """Of the free one, of the controlled one, and of this with the density of the note."""
     low, high = chi_square_interval(RUNS * STATES, 0.999)
-    assert low < nees(with_density(vehicle, 1e-14), scenario("free")) < high
+    assert low < nees(vehicle, scenario("free")) < high
     assert nees(vehicle, scenario("controlled")) > 5.0
     density = float(control_note(vehicle, scenario("controlled")).rpartition(" ")[2])
     assert nees(with_density(vehicle, density), scenario("controlled")) < high
@@ -105,6 +105,8 @@ def test_the_note(vehicle):
     )
     assert Plan(vehicle, scenario("controlled"), "fused", 0, 1).note == note
     assert control_note(vehicle, scenario("free")) == ""
+    begin = dataclasses.replace(vehicle.hand_over, target_rate_rad_s=(0.0, 0.0, 0.02))
+    assert control_note(dataclasses.replace(vehicle, hand_over=begin), scenario("controlled")) == ""
     believed = VehicleScenario(dataclasses.replace(APPROACH, as_believed=True))
     assert control_note(vehicle, believed) == ""
     assert control_note(vehicle, scenario("controlled", target_rate_sigma_rad_s=np.radians(0.01))) == ""
