@@ -12,9 +12,15 @@ from relnav.accuracy.published import UNITS, Claim, Published
 from relnav.accuracy.run_figures import Figures, Quantity, RunStatus
 from relnav.arrays import Codes, Vector
 from relnav.estimation.consistency import Consistency, consistency_of_runs, consistency_of_sum
+from relnav.estimation.gating import chi_square_limit
 
 Reader = Callable[[Sequence[str]], dict[str, Vector]]
 """Figures of all runs by the names of their columns, in the order of runs."""
+
+
+WRONG = 1e-6
+"""Probability with which a NEES of an honest filter counts as wrong: at seven epochs of 1000 runs, 0.007 runs."""
+WRONG_SAID = "NEES beyond one in a million, entering a range bin or at the end"
 
 
 @dataclass(frozen=True)
@@ -74,6 +80,8 @@ class CampaignSummary:
         Runs by RunStatus.
     restarts : int
         Of all filters.
+    wrong : int
+        Runs, whatever their outcome, of which a NEES below lies beyond one in a million.
     nis, final_nees : Consistency
         NIS of all epochs used whole, its interval from how much runs differ (`consistency_of_runs`); NEES at the end,
         one of each run.
@@ -89,6 +97,7 @@ class CampaignSummary:
     runs: int
     outcomes: dict[str, int]
     restarts: int
+    wrong: int
     nis: Consistency
     final_nees: Consistency
     edges_m: tuple[float, ...]
@@ -108,6 +117,7 @@ class CampaignSummary:
             "runs": self.runs,
             "outcomes": self.outcomes,
             "restarts": self.restarts,
+            "wrong": self.wrong,
             "nis": _plain(self.nis),
             "final_nees": _plain(self.final_nees),
             "range_edges_m": list(self.edges_m),
@@ -120,6 +130,8 @@ class CampaignSummary:
         """The figures for a reader."""
         told = ", ".join(f"{name} {count}" for name, count in self.outcomes.items() if count)
         lines = [f"{self.runs} approaches: {told}; restarts {self.restarts}"]
+        if self.wrong:
+            lines.append(f"WRONG in {self.wrong} of {self.runs} runs: errors far beyond sigma ({WRONG_SAID})")
         if not self.bins:
             return lines
         lines.append("    range        quantity           rms   worst run    1-sigma   published   runs within")
@@ -154,9 +166,11 @@ def summarise(
     columns = [quantity.column for quantity in figures.binned]
     bins: list[BinRow] = []
     nees: list[Consistency] = []
+    worst = totals["final_nees"]
     for k, (low, high) in enumerate(pairwise(edges_m)):
         names = [f"bin{k}_{kind}_{name}" for kind in ("rms", "sigma") for name in columns]
         values = read([f"bin{k}_epochs", f"bin{k}_nees", *names])
+        worst = np.fmax(worst, values[f"bin{k}_nees"])
         nees.append(_independent(values[f"bin{k}_nees"], len(figures.state)))
         for quantity, name in zip(figures.binned, columns, strict=True):
             rms, sigma = values[f"bin{k}_rms_{name}"], values[f"bin{k}_sigma_{name}"]
@@ -167,7 +181,10 @@ def summarise(
         final.append(_final_row(name, values[f"final_error_{name}"], values[f"final_sigma_{name}"]))
     nis = consistency_of_runs("NIS", totals["nis_sum"], totals["nis_dof"])
     restarts, last = round(_sum(totals["restarts"])), _independent(totals["final_nees"], len(figures.state))
-    return CampaignSummary(runs, outcomes, restarts, nis, last, tuple(edges_m), tuple(nees), tuple(bins), tuple(final))
+    wrong = int(np.sum(worst > chi_square_limit(1.0 - WRONG, len(figures.state))))
+    return CampaignSummary(
+        runs, outcomes, restarts, wrong, nis, last, tuple(edges_m), tuple(nees), tuple(bins), tuple(final)
+    )
 
 
 def _sum(values: Vector) -> float:
@@ -233,6 +250,7 @@ def summary_of(plain: dict[str, Any]) -> CampaignSummary:
         int(plain["runs"]),
         {str(name): int(count) for name, count in plain["outcomes"].items()},
         int(plain["restarts"]),
+        int(plain["wrong"]),
         _filled(Consistency, plain["nis"]),
         _filled(Consistency, plain["final_nees"]),
         tuple(float(edge) for edge in plain["range_edges_m"]),

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from relnav.accuracy.campaign_summary import CampaignSummary, summary_of
+from relnav.accuracy.campaign_summary import WRONG_SAID, CampaignSummary, summary_of
 from relnav.arrays import Vector
 from relnav.errors import InputError
 from relnav.estimation.consistency import Consistency
@@ -138,6 +138,7 @@ def _tiles(summary: CampaignSummary) -> Iterator[str]:
     others = ", ".join(f"{name} {count}" for name, count in outcomes.items() if name != "ok")
     yield tile("runs", str(summary.runs), f"restarts {summary.restarts}")
     yield tile("with a state at the end", str(good), others, "good" if good == summary.runs else "bad")
+    yield tile("runs that were wrong", str(summary.wrong), WRONG_SAID, "bad" if summary.wrong else "good")
     for name, entry in (("NIS, epochs used whole", summary.nis), ("NEES at the end", summary.final_nees)):
         if entry.dof:
             yield tile(

@@ -50,7 +50,7 @@ def control_note(vehicle: Vehicle, scenario: VehicleScenario) -> str:
     """
     flight, start = scenario.approach, as_flown(vehicle, scenario).hand_over
     stated = vehicle.target.rate_noise_density_rad2_s3
-    if is_free(vehicle, flight):
+    if flight.as_believed or is_free(vehicle, flight):
         return ""
     turned_back = PEAK_RATE * CONTROL_RAD_S * start.target_attitude_sigma_rad
     change = math.hypot(start.target_rate_sigma_rad_s, turned_back)

@@ -1,8 +1,8 @@
 """The truth of a rendezvous: two orbits, two bodies that turn, thrusters that are off for a whole run.
 
 Nothing here is the filter's: both orbits are integrated in inertial space (two-body, J2, drag), the target is a rigid
-body under its own control, and the chaser's attitude is a smooth function of time. Only the frame in which relative
-motion is told, `lvlh_ccsds` of the orbit that the vehicle file states, is the same; the true orbit is another.
+body under its own control or free, and the chaser's attitude is a smooth function of time. Only the frame in which
+relative motion is told, `lvlh_ccsds` of the orbit that the vehicle file states, is the same; the true orbit is another.
 
 With `as_believed` truth is as the filter believes it to be: the stated orbit, and white and slow accelerations and
 torques of the stated sizes. Torques on a target that does not control its attitude are always those.
@@ -10,7 +10,7 @@ torques of the stated sizes. Torques on a target that does not control its attit
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from relnav.arrays import Matrix, Stack, Vector
 from relnav.dynamics.two_body import MU_EARTH_M3_S2
+from relnav.simulation.facing import SETTLING_S, Facing
 from relnav.simulation.orbits import J2_EARTH
 from relnav.simulation.rendezvous_motion import (
     BANDWIDTH_RAD_S,
@@ -33,8 +34,7 @@ from relnav.simulation.vehicle_numbers import VehicleNumbers
 from relnav.spacecraft import InertialOrbit, Vehicle
 
 SWAY_RAD, SWAY_PERIODS_S = math.radians(0.08), (60.0, 170.0)
-"""Of the chaser's attitude about the held one, each axis and period; what is off at the start fades in SETTLING_S."""
-SETTLING_S = 40.0
+"""Of the chaser's attitude about the meant one, each axis and period; what is off at the start fades in SETTLING_S."""
 CONTROLLED: Final = "controlled"
 FREE: Final = "free"
 """Targets."""
@@ -57,9 +57,10 @@ class Rendezvous:
     target : {"controlled", "free"}
         Whether the target's own control turns it to the attitude that the vehicle file states and holds it there, or
         nothing but gravity's gradient and white torques of the stated size turn it. One whose rate the file states is
-        free.
+        free. The chaser turns with a free target, from the held attitude on, so that its sensors stay on the port.
     as_believed : bool
-        Truth as the filter believes it to be: a free target, and white and slow accelerations.
+        Truth as the filter believes it to be: white and slow accelerations, and a target that is never controlled; the
+        chaser turns with it only if it is free.
     """
 
     start_m: float = 30.0
@@ -94,8 +95,8 @@ class Rendezvous:
 
 
 def is_free(vehicle: Vehicle, flight: Rendezvous) -> bool:
-    """Whether the target does not control its attitude."""
-    return flight.as_believed or flight.target == FREE or vehicle.hand_over.target_rate_rad_s is not None
+    """Whether the target is one that does not control its attitude."""
+    return flight.target == FREE or vehicle.hand_over.target_rate_rad_s is not None
 
 
 class Truth:
@@ -125,6 +126,7 @@ class Truth:
         self._first_turn = numbers.once("chaser_attitude", 3) * start.chaser_attitude_sigma_rad
         self._phases = numbers.angles("sway", (len(SWAY_PERIODS_S), 3))
         self.commands: list[tuple[float, Vector]] = []
+        self._facing: Facing | None = None
         self._fly(flight.profile())
 
     def dcm_frame_from_inertial(self, t_s: Vector) -> Stack:
@@ -139,7 +141,7 @@ class Truth:
             grown = SWAY_RAD * np.exp(-SETTLING_S / np.maximum(t, 1e-9))
             turn = turn + grown * np.sin(2.0 * math.pi * t / period + phase)
         turned: Stack = Rotation.from_rotvec(-turn).as_matrix()
-        return turned @ self.vehicle.chaser.dcm_chaser_from_lvlh
+        return turned @ self._meant(np.atleast_1d(t_s))
 
     def dcm_chaser_from_inertial(self, t_s: Vector) -> Stack:
         """Its inertial attitude, at times (k,); (k, 3, 3)."""
@@ -169,6 +171,12 @@ class Truth:
         """When the planned port distance passes each of these, (k,) s; a step within the ends for what is beyond."""
         times = [np.interp(-reach, -self._profile[:, 0], self._times) for reach in ranges_m]
         return np.clip(np.array(times, dtype=np.float64), STEP_S, self.end_s - STEP_S)
+
+    def _meant(self, t: Vector) -> Stack:
+        """The attitude that the chaser is meant to have against that frame, (k, 3, 3), or (3, 3) where it is held."""
+        if self._facing is None:
+            return self.vehicle.chaser.dcm_chaser_from_lvlh
+        return self._facing.dcm_chaser_from_inertial(t) @ self.dcm_frame_from_inertial(t).transpose(0, 2, 1)
 
     def _fly(self, profile: Matrix) -> None:
         self._profile = profile
@@ -204,7 +212,18 @@ class Truth:
         errors = self.lasting["thrust.scale"], self.lasting["thrust.direction"]
         thrust = np.concatenate([*errors, [vehicle.thrust.largest_m_s2]])
         ports = np.array([target.port_position_m, vehicle.chaser.port_position_m])
-        flown = integrate(y, course, turning, self._environment(), thrust, ports)
+        environment = self._environment()
+        if is_free(vehicle, self._flight):  # its rotation does not depend on what the chaser does
+            flown = integrate(y.copy(), course, turning, environment, thrust, ports)
+            held = vehicle.chaser.dcm_chaser_from_lvlh
+            self._facing = Facing(
+                Slerp(self._times, Rotation.from_matrix(flown.attitudes)),
+                flown.rates[-1],
+                held @ target.dcm_target_from_lvlh.T,
+                held @ frames[0],
+            )
+            course = replace(course, chaser=self.dcm_chaser_from_frame(self._times), turns_too=True)
+        flown = integrate(y, course, turning, environment, thrust, ports)
         self._rates = flown.rates
         self.commands = list(zip(self._times[::GUIDANCE_STEPS].tolist(), flown.commands, strict=True))
         self._position = CubicHermiteSpline(self._times, flown.track[:, :3], flown.track[:, 3:])
@@ -240,7 +259,7 @@ class Truth:
         Of a target that controls itself the latter is (0, 3).
         """
         vehicle, believed = self.vehicle, self._flight.as_believed
-        free = is_free(vehicle, self._flight)
+        free = believed or is_free(vehicle, self._flight)
         drawn = self._numbers.noise("motion").normal(size=(count, 2 if free else 1, 3))
         white = math.sqrt(vehicle.motion.acceleration_noise_density_m2_s3 / STEP_S) * believed
         density = vehicle.target.rate_noise_density_rad2_s3

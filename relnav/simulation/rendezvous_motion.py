@@ -42,15 +42,16 @@ def _cross(a: Vector, b: Vector, out: Vector) -> None:
 @kernel
 def _command(
     x: Vector, profile: Vector, chaser: Matrix, target: Matrix, rate: Vector, turn: float, ports: Matrix,
-    largest: float, work: Matrix, out: Vector,
+    largest: float, turns: bool, work: Matrix, out: Vector,
 ) -> None:  # fmt: skip
     """Write the acceleration, chaser axes, that brings the chaser's port onto the axis of the target's.
 
     x (6,): relative state; profile (2,): port distance and its rate; chaser and target (3, 3): frame's axes to the
     chaser's, and target's to the frame's; turn: the frame's rate about its y axis; ports (2, 3): target's, chaser's;
-    largest: that may be ordered along an axis; work (6, 3).
+    largest: that may be ordered along an axis; turns: whether the chaser turns with the target, and is then carried
+    round with it; work (7, 3).
     """
-    reach, place, own, turning, speed, across = work[0], work[1], work[2], work[3], work[4], work[5]
+    reach, place, own, turning, speed, across, bent = work[0], work[1], work[2], work[3], work[4], work[5], work[6]
     for i in range(3):
         reach[i] = ports[0, i] + (profile[0] if i == 0 else 0.0)
     _times(target, reach, place)
@@ -60,10 +61,18 @@ def _command(
     _cross(turning, place, across)
     for i in range(3):
         speed[i] = target[i, 0] * profile[1] + across[i]
+    if turns:  # its centre of mass goes round too, and all of it needs an acceleration
+        _cross(turning, own, across)
+        for i in range(3):
+            speed[i] -= across[i]
+            across[i] = speed[i] + target[i, 0] * profile[1]
+        _cross(turning, across, bent)
     n = -turn
     natural = (2.0 * n * x[5], -n * n * x[1], 3.0 * n * n * x[2] - 2.0 * n * x[3])
     for i in range(3):
         order = BANDWIDTH_RAD_S * (BANDWIDTH_RAD_S * (place[i] - own[i] - x[i]) + 2.0 * (speed[i] - x[3 + i]))
+        if turns:
+            order += bent[i]
         reach[i] = min(max(order - natural[i], -largest), largest)
     _times(chaser, reach, out)
 
@@ -143,14 +152,14 @@ def _relative(y: Matrix, frame: Matrix, turn: float, work: Matrix, x: Vector) ->
 def _integrate(
     y: Matrix, frames: Stack, turns: Vector, chaser: Stack, profile: Matrix, environment: Vector, thrust: Vector,
     pushed: Matrix, pushes: Matrix, dcm: Matrix, rate: Vector, inertia: Matrix, inverse: Matrix, held: Matrix,
-    held_rates: Matrix, ports: Matrix, track: Matrix, attitudes: Stack, rates: Matrix, commands: Matrix,
-    work: Matrix,
+    held_rates: Matrix, ports: Matrix, turns_too: bool, track: Matrix, attitudes: Stack, rates: Matrix,
+    commands: Matrix, work: Matrix,
 ) -> None:  # fmt: skip
     """Write relative states (m, 6), the target's attitudes (m, 3, 3) and rates (m, 3), commands (one a period, 3).
 
     pushed (m, 3): accelerations of the chaser, frame; pushes (m, 3): of the target's rotation, or (0, 3): it controls
-    itself. thrust (5,): errors of scale and direction, largest command. dcm and rate are the target's first, and used
-    up; work (50, 3).
+    itself. thrust (5,): errors of scale and direction, largest command. turns_too: as in `_command`. dcm and rate are
+    the target's first, and used up; work (50, 3).
     """
     axes, order, body, sum_, inertial, push = work[0:3], work[3], work[4], work[5], work[6], work[7]
     target, scratch = work[8:11], work[11:]
@@ -163,7 +172,9 @@ def _integrate(
                 attitudes[k, i, j] = dcm[i, j]
                 target[i, j] = frame[i, 0] * dcm[0, j] + frame[i, 1] * dcm[1, j] + frame[i, 2] * dcm[2, j]
         if k % GUIDANCE_STEPS == 0:
-            _command(track[k], profile[k], chaser[k], target, rate, turns[k], ports, thrust[4], scratch, order)
+            _command(
+                track[k], profile[k], chaser[k], target, rate, turns[k], ports, thrust[4], turns_too, scratch, order
+            )
             for i in range(3):
                 commands[k // GUIDANCE_STEPS, i] = order[i]
         _cross(thrust[1:4], order, body)
@@ -221,6 +232,8 @@ class Course:
         Port distance and its rate, as planned.
     pushed_m_s2 : (m, 3)
         Accelerations of the chaser that nobody commands, frame.
+    turns_too : bool
+        Whether the chaser's attitude follows the target's, which guidance then allows for.
     """
 
     frames: Stack
@@ -228,6 +241,7 @@ class Course:
     chaser: Stack
     profile: Matrix
     pushed_m_s2: Matrix
+    turns_too: bool = False
 
 
 @dataclass(frozen=True)
@@ -266,6 +280,7 @@ def integrate(y: Matrix, course: Course, target: Turning, environment: Vector, t
         own(target.held),
         own(target.held_rates_rad_s),
         ports,
+        course.turns_too,
         flown.track,
         flown.attitudes,
         flown.rates,

@@ -12,9 +12,10 @@ from scipy.spatial.transform import Rotation
 
 import relnav
 from relnav.accuracy.campaign_plan import Plan, fly_batch
+from relnav.accuracy.rendezvous import true_ports
 from relnav.estimation.consistency import chi_square_interval
 from relnav.simulation.dispersed_vehicle import control_note
-from relnav.simulation.rendezvous import Rendezvous, Truth, stated_states
+from relnav.simulation.rendezvous import SWAY_RAD, Rendezvous, Truth, stated_states
 from relnav.simulation.vehicle_dispersions import VehicleScenario, VehicleSpread
 from relnav.simulation.vehicle_numbers import OfRun
 
@@ -67,6 +68,38 @@ def test_nothing_but_gravity_turns_a_free_target(vehicle):
     assert np.abs((attitude.inv() * Rotation.from_matrix(told)).as_rotvec()).max() < 2e-4
     assert np.abs(truth.target_rate(t) - rate).max() < 2e-6
     assert np.linalg.norm(rate[0]) > np.radians(0.1)
+
+
+def test_the_stated_torques_push_it(vehicle):
+    """Changes of the rate over a second, in a body that turns slowly: chi-square of the stated density."""
+    held = dataclasses.replace(vehicle, hand_over=relnav.load_model("rendezvous_demo").hand_over)
+    truth = Truth(held, dataclasses.replace(APPROACH, start_m=20.0, target="free"), OfRun(3, 4, list(vehicle.sensor)))
+    rates = truth.target_rate(np.arange(0.0, truth.end_s, 1.0))
+    low, high = chi_square_interval(rates[1:].size, 0.999)
+    assert low < np.mean(np.diff(rates, axis=0) ** 2) / vehicle.target.rate_noise_density_rad2_s3 < high
+
+
+def test_the_chaser_turns_with_it(vehicle):
+    """From the held attitude to the one that faces the port, within the sway; its thrusters carry it round.
+
+    It lags by what guidance of 0.06 rad/s does not foresee, the target's angular acceleration of some 0.4 w^2: 0.01 of
+    the distance at half a degree a second.
+    """
+    names, flight = list(vehicle.sensor), dataclasses.replace(APPROACH, start_m=24.0, target="free")
+    truth = Truth(vehicle, flight, OfRun(1, 2, names))
+    held, target = vehicle.chaser.dcm_chaser_from_lvlh, vehicle.target.dcm_target_from_lvlh.T
+    first = Rotation.from_matrix(truth.dcm_chaser_from_frame(0.0)[0] @ held.T).magnitude()
+    assert first < 4.0 * vehicle.hand_over.chaser_attitude_sigma_rad
+    t = np.linspace(160.0, truth.end_s - 0.5, 20)
+    assert Rotation.from_matrix(truth.dcm_frame_from_target(t[:1])[0] @ target.T).magnitude() > np.radians(20.0)
+    facing = truth.dcm_chaser_from_frame(t) @ truth.dcm_frame_from_target(t)
+    off = Rotation.from_matrix(facing @ (held @ target).T).magnitude()
+    assert off.max() < 2.0 * np.sqrt(3.0) * SWAY_RAD + np.radians(0.1)
+    port = true_ports(truth, t)[0][:, :3]
+    assert (np.abs(port[:, 1:]).max(axis=1) < 0.05 * port[:, 0]).all()
+    end = truth.dcm_chaser_from_inertial([truth.end_s, truth.end_s + 0.05])
+    rate = Rotation.from_matrix(end[1] @ end[0].T).magnitude() / 0.05
+    assert rate == pytest.approx(np.linalg.norm(truth.target_rate(truth.end_s)[0]), rel=0.05)
 
 
 def test_control_takes_out_the_rate(vehicle):
