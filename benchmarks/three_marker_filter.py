@@ -182,6 +182,23 @@ def speed(mission, seed, rounds=20):
             times.append((time.thread_time() - began) / len(epochs) * 1e6)
     each = np.array(times).reshape(rounds, -1).min(axis=0)
     print(f"an epoch, us: least {each.min():.1f}, median of pieces {np.median(each):.1f}, mean {each.mean():.1f}")
+    calls = np.array([_calls(mission, flight) for _ in range(5)]).min(axis=0)[10:]
+    searching = calls > 10.0 * np.median(calls)
+    print(
+        f"a call of PoseNavigator.step, covariance read, us: median {np.median(calls):.0f}, longest {calls.max():.0f}; "
+        f"one in {len(calls) / max(searching.sum(), 1):.0f} takes more than ten medians"
+    )
+
+
+def _calls(mission, flight):
+    """Processor time of each call of a flight, us: what a loop that must answer by a deadline waits for."""
+    navigator, times = relnav.PoseNavigator(mission), []
+    for t, spots, acceleration in zip(flight.t_s, flight.spots_px, flight.acceleration_m_s2, strict=True):
+        began = time.thread_time()
+        record = navigator.step(t, spots, acceleration_m_s2=acceleration)
+        record.covariance.trace()
+        times.append((time.thread_time() - began) * 1e6)
+    return times
 
 
 def main() -> int:

@@ -23,6 +23,13 @@ DRAWN = ("relnav.mission:Model", "relnav.spacecraft:Vehicle")
 
 @click.command(epilog="Example: relnav accuracy three_beacon_psd --runs 20 --json accuracy.json --plot accuracy.png")
 @click.argument("model", type=ModelName())
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Replace a value of MODEL, and compare that design with the same published figures; as often as you like.",
+)
 @click.option("--runs", type=click.IntRange(min=2), help="Simulated runs; the system's own number if left out.")
 @click.option(
     "--seed", default=7, show_default=True, type=click.IntRange(min=0), help="The same seed, the same report."
@@ -38,15 +45,24 @@ DRAWN = ("relnav.mission:Model", "relnav.spacecraft:Vehicle")
 )
 @click.option("--quiet", is_flag=True, help="Print nothing.")
 def command(
-    model: str, runs: int | None, seed: int, json_path: Path | None, plot: Path | None, faults: bool, quiet: bool
+    model: str,
+    settings: tuple[str, ...],
+    runs: int | None,
+    seed: int,
+    json_path: Path | None,
+    plot: Path | None,
+    faults: bool,
+    quiet: bool,
 ) -> int:
     """Compare MODEL with simulated truth and with its paper: single images, filters and smoothers of a mission.
 
     Truth is integrated on two-body orbits with the white acceleration that the filter assumes. Exit code 0: every row
     is as the model's published.toml expects; 1: some are not, or there is no published.toml to compare with.
+    Keys of --set are those of the model's file, in any fitting unit: focal_length_mm=80, or sensor.focal_length_mm=80.
     """
     from relnav.accuracy.claims import ClaimsReport
     from relnav.cli import NOT_MET
+    from relnav.cli.settings import setting
     from relnav.errors import UsageError
     from relnav.files.accuracy import measure_accuracy
     from relnav.files.atomic import Outputs, check_distinct, check_folder
@@ -61,10 +77,11 @@ def command(
     if plot is not None:
         check_picture(plot)
     check_distinct(json_path, plot)
-    mission = load_model(model)
+    change = " ".join(settings)
+    mission = load_model(model, dict(setting(text) for text in settings))
     system = system_of(mission)
     if faults:
-        return _faults(mission, runs, seed, json_path, plot, quiet)
+        return _faults(mission, change, runs, seed, json_path, plot, quiet)
     if plot is not None and system.mission not in DRAWN:
         raise UsageError(f"--plot draws missions of beacons and vehicles; {mission.name} has no picture")
     count = system.runs if runs is None else runs
@@ -77,11 +94,12 @@ def command(
         report = measure_accuracy(mission, runs=count, seed=seed, progress=bar.update)
     with Outputs() as outputs:
         if json_path is not None:
-            write_json(report.to_dict(), outputs.path(json_path))
+            write_json(report.to_dict() | {"change": change}, outputs.path(json_path))
         if plot is not None:
             _draw(report, outputs.path(plot, ".png"))
     if not quiet:
-        say(claim_lines(report) if isinstance(report, ClaimsReport) else report_lines(report), json_path, plot)
+        lines = claim_lines(report) if isinstance(report, ClaimsReport) else report_lines(report)
+        say([*_changed(change), *lines], json_path, plot)
     return 0 if report.ok and compared(report) else NOT_MET
 
 
@@ -99,7 +117,14 @@ def _draw(report: Any, path: Path) -> None:
         draw_accuracy(report, path)
 
 
-def _faults(mission: Any, runs: int | None, seed: int, json_path: Path | None, plot: Path | None, quiet: bool) -> int:
+def _changed(change: str) -> list[str]:
+    """The line that says which design was flown, where it is not that of the file."""
+    return [f"changed: {change}"] if change else []
+
+
+def _faults(
+    mission: Any, change: str, runs: int | None, seed: int, json_path: Path | None, plot: Path | None, quiet: bool
+) -> int:
     """Faults that last; exit code 1 if a goal is not met."""
     from relnav.accuracy import faults, marker_faults, vehicle_fault_flights, vehicle_faults
     from relnav.cli import NOT_MET
@@ -137,9 +162,9 @@ def _faults(mission: Any, runs: int | None, seed: int, json_path: Path | None, p
         report = measure(mission, runs=count, seed=seed, progress=bar.update)
     with Outputs() as outputs:
         if json_path is not None:
-            write_json(report.to_dict(), outputs.path(json_path))
+            write_json(report.to_dict() | {"change": change}, outputs.path(json_path))
     if not quiet:
-        say(report.lines(), json_path)
+        say([*_changed(change), *report.lines()], json_path)
     return 0 if report.ok else NOT_MET
 
 

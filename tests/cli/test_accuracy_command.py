@@ -32,6 +32,34 @@ def test_unexpected_rows_end_with_exit_code_1(tmp_path, capsys):
     assert "SOME ROWS DID NOT COME OUT AS EXPECTED" in out
 
 
+def test_a_changed_design_is_compared_with_the_same_figures(tmp_path, capsys):
+    """`--set` measures what a file with that value does, and says so, in the table and in the JSON object."""
+    source = find_model("birefringent_sun")
+    folder = tmp_path / "birefringent_sun"
+    folder.mkdir()
+    as_shipped, thinner = "crystal_thickness_mm = { value = 5.0", "crystal_thickness_mm = { value = 4.0"
+    text = source.read_text()
+    assert as_shipped in text
+    (folder / "model.toml").write_text(text.replace(as_shipped, thinner))
+    (folder / "published.toml").write_text(source.with_name("published.toml").read_text())
+    few = ["--runs", "20"]
+    code = run(["accuracy", str(folder), *few])
+    by_file = capsys.readouterr().out.splitlines()
+    report = tmp_path / "a.json"
+    change = ["--set", "crystal_thickness_mm=4"]
+    assert run(["accuracy", "birefringent_sun", *few, *change, "--json", str(report)]) == code
+    said = capsys.readouterr().out.splitlines()
+    assert said[0] == "changed: crystal_thickness_mm=4"
+    assert said[1 : len(by_file) + 1] == by_file
+    assert json.loads(report.read_text())["change"] == "crystal_thickness_mm=4"
+    run(["accuracy", "birefringent_sun", *few])
+    assert capsys.readouterr().out.splitlines() != by_file
+    assert run(["accuracy", "birefringent_sun", "--set", "crystal_thickness_mm"]) == 2
+    assert "--set is written KEY=VALUE" in capsys.readouterr().err
+    assert run(["accuracy", "three_beacon_psd", "--faults", "--set", "spot_noise=1"]) == 2
+    assert "'spot_noise' cannot be set" in capsys.readouterr().err
+
+
 def test_wrong_use(tmp_path, capsys):
     assert run(["accuracy", "three_beacon_psd", "--runs", "1"]) == 2
     assert run(["accuracy", "three_beacon_psd", *SMALL, "--plot", str(tmp_path / "none" / "a.png")]) == 2
