@@ -25,7 +25,7 @@ import numpy as np
 import relnav
 from relnav.navigation.attitude.target_attitude import METHODS
 
-TESTS = Path(__file__).parents[1] / "tests" / "navigation" / "test_target_attitude_honesty.py"
+TESTS = Path(__file__).parents[1] / "tests" / "navigation"
 MOMENTS_OFF = (
     ((3000, 4200, 4700), 0.05, 0.5, 100.0, 0.1, 0.5),
     ((3000, 4200, 4700), 0.05, 2.0, 200.0, 0.1, 0.5),
@@ -59,20 +59,25 @@ def new_filter(method):
     )
 
 
-def tests_module():
-    """What the tests fly with."""
-    spec = importlib.util.spec_from_file_location("honesty", TESTS)
-    tests = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(tests)
-    return tests
+def loaded(name: str):
+    """A module of the tests."""
+    spec = importlib.util.spec_from_file_location(name, TESTS / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def flights():
+    """What the tests fly with, and how bodies turn there."""
+    return loaded("test_target_attitude_honesty"), loaded("conftest").tumbling_bodies
 
 
 def faults(runs: int) -> bool:
     """Starts among outliers and bursts of them."""
-    tests, good = tests_module(), True
+    (tests, turning), good = flights(), True
     for method in METHODS:
         for rate_hz in (10.0, 1.0):
-            worst, waits = tests.fly_through_faults(method, runs, seed=11, rate_hz=rate_hz)
+            worst, waits = tests.fly_through_faults(turning, method, runs, seed=11, rate_hz=rate_hz)
             met = worst.max() <= 3 and waits.max() <= 10
             good &= bool(met)
             print(
@@ -83,8 +88,8 @@ def faults(runs: int) -> bool:
             )
         for true_deg_s in (1.0, 2.0, 3.0, 5.0, 10.0):
             few = max(1, runs // 10)
-            longest = [tests.longest_far_off(method, true_deg_s, few, hz).max() for hz in (10.0, 1.0)]
-            alone = tests.longest_far_off(method, true_deg_s, few, 10.0, by_the_gate_alone=True).max()
+            longest = [tests.longest_far_off(turning, method, true_deg_s, few, hz).max() for hz in (10.0, 1.0)]
+            alone = tests.longest_far_off(turning, method, true_deg_s, few, 10.0, by_the_gate_alone=True).max()
             print(
                 f"{method:<15} 0.2 deg/s told, {true_deg_s:g} true, {few} runs: relied on beyond "
                 f"5 sigma at most {longest[0]} epochs at 10 Hz ({alone} by the gate alone), {longest[1]} at 1 Hz",
@@ -95,11 +100,11 @@ def faults(runs: int) -> bool:
 
 def inertia(runs: int) -> bool:
     """NEES where the stated sigmas of the moments are what is off: joint and by component, from 20 s on."""
-    tests, good = tests_module(), True
+    (tests, turning), good = flights(), True
     for moments, tolerance, deg_s, duration_s, noise_deg, every_s in MOMENTS_OFF:
         body = np.diag([float(moment) for moment in moments])
         by, joint = tests.nees_of_moments_off(
-            "multiplicative", runs, deg_s, duration_s, tolerance, body, noise_deg=noise_deg, every_s=every_s
+            turning, "multiplicative", runs, deg_s, duration_s, tolerance, body, noise_deg=noise_deg, every_s=every_s
         )
         met = by.max() <= 1.3 and 0.7 <= joint <= 1.3
         good &= bool(met)
@@ -110,7 +115,7 @@ def inertia(runs: int) -> bool:
             f"joint NEES / 6 {joint:.2f} [0.7, 1.3] {'met' if met else 'NOT MET'}",
             flush=True,
         )
-    _, joint = tests.nees_of_moments_off("multiplicative", runs, 2.0, 200.0, 0.05, second_order=False)
+    _, joint = tests.nees_of_moments_off(turning, "multiplicative", runs, 2.0, 200.0, 0.05, second_order=False)
     print(f"  the second of these with the effect taken for linear: joint NEES / 6 {joint:.1f}")
     return good
 

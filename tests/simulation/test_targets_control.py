@@ -8,13 +8,14 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 import relnav
 from relnav.accuracy.campaign_plan import Plan, fly_batch
 from relnav.accuracy.rendezvous import true_ports
 from relnav.estimation.consistency import chi_square_interval
 from relnav.simulation.dispersed_vehicle import control_note
+from relnav.simulation.facing import Facing
 from relnav.simulation.rendezvous import SWAY_RAD, Rendezvous, Truth, stated_states
 from relnav.simulation.vehicle_dispersions import VehicleScenario, VehicleSpread
 from relnav.simulation.vehicle_numbers import OfRun
@@ -100,6 +101,17 @@ def test_the_chaser_turns_with_it(vehicle):
     end = truth.dcm_chaser_from_inertial([truth.end_s, truth.end_s + 0.05])
     rate = Rotation.from_matrix(end[1] @ end[0].T).magnitude() / 0.05
     assert rate == pytest.approx(np.linalg.norm(truth.target_rate(truth.end_s)[0]), rel=0.05)
+
+
+def test_what_is_off_at_the_start_fades():
+    """To 1 / e in 40 s, beside a target that turns about one axis, and on at the last rate after the flight's end."""
+    spin = np.array([0.0, 0.0, 0.02])
+    turns = Slerp([0.0, 60.0], Rotation.from_rotvec([0.0 * spin, 60.0 * spin]))
+    met, off = np.diag([1.0, -1.0, -1.0]), Rotation.from_rotvec([0.06, -0.03, 0.02])
+    chaser = Facing(turns, spin, met, off.as_matrix() @ met).dcm_chaser_from_inertial(np.array([0.0, 40.0, 80.0]))
+    for attitude, seconds, left in zip(chaser, (0.0, 40.0, 80.0), (1.0, np.exp(-1.0), np.exp(-2.0)), strict=True):
+        meant = met @ Rotation.from_rotvec(seconds * spin).as_matrix().T
+        assert Rotation.from_matrix(attitude @ meant.T).as_rotvec() == pytest.approx(left * off.as_rotvec(), abs=1e-12)
 
 
 def test_control_takes_out_the_rate(vehicle):
