@@ -9,6 +9,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Lt
 
 from relnav.arrays import Matrix, Stack, Vector
+from relnav.dynamics.inertia_error import inertia_sigma
 from relnav.geometry.rotation import dcm_from_quaternion
 from relnav.sensors.loaded_model import LoadedModel
 from relnav.sensors.three_beacon.calibration import Calibration
@@ -220,7 +221,6 @@ class Model(LoadedModel, sensor_type="three_beacon"):
                 "camera.position_m must be zero with attitude mode 'unknown': a lever arm in chaser axes cannot be "
                 "applied without the attitude (state the attitude, or let the track describe the camera)"
             )
-
         if self.pulses is not None and self.detector is not None:
             settled_s = 5.0 / (2.0 * np.pi * self.detector.bandwidth_hz)
             if self.pulses.guard_s < settled_s:
@@ -276,14 +276,12 @@ class Model(LoadedModel, sensor_type="three_beacon"):
     @property
     def camera_lever_cam_m(self) -> Vector:
         """Camera from the chaser's centre of mass in camera axes, (3,) m: constant, whatever the attitude."""
-        lever: Vector = dcm_from_quaternion(np.array(self.camera.q_cam_from_chaser)) @ np.array(self.camera.position_m)
-        return lever
+        return np.asarray(dcm_from_quaternion(np.array(self.camera.q_cam_from_chaser)) @ self.camera.position_m)
 
     @property
     def beacons_lvlh_m(self) -> Matrix:
         """Beacons A, B, C and further ones from the target's centre of mass, `lvlh_ccsds`, (n, 3) m."""
-        beacons: Matrix = self.port_position_m + self.sensor.beacons_dock_m @ self.dcm_dock_from_lvlh
-        return beacons
+        return np.asarray(self.port_position_m + self.sensor.beacons_dock_m @ self.dcm_dock_from_lvlh)
 
 
 @dataclass(frozen=True)
@@ -300,15 +298,19 @@ class Target:
         Its docking port from its centre of mass, target axes.
     rate_noise_density_rad2_s3 : float
         Density of white angular acceleration that nothing else accounts for, each axis.
+    inertia_sigma_kg_m2 : (3, 3)
+        1-sigma of each entry of the inertia, symmetric, >= 0: constant errors, considered.
     """
 
     inertia_kg_m2: tuple[Triple, Triple, Triple]
     rate_noise_density_rad2_s3: NonNegative
     q_target_from_lvlh: Quaternion = IDENTITY
     port_position_m: Triple = (0.0, 0.0, 0.0)
+    inertia_sigma_kg_m2: tuple[Triple, Triple, Triple] = ((0.0, 0.0, 0.0),) * 3
 
     def __post_init__(self) -> None:
         _check_quaternion("q_target_from_lvlh", self.q_target_from_lvlh)
+        inertia_sigma(self.inertia_sigma_kg_m2)
 
     @property
     def dcm_target_from_lvlh(self) -> Matrix:
@@ -341,8 +343,6 @@ class PoseFilterSettings(FilterSettings):
     ----------
     initial_rate_sigma_rad_s : float
         1-sigma of the target's rate about that of its held attitude, each axis.
-    longest_delay_s : float
-        As there.
     few_markers_limit_s : float
         No three markers off one line used within this time: the record says that the attitude is hardly observed.
     """
@@ -389,8 +389,7 @@ class VisionMission(ThreeMarkerModel):
     @property
     def port_position_m(self) -> Vector:
         """Target's port from its centre of mass at the held attitude, `lvlh_ccsds`, (3,) m."""
-        port: Vector = self.target.dcm_target_from_lvlh.T @ np.array(self.target.port_position_m)
-        return port
+        return np.asarray(self.target.dcm_target_from_lvlh.T @ self.target.port_position_m)
 
     @property
     def dcm_chaser_from_lvlh(self) -> Matrix:

@@ -10,14 +10,26 @@ The first part is linear in E. The second is not, and cannot be carried like thi
 remains after some turns of a body would be larger than a filter says.
 """
 
-import numpy as np
+import math
 
-from relnav.arrays import Matrix, Vector
-from relnav.codegen.kernel import straight_line
+import numpy as np
+from numpy.typing import ArrayLike
+
+from relnav.arrays import Matrix, Vector, vector
+from relnav.codegen.kernel import kernel, straight_line
 from relnav.dynamics.rigid_body import BODY_ROWS, GRADIENT, INERTIA, INVERSE, ORBIT, TORQUE
 
 INERTIA_ENTRIES = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
 """Which entries of an inertia its errors are of: three moments, then three products."""
+ENTRIES = len(INERTIA_ENTRIES)
+
+
+def inertia_sigma(inertia_sigma_kg_m2: ArrayLike) -> Matrix:
+    """1-sigma of each entry of an inertia (3, 3); ValueError where it is not symmetric, or below zero somewhere."""
+    sigma = vector("inertia_sigma_kg_m2", inertia_sigma_kg_m2, (3, 3))
+    if not ((sigma >= 0.0).all() and np.array_equal(sigma, sigma.T)):
+        raise ValueError(f"inertia_sigma_kg_m2 is symmetric and nowhere below zero; got {sigma.tolist()}")
+    return sigma
 
 
 def _times(matrix: Matrix, vector: Vector) -> Vector:
@@ -88,3 +100,14 @@ def second_order_square(body: Matrix, sigma: Matrix, effect: Matrix) -> float:
             for m in range(6):
                 total += b[k, m, c] * (b[k, m, c] + b[m, k, c])
     return total / 3.0
+
+
+@kernel
+def turn_time(rate: Vector, n: float) -> float:
+    """For how long an acceleration adds up in a body that turns: one turn, s; 0 at rest.
+
+    Constant errors make one that is the same in the body's axes as long as the axis of the turn is. About moments J it
+    goes round sqrt((J3 - J1) (J3 - J2) / (J1 J2)) times in a turn, at most once, as J3 <= J1 + J2.
+    """
+    fastest = max(math.sqrt(rate[0] * rate[0] + rate[1] * rate[1] + rate[2] * rate[2]), n)
+    return 2.0 * math.pi / fastest if fastest > 0.0 else 0.0

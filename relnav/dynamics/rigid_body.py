@@ -153,7 +153,7 @@ def exponential_into(half: Matrix, step: Matrix) -> None:
 
 
 @kernel
-def _carry_errors(step: Matrix, phi: Matrix, noise: Matrix, work: Matrix) -> None:
+def carry_transition(step: Matrix, phi: Matrix, noise: Matrix, work: Matrix) -> None:
     """Advance phi and noise (6, 6), in place, by a transition; work (12, 6) scratch."""
     one, other = work[0:6], work[6:12]
     _product(step, phi, one)
@@ -205,7 +205,7 @@ def turn_body_with_errors(
             exponential_into(after, phi)
         else:
             exponential_into(after, work[32:38])
-            _carry_errors(work[32:38], phi, noise, work[38:50])
+            carry_transition(work[32:38], phi, noise, work[38:50])
         for i in range(3):
             noise[i, i] += density * h * h * h / 3.0
             noise[3 + i, 3 + i] += density * h

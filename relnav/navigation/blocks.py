@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from relnav.dynamics.error_state import MOTION, POSE
+from relnav.dynamics.inertia_error import ENTRIES, INERTIA_ENTRIES
 from relnav.estimation.state_layout import Role, StateLayout, stacked
 from relnav.mission import Model, VisionMission
 
@@ -20,7 +21,8 @@ TOLERANCES_SHARED = 7
 """Tolerances that all beacons share: the focal length, three turns of the camera, three of the beacons."""
 
 CHASER_ATTITUDE, MOUNTING, FOCAL_LENGTH, PLACEMENT = 0, 3, 6, 7
-"""Where each begins among the lasting errors of markers; the first three always stand there."""
+"""Where each begins among the lasting errors of markers; the first three always stand there. Those of the target's
+inertia, if it is off, are the last: no image shows them."""
 
 OF_IMAGE = math.nan
 
@@ -69,6 +71,9 @@ def marker_layout(mission: VisionMission) -> StateLayout:
             ("focal_length", 1, tolerances.focal_length_relative_sigma, "considered"),
             ("marker_placement", placed, tolerances.marker_placement_sigma_m, "considered"),
         ]
+    if inertia_errors(mission) > 0:
+        sigma = mission.target.inertia_sigma_kg_m2
+        blocks += [(f"inertia_{'xyz'[i]}{'xyz'[j]}", 1, sigma[i][j], "considered") for i, j in INERTIA_ENTRIES]
     return stacked(blocks)
 
 
@@ -90,3 +95,13 @@ def considered_errors(model: Model, method: str) -> tuple[int, int]:
 def marker_considered(mission: VisionMission) -> int:
     """How many lasting errors a marker filter considers."""
     return marker_layout(mission).size - POSE
+
+
+def marker_shown(mission: VisionMission) -> int:
+    """How many of them images show by themselves: those of chaser, camera and markers, which come first."""
+    return marker_considered(mission) - inertia_errors(mission)
+
+
+def inertia_errors(mission: VisionMission) -> int:
+    """How many entries of the target's inertia are taken as off: none, unless a sigma is stated."""
+    return ENTRIES if np.any(mission.target.inertia_sigma_kg_m2) else 0

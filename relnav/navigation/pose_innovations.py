@@ -19,6 +19,7 @@ from relnav.codegen.kernel import entry, kernel
 from relnav.dynamics.error_state import POSE
 from relnav.estimation.rows import pair_covariance
 from relnav.mission import VisionMission
+from relnav.navigation.blocks import MOUNTING, marker_considered
 from relnav.navigation.observation.marker_rows import aim_camera, observe_markers
 from relnav.navigation.packed_factors import unpack_factors
 from relnav.navigation.pose_epoch import EPOCH
@@ -46,7 +47,7 @@ def _predict(m: PoseMemory, before: Record, epoch: Record) -> bool:
     orbit, taken = m.motion["orbit"], m.step["dt"]
     if not advance_pose(m.body, m.step, m.scratch, orbit, track, before["t"], taken):
         return False
-    carry_sensitivities(m.scratch["phi"], effects)
+    carry_sensitivities(m.body, m.scratch["phi"], effects)
     return True
 
 
@@ -98,7 +99,7 @@ class MarkerInnovations:
     def __init__(self, mission: VisionMission) -> None:
         """Begin before the first epoch."""
         self._memory, self._before = new_pose_memory(mission), np.zeros(1, EPOCH)
-        self.tells_sigma = mission.tolerances is None or not mission.tolerances.considered
+        self.tells_sigma = marker_considered(mission) <= MOUNTING
 
     def of(self, part: PoseSolution) -> tuple[Stack, Stack]:
         """Innovation and 1-sigma of each spot of the next epochs, (n, markers, 2) px each.

@@ -11,13 +11,14 @@ import numpy as np
 from relnav.arrays import Matrix, Record, Stack, Vector
 from relnav.codegen.memory_layout import Layout
 from relnav.dynamics.error_state import MOTION, POSE, ROTATION
+from relnav.dynamics.inertia_error import ENTRIES
 from relnav.dynamics.rigid_body import BODY_ROWS, RigidBody
 from relnav.estimation.gating import gate_limits
 from relnav.estimation.monitors import WATCH
 from relnav.estimation.returning import RETURNING
 from relnav.estimation.rows import group_type
 from relnav.mission import VisionMission
-from relnav.navigation.blocks import marker_considered
+from relnav.navigation.blocks import inertia_errors, marker_considered, marker_shown
 from relnav.navigation.memory import MOTION_MODEL, STEP, WATCHED, fill, watch_anew, write_motion_model
 from relnav.navigation.pose_bending import POSE_BENT
 
@@ -51,6 +52,13 @@ BODY = np.dtype(
         ("noise", _F, (ROTATION, ROTATION)),
         ("factors", _F, (ROTATION, ROTATION)),
         ("work", _F, (50, ROTATION)),
+        ("inertia_errors", _I),  # the last of the lasting errors; the rest is used where there are any
+        ("inertia_sigma", _F, (3, 3)),
+        ("before", _F, (3, ENTRIES)),  # what they do to the angular acceleration, at both ends of a piece
+        ("after", _F, (3, ENTRIES)),
+        ("pushed", _F, (ENTRIES, ROTATION)),  # what one sigma of each has done in a step
+        ("piece_phi", _F, (ROTATION, ROTATION)),
+        ("piece_noise", _F, (ROTATION, ROTATION)),
     ]
 )
 POSE_TRACK = np.dtype(
@@ -93,8 +101,11 @@ POSE_SCRATCH = np.dtype(
         ("bending", _F),  # of the latest image: ln |R| by the second order of the errors
     ]
 )
-LASTING = np.dtype([("attitude", _F), ("focal_length", _F), ("mounting", _F), ("placement", _F)])
-"""1-sigma of lasting errors: chaser's attitude, focal length (relative), camera's mounting, each marker's place."""
+LASTING = np.dtype([("attitude", _F), ("focal_length", _F), ("mounting", _F), ("placement", _F), ("shown", _I)])
+"""1-sigma of lasting errors: chaser's attitude, focal length (relative), camera's mounting, each marker's place.
+
+shown: how many of all an image shows by itself, which these are; those of the target's inertia stand behind them.
+"""
 POSE_CLOCK = np.dtype(
     [
         ("t", _F),
@@ -151,6 +162,7 @@ POSE_FIXED = np.dtype(
         ("scratch", POSE_SCRATCH),
         ("work", POSE_TRACK),
         ("best", POSE_TRACK),
+        ("joint", POSE_TRACK),  # scratch: a hypothesis with what its inertia has done to it in its factors
         ("clock", POSE_CLOCK),
         ("result", POSE_RESULT),
         ("watch", WATCH),
@@ -170,6 +182,7 @@ class PoseMemory(NamedTuple):
     scratch: Record
     work: Record
     best: Record
+    joint: Record
     clock: Record
     result: Record
     watch: Record
@@ -191,6 +204,7 @@ class PoseMemory(NamedTuple):
     bends: Annotated[Matrix, "2n", SEEN * SEEN]  # second order times covariance
     noise: Annotated[Matrix, "2n", "2n"]
     factor: Annotated[Matrix, "2n", "2n"]
+    plain_noise: Annotated[Matrix, "2n", "2n"]  # scratch: `noise` without the inertia's
     groups: Annotated[Record, POSE_GROUP, "n"]
     independent: Annotated[Record, POSE_GROUP, "n"]
     bank_sensitivities: Annotated[Stack, MOST_POSES, "m", POSE]  # by one sigma of each lasting error, of a hypothesis
@@ -244,7 +258,7 @@ def new_pose_memory(mission: VisionMission) -> Vector:
         chaser=mission.dcm_chaser_from_lvlh,
         attitude_noise=mission.chaser.attitude_noise_rad,
     )
-    fill(m.lasting, attitude=mission.chaser.attitude_sigma_rad)
+    fill(m.lasting, attitude=mission.chaser.attitude_sigma_rad, shown=marker_shown(mission))
     if tolerances is not None:
         fill(
             m.lasting,
@@ -254,6 +268,7 @@ def new_pose_memory(mission: VisionMission) -> Vector:
         )
     body = RigidBody(np.array(target.inertia_kg_m2), mission.orbit.mean_motion_rad_s)
     fill(m.body, values=body.matrix, noise_density=target.rate_noise_density_rad2_s3)
+    fill(m.body, inertia_errors=inertia_errors(mission), inertia_sigma=target.inertia_sigma_kg_m2)
     write_motion_model(m.motion, mission.orbit, mission.process_noise, mission.filter)
     m.step["dt"], m.clock["t"], m.clock["begun"] = np.nan, np.nan, np.nan
     m.clock["renewed"], m.clock["blurred"], m.clock["doubted"] = np.nan, -np.inf, -np.inf

@@ -16,6 +16,7 @@ from relnav.estimation.lasting_evidence import fade
 from relnav.estimation.rows import copy_rows, copy_track
 from relnav.geometry.rotation_vector import rotation_vector_into
 from relnav.navigation.pose_bending import carry_pairs, draw_pairs
+from relnav.navigation.pose_inertia import push_sensitivities, turn_uncertain
 from relnav.navigation.propagation import carry_state_eccentric, multiply
 
 rotate_into = rigid_body.propagate_into
@@ -43,11 +44,13 @@ multiply_pose = variant(multiply, "multiply_pose", phi=POSE_PHI_PATTERN, vector=
 
 
 @kernel
-def carry_sensitivities(phi: Matrix, sensitivities: Matrix) -> None:
-    """Carry what lasting errors do to a hypothesis, (m, 12), over a step."""
+def carry_sensitivities(body: Record, phi: Matrix, sensitivities: Matrix) -> None:
+    """Carry what lasting errors do to a hypothesis, (m, 12), over the step that it has taken."""
     for c in range(sensitivities.shape[0]):
         if is_felt(sensitivities[c]):
             multiply_pose(phi, sensitivities[c])
+    if body["inertia_errors"] > 0:
+        push_sensitivities(body, sensitivities)
 
 
 @kernel
@@ -97,7 +100,10 @@ def advance_pose(
     phi, noise = scratch["phi"], scratch["noise"]
     turn, spread_, factors, values = body["phi"], body["noise"], body["factors"], body["values"]
     values[ORBIT, FRAME_RATE], values[ORBIT, GRADIENT] = frame_and_gradient(orbit, t + 0.5 * dt)
-    if not rotate_into(values, dt, track["dcm"], track["rate"], body["noise_density"], turn, spread_, body["work"]):
+    if body["inertia_errors"] > 0:
+        if not turn_uncertain(body, dt, track["dcm"], track["rate"]):
+            return False
+    elif not rotate_into(values, dt, track["dcm"], track["rate"], body["noise_density"], turn, spread_, body["work"]):
         return False
     carry_state_eccentric(track["motion"], step["phi"], step["effect"], track["motion"])
     for i in range(MOTION):
@@ -125,34 +131,56 @@ def variance(ld: Matrix, i: int) -> float:
 
 
 @kernel
-def _largest_variance(ld: Matrix, first: int) -> float:
-    return max(variance(ld, first), variance(ld, first + 1), variance(ld, first + 2))
+def _whole_variance(ld: Matrix, inertia: Matrix, i: int) -> float:
+    """P_ii of the factors, with what the errors of the inertia have done, (k, 12)."""
+    total = variance(ld, i)
+    for k in range(inertia.shape[0]):
+        total += inertia[k, i] * inertia[k, i]
+    return total
 
 
 @kernel
-def is_wide(track: Record) -> bool:
-    """Whether errors are no longer small: a full image then tells more than the state that it would correct."""
+def _largest_variance(ld: Matrix, inertia: Matrix, first: int) -> float:
+    x, y = _whole_variance(ld, inertia, first), _whole_variance(ld, inertia, first + 1)
+    return max(x, y, _whole_variance(ld, inertia, first + 2))
+
+
+@kernel
+def is_wide(track: Record, inertia: Matrix) -> bool:
+    """Whether errors are no longer small: a full image then tells more than the state that it would correct.
+
+    inertia (k, 12): what the errors of the inertia have done to it.
+    """
     ld, rho = track["ld"], track["motion"]
-    share2 = _largest_variance(ld, 0) / (rho[0] * rho[0] + rho[1] * rho[1] + rho[2] * rho[2])
-    wide_turn = _largest_variance(ld, THETA) > LARGEST_TURN_RAD * LARGEST_TURN_RAD
+    share2 = _largest_variance(ld, inertia, 0) / (rho[0] * rho[0] + rho[1] * rho[1] + rho[2] * rho[2])
+    wide_turn = _largest_variance(ld, inertia, THETA) > LARGEST_TURN_RAD * LARGEST_TURN_RAD
     return wide_turn or not share2 <= LARGEST_SHARE_OF_RANGE * LARGEST_SHARE_OF_RANGE
 
 
 @kernel
-def _is_forgotten(body: Record, track: Record, dt: float) -> bool:
+def _is_forgotten(body: Record, track: Record, inertia: Matrix, dt: float) -> bool:
     """Whether after dt nothing is known of the attitude any more: 1-sigma of half a turn."""
     drift = body["noise_density"] * dt * dt * dt / 3.0
-    known = _largest_variance(track["ld"], THETA) + _largest_variance(track["ld"], RATE) * dt * dt + drift
+    turn, rate = _largest_variance(track["ld"], inertia, THETA), _largest_variance(track["ld"], inertia, RATE)
+    known = turn + rate * dt * dt + drift
     return not known <= math.pi * math.pi
 
 
 @kernel
 def _advance_bent(
-    body: Record, step: Record, scratch: Record, orbit: Vector, track: Record, bent: Record, t: float, dt: float
+    body: Record,
+    step: Record,
+    scratch: Record,
+    orbit: Vector,
+    track: Record,
+    inertia: Matrix,
+    bent: Record,
+    t: float,
+    dt: float,
 ) -> bool:
     """`advance_pose` of a hypothesis whose bending is followed."""
     before, ld = scratch["pose"], track["ld"]
-    reach = math.sqrt(_largest_variance(ld, THETA)) + dt * math.sqrt(_largest_variance(ld, RATE))
+    reach = math.sqrt(_largest_variance(ld, inertia, THETA)) + dt * math.sqrt(_largest_variance(ld, inertia, RATE))
     draw_pairs(body, scratch, track, bent, reach, dt)
     for i in range(3):
         before[3, i] = track["rate"][i]
@@ -190,10 +218,10 @@ def advance_bank(
 
     sensitivities (hypotheses, m, 12), evidence (hypotheses, m + 1, m) and bents: of each. bents are none for a trial.
     """
-    kept = 0
+    kept, first = 0, sensitivities.shape[1] - body["inertia_errors"]
     share = math.exp(-dt / MEMORY_S)
     for k in range(count):
-        if not _is_forgotten(body, bank[k], dt):
+        if not _is_forgotten(body, bank[k], sensitivities[k, first:], dt):
             if kept < k:
                 copy_pose(bank[k], bank[kept])
                 copy_rows(sensitivities[k], sensitivities[kept])
@@ -201,11 +229,12 @@ def advance_bank(
                 if bents.shape[0] > 0:
                     _copy_bent(bents[k], bents[kept])
             if bents.shape[0] > 0:
-                known = _advance_bent(body, step, scratch, orbit, bank[kept], bents[kept], t, dt)
+                own = sensitivities[kept, first:]
+                known = _advance_bent(body, step, scratch, orbit, bank[kept], own, bents[kept], t, dt)
             else:
                 known = advance_pose(body, step, scratch, orbit, bank[kept], t, dt)
             if known:
-                carry_sensitivities(scratch["phi"], sensitivities[kept])
+                carry_sensitivities(body, scratch["phi"], sensitivities[kept])
                 bank[kept]["score"], bank[kept]["doubt"] = share * bank[kept]["score"], share * bank[kept]["doubt"]
                 if count > 1:
                     fade(evidence[kept], share)

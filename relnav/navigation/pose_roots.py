@@ -17,8 +17,8 @@ from relnav.navigation.status import OUT_OF_VIEW
 def look_for_roots(m: PoseMemory, mission: VisionMission, event: Event, wants: int) -> None:
     """Open a trial on the poses that explain an image, or take up those that no hypothesis covers."""
     mission, running = mission_as_told(mission, event), m.clock["running"] > 0
-    keeps = running and (wants == NEW_ROOTS or is_wide(m.bank[0]))
     effects = m.bank_sensitivities[0]
+    keeps = running and (wants == NEW_ROOTS or is_wide(m.bank[0], effects[m.lasting["shown"] :]))
     believed = (state_of(m.bank[0], np.zeros((0, POSE))), effects.copy()) if keeps else None
     own = event.covariance_px2 if len(event.covariance_px2) else None
     spots = np.where(np.isfinite(event.spots_px).all(axis=1, keepdims=True), event.spots_px, np.nan)

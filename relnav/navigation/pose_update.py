@@ -15,6 +15,7 @@ from relnav.geometry.rotation_vector import turn_by_rotation_vector
 from relnav.navigation.blocks import CHASER_ATTITUDE, MOUNTING
 from relnav.navigation.observation.marker_exchange import gates_share
 from relnav.navigation.observation.marker_rows import observe_markers
+from relnav.navigation.pose_inertia import take_against_inertia
 from relnav.navigation.pose_memory import PoseMemory
 
 LONE_SHARE = 0.001
@@ -103,7 +104,7 @@ def refer_turns(m: PoseMemory, track: Record, sensitivities: Matrix) -> None:
     """Let what turns of chaser and camera do to a hypothesis follow the errors (12,) that correct it."""
     for axis in range(3):
         _follow(m.lasting["attitude"], m.camera["chaser"][axis], track, sensitivities[CHASER_ATTITUDE + axis])
-        if sensitivities.shape[0] > MOUNTING:
+        if m.lasting["shown"] > MOUNTING:
             _follow(m.lasting["mounting"], m.camera["cam_from_lvlh"][axis], track, sensitivities[MOUNTING + axis])
 
 
@@ -206,8 +207,11 @@ def spot_update(
             if not leads and scratch["lead_used"] == used:
                 known = max(known, scratch["lead_width"])
             track["doubt"] += max(0.0, width - known)
-        copy_track(m.work, track)
-        update_sensitivities(track["ld"], image, m.by_error[:n], m.news, sensitivities)
+        if m.lasting["shown"] < sensitivities.shape[0]:
+            take_against_inertia(m, track, sensitivities, count)
+        else:
+            copy_track(m.work, track)
+            update_sensitivities(track["ld"], image, m.by_error[:n], m.news, sensitivities)
         refer_turns(m, track, sensitivities)
         take_in(m.scratch, track, sensitivities)
     track["score"] += cost if used == count else min(whole, cost)

@@ -25,7 +25,7 @@ import numpy as np
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import kernel, straight_line
 from relnav.codegen.together import quotient
-from relnav.dynamics.inertia_error import INERTIA_ENTRIES
+from relnav.dynamics.inertia_error import ENTRIES, INERTIA_ENTRIES
 from relnav.dynamics.rigid_body import BODY_ROWS, FRAME_RATE, INERTIA, INVERSE, ORBIT, TORQUE, step_count, turn_body
 from relnav.estimation.attitude import TURNING
 from relnav.estimation.factored import orthogonalise
@@ -35,7 +35,6 @@ from relnav.geometry.rotation_vector import rotation_vector_into, turn_by_rotati
 
 LEAST_SHARE = 0.1
 """Of the thinnest sigma: what bending may leave out. It adds the square, 0.01, to one of six parts of NEES."""
-ENTRIES = len(INERTIA_ENTRIES)
 PAIRS = TURNING + ENTRIES
 
 BENT = np.dtype(

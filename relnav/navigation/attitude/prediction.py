@@ -6,7 +6,7 @@ import numpy as np
 
 from relnav.arrays import Matrix, Record, Vector
 from relnav.codegen.kernel import entry, kernel
-from relnav.dynamics.inertia_error import inertia_effect_into, second_order_square
+from relnav.dynamics.inertia_error import inertia_effect_into, second_order_square, turn_time
 from relnav.dynamics.rigid_body import BODY_ROWS, FRAME_RATE, ORBIT, propagate_into, step_count
 from relnav.estimation.attitude import (
     ATTITUDE_TRACK,
@@ -101,17 +101,6 @@ def _largest_sigmas(track: Record) -> tuple[float, float]:
 
 
 @kernel
-def _turn_time(rate: Vector, n: float) -> float:
-    """For how long an acceleration adds up in a body that turns: one turn, s; 0 at rest.
-
-    Constant errors make one that is the same in the body's axes as long as the axis of the turn is. About moments J it
-    goes round sqrt((J3 - J1) (J3 - J2) / (J1 J2)) times in a turn, at most once, as J3 <= J1 + J2.
-    """
-    fastest = max(math.sqrt(rate[0] * rate[0] + rate[1] * rate[1] + rate[2] * rate[2]), n)
-    return 2.0 * math.pi / fastest if fastest > 0.0 else 0.0
-
-
-@kernel
 def _carry(memory: Record, track: Record, dt: float, limit: float, unscented: bool, bends: bool) -> bool:
     """Carry a track over dt; False where its attitude is lost: its 1-sigma exceeds a limit, rad.
 
@@ -147,7 +136,7 @@ def _carry(memory: Record, track: Record, dt: float, limit: float, unscented: bo
         inertia_effect_into(body, sigma, dcm, rate, before)
         jitter = density
         if m["inertia_off"] > 0:
-            jitter += second_order_square(body, sigma, before) * _turn_time(rate, body[ORBIT, FRAME_RATE])
+            jitter += second_order_square(body, sigma, before) * turn_time(rate, body[ORBIT, FRAME_RATE])
         known = known and propagate_into(body, h, dcm, rate, jitter, phi, noise, work)
         inertia_effect_into(body, sigma, dcm, rate, after)
         carry_lasting(lasting, phi, before, after, h)

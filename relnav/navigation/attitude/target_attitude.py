@@ -15,7 +15,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from relnav.arrays import Matrix, number, numbers, one_piece, vector
+from relnav.arrays import Matrix, number, numbers, one_piece
+from relnav.dynamics.inertia_error import inertia_sigma
 from relnav.dynamics.rigid_body import RigidBody
 from relnav.estimation.gating import chi_square_limit
 from relnav.estimation.innovation_sums import LIMIT_PROBABILITY
@@ -109,9 +110,7 @@ class TargetAttitude:
         m["chaser_sigma"], m["restart_after"] = chaser_attitude_sigma_rad, restart_after
         m["unscented"] = method == "unscented"
         if inertia_sigma_kg_m2 is not None:
-            sigma = vector("inertia_sigma_kg_m2", inertia_sigma_kg_m2, (3, 3))
-            if not ((sigma >= 0.0).all() and np.array_equal(sigma, sigma.T)):
-                raise ValueError(f"inertia_sigma_kg_m2 is symmetric and nowhere below zero; got {sigma.tolist()}")
+            sigma = inertia_sigma(inertia_sigma_kg_m2)
             m["inertia_sigma"], m["inertia_off"] = sigma, bool(sigma.any())
         m["t"] = m["measured_t"] = math.nan
 

@@ -168,7 +168,7 @@ def let_pass(m: PoseMemory, dt: float) -> None:
     if watch["on"] > 0 and past[WITNESS]["added"] == past[WITNESS]["added"]:
         at = m.clock["t"]
         if advance_pose(m.body, step, m.scratch, m.motion["orbit"], past[WITNESS], at, step["dt"]):
-            carry_sensitivities(m.scratch["phi"], m.past_sensitivities[WITNESS])
+            carry_sensitivities(m.body, m.scratch["phi"], m.past_sensitivities[WITNESS])
         else:
             past[WITNESS]["added"] = math.nan
 

@@ -56,8 +56,10 @@ def state_of(track: Record, sensitivities: Matrix) -> PoseState:
 
 
 def write_root(track: Record, sensitivities: Matrix, root: Root, score: float = 0.0) -> None:
-    """Write a root as a hypothesis."""
-    sensitivities[:] = root.sensitivities()
+    """Write a root as a hypothesis; the target's inertia has done nothing to it yet."""
+    by_root = root.sensitivities()
+    sensitivities[:] = 0.0
+    sensitivities[: len(by_root)] = by_root
     write_state(track, root.state, score)
 
 
@@ -167,7 +169,7 @@ def _sensitivities(
     """Of the state on a root; held (m, 12): of the hypothesis whose velocity it takes."""
     sensitivities = sensitivities_from_pose(pose, joint, mission, dcm, used, covariances)
     if held is not None:
-        sensitivities[:, VELOCITY:MOTION] = held[:, VELOCITY:MOTION]
+        sensitivities[:, VELOCITY:MOTION] = held[: len(sensitivities), VELOCITY:MOTION]
     return sensitivities
 
 

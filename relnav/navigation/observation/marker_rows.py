@@ -151,7 +151,7 @@ def _write_lasting(
             row[c] = 0.0
         for j in range(3):
             row[CHASER_ATTITUDE + j] = lasting["attitude"] * turns[axis, j]
-        if row.shape[0] > MOUNTING:
+        if lasting["shown"] > MOUNTING:
             cross_into(by_point[axis], p, turn)
             row[FOCAL_LENGTH] = lasting["focal_length"] * (expected[axis] - center[axis])
             for j in range(3):
@@ -177,16 +177,17 @@ def _write_seen_covariance(ld: Matrix, seen: Matrix) -> None:
 
 
 @kernel
-def _add_lasting_covariance(sensitivities: Matrix, seen: Matrix) -> None:
-    """Add what lasting errors of lens and markers have done to position and attitude, (m, 12), to seen (6, 6).
+def _add_lasting_covariance(sensitivities: Matrix, first: int, seen: Matrix) -> None:
+    """Add what lasting errors from `first` on have done to position and attitude, (m, 12), to seen (6, 6).
 
+    These are of lens, markers and inertia.
     Turns of chaser or camera turn what is found with the camera's axes: between these and the target all is straight.
     """
-    for c in range(FOCAL_LENGTH, sensitivities.shape[0]):
+    for c in range(first, sensitivities.shape[0]):
         for a in range(SEEN):
-            first = sensitivities[c, a + 3 * (a // 3)]
+            one = sensitivities[c, a + 3 * (a // 3)]
             for b in range(SEEN):
-                seen[a, b] += first * sensitivities[c, b + 3 * (b // 3)]
+                seen[a, b] += one * sensitivities[c, b + 3 * (b // 3)]
 
 
 @straight_line(h=_SEES, g=(SEEN,), q=(3,), s=(3,), covariance=(SEEN, SEEN), bend=(SEEN * SEEN,))
@@ -242,11 +243,12 @@ def _add_second_order(
     noise: Matrix,
     ld: Matrix,
     sensitivities: Matrix,
+    shown: int,
 ) -> None:
     """Shift the residuals of groups (k,) by the mean of the second order, and add its covariance to the noise."""
     P, count = scratch["seen_covariance"], groups.shape[0]
     _write_seen_covariance(ld, P)
-    _add_lasting_covariance(sensitivities, P)
+    _add_lasting_covariance(sensitivities, min(FOCAL_LENGTH, shown), P)
     for row in range(2 * count):
         group, k = groups[row // 2], row % 2
         s = points[int(which[row // 2])]
@@ -324,6 +326,7 @@ def observe_markers(
         m.noise,
         track["ld"],
         sensitivities,
+        m.lasting["shown"],
     )
     m.scratch["bending"] = 2.0 * max(0.0, _half_log_determinant(m.noise[:n, :n], m.factor) - before)
     for k in range(count):

@@ -58,7 +58,7 @@ def call_witness(m: PoseMemory, t: float) -> None:
         motion[i] = witness["motion"][i]
     prepare_step(m.step, m.motion, m.scratch, since, t - since)
     if advance_pose(m.body, m.step, m.scratch, m.motion["orbit"], witness, since, m.step["dt"]):
-        carry_sensitivities(m.scratch["phi"], kept[WITNESS])
+        carry_sensitivities(m.body, m.scratch["phi"], kept[WITNESS])
     else:
         witness["added"] = math.nan
     for i in range(MOTION):
