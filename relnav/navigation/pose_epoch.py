@@ -161,7 +161,7 @@ def write_epoch(m: PoseMemory, out: Record, apart: Matrix) -> None:
         if m.bents[0]["on"] > 0:
             copy_rows(ld, m.spare[0]["ld"])
             ld = m.spare[0]["ld"]
-            add_bends(m.bents[0], ld)
+            add_bends(m.bents[0], m.body["inertia_errors"], ld)
         write_covariance(ld, m.bank_sensitivities[0], apart, m.work["ld"], out["factor"], out["by_chaser"])
         return
     motion, dcm, rate, factor = out["motion"], out["dcm"], out["rate"], out["factor"]

@@ -352,7 +352,7 @@ def _look(m: PoseMemory, t: float, spots: Matrix, covariances: Stack) -> int:
     if seen == 0:
         result["status"] = PREDICTED if running else WAITING
         return NOTHING
-    take_bends(m.bank, m.bents, clock["running"])
+    take_bends(m.body, m.bank, m.bents, clock["running"])
     if running and seen >= 3 and is_wide(m.bank[0], m.bank_sensitivities[0, m.lasting["shown"] :]):
         result["seen"], result["status"] = seen, PREDICTED
     elif running:

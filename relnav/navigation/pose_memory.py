@@ -56,6 +56,7 @@ BODY = np.dtype(
         ("inertia_sigma", _F, (3, 3)),
         ("before", _F, (3, ENTRIES)),  # what they do to the angular acceleration, at both ends of a piece
         ("after", _F, (3, ENTRIES)),
+        ("other", _F, (BODY_ROWS, 3)),  # scratch: a body of another inertia
         ("pushed", _F, (ENTRIES, ROTATION)),  # what one sigma of each has done in a step
         ("piece_phi", _F, (ROTATION, ROTATION)),
         ("piece_noise", _F, (ROTATION, ROTATION)),

@@ -189,7 +189,7 @@ def _advance_bent(
     if not advance_pose(body, step, scratch, orbit, track, t, dt):
         return False
     if bent["on"] > 0:
-        carry_pairs(body, scratch, track, bent, dt)
+        carry_pairs(body, scratch, track, inertia, bent, dt)
     return True
 
 
@@ -198,6 +198,7 @@ def _copy_bent(source: Record, target: Record) -> None:
     target["on"], target["age"] = source["on"], source["age"]
     copy_rows(source["pairs"], target["pairs"])
     copy_rows(source["even"], target["even"])
+    copy_rows(source["inertia_even"], target["inertia_even"])
 
 
 @kernel

@@ -140,7 +140,7 @@ class PoseNavigator:
             found = [Hypothesis(one.state, one.rank) for one in self._reference.believed]
         else:
             m = pose_views(self.memory.copy())
-            take_bends(m.bank, m.bents, int(m.clock["running"]))
+            take_bends(m.body, m.bank, m.bents, int(m.clock["running"]))
             tracks = zip(m.bank[: int(m.clock["running"])], m.bank_sensitivities, strict=False)
             found = [Hypothesis(state_of(one, by), float(one["score"] + one["prior"])) for one, by in tracks]
         return tuple(sorted(found, key=lambda one: one.score))
