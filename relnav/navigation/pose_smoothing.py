@@ -4,7 +4,8 @@ As `relnav.estimation.smoothing` describes, on the twelve errors: what is known 
 about its prediction, C turns these into errors of this event, and they are taken into its state. Differences of
 attitudes are rotation vectors in target axes, as in the filter. What considered errors have done, S, goes back as the
 estimate does: S <- S + C (S later - Phi S). A piece ends where the bank began anew, and where more than one pose was
-possible: there the filter's own states stand.
+possible: there the filter's own states stand. With an inertia that is off S grows on the way back as on the way out:
+`pose_inertia_smoothing.py` goes it another way.
 
 After two images the rate of a tumbling target may be degrees per second off, and torque is quadratic in rates. Slopes
 about such a state make the smoothed one wrong by many of its small sigmas. So where these slopes would differ about the
@@ -26,8 +27,10 @@ from relnav.estimation.rows import copy_rows
 from relnav.estimation.smoothing import backward_model, carry_noise_back, smooth_step
 from relnav.geometry.rotation_vector import turn_by_rotation_vector
 from relnav.mission import VisionMission
+from relnav.navigation.blocks import inertia_errors
 from relnav.navigation.packed_factors import unpack_factors
 from relnav.navigation.pose_epoch import write_covariance
+from relnav.navigation.pose_inertia_smoothing import MOST_REPEATED, STRAIGHT, InertiaSmoother
 from relnav.navigation.pose_memory import POSE_TRACK, PoseMemory, new_pose_memory, pose_views
 from relnav.navigation.pose_propagation import (
     POSE_NOISE_PATTERN,
@@ -65,11 +68,6 @@ LATER = np.dtype(
     ]
 )
 """What stands after an event, and scratch."""
-
-STRAIGHT = 0.01
-"""Of the smoothed sigma: what second-order terms of one step may be. Some ten steps add up to a tenth of it."""
-MOST_REPEATED = 4
-"""Times that a step is made; each time the error of the slopes is about the square of the one before."""
 
 
 _WHOLE = (POSE, POSE)
@@ -218,6 +216,7 @@ class PoseSmoother:
     def __init__(self, mission: VisionMission) -> None:
         """Begin behind the last event."""
         self._memory = new_pose_memory(mission)
+        self._against_inertia = InertiaSmoother(mission, self._memory) if inertia_errors(mission) > 0 else None
         self._after = np.zeros(LATER.itemsize // 8)
         self._behind = np.zeros_like(pose_views(self._memory).news)
 
@@ -226,4 +225,7 @@ class PoseSmoother:
 
         apart (n, m, 12): what considered errors have done to each; it ends up in their covariance.
         """
-        _smooth(self._memory, events, apart, self._after, self._behind)
+        if self._against_inertia is not None:
+            self._against_inertia.backward(events, apart)
+        else:
+            _smooth(self._memory, events, apart, self._after, self._behind)
