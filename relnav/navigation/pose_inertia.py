@@ -33,16 +33,20 @@ STEPS_A_PIECE = 4
 
 @kernel
 def _push(before: Matrix, after: Matrix, phi: Matrix, dt: float, pushed: Matrix, moved: Vector) -> None:
-    """Carry `pushed` (6, 6) over a piece of dt s; before, after (3, 6) at its ends; moved (6,) scratch."""
+    """Carry `pushed` (6, 6) over a piece of dt s: half of it at each end, where the acceleration is before or after.
+
+    before, after (3, 6); moved (6,) scratch.
+    """
     for k in range(pushed.shape[0]):
         row = pushed[k]
+        for i in range(3):
+            row[3 + i] += 0.5 * dt * before[i, k]
         for i in range(ROTATION):
             moved[i] = 0.0
             for j in range(ROTATION):
                 moved[i] += phi[i, j] * row[j]
         for i in range(3):
-            rate = 0.5 * dt * (before[i, k] + after[i, k])
-            row[i], row[3 + i] = moved[i] + 0.5 * dt * rate, moved[3 + i] + rate
+            row[i], row[3 + i] = moved[i], moved[3 + i] + 0.5 * dt * after[i, k]
 
 
 @kernel

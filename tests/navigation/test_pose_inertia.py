@@ -96,3 +96,17 @@ def test_nees_with_an_inertia_that_is_off(turning, tolerance, deg_s):
     print(mean.round(2), whole)
     assert mean.max() < chi_square_interval(12 * RUNS, 0.9999)[1]
     assert whole > 0.99
+
+
+def test_engines_agree(turning):
+    """In flight, in a gap in which errors bend, and at the image after it."""
+    flight = Flight(turning, 0.02, 5.0, 3, t=np.array([*np.arange(0.0, 12.0, 0.5), *np.arange(16.0, 44.0, 4.0), 44.0]))
+    flight.spots[24:-1] = np.nan
+    ours, theirs = flight.begin(), flight.begin("filterpy")
+    for k in range(len(flight.t)):
+        one, other = flight.step(ours, k), flight.step(theirs, k)
+        sigma = np.sqrt(np.diag(one.covariance))
+        turn = Rotation.from_matrix(one.dcm_lvlh_from_target.T @ other.dcm_lvlh_from_target).as_rotvec()
+        off = np.concatenate([other.state - one.state, turn, other.rate_rad_s - one.rate_rad_s]) / sigma
+        print(k, np.abs(off).max(), np.abs((other.covariance - one.covariance) / sigma / sigma[:, None]).max())
+        assert one.status == other.status

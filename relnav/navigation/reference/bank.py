@@ -4,6 +4,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from relnav.navigation.pose_filter import DROP, JOINED, JOINED_LATE, MARGIN, TEL
 from relnav.navigation.pose_propagation import MEMORY_S
 from relnav.navigation.pose_update import LONE_SHARE, SETTLING_S
 from relnav.navigation.reference.bending import over_a_step, with_pairs
+from relnav.navigation.reference.inertia import errors_of, inertia_effect, second_order_density
 from relnav.navigation.reference.marker_rows import MarkerImage, MarkerOptics, PoseTrack
 from relnav.navigation.reference.motion import predict_motion, predict_rotation, rate_and_gravity
 
@@ -71,7 +73,14 @@ def turn_between(dcm: Matrix, reference: Matrix) -> Vector:
     return out
 
 
+def with_inertia(track: PoseTrack, shown: int) -> Vector:
+    """Variances of the errors (12,), with what the inertia's have done: those behind the `shown` ones."""
+    out: Vector = np.diag(track.covariance) + np.sum(track.considered[shown:] ** 2, axis=0)
+    return out
+
+
 def carried(
+    optics: MarkerOptics,
     mission: VisionMission,
     track: PoseTrack,
     t_s: float,
@@ -85,28 +94,34 @@ def carried(
 
     bends: what its turn does in second order is followed.
     """
-    variance = np.diag(track.covariance)
+    variance = with_inertia(track, optics.shown)
     drift = mission.target.rate_noise_density_rad2_s3 * dt_s**3 / 3.0
     if not variance[_TURN].max() + variance[_RATE].max() * dt_s**2 + drift <= math.pi**2:
         return None
     orbit = rate_and_gravity(mission.orbit, t_s + 0.5 * dt_s)
     inertia, density = np.array(mission.target.inertia_kg_m2), mission.target.rate_noise_density_rad2_s3
-    rotation = predict_rotation(inertia, orbit, track.dcm, track.rate, dt_s, density)
+    sigma, is_off = np.array(mission.target.inertia_sigma_kg_m2), optics.shown < optics.considered
+    more = partial(second_order_density, inertia, sigma, orbit) if is_off else None
+    rotation = predict_rotation(inertia, orbit, track.dcm, track.rate, dt_s, density, more)
     if rotation is None:
         return None
     dcm, rate, turning, turn_noise = rotation
 
-    def turn(at: Matrix, fast: Vector) -> tuple[Matrix, Vector]:
-        moved = predict_rotation(inertia, orbit, at, fast, dt_s, density)
+    def turn(at: Matrix, fast: Vector, error: Matrix | float) -> tuple[Matrix, Vector]:
+        moved = predict_rotation(inertia + error, orbit, at, fast, dt_s, density)
         return (at, fast) if moved is None else moved[:2]
 
-    track = with_pairs(track, dt_s, orbit[0]) if bends else track
-    pairs, even = over_a_step(track, dcm, rate, turning, turn)
+    off = list(zip(track.considered[optics.shown :, 6:], errors_of(sigma), strict=False))
+    track = with_pairs(track, variance, len(off), dt_s, orbit[0]) if bends else track
+    pairs, even = over_a_step(track, dcm, rate, turning, turn, off)
     motion, motion_noise, effect = predict_motion(mission.orbit, mission.process_noise, t_s, dt_s, push, impulse)
     phi, q = np.zeros((12, 12)), np.zeros((12, 12))
     phi[:6, :6], phi[6:, 6:], q[:6, :6], q[6:, 6:] = motion, turning, motion_noise, turn_noise
     if not np.isfinite(q).all():
         return None
+    considered = track.considered @ phi.T
+    if is_off:
+        considered[optics.shown :, 6:] += inertia_effect(inertia, sigma, orbit, track.dcm, track.rate, dt_s)
     ekf, fade = ReferenceTrack(np.zeros(12), track.covariance), math.exp(-dt_s / MEMORY_S)
     ekf.time_update(phi, np.zeros(12), q)
     return PoseTrack(
@@ -114,7 +129,7 @@ def carried(
         dcm,
         rate,
         _symmetric(ekf.covariance),
-        track.considered @ phi.T,
+        considered,
         fade * track.score,
         fade * track.doubt,
         track.prior,
@@ -203,11 +218,15 @@ def corrected(
 def _taken_in(optics: MarkerOptics, track: PoseTrack, view: MarkerImage, used: list[int], chaser: Matrix) -> PoseTrack:
     """The update on filterpy, what it says of the errors folded into the state, and what is considered with it."""
     rows = _rows(used)
-    h, r = view.rows[rows], view.noise[np.ix_(rows, rows)]
-    ekf = ReferenceTrack(np.zeros(12), track.covariance)
+    of_inertia, left = track.considered[optics.shown :], view.left[rows, optics.shown :]
+    h, r = view.rows[rows], view.noise[np.ix_(rows, rows)] - left @ left.T
+    ekf = ReferenceTrack(np.zeros(12), track.covariance + of_inertia.T @ of_inertia)
     ekf.measurement_update(h, r, view.residual[rows])
     x, covariance = ekf.state, _symmetric(ekf.covariance)
     gain = np.linalg.solve(r, h @ covariance).T
+    if len(of_inertia):
+        rest = np.eye(12) - gain @ h
+        covariance = rest @ track.covariance @ rest.T + gain @ r @ gain.T
     considered = track.considered + (gain @ view.left[rows]).T + optics.turns_follow(track.dcm, x, chaser)
     reset = np.eye(12)
     reset[_TURN, _TURN] -= 0.5 * cross_matrix(x[_TURN])

@@ -37,6 +37,7 @@ from relnav.navigation.reference.bank import (
     is_exchanged,
     ordered,
     turn_between,
+    with_inertia,
 )
 from relnav.navigation.reference.bending import taken_into
 from relnav.navigation.reference.marker_rows import MarkerOptics, PoseTrack
@@ -116,7 +117,7 @@ class ReferencePose:
             self.bank = self.believed
         if seen == 0:
             self.result.status = PREDICTED if running else WAITING
-        elif running and seen >= 3 and _is_wide(self.bank[0]):
+        elif running and seen >= 3 and _is_wide(self.bank[0], self.optics.shown):
             self.result.status = PREDICTED
             self._look_for_start(image)
         elif not running or self._use(image):
@@ -135,7 +136,7 @@ class ReferencePose:
         if t_s > self.t_s or np.any(impulse):
             for tracks in (self.bank, self.trial):
                 bends = tracks is self.bank
-                moved = [carried(self.mission, one, self.t_s, dt, push, impulse, bends=bends) for one in tracks]
+                moved = [carried(self.optics, self.mission, one, self.t_s, dt, push, impulse, bends=bends) for one in tracks]
                 tracks[:] = [track for track in moved if track is not None]
         self.begun_s = t_s if math.isnan(self.begun_s) else self.begun_s
         self.t_s = t_s
@@ -217,7 +218,7 @@ class ReferencePose:
         self.result = before
         if self.trial:
             return
-        wide = bool(self.bank) and _is_wide(self.bank[0])
+        wide = bool(self.bank) and _is_wide(self.bank[0], self.optics.shown)
         found = self._poses(image, self.bank[0] if wide else None, self.mission)
         if found.tracks:
             self.trial, self.agreed = found.tracks[:MOST_POSES], 0
@@ -336,9 +337,9 @@ def _count_first(tracks: list[PoseTrack]) -> int:
     return sum(track.added == -math.inf for track in tracks)
 
 
-def _is_wide(track: PoseTrack) -> bool:
+def _is_wide(track: PoseTrack, shown: int) -> bool:
     """Whether errors are no longer small: a full image then tells more than the state that it would correct."""
-    variance, range2 = np.diag(track.covariance), track.motion[:3] @ track.motion[:3]
+    variance, range2 = with_inertia(track, shown), track.motion[:3] @ track.motion[:3]
     near = variance[:3].max() <= LARGEST_SHARE_OF_RANGE**2 * range2
     return not near or bool(variance[6:9].max() > LARGEST_TURN_RAD**2)
 

@@ -14,6 +14,7 @@ import numpy as np
 from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.mission import VisionMission
+from relnav.navigation.blocks import inertia_errors
 from relnav.navigation.pose_state import PoseState
 from relnav.navigation.reference.motion import IMAGINARY, cross
 
@@ -119,7 +120,8 @@ class MarkerOptics:
         self.size, self.spot_noise = np.array(camera.image_size_px, dtype=np.float64), camera.spot_noise_px
         self.attitude_sigma = mission.chaser.attitude_sigma_rad
         self._built = tolerances if tolerances is not None and tolerances.considered else None
-        self.considered = 3 if self._built is None else 7 + 3 * len(self.points)
+        self.shown = 3 if self._built is None else 7 + 3 * len(self.points)
+        self.considered = self.shown + inertia_errors(mission)
 
     def _in_camera(self, at: PoseTrack, chaser: Matrix, which: Codes, errors: Matrix) -> Matrix:
         """Markers (..., k, 3) in camera axes, under errors (..., k, 16)."""
@@ -225,7 +227,7 @@ class MarkerOptics:
         for i, marker in enumerate(which):
             own = covariances[marker] if len(covariances) else self.spot_noise**2 * np.eye(2)
             noise[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] += np.tril(own) + np.tril(own, -1).T
-        lasting = at.considered[BEHIND_TURNS:, SEEN]  # turns of chaser and camera leave the view as it is
+        lasting = at.considered[min(BEHIND_TURNS, self.shown) :, SEEN]  # turns of chaser and camera leave the view as it is
         spread = at.covariance[np.ix_(SEEN, SEEN)] + lasting.T @ lasting
         bent = self._second(at, chaser, which, depth, bend) @ spread
         mean = 0.5 * np.trace(bent, axis1=1, axis2=2)

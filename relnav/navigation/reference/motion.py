@@ -103,7 +103,7 @@ def _eccentric(orbit: Orbit, t: float, dt: float, push: Vector, density: Matrix)
             out: Vector = columns.ravel()
             return out
 
-        path = _integrated(rate, np.hstack([np.eye(6), np.zeros((6, 1))]).ravel(), h).reshape(-1, 6, 7)
+        path = integrated(rate, np.hstack([np.eye(6), np.zeros((6, 1))]).ravel(), h).reshape(-1, 6, 7)
         own, added = _noise_along(path[:, :, :6], driven, h)
         phi, q, effect = own @ phi, own @ q @ own.T + added, own @ effect + path[-1, :, 6]
     return phi, q, effect
@@ -141,19 +141,30 @@ def rate_and_gravity(orbit: Orbit, t_s: float) -> tuple[float, float]:
     return rate, gravity
 
 
+def pieces_of(rate: Vector, n: float, dt_s: float) -> int:
+    """How many pieces of a turn of 0.2 rad an integration of a body's rotation has."""
+    return max(1, math.ceil(max(float(np.linalg.norm(rate)), n) * dt_s / LARGEST_TURN_RAD))
+
+
 def predict_rotation(
-    inertia: Matrix, orbit: tuple[float, float], dcm: Matrix, rate: Vector, dt_s: float, density: float
+    inertia: Matrix,
+    orbit: tuple[float, float],
+    dcm: Matrix,
+    rate: Vector,
+    dt_s: float,
+    density: float,
+    more: Callable[[Matrix, Vector], float] | None = None,
 ) -> tuple[Matrix, Vector, Matrix, Matrix] | None:
     """dcm_lvlh_from_target and inertial rate after dt, and Phi and Q (6, 6) of their errors (theta, dw).
 
-    inertia (3, 3) kg m^2, orbit as `rate_and_gravity` has it, density of white angular acceleration, rad^2/s^3.
-    None after MOST_TURN_RAD.
+    inertia (3, 3) kg m^2, orbit as `rate_and_gravity` has it, density of white angular acceleration, rad^2/s^3;
+    more: what is added to it, by attitude and rate. None after MOST_TURN_RAD.
     """
     n, gravity = orbit
     fastest = max(float(np.linalg.norm(rate)), n)
     if not fastest * dt_s <= MOST_TURN_RAD:
         return None
-    pieces = max(1, math.ceil(fastest * dt_s / LARGEST_TURN_RAD))
+    pieces = pieces_of(rate, n, dt_s)
     inverse, phi, q, driven = np.linalg.inv(inertia), np.eye(6), np.zeros((6, 6)), np.zeros((6, 6))
     driven[3:, 3:] = density * np.eye(3)
 
@@ -167,7 +178,9 @@ def predict_rotation(
     for _ in range(pieces):
         here = np.concatenate([_neighbours(dcm).ravel(), np.tile(rate.astype(complex), 7)])
         here[63:].reshape(7, 3)[4:] += 1j * IMAGINARY * np.eye(3)
-        path = _integrated(rate_of, here, dt_s / pieces)
+        if more is not None:
+            driven[3:, 3:] = (density + more(dcm, rate)) * np.eye(3)
+        path = integrated(rate_of, here, dt_s / pieces)
         flow = np.array([_errors_of(values) for values in path])
         own, added = _noise_along(flow, driven, dt_s / pieces)
         phi, q = own @ phi, own @ q @ own.T + added
@@ -195,7 +208,7 @@ def _errors_of(values: Vector) -> Matrix:
     return phi
 
 
-def _integrated(rate: Callable[..., Vector], start: Vector, h: float) -> Matrix:
+def integrated(rate: Callable[..., Vector], start: Vector, h: float) -> Matrix:
     """Values at the five nodes of an integral over h, and at its end."""
     from scipy.integrate import solve_ivp
 
