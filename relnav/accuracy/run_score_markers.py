@@ -16,7 +16,7 @@ from relnav.navigation.docking_port import DockingState, docking_states
 from relnav.navigation.pose_log import MarkerLogFilter
 from relnav.navigation.pose_record import PoseSolution
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, EpochStatus
-from relnav.simulation.dispersed_markers import OF_TARGET, check_flyable, fly_marker_run, sigmas_of_target
+from relnav.simulation.dispersed_markers import OF_TARGET, check_flyable, fly_marker_run, inertia_names, sigmas_of_target
 from relnav.simulation.dispersions import Scenario
 from relnav.simulation.marker_flight import MarkerFlight
 
@@ -99,6 +99,7 @@ def _drawn(mission: VisionMission, scenario: Scenario) -> dict[str, tuple[str, .
     attitude, rate = sigmas_of_target(mission, scenario)
     sizes = (attitude, rate, mission.chaser.attitude_sigma_rad)
     own = {name: (name,) for k, name in enumerate(OF_TARGET) if sizes[k // 3] > 0.0}
+    own |= {name: (name,) for name in inertia_names(mission)}
     return drawn_by_cause(scenario, len(mission.markers.points_m)) | own
 
 

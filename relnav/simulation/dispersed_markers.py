@@ -7,18 +7,27 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from relnav.arrays import Stack, Vector
+from relnav.dynamics.inertia_error import INERTIA_ENTRIES
 from relnav.mission import VisionMission
 from relnav.simulation.as_built import markers_off
 from relnav.simulation.dispersions import Scenario
 from relnav.simulation.marker_flight import MarkerFlight, true_spots
 from relnav.simulation.run_draws import built_names, disturbed, lose, replaced
 from relnav.simulation.streams import Draws, Stream
-from relnav.simulation.target_rotation import rotate_target, turning_rad_s
+from relnav.simulation.target_rotation import rotate_target, true_inertia, turning_rad_s
 from relnav.simulation.trajectory import fly_disturbed
 
 MOST_TURN_RAD = math.radians(10.0)
 """The target turns so far in a run, 1-sigma, however fast the filter expects it to turn at the start."""
 OF_TARGET = tuple(f"{what}_{axis}" for what in ("target_turn", "target_rate", "chaser_attitude") for axis in "xyz")
+
+OF_INERTIA = tuple(f"inertia_{'xyz'[i]}{'xyz'[j]}" for i, j in INERTIA_ENTRIES)
+
+
+def inertia_names(mission: VisionMission) -> tuple[str, ...]:
+    """Names of the entries of the target's inertia that are off, by the sigma that the model states."""
+    sigma = mission.target.inertia_sigma_kg_m2
+    return tuple(name for name, (i, j) in zip(OF_INERTIA, INERTIA_ENTRIES, strict=True) if sigma[i][j] > 0.0)
 
 
 def check_flyable(mission: VisionMission, scenario: Scenario) -> None:
@@ -37,7 +46,7 @@ def fly_marker_run(
     """Fly a run; with what was drawn once for it, in units of its 1-sigma. given: replaces these, by name.
 
     The target's attitude lies about the expected view, its rate about that of a target that is held, as the scenario's
-    [spread] or the model says. The chaser holds the model's attitude but for its stated error.
+    [spread] or the model says. The chaser holds the model's attitude but for its stated error, the target the inertia.
     """
     check_flyable(mission, scenario)
     draws, drawn = Draws(seed, run), dict[str, float]()
@@ -45,6 +54,9 @@ def fly_marker_run(
     t, motion, command = fly_disturbed(mission, approach, disturbances)
     turned = replaced(draws.normals(Stream.TURN, (len(OF_TARGET),)), OF_TARGET, given)
     drawn |= dict(zip(OF_TARGET, turned.tolist(), strict=True))
+    off = replaced(draws.normals(Stream.INERTIA, (len(OF_INERTIA),)), OF_INERTIA, given)
+    stated = inertia_names(mission)
+    drawn |= {name: float(off[k]) for k, name in enumerate(OF_INERTIA) if name in stated}
     attitude, rate = sigmas_of_target(mission, scenario)
     start = Rotation.from_matrix(mission.target.dcm_target_from_lvlh.T) * Rotation.from_rotvec(attitude * turned[:3])
     held = start.inv().apply([0.0, -turning_rad_s(0.0, mission.orbit), 0.0])
@@ -52,7 +64,7 @@ def fly_marker_run(
         t,
         start.as_quat()[None],
         (held + rate * turned[3:6])[None],
-        np.array(mission.target.inertia_kg_m2),
+        true_inertia(mission.target, off),
         mission.orbit,
         mission.target.rate_noise_density_rad2_s3,
         draws.generator(Stream.TORQUE),

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from relnav.arrays import Matrix, Stack, Vector
 from relnav.mission import VisionMission
 from relnav.sensors.three_marker.camera import project
-from relnav.simulation.target_rotation import rotate_target, turning_rad_s
+from relnav.simulation.target_rotation import rotate_target, true_inertia, turning_rad_s
 from relnav.simulation.trajectory import Approach, fly
 
 
@@ -81,13 +81,18 @@ def true_spots(mission: VisionMission, motion: Matrix, dcm_target: Stack, dcm_ch
     return project(in_camera.reshape(-1, 3), camera).spots_px.reshape(len(motion), len(points), 2)
 
 
+def inertia_off(seed: int) -> Vector:
+    """Standard normal numbers (6,), by which the inertia of a flight's target is off; its other numbers are as ever."""
+    return np.random.default_rng(np.random.SeedSequence(seed).spawn(5)[4]).normal(size=6)  # as built: the one before
+
+
 def simulate_flight(
     mission: VisionMission, approach: Approach | None = None, faults: MarkerFaults | None = None, seed: int = 0
 ) -> MarkerFlight:
     """Fly an approach with a target that turns: its attitude within the expected view, its rate as the filter assumes.
 
     The chaser holds the model's attitude but for its stated error, drawn once a flight, and the noise of every image.
-    The same seed gives the same flight.
+    So is the target's inertia what the model says but for the error that it states. The same seed gives the same flight.
     """
     faults = faults or MarkerFaults()
     streams = [np.random.default_rng(stream) for stream in np.random.SeedSequence(seed).spawn(3)]
@@ -101,7 +106,7 @@ def simulate_flight(
         t,
         start.as_quat()[None],
         rate[None],
-        np.array(mission.target.inertia_kg_m2),
+        true_inertia(mission.target, inertia_off(seed)),
         mission.orbit,
         mission.target.rate_noise_density_rad2_s3,
         rng,

@@ -58,6 +58,8 @@ class Stream(IntEnum):
     """Of the chaser's attitude, image by image."""
     DESIGN = 13
     """What is drawn once, where sensitivities are asked for."""
+    INERTIA = 14
+    """By how much the inertia of a marker mission's target is off."""
     VEHICLE_ONCE = 16
     """What is drawn once a run of every vehicle (`vehicle_numbers.ONCE`)."""
     VEHICLE_ANGLES = 17

@@ -12,7 +12,22 @@ from scipy.spatial.transform import Rotation
 
 from relnav.arrays import Matrix, Stack, Vector
 from relnav.codegen.kernel import kernel
-from relnav.mission import Orbit
+from relnav.dynamics.inertia_error import INERTIA_ENTRIES
+from relnav.mission import Orbit, Target
+
+
+def true_inertia(target: Target, off: Vector) -> Matrix:
+    """The inertia (3, 3) that flies, kg m^2: the stated one, each entry off by so many of its sigmas, off (6,).
+
+    By half of that, and so on, as long as no body has it.
+    """
+    stated, error = np.array(target.inertia_kg_m2), np.zeros((3, 3))
+    for k, (i, j) in enumerate(INERTIA_ENTRIES):
+        error[i, j] = error[j, i] = off[k] * target.inertia_sigma_kg_m2[i][j]
+    while not np.linalg.eigvalsh(stated + error)[0] > 0.0:
+        error *= 0.5
+    out: Matrix = stated + error
+    return out
 
 
 def true_anomaly_rad(t_s: float, orbit: Orbit) -> float:
