@@ -16,7 +16,13 @@ from relnav.navigation.docking_port import DockingState, docking_states
 from relnav.navigation.pose_log import MarkerLogFilter
 from relnav.navigation.pose_record import PoseSolution
 from relnav.navigation.status import PARTIAL, PREDICTED, REJECTED, STARTED, UPDATED, EpochStatus
-from relnav.simulation.dispersed_markers import OF_TARGET, check_flyable, fly_marker_run, inertia_names, sigmas_of_target
+from relnav.simulation.dispersed_markers import (
+    OF_TARGET,
+    check_flyable,
+    fly_marker_run,
+    inertia_names,
+    sigmas_of_target,
+)
 from relnav.simulation.dispersions import Scenario
 from relnav.simulation.marker_flight import MarkerFlight
 

@@ -146,7 +146,7 @@ def _add(even: Matrix, rows: Matrix, ld: Matrix) -> None:
 
 @kernel
 def add_bends(bent: Record, errors: int, ld: Matrix) -> None:
-    """Add to factors (12, 12) of a hypothesis what its pairs have bent; errors: of the inertia, how many are counted."""
+    """Add to factors (12, 12) of a hypothesis what its pairs have bent; errors: how many of the inertia are counted."""
     _add(bent["even"], bent["rows"], ld)
     if errors > 0:
         _add(bent["inertia_even"], bent["rows"], ld)

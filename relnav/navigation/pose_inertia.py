@@ -1,11 +1,11 @@
 """What an inertia of the target that is not quite known does to a hypothesis of the marker filter.
 
-An error that lasts, considered and not estimated (Schmidt 1966), as `attitude.prediction` has it: C (6, 12) is what one
-sigma of each entry of the inertia has done to the estimate, the last rows of S. It works in the motion, not in an image,
+An error that lasts, considered and not estimated (Schmidt 1966), as `attitude.prediction` has it. C (6, 12), the last
+rows of S, is what one sigma of each entry of the inertia has done to the estimate. It works in the motion,
 
     C <- Phi C + B          over a step, B what it does meanwhile (`dynamics/inertia_error.py`)
 
-so that images must work against it, and the gain counts it: that of P + C^T C, without what it adds to the rows' noise.
+and images must work against it, so that the gain counts it: it is that of P + C^T C, without what C adds to the noise.
 Of the filter's own factors this leaves
 
     P <- P' + V^T V,   V = L^-1 H C^T C+,   H P H^T + R = L L^T
@@ -23,12 +23,12 @@ from relnav.dynamics.inertia_error import inertia_effect_into, second_order_squa
 from relnav.dynamics.rigid_body import FRAME_RATE, ORBIT, carry_transition, propagate_into, step_count
 from relnav.estimation.considered import join_considered, update_sensitivities
 from relnav.estimation.factored import add_rank_one
-from relnav.estimation.rows import Observed, copy_rows, copy_track, sweep
+from relnav.estimation.rows import Observed, copy_track, sweep
 from relnav.geometry.linear_algebra import cholesky
 from relnav.navigation.pose_memory import PoseMemory
 
 STEPS_A_PIECE = 4
-"""Runge-Kutta steps after which it is looked anew what the inertia does: a turn of 0.2 rad, as `attitude.prediction`."""
+"""Runge-Kutta steps in which what the inertia does is followed as one: a turn of 0.2 rad (`attitude.prediction`)."""
 
 
 @kernel

@@ -114,10 +114,11 @@ class InertiaSmoother:
             now, alone = self._filtered(one, apart[k].T.copy()), one["hypotheses"] == 1
             if self._later is not None and alone:
                 now = self._back(now, self._later)
-            total = now.follows @ now.covariance @ now.follows.T + now.rest
+            own = now.follows @ now.covariance @ now.follows.T + now.rest
             lasting = now.follows @ now.sensitivity + now.lasting
             one["motion"], one["dcm"], one["rate"] = now.place.motion, now.place.dcm, now.place.rate
-            one["factor"], one["by_chaser"] = factorize(_symmetric(total + lasting @ lasting.T))[LOWER], lasting[:, :3].T
+            one["factor"] = factorize(_symmetric(own + lasting @ lasting.T))[LOWER]
+            one["by_chaser"] = lasting[:, :3].T
             self._later = now if alone and one["status"] != STARTED else None
 
     def _filtered(self, one: Any, sensitivity: Matrix) -> Later:

@@ -92,7 +92,7 @@ def simulate_flight(
     """Fly an approach with a target that turns: its attitude within the expected view, its rate as the filter assumes.
 
     The chaser holds the model's attitude but for its stated error, drawn once a flight, and the noise of every image.
-    So is the target's inertia what the model says but for the error that it states. The same seed gives the same flight.
+    The target's inertia is off by the error that the model states. The same seed gives the same flight.
     """
     faults = faults or MarkerFaults()
     streams = [np.random.default_rng(stream) for stream in np.random.SeedSequence(seed).spawn(3)]

@@ -202,7 +202,7 @@ def test_engines_agree(turning):
 
 
 def test_a_late_image_is_as_in_order_and_a_copy_goes_on(turning):
-    """What the inertia has done, and what it bends, is part of the memory that is gone back to, and of what is saved."""
+    """What the inertia has done, and what it bends, is in the memory that is gone back to, and in what is saved."""
     flight = Flight(turning, 0.01, 5.0, 4, t=np.array([*np.arange(0.0, 20.0, 0.5), 60.0, 60.5]))
     late, ordered = flight.begin(), flight.begin()
     for k in range(40):

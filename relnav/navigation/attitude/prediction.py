@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from relnav.arrays import Matrix, Record, Vector
+from relnav.arrays import Matrix, Record
 from relnav.codegen.kernel import entry, kernel
 from relnav.dynamics.inertia_error import inertia_effect_into, second_order_square, turn_time
 from relnav.dynamics.rigid_body import BODY_ROWS, FRAME_RATE, ORBIT, propagate_into, step_count

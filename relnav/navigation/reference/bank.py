@@ -101,8 +101,8 @@ def carried(
     orbit = rate_and_gravity(mission.orbit, t_s + 0.5 * dt_s)
     inertia, density = np.array(mission.target.inertia_kg_m2), mission.target.rate_noise_density_rad2_s3
     sigma, is_off = np.array(mission.target.inertia_sigma_kg_m2), optics.shown < optics.considered
-    more = partial(second_order_density, inertia, sigma, orbit) if is_off else None
-    rotation = predict_rotation(inertia, orbit, track.dcm, track.rate, dt_s, density, more)
+    own = {"more": partial(second_order_density, inertia, sigma, orbit)} if is_off else {}
+    rotation = predict_rotation(inertia, orbit, track.dcm, track.rate, dt_s, density, **own)
     if rotation is None:
         return None
     dcm, rate, turning, turn_noise = rotation

@@ -55,13 +55,14 @@ def over_a_step(
     if track.pairs is None or track.even is None:
         return None, None
     even = phi @ track.even
-    lasting = [(math.sqrt(6.0) * done, math.sqrt(6.0) * error) for done, error in off]
-    for j, (pair, error) in enumerate([*((pair, 0.0) for pair in track.pairs.T), *lasting]):
+    every: list[tuple[Vector, Matrix | float]] = [(pair, 0.0) for pair in track.pairs.T]
+    every += [(math.sqrt(6.0) * done, math.sqrt(6.0) * error) for done, error in off]
+    for j, (pair, error) in enumerate(every):
         for sign in (1.0, -1.0):
             at = track.dcm @ Rotation.from_rotvec(sign * pair[:3]).as_matrix()
             there, fast = turn(at, track.rate + sign * pair[3:], sign * error)
-            off = Rotation.from_matrix(dcm.T @ there).as_rotvec()
-            even[:, j] += 0.5 * np.concatenate([off, fast - rate])
+            away = Rotation.from_matrix(dcm.T @ there).as_rotvec()
+            even[:, j] += 0.5 * np.concatenate([away, fast - rate])
     return phi @ track.pairs, even
 
 

@@ -6,6 +6,7 @@ order, J^-1 E a for the acceleration a that is of first order, is noise that las
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -30,13 +31,15 @@ def _acceleration(inertia: Stack, inverse: Stack, gravity: float, nadir: Matrix,
     return out
 
 
-def _off(inertia: Matrix, errors: Stack) -> tuple[Stack, Stack]:
+def _off(inertia: Matrix, errors: Stack) -> tuple[Any, Any]:
     """Bodies with an imaginary error each, and their inverses."""
-    inverse, off = np.linalg.inv(inertia), inertia + 1j * IMAGINARY * errors
-    return off, inverse - 1j * IMAGINARY * inverse @ errors @ inverse
+    inverse: Any = np.linalg.inv(inertia)
+    return inertia + 1j * IMAGINARY * errors, inverse - 1j * IMAGINARY * inverse @ errors @ inverse
 
 
-def second_order_density(inertia: Matrix, sigma: Matrix, orbit: tuple[float, float], dcm: Matrix, rate: Vector) -> float:
+def second_order_density(
+    inertia: Matrix, sigma: Matrix, orbit: tuple[float, float], dcm: Matrix, rate: Vector
+) -> float:
     """Of white angular acceleration, rad^2/s^3: the mean square of second order, an axis, over the time of a turn."""
     n, gravity = orbit
     errors, count = errors_of(sigma), len(INERTIA_ENTRIES)

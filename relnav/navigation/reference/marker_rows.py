@@ -227,7 +227,7 @@ class MarkerOptics:
         for i, marker in enumerate(which):
             own = covariances[marker] if len(covariances) else self.spot_noise**2 * np.eye(2)
             noise[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] += np.tril(own) + np.tril(own, -1).T
-        lasting = at.considered[min(BEHIND_TURNS, self.shown) :, SEEN]  # turns of chaser and camera leave the view as it is
+        lasting = at.considered[min(BEHIND_TURNS, self.shown) :, SEEN]  # turns of the camera leave the view
         spread = at.covariance[np.ix_(SEEN, SEEN)] + lasting.T @ lasting
         bent = self._second(at, chaser, which, depth, bend) @ spread
         mean = 0.5 * np.trace(bent, axis1=1, axis2=2)
