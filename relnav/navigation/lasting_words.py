@@ -1,9 +1,11 @@
 """Which errors that last a covariance includes, and which that the model states it does not, in words for a reader."""
 
 from relnav.mission import Model, VisionMission
+from relnav.navigation.blocks import inertia_errors
 
 MARKERS = "focal length, mounting, markers"
 ATTITUDE = "attitude"
+INERTIA = "inertia of the target"
 
 
 def lasting_words(model: Model, method: str) -> dict[str, str]:
@@ -20,12 +22,13 @@ def in_every_image(considered: str) -> bool:
 
 
 def marker_words(mission: VisionMission) -> dict[str, str]:
-    """The same of a marker filter: which lasting errors are in its innovations.
+    """The same of a marker filter: which lasting errors are in its innovations, or work in the motion.
 
     The chaser's attitude is not among them: its error turns target and chaser alike, and no image shows it.
     """
     told = mission.tolerances is not None and mission.tolerances.considered
-    return {"considered": MARKERS} if told else {}
+    words = [MARKERS] * told + [INERTIA] * (inertia_errors(mission) > 0)
+    return {"considered": ", ".join(words)} if words else {}
 
 
 def left_out(mission: Model | VisionMission) -> str:

@@ -7,6 +7,7 @@ from scipy.stats import binom, chi2
 import relnav
 from relnav.estimation.consistency import consistency_of_runs, consistency_of_sum
 from relnav.navigation.lasting_words import marker_words
+from relnav.navigation.pose_innovations import MarkerInnovations
 from relnav.simulation.marker_flight import simulate_flight
 from relnav.simulation.scenario import simulate
 from relnav.simulation.trajectory import Approach
@@ -89,3 +90,16 @@ def test_markers_have_none_with_tolerances_alone(considered):
     assert bool(told.withheld) is considered
     assert marker_words(mission) == ({"considered": "focal length, mounting, markers"} if considered else {})
     assert np.isnan(told.lower) == considered
+
+
+def test_markers_have_none_with_an_inertia_that_is_off():
+    """Its error lasts as well, and shows in every image of a target that turns."""
+    sigma = [[60.0, 0.0, 0.0], [0.0, 90.0, 0.0], [0.0, 0.0, 90.0]]
+    mission = relnav.load_model("three_marker_vision", {"target.inertia_sigma_kg_m2": sigma})
+    flight = simulate_flight(mission, Approach(duration_s=10.0, rate_hz=4.0), seed=1)
+    solution = relnav.filter_marker_epochs(mission, flight.t_s, flight.spots_px)
+    assert solution.nis_consistency().withheld
+    assert marker_words(mission) == {"considered": "inertia of the target"}
+    innovation, told = MarkerInnovations(mission).of(solution)
+    assert np.isfinite(innovation).any()
+    assert not np.isfinite(told).any()
