@@ -12,7 +12,7 @@ from relnav.arrays import Codes, Matrix, Stack, Vector
 from relnav.estimation.reference import ReferenceTrack, believed
 from relnav.geometry.linear_algebra import cross_matrix
 from relnav.mission import VisionMission
-from relnav.navigation.blocks import MOUNTING
+from relnav.navigation.blocks import MOUNTING, marker_shown
 from relnav.navigation.pose_filter import DROP, JOINED, JOINED_LATE, MARGIN, TELLING_SHARE
 from relnav.navigation.pose_propagation import MEMORY_S
 from relnav.navigation.pose_update import LONE_SHARE, SETTLING_S
@@ -80,7 +80,6 @@ def with_inertia(track: PoseTrack, shown: int) -> Vector:
 
 
 def carried(
-    optics: MarkerOptics,
     mission: VisionMission,
     track: PoseTrack,
     t_s: float,
@@ -94,13 +93,14 @@ def carried(
 
     bends: what its turn does in second order is followed.
     """
-    variance = with_inertia(track, optics.shown)
+    shown = marker_shown(mission)
+    variance = with_inertia(track, shown)
     drift = mission.target.rate_noise_density_rad2_s3 * dt_s**3 / 3.0
     if not variance[_TURN].max() + variance[_RATE].max() * dt_s**2 + drift <= math.pi**2:
         return None
     orbit = rate_and_gravity(mission.orbit, t_s + 0.5 * dt_s)
     inertia, density = np.array(mission.target.inertia_kg_m2), mission.target.rate_noise_density_rad2_s3
-    sigma, is_off = np.array(mission.target.inertia_sigma_kg_m2), optics.shown < optics.considered
+    sigma, is_off = np.array(mission.target.inertia_sigma_kg_m2), shown < len(track.considered)
     own = {"more": partial(second_order_density, inertia, sigma, orbit)} if is_off else {}
     rotation = predict_rotation(inertia, orbit, track.dcm, track.rate, dt_s, density, **own)
     if rotation is None:
@@ -111,7 +111,7 @@ def carried(
         moved = predict_rotation(inertia + error, orbit, at, fast, dt_s, density)
         return (at, fast) if moved is None else moved[:2]
 
-    off = list(zip(track.considered[optics.shown :, 6:], errors_of(sigma), strict=False))
+    off = list(zip(track.considered[shown:, 6:], errors_of(sigma), strict=False))
     track = with_pairs(track, variance, len(off), dt_s, orbit[0]) if bends else track
     pairs, even = over_a_step(track, dcm, rate, turning, turn, off)
     motion, motion_noise, effect = predict_motion(mission.orbit, mission.process_noise, t_s, dt_s, push, impulse)
@@ -121,7 +121,7 @@ def carried(
         return None
     considered = track.considered @ phi.T
     if is_off:
-        considered[optics.shown :, 6:] += inertia_effect(inertia, sigma, orbit, track.dcm, track.rate, dt_s)
+        considered[shown:, 6:] += inertia_effect(inertia, sigma, orbit, track.dcm, track.rate, dt_s)
     ekf, fade = ReferenceTrack(np.zeros(12), track.covariance), math.exp(-dt_s / MEMORY_S)
     ekf.time_update(phi, np.zeros(12), q)
     return PoseTrack(

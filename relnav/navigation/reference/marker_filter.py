@@ -136,9 +136,7 @@ class ReferencePose:
         if t_s > self.t_s or np.any(impulse):
             for tracks in (self.bank, self.trial):
                 bends = tracks is self.bank
-                moved = [
-                    carried(self.optics, self.mission, one, self.t_s, dt, push, impulse, bends=bends) for one in tracks
-                ]
+                moved = [carried(self.mission, one, self.t_s, dt, push, impulse, bends=bends) for one in tracks]
                 tracks[:] = [track for track in moved if track is not None]
         self.begun_s = t_s if math.isnan(self.begun_s) else self.begun_s
         self.t_s = t_s
