@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from relnav.arrays import Flags, Matrix, Stack, Vector, number, numbers
-from relnav.sensors.dual_field.sky_background import Dark, smoothed, subtract_background
+from relnav.sensors.dual_field.sky_background import Dark, subtract_background
+from relnav.sensors.dual_field.star_peaks import PEAK_PX, find_peaks, without_doubles
+from relnav.sensors.dual_field.star_smear import FEWEST, SMEARED, Smear, pooled, shapes_from
 
 FIRST_PIXEL_PX = 0.0
 """Coordinate of the centre of a picture's first pixel, here and in all of relnav."""
@@ -23,10 +25,6 @@ FIRST_PIXEL_PX = 0.0
 NO_COUNTS = 1e15
 """No detector counts so far; squares of what is below stay within single precision."""
 MOST_STARS = 1000
-PEAK_PX = 2
-"""A peak is the largest of all pixels so near, along each axis."""
-MOST_ABOVE = 0.1
-"""Share of the pixels that can stand out: of more only the highest, for a picture of daylight."""
 HOT = 0.3
 """Of the brightest pixel: its eight neighbours together hold more in any picture that a lens makes."""
 SMOOTH_NOISE = 0.375
@@ -47,6 +45,10 @@ FULL_ERROR_PX = 0.15
 FLAT = 1e-3
 """Least balance 1 - m / sigma^2 along a streak: of one longer than the window nothing tells where its middle is."""
 ITERATIONS = 12
+REFINED = 4
+"""Passes that fit the window to a smear: each lets it grow twofold, from 1 px to the longest."""
+LONG_REACH = 2.5
+"""Half side of a stamp by the longest 1-sigma length of its windows: a streak ends at 1.7, its Gaussian at 3.5."""
 
 
 @dataclass(frozen=True)
@@ -64,11 +66,12 @@ class FoundStars:
     signal_to_noise : (n,)
         Flux over its 1-sigma.
     saturated, blended : (n,)
-        A pixel is saturated; the spot is elongated: two stars, or a moving one.
+        A pixel is saturated; the spot is elongated: two stars, or a moving one. Where the picture's bright stars are
+        smeared, all are.
     size_px : (2,)
         Width and height of the picture.
     radius_px : float
-        1-sigma radius of a star; NaN without one.
+        1-sigma radius of a star, across a common smear; NaN without one.
     """
 
     spots_px: Matrix
@@ -130,20 +133,33 @@ def find_stars(
     m = sum(w I d^2) / sum(w I), a centre moves by sum(w n d) / (sum(w I) (1 - m / sigma^2)). This is the derivative of
     sum(w I d) = 0. Its covariance follows. In an elongated spot m is the matrix of moments, so that a centre is known
     worse along a streak, and what the last iteration leaves of sum(w I d) is added to the noise.
+
+    Where the bright stars are smeared alike, by a turn of the camera, the window of every star is as long as the smear
+    at its place. All of this is then done with distances along it divided by its stretch, in which stars are round.
+    Where they are smeared, but not alike (two fields on one detector), m is the matrix of moments for every star.
     """
     counts, most_counts = _checked(image, threshold_sigma, saturation, electrons_per_count, most)
     dead, full = ~(np.abs(counts) < NO_COUNTS), counts >= most_counts
     dark = subtract_background(counts, dead)
-    places = _peaks(counts, dead, dark, threshold_sigma, 4 * most)
+    places = find_peaks(counts, dead, dark, threshold_sigma, 4 * most)
     size = (counts.shape[1], counts.shape[0])
     if len(places) == 0:
         return _stars(np.empty((0, 9)), size, np.nan)
-    stamps = _Stamps(counts, dark, places, FIRST_WINDOW_PX, full, electrons_per_count, threshold_sigma)
-    stamps.settle()
+
+    def settled(places: NDArray[np.intp], window_px: float, smear: Smear | None = None) -> _Stamps:
+        return _Stamps(counts, dark, places, window_px, full, electrons_per_count, threshold_sigma, smear).settle()
+
+    stamps = settled(places, FIRST_WINDOW_PX)
     radius = stamps.typical_radius()
-    window = max(radius, LEAST_WINDOW_PX)
-    stamps = _Stamps(counts, dark, places[stamps.lit], window, full, electrons_per_count, threshold_sigma)
-    stamps.settle()
+    stamps = settled(places[stamps.lit], max(radius, LEAST_WINDOW_PX))
+    smear, asked = stamps.smear(size), stamps.places[stamps.clear]
+    stamps.smeared = smear is not None
+    for _ in range(REFINED):
+        if smear is not None:
+            smear = settled(asked, max(smear.radius_px, LEAST_WINDOW_PX), smear).smear(size)
+    if smear is not None and smear.alike:
+        radius = float(np.clip(smear.radius_px, NARROWEST_PX, WIDEST_PX))
+        stamps = settled(places, max(radius, LEAST_WINDOW_PX), smear)
     return _stars(stamps.stars(radius, most), size, radius)
 
 
@@ -183,25 +199,6 @@ def _checked(
         return given.astype(np.float32), full if saturation is None else float(saturation)
 
 
-def _peaks(counts: NDArray[np.float32], dead: Flags, dark: Dark, threshold_sigma: float, most: int) -> NDArray[np.intp]:
-    """Rows and columns (n, 2) of the highest peaks, at most `most`."""
-    smooth = smoothed(counts)
-    above = dark.places_above(smooth, dead, threshold_sigma, int(MOST_ABOVE * smooth.size) + 100)
-    row, column = above.T
-    inside = (row >= PEAK_PX) & (row < smooth.shape[0] - PEAK_PX) & (column >= PEAK_PX)
-    inside &= column < smooth.shape[1] - PEAK_PX
-    row, column = row[inside], column[inside]
-    height, peak = smooth[row, column], ~dead[row, column]
-    span = range(-PEAK_PX, PEAK_PX + 1)
-    for i, j in [(i, j) for i in span for j in span if (i, j) != (0, 0)]:
-        beside = smooth[row + i, column + j]
-        peak &= (height > beside) | ((height == beside) & ((i, j) > (0, 0)))  # of equals the last
-        if max(abs(i), abs(j)) == 1:
-            peak &= ~dead[row + i, column + j]
-    order = np.argsort(-height[peak], kind="stable")[:most]
-    return np.stack([row[peak][order], column[peak][order]], axis=-1)
-
-
 class _Stamps:
     """Small windows of the picture about every candidate, all alike in size, worked on together."""
 
@@ -214,8 +211,15 @@ class _Stamps:
         full: Flags,
         gain: float | None,
         threshold_sigma: float,
+        smear: Smear | None = None,
     ) -> None:
-        half = max(3, int(np.ceil(3.5 * window_px)))
+        self.places, self.window_px = places, window_px
+        self.start = places[:, ::-1].astype(np.float64)
+        self.stretch, longest = None, 0.0
+        if smear is not None:
+            self.stretch, self.left = smear.stretch(self.start, window_px)
+            longest = window_px * float(np.linalg.norm(self.stretch, axis=(1, 2)).max())
+        half = max(3, int(np.ceil(3.5 * window_px)), int(np.ceil(LONG_REACH * longest)))
         span = np.arange(-half, half + 1)
         row = np.clip(places[:, 0, None] + span, 0, counts.shape[0] - 1)
         column = np.clip(places[:, 1, None] + span, 0, counts.shape[1] - 1)
@@ -236,24 +240,41 @@ class _Stamps:
         rim[1:-1, 1:-1] = False
         self.large = self.light[:, rim].mean(axis=1) > LARGE * self.light[:, core, core].max(axis=(1, 2))
         self.variance = noise[:, None, None] ** 2 + (0.0 if gain is None else np.maximum(self.light, 0.0) / gain)
-        self.start = places[:, ::-1].astype(np.float64)
-        self.centre, self.window_px = self.start.copy(), window_px
+        self.centre, self.smeared = self.start.copy(), smear is not None
 
-    def settle(self) -> None:
+    def settle(self) -> _Stamps:
         """Move every window until the light under it is balanced, and take its moments."""
         for _ in range(ITERATIONS):
             w, dx, dy = self._window()
             self.lit = (self.total > 0.0) & (self.moment < 0.9 * self.window_px**2)
             step = np.stack([(w * dx).sum(axis=(1, 2)), (w * dy).sum(axis=(1, 2))], axis=-1)
             scale = np.where(self.lit, self.total * (1.0 - self.moment / self.window_px**2), np.inf)
-            self.centre += np.clip(step / scale[:, None], -1.0, 1.0)
+            self.centre += self._stretched(np.clip(step / scale[:, None], -1.0, 1.0))
         self._window()
-        near = np.hypot(*(self.centre - self.start).T) < PEAK_PX
+        self.w2 = self.w**2 * self.variance
+        self.noise = np.sqrt(self.w2.sum(axis=(1, 2)))
+        near = np.hypot(*self._shrunk(*(self.centre - self.start).T)) < PEAK_PX
         self.lit = (self.total > 0.0) & (self.moment > 0.0) & near & self.stands_out & ~(self.sharp | self.large)
+        return self
+
+    def _shrunk(self, dx: Any, dy: Any) -> tuple[Any, Any]:
+        """Distances (n, ...) as they are where smeared stars are round."""
+        if self.stretch is None:
+            return dx, dy
+        xx, xy, _, yy = np.linalg.inv(self.stretch).reshape(-1, 4).T.reshape(4, -1, *[1] * (dx.ndim - 1))
+        return xx * dx + xy * dy, xy * dx + yy * dy
+
+    def _stretched(self, vectors: Matrix) -> Matrix:
+        """Vectors (n, 2) from there, as they are in the picture."""
+        return vectors if self.stretch is None else np.einsum("nij,nj->ni", self.stretch, vectors)
+
+    def _distances(self) -> tuple[Any, Any]:
+        """From the centres, shrunk, to each pixel."""
+        return self._shrunk(self.x - self.centre[:, 0, None, None], self.y - self.centre[:, 1, None, None])
 
     def _window(self) -> tuple[Stack, Stack, Stack]:
         """Windowed light (n, s, s) and distances from the centres; sets total and moments."""
-        dx, dy = self.x - self.centre[:, 0, None, None], self.y - self.centre[:, 1, None, None]
+        dx, dy = self._distances()
         self.w = np.exp(-0.5 * (dx**2 + dy**2) / self.window_px**2)
         light = self.w * self.light
         self.total = light.sum(axis=(1, 2))
@@ -265,40 +286,68 @@ class _Stamps:
 
     def typical_radius(self) -> float:
         """1-sigma radius r of this picture's stars: 1/m = 1/r^2 + 1/s^2 of Gaussian star and window."""
-        noise = np.sqrt((self.w**2 * self.variance).sum(axis=(1, 2)))
-        clear = self.lit & ~self.saturated & (self.total > 10.0 * noise) & (self.moment < 0.95 * self.window_px**2)
+        clear = self._clear()
         if not np.any(clear):
             return FIRST_WINDOW_PX
         m = self.moment[clear][:50]
         r2 = np.median(1.0 / (1.0 / m - 1.0 / self.window_px**2))
         return float(np.clip(np.sqrt(r2), NARROWEST_PX, WIDEST_PX))
 
+    def _clear(self) -> Flags:
+        """Stars bright enough for their moments to be known to a tenth: moment by noise is flux by noise."""
+        clear: Flags = self.lit & ~self.saturated & (self.total > 10.0 * self.noise)
+        clear &= self.moment < 0.95 * self.window_px**2
+        return clear
+
+    def _lean(self) -> Vector:
+        """Difference of the moments along and across, of their sum."""
+        lean: Vector = np.hypot(self.xx - self.yy, 2.0 * self.xy) / (2.0 * self.moment)
+        return lean
+
+    def smear(self, size: tuple[int, int]) -> Smear | None:
+        """What smears the stars of a picture of this size alike."""
+        clear = self.clear = self._clear()
+        if np.count_nonzero(clear) < FEWEST:
+            return None
+        lean = self._lean()
+        by_noise2 = 2.0 * (self.noise[clear] / self.total[clear]) ** 2
+        if self.stretch is None and np.median(lean[clear] ** 2 - by_noise2) < SMEARED**2:
+            return None
+        moments = np.stack([self.xx, self.xy, self.xy, self.yy], axis=-1).reshape(-1, 2, 2)
+        shapes = shapes_from(moments[clear], self.window_px)
+        elongated, share = self.lit & (lean > LEAN), 1.0
+        if self.stretch is not None:
+            shapes = self.stretch[clear] @ shapes @ self.stretch[clear]
+            elongated, share = self.lit, float(np.mean(clear))
+        return pooled(self.centre[clear], shapes, self.centre[elongated], share, picture_centre(size), self.window_px)
+
     def stars(self, radius_px: float, most: int) -> Matrix:
         """Those that are stars, brightest first: rows as `_stars` takes them."""
-        w2 = self.w**2 * self.variance
-        dx, dy = self.x - self.centre[:, 0, None, None], self.y - self.centre[:, 1, None, None]
-        flux_noise = np.sqrt(w2.sum(axis=(1, 2)))
+        w2, (dx, dy) = self.w2, self._distances()
         total = np.where(self.lit, self.total, 1.0)
-        snr = total / flux_noise
+        snr = total / self.noise
         typical = 1.0 / (1.0 / radius_px**2 + 1.0 / self.window_px**2)
         moment_noise = np.sqrt((w2 * (0.5 * (dx**2 + dy**2) - typical) ** 2).sum(axis=(1, 2))) / total
         is_star = self.lit & (self.saturated | (self.moment < WIDE * typical + 3.0 * moment_noise))
         is_star &= self.moment < 0.95 * self.window_px**2
-        lean = np.hypot(self.xx - self.yy, 2.0 * self.xy) / (2.0 * self.moment)
-        elongated = lean > LEAN + 6.0 * moment_noise / typical
-        blended = elongated | self._beside_another()
+        elongated = self._lean() > LEAN + 6.0 * moment_noise / typical
+        elongated |= self.smeared and self.stretch is None
+        blended = elongated | self._beside_another() | self.smeared
         floor = np.where(self.saturated, FULL_ERROR_PX, np.hypot(UNEVEN_ERROR_PX, self._sampling(typical))) ** 2
         noise = [(w2 * product).sum(axis=(1, 2)) for product in (dx**2, dx * dy, dy**2)]
         gx, gy = (self.w * self.light * dx).sum(axis=(1, 2)), (self.w * self.light * dy).sum(axis=(1, 2))
         left = [np.where(elongated, product, 0.0) for product in (gx * gx, gx * gy, gy * gy)]
         noise = [one + other for one, other in zip(noise, left, strict=True)]
         xx, xy, yy = self._moved_by(noise, total, elongated)
+        if self.stretch is not None:
+            moved = np.stack([xx, xy, xy, yy], axis=-1).reshape(-1, 2, 2)
+            xx, xy, _, yy = (self.stretch @ moved @ self.stretch + self.left).reshape(-1, 4).T
         xx, yy = xx + floor, yy + floor
         rows = np.column_stack(
             [self.centre, xx, xy, yy, total * (1.0 + (radius_px / self.window_px) ** 2), snr, self.saturated, blended]
         )[is_star]
         rows = rows[np.argsort(-rows[:, 5], kind="stable")]
-        return _without_doubles(rows)[:most]
+        return without_doubles(rows)[:most]
 
     def _moved_by(self, noise: list[Vector], total: Vector, elongated: Flags) -> tuple[Vector, Vector, Vector]:
         """Covariance xx, xy, yy of the centres by that of sum(w n d): see the notes of `find_stars`."""
@@ -330,16 +379,3 @@ class _Stamps:
         """1-sigma error of a centre from sampling, px: see the notes of `find_stars`."""
         amplitude = 4.0 * np.pi * moment * np.exp(-2.0 * np.pi**2 * moment) / (1.0 - moment / self.window_px**2)
         return float(amplitude * np.sqrt(0.5))
-
-
-def _without_doubles(rows: Matrix) -> Matrix:
-    """Each centre once: several peaks of a full star lead to the same."""
-    from scipy.spatial import cKDTree
-
-    if len(rows) < 2:
-        return rows
-    drop = np.zeros(len(rows), dtype=bool)
-    for first, second in sorted(cKDTree(rows[:, :2]).query_pairs(PEAK_PX)):
-        if not drop[first]:
-            drop[second] = True
-    return rows[~drop]
