@@ -18,8 +18,8 @@ SINGLE_FIELD_REASON = (
 )
 ONE_FIELD_REASON = (
     "stars of one field only were found, and in field 0 or field 1 they mean different attitudes: is there glare in "
-    "the other, is the mirror off its place (`relnav calibrate fold` finds it), or is the image mirrored? With an "
-    "attitude known to 2 arcmin tracking tells which"
+    "the other, is the mirror off its place (`relnav calibrate fold` finds it), is the focal length another, or is the "
+    "image mirrored? With an attitude known to 2 arcmin tracking tells which"
 )
 OFF_FOLD_REASON = (
     "stars of both fields are found, but the fold is farther off than its stated error: fit it with "

@@ -11,25 +11,31 @@ from numpy.typing import ArrayLike, NDArray
 
 from relnav.arrays import LARGEST, Codes, Matrix, Stack, Vector, number, numbers, one_piece
 from relnav.geometry.star_places import LIGHT_KM_S
+from relnav.sensors.dual_field.focal_length import OFF_FOCAL, SUSPECTED, Outcome, solve_with_tolerance
 from relnav.sensors.dual_field.frame_solver import (
     BETA,
     BLOCK,
     BLOCK_SPOT,
     GATE,
-    LEAST_SPOTS,
-    MISFIT,
-    NOISIER,
     OFF_FOLD,
     SETTINGS,
     TOO_FEW,
     solve_spots,
     usable_spots_into,
 )
-from relnav.sensors.dual_field.identify import OFF_FOLD_REASON, ONE_FIELD_REASON, SINGLE_FIELD_REASON
+from relnav.sensors.dual_field.identify import OFF_FOLD_REASON, SINGLE_FIELD_REASON
 from relnav.sensors.dual_field.optics import plane_points, ray_sigma, rays
-from relnav.sensors.dual_field.search import AMBIGUOUS, FOUND, MOST_TRIED, ONE_FIELD
-from relnav.sensors.dual_field.sensor import StarCamera, StarSensor
-from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solution, which_way
+from relnav.sensors.dual_field.refusal import (
+    BY_FOCAL_LENGTH,
+    FOR_THE_REASON,
+    OFF_FOCAL_REASON,
+    SURELY,
+    off_focal,
+    refused,
+)
+from relnav.sensors.dual_field.search import FOUND, MOST_TRIED
+from relnav.sensors.dual_field.sensor import StarSensor
+from relnav.sensors.dual_field.solution import StarSolution, StarStatus, no_solution
 from relnav.sensors.dual_field.tracking import (
     ALONG_A_LINE,
     FOUND_ALONE,
@@ -99,11 +105,28 @@ def measure(
     own = _covariances(spot_covariance_px2, spots)
     star, found, block = _room(len(spots))
     brightness = NO_MAGNITUDE if mag is None else mag
-    verdict = solve_spots(spots, own, brightness, parameters, *sky.arrays, sky.hip, star, found, block)
-    focal = model.camera.focal_length_px
-    if verdict != FOUND:
-        return _refused(verdict, block, len(spots), model.camera, told=len(own) > 0)
-    return _solution(StarStatus.OK, "", block, star, found, focal)
+    focal, sigma = model.camera.focal_length_px, model.camera.focal_length_relative_sigma
+
+    def solve(covariances: Stack, numbers: Vector) -> Outcome:
+        room = _room(len(spots))
+        return Outcome(
+            solve_spots(spots, covariances, brightness, numbers, *sky.arrays, sky.hip, *room), room[2], *room[:2]
+        )
+
+    if sigma > 0.0:
+        outcome, focal, _ = solve_with_tolerance(solve, spots, brightness, own, parameters, sky, sigma)
+        verdict, block, star, found = outcome
+    else:
+        verdict = solve_spots(spots, own, brightness, parameters, *sky.arrays, sky.hip, star, found, block)
+    if verdict == FOUND:
+        return _solution(StarStatus.OK, "", block, star, found, focal)
+    if verdict in BY_FOCAL_LENGTH:
+        suspected, parameters = max(SUSPECTED, 3.0 * sigma), parameters.copy()
+        parameters[SETTINGS + MOST_TRIED] *= FOR_THE_REASON
+        outcome, focal, sigmas = solve_with_tolerance(solve, spots, brightness, own, parameters, sky, suspected)
+        if outcome.ok and sigmas > SURELY:
+            return off_focal(focal, int(block[19]), len(spots), model.camera)
+    return refused(verdict, block, len(spots), model.camera, told=len(own) > 0)
 
 
 def _parameters(model: StarSensor, magnitude: Vector | None, velocity_km_s: Vector | None) -> Vector:
@@ -142,38 +165,6 @@ def _solution(
     )
 
 
-def _refused(verdict: int, block: Vector, spots: int, camera: StarCamera, *, told: bool) -> StarSolution:
-    """Why there is no attitude; told: whether the spots had covariances of their own."""
-    noise, question = "the model's noise", "is the model's spot_noise_px that of the spots"
-    if told:
-        noise, question = "their covariances say", "are their covariances right"
-    tried, here = int(block[19]), which_way(camera.distortion)
-    if verdict == TOO_FEW:
-        status, reason = StarStatus.TOO_FEW, f"{int(block[20])} spots; {LEAST_SPOTS} or more are needed"
-    elif verdict == MISFIT:
-        status, reason = (
-            StarStatus.NO_MATCH,
-            f"stars are found, but the spots lie {block[20]:.1f} times as far from them as {noise}: are "
-            f"focal length, distortion{here} and mirror those of this camera, and is the velocity right?",
-        )
-    elif verdict == NOISIER:
-        status, reason = (
-            StarStatus.NO_MATCH,
-            f"stars are found, but more spots lie beside a star than on one: {question}, and "
-            f"are focal length and distortion{here} those of this camera?",
-        )
-    elif verdict == OFF_FOLD:
-        status, reason = StarStatus.NO_MATCH, OFF_FOLD_REASON
-    elif verdict == ONE_FIELD:
-        status, reason = StarStatus.AMBIGUOUS, ONE_FIELD_REASON
-    elif verdict == AMBIGUOUS:
-        status, reason = StarStatus.AMBIGUOUS, "two attitudes explain the spots equally well"
-    else:
-        status, reason = StarStatus.NO_MATCH, f"none of {tried} attitudes explains the spots"
-        reason += f"; is the model's distortion{here} that of this camera?" if here else ""
-    return no_solution(status, reason, spots, tried=tried, focal_length_px=camera.focal_length_px)
-
-
 def track(
     spots_px: ArrayLike,
     model: StarSensor,
@@ -207,17 +198,26 @@ def track(
     spots, mag, velocity = _checked(spots_px, model, flux, magnitude, velocity_km_s)
     own = _covariances(spot_covariance_px2, spots)
     sky, (star, found, block) = model.sky(_epoch(epoch_jyear)), _room(len(spots))
-    verdict = NO_ROTATION
+    verdict, focal, sigma = NO_ROTATION, model.camera.focal_length_px, model.camera.focal_length_relative_sigma
     if prior.shape == (3, 3):
-        block[:9] = prior.ravel()
         brightness = NO_MAGNITUDE if mag is None else mag
         parameters = _parameters(model, mag, velocity)
-        verdict = track_spots(
-            spots, own, brightness, parameters, sigma_prior_rad, *sky.arrays, sky.hip, star, found, block
-        )
+
+        def solve(covariances: Stack, numbers: Vector) -> Outcome:
+            star, found, block = _room(len(spots))
+            block[:9] = prior.ravel()
+            told = track_spots(
+                spots, covariances, brightness, numbers, sigma_prior_rad, *sky.arrays, sky.hip, star, found, block
+            )
+            return Outcome(told, block, star, found)
+
+        outcome = solve(own, parameters)
+        if sigma > 0.0 and outcome.verdict != NO_ROTATION:
+            outcome, focal, _ = solve_with_tolerance(solve, spots, brightness, own, parameters, sky, sigma)
+        verdict, block, star, found = outcome
     if verdict == NO_ROTATION:
         raise ValueError(f"dcm_prior is a rotation matrix (3, 3); got {prior.tolist()}")
-    focal, seen = model.camera.focal_length_px, int(block[20])
+    seen = int(block[20])
     if verdict == FOUND:
         return _solution(StarStatus.OK, "", block, star, found, focal)
     if verdict == FOUND_ALONE:
@@ -226,6 +226,7 @@ def track(
         TOO_FEW: (StarStatus.TOO_FEW, f"{seen} spots; {LEAST_STARS} or more are needed"),
         ALONG_A_LINE: (StarStatus.NO_MATCH, "the stars found lie along one line"),
         OFF_FOLD: (StarStatus.NO_MATCH, OFF_FOLD_REASON),
+        OFF_FOCAL: (StarStatus.NO_MATCH, OFF_FOCAL_REASON),
     }.get(
         verdict,
         (StarStatus.NO_MATCH, f"{seen} spots fall on stars near the prior attitude: chance might do as much"),

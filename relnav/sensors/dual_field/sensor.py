@@ -43,6 +43,9 @@ class StarCamera:
     first_pixel_px : {"none", "0", "0.5"}
         How spots count in this sensor's files: from the detector's centre ("none"), or from its corner, the first
         pixel's centre being (0, 0) or (0.5, 0.5). In calls they always count from the centre.
+    focal_length_relative_sigma : float
+        1-sigma by which the focal length may be off; zero: it is exact. Where it may be off it is estimated with every
+        frame, and what is left of the error is in the covariance. Of both fields, which share the lens.
     """
 
     focal_length_px: Positive
@@ -51,6 +54,7 @@ class StarCamera:
     detector_size_px: tuple[Positive, Positive]
     spot_noise_px: Positive
     first_pixel_px: Literal["none", "0", "0.5"] = "none"
+    focal_length_relative_sigma: Annotated[float, Ge(0.0), Le(0.01)] = 0.0
 
     @property
     def widest_rad(self) -> float:
@@ -69,7 +73,9 @@ class Fold:
     mirror_normal : (3,)
         Unit normal of the mirror, camera axes, either sign.
     rotation : (4,)
-        Quaternion (x, y, z, w) of s = R u for the turned field.
+        Of the turned field: quaternion (x, y, z, w) of the R in s = R u. R is multiplied by u, the ray as the detector
+        shows it, and gives s, the direction on the sky from which the light came, both in camera axes. So R turns the
+        camera's boresight +z into that of field 1, and R^T leads from the sky to the detector.
     error_rad : float
         1-sigma by which the mirror's normal is off about each axis across it, or the turned field about any axis. It
         lasts, is estimated with every frame, and what is left of it is in the covariance.
