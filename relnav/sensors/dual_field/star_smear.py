@@ -31,7 +31,7 @@ ROLL_GAIN = 0.8
 """Most of the shift's misfit that is left with a roll: chance takes off less than a sixth, for three numbers of 20."""
 FULLEST = 0.8
 """Moment under a window, of the window's own, that is believed in one pass: the shape grows twofold in each."""
-APART_PX, TRAIL_PX, TRAIL_WIDTH_PX = 24.0, 72.0, 3.0
+APART_PX, TRAIL_PX, TRAIL_WIDTH_PX = 24.0, 48.0, 3.0
 """Peaks nearer are of one star; elongated ones farther in line with each other, up to so far, are of a trail or a
 column, which tell nothing of the stars."""
 LONGEST_PX = 8.0
